@@ -2,9 +2,9 @@
 
 import cltaa
 
-resolver = cltaa.Resolver()
-for frame in cltaa.open_sequence("sequence"):
-    image = resolver.resolve(frame)  # [H, W, 3] float32, linear
+with cltaa.Resolver() as resolver:
+    for frame in cltaa.open("sequence"):
+        image = resolver.resolve(frame)  # [H, W, 3] float32, linear
 """
 
 from __future__ import annotations
@@ -17,25 +17,37 @@ if TYPE_CHECKING:
     from cltaa.core.resolver import Resolver
     from cltaa.errors import CltaaError
     from cltaa.frame import Camera, Effect, Frame
-    from cltaa.io.sequence import FrameSequence, open_sequence
+    from cltaa.inputs.open import open_input as open
+    from cltaa.io.exr_write import write_frame
+    from cltaa.io.sequence import FrameSequence
+    from cltaa.lab.check.report import check_folder as check
+    from cltaa.lab.inspect.findings import inspect_folder as inspect
     from cltaa.lab.inspect.plan import plan
+    from cltaa.lab.judge.metrics import measure
+    from cltaa.pipeline.run import resolve_folder as resolve
 
 __version__ = "0.1.0"
 
-# Public name -> module. Imported on first use, so that ``import cltaa`` loads neither OpenCL nor OpenEXR.
+# Public name -> its module, and its name there if that is another. Imported on first use, so that ``import cltaa``
+# loads neither OpenCL nor OpenEXR.
 _HOMES = {
     "Camera": "cltaa.frame",
     "Choices": "cltaa.core.parameters",
     "CltaaError": "cltaa.errors",
     "Effect": "cltaa.frame",
     "Frame": "cltaa.frame",
+    "FrameSequence": "cltaa.io.sequence",
     "Preset": "cltaa.core.presets",
     "Resolver": "cltaa.core.resolver",
-    "FrameSequence": "cltaa.io.sequence",
     "Settings": "cltaa.core.parameters",
+    "check": "cltaa.lab.check.report:check_folder",
+    "inspect": "cltaa.lab.inspect.findings:inspect_folder",
     "load_preset": "cltaa.core.presets",
-    "open_sequence": "cltaa.io.sequence",
+    "measure": "cltaa.lab.judge.metrics",
+    "open": "cltaa.inputs.open:open_input",
     "plan": "cltaa.lab.inspect.plan",
+    "resolve": "cltaa.pipeline.run:resolve_folder",
+    "write_frame": "cltaa.io.exr_write",
 }
 
 __all__ = [
@@ -48,9 +60,14 @@ __all__ = [
     "Preset",
     "Resolver",
     "Settings",
+    "check",
+    "inspect",
     "load_preset",
-    "open_sequence",
+    "measure",
+    "open",
     "plan",
+    "resolve",
+    "write_frame",
 ]
 
 
@@ -64,7 +81,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
-    return getattr(import_module(_HOMES[name]), name)
+    module, _, there = _HOMES[name].partition(":")
+    return getattr(import_module(module), there or name)
 
 
 def __dir__() -> list[str]:

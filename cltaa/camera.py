@@ -39,7 +39,12 @@ def inverse_depth(depth: NDArray[np.float32], camera: Camera, out: NDArray[np.fl
 
     Depth that is no distance (NaN; 0 or less before a perspective camera) counts as sky.
     """
-    if camera.orthographic:
+    invert(depth, out, parallel=camera.orthographic)
+
+
+def invert(depth: NDArray[np.float32], out: NDArray[np.float32], *, parallel: bool) -> None:
+    """The same for a ``parallel`` projection or a perspective one: what ``kernels/arrays.cl`` does with a distance."""
+    if parallel:
         np.negative(depth, out=out)
         out[~np.isfinite(depth)] = SKY_ORTHOGRAPHIC
         return

@@ -12,9 +12,9 @@ import click
 
 from cltaa import __version__
 from cltaa.commands.lazy import Entry, LazyGroup
+from cltaa.core.debug_views import are_views
 from cltaa.errors import CltaaError, InternalError, ResourceError, StorageError, UsageError
 from cltaa.interrupt import Stop, ends_at_once, ignore_signals, interrupts
-from cltaa.pipeline.debug_views import are_views
 from cltaa.printable import printable
 from cltaa.process import configure
 from cltaa.renamed import one_line_each

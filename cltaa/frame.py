@@ -9,11 +9,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cltaa.errors import DataError
 from cltaa.renamed import EFFECTS, RenamedMembers, current
 
 Image = NDArray[np.float32]
@@ -79,13 +80,49 @@ class Camera:
         return bool(self.view_to_clip[3, 2] == 0.0)
 
 
-@dataclass(frozen=True, eq=False, slots=True, repr=False)
-class Frame:
-    """One captured frame: arrays ``[H, W]`` or ``[H, W, C]``, row 0 at the top, linear scene-referred float32.
+# What a frame has where a program gives no camera: it never moves, so it moves nothing.
+NO_CAMERA = Camera(np.eye(4), np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, -1.0, -0.2], [0, 0, -1.0, 0]]))
+PLANES = ("colour", "depth", "motion", "alpha", "reactive", "object_id", "normal")
 
+
+class HostArray(Protocol):
+    """An array of another library in the host's memory: torch, JAX and others."""
+
+    def __dlpack__(self) -> Any:
+        """Lend the memory."""
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        """Tell whose memory it is."""
+
+
+class DeviceArray(Protocol):
+    """A ``pyopencl.array.Array``: memory of a device, and the queue on which it is filled."""
+
+    shape: Any
+    strides: Any
+    dtype: Any
+    offset: int
+    base_data: Any
+    queue: Any
+
+
+Array = NDArray[Any] | HostArray | DeviceArray
+
+
+def on_device(array: object) -> bool:
+    """True for a ``pyopencl.array.Array``."""
+    return hasattr(array, "base_data")
+
+
+@dataclass(frozen=True, eq=False, slots=True, repr=False, init=False)
+class Frame:
+    """One frame: arrays ``[H, W]`` or ``[H, W, C]``, row 0 at the top, linear scene-referred floats. Colour is enough.
+
+    ``index``    its number, one more each frame (``step`` more where that is given)
     ``colour``   [H, W, 3], premultiplied where ``alpha`` exists
-    ``depth``    [H, W], planar distance along the view axis in scene units, sky is +inf
-    ``camera``   un-jittered matrices
+    ``depth``    [H, W], planar distance along the view axis in scene units, sky is +inf; None: history is not rejected
+                 by depth, and a camera that moves is taken to turn only
+    ``camera``   un-jittered matrices; None: it stands still
     ``jitter_px`` (x, y): pixel (x, y) was sampled at (x + 0.5 + jx, y + 0.5 + jy); x right, y down
     ``motion``   [H, W, 2] backward.u, backward.v in pixels, ``prev_px = px + motion``; NaN means "use the depth";
                  None where nothing but the camera moves
@@ -93,25 +130,72 @@ class Frame:
     ``effects``  the declared effects, or None where the sequence declares nothing
     ``step``     how far the number of the frame before it lies below ``index``
 
-    A frame is equal to itself alone, as a camera is: compare arrays by NumPy.
+    Arrays are NumPy's, those of other libraries in the host's memory (``__dlpack__``), which are taken where they are,
+    or ``pyopencl.array.Array``. A frame is equal to itself alone, as a camera is: compare arrays by NumPy.
+    Raises DataError for an array that cannot be shared.
     """
 
     index: int
     colour: Image
     depth: Image
     camera: Camera
-    jitter_px: tuple[float, float] = (0.0, 0.0)
-    motion: Image | None = None
-    alpha: Image | None = None
-    reactive: Image | None = None
-    object_id: Image | None = None
-    normal: Image | None = None
-    cut: bool = False
-    exposure: float = 1.0
-    scene: str = ""
-    effects: frozenset[Effect] | None = None
-    step: int = 1
-    path: Path | None = None
+    jitter_px: tuple[float, float]
+    motion: Image | None
+    alpha: Image | None
+    reactive: Image | None
+    object_id: Image | None
+    normal: Image | None
+    cut: bool
+    exposure: float
+    scene: str
+    effects: frozenset[Effect] | None
+    step: int
+    path: Path | None
+
+    def __init__(
+        self,
+        index: int,
+        colour: Array,
+        depth: Array | None = None,
+        camera: Camera | None = None,
+        jitter_px: tuple[float, float] = (0.0, 0.0),
+        motion: Array | None = None,
+        alpha: Array | None = None,
+        reactive: Array | None = None,
+        object_id: Array | None = None,
+        normal: Array | None = None,
+        cut: bool = False,
+        exposure: float = 1.0,
+        scene: str = "",
+        effects: frozenset[Effect] | None = None,
+        step: int = 1,
+        path: Path | None = None,
+    ) -> None:
+        """Take the arrays where they are."""
+        given = {name: value for name, value in locals().items() if name in self.__dataclass_fields__}
+        given |= {name: _shared(name, given[name]) for name in PLANES}
+        if depth is None:  # one number in memory, that of the sky
+            size = getattr(given["colour"], "shape", ())[:2]
+            given["depth"] = np.broadcast_to(np.float32(np.inf), size)
+        given["camera"] = NO_CAMERA if camera is None else camera
+        for name, value in given.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def has_depth(self) -> bool:
+        """False where no depth was given: then all that it has is the sky's, one number in memory."""
+        return any(self.depth.strides) or 0 in self.depth.shape or bool(self.depth.flat[0] != np.inf)
+
+    @property
+    def arrays(self) -> list[Image]:
+        """What of it is resolved, if it was given."""
+        given = (self.colour, self.depth if self.has_depth else None, self.motion, self.alpha, self.reactive)
+        return [array for array in given if array is not None]
+
+    @property
+    def has_camera(self) -> bool:
+        """False where no camera was given."""
+        return self.camera is not NO_CAMERA
 
     @property
     def height(self) -> int:
@@ -125,17 +209,28 @@ class Frame:
 
     def __repr__(self) -> str:
         """Size and channels, not their numbers."""
-        names = ("colour", "depth", "motion", "alpha", "reactive", "object_id", "normal")
-        there = " ".join(name for name in names if getattr(self, name) is not None)
+        there = " ".join(
+            name for name in PLANES if getattr(self, name) is not None and (name != "depth" or self.has_depth)
+        )
         return f"Frame({self.index}: {self.width} x {self.height}, {there}{', cut' if self.cut else ''})"
 
 
 def outline(frame: Frame) -> Frame:
     """``frame`` without its pixels: its channels are there, and take no memory."""
-    channels = ("colour", "depth", "motion", "alpha", "reactive", "object_id", "normal")
     empty: dict[str, Any] = {
         name: np.broadcast_to(np.float32(0), there.shape)
-        for name in channels
-        if (there := getattr(frame, name)) is not None
+        for name in PLANES
+        if (there := getattr(frame, name)) is not None and (name != "depth" or frame.has_depth)
     }
     return replace(frame, **empty)
+
+
+def _shared(name: str, array: object) -> object:
+    """``array`` as NumPy's where another library holds it in the host's memory; all else as it is."""
+    if isinstance(array, np.ndarray) or not hasattr(array, "__dlpack__") or on_device(array):
+        return array
+    try:
+        return np.from_dlpack(array)
+    except (BufferError, RuntimeError, TypeError, ValueError) as error:
+        cure = "give its copy in the host's memory, without gradients"
+        raise DataError(f"{name} cannot be shared: {error}", found=type(array).__name__, cure=cure) from error

@@ -43,7 +43,7 @@ PRESETS = {
     "t5": "gather-48",
 }
 EFFECTS = {"uncover": "disocclusion", "shading": "illumination"}
-PUBLIC = {"Sequence": "FrameSequence"}  # names of the package
+PUBLIC = {"Sequence": "FrameSequence", "open_sequence": "open"}  # names of the package
 MEMBERS = {"Effect": {"UNCOVER": "DISOCCLUSION", "SHADING": "ILLUMINATION"}}
 
 

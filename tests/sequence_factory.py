@@ -87,7 +87,7 @@ def make_frame(
         motion=numbers(height, width, 2) - 0.5 if motion else None,
         alpha=numbers(height, width) if alpha else None,
         reactive=numbers(height, width) if reactive else None,
-        object_id=random.integers(0, 2**32, (height, width), dtype=np.uint32) if object_id else None,  # type: ignore[arg-type]
+        object_id=random.integers(0, 2**32, (height, width), dtype=np.uint32) if object_id else None,
         normal=numbers(height, width, 3) if normal else None,
         cut=cut,
         exposure=exposure,

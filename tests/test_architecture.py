@@ -64,9 +64,14 @@ PUBLIC = [
     "Preset",
     "Resolver",
     "Settings",
+    "check",
+    "inspect",
     "load_preset",
-    "open_sequence",
+    "measure",
+    "open",
     "plan",
+    "resolve",
+    "write_frame",
 ]
 
 
@@ -245,7 +250,7 @@ def test_every_path_of_a_command_is_refused_when_empty() -> None:
 
 
 def test_the_public_names_are_pinned() -> None:
-    assert cltaa.__all__ == PUBLIC
+    assert cltaa.__all__ == PUBLIC == sorted(PUBLIC)
     assert all(getattr(cltaa, name) for name in PUBLIC)
 
 

@@ -68,7 +68,7 @@ class Looking(cltaa.Resolver):
 
 
 OpenEXR.File = decoded
-resolve_sequence(cltaa.open_sequence(folder), output, Looking("fast"))
+resolve_sequence(cltaa.open(folder), output, Looking("fast"))
 OpenEXR.File = File
 see()
 print(json.dumps({"changed": sorted(changed), "seen": seen}))

@@ -108,7 +108,7 @@ def _metrics() -> list[str]:
 
 
 def _views() -> list[str]:
-    from cltaa.pipeline.debug_views import View
+    from cltaa.core.debug_views import View
 
     return [*View]
 

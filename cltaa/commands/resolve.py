@@ -25,16 +25,15 @@ from cltaa.commands.options import (
 )
 from cltaa.core.backend import launcher_for
 from cltaa.core.build import STORAGES, Storage
+from cltaa.core.debug_views import View, parse_views
 from cltaa.core.presets import Preset
 from cltaa.errors import UsageError
-from cltaa.inputs.open import check_declared, open_input
+from cltaa.inputs.open import open_input
 from cltaa.interrupt import stop_signals
 from cltaa.io.numbered import OnBreak
 from cltaa.io.preset_file import preset_of
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY
-from cltaa.pipeline.debug_views import View, parse_views
-from cltaa.pipeline.output import carried_compression, carried_kinds, chosen_layers
-from cltaa.pipeline.run import ResolveReport, resolve_sequence, resolver_for, stage_rows
+from cltaa.pipeline.run import ResolveReport, resolve_folder, stage_rows
 from cltaa.printable import counted, json_of, printable, shown
 
 
@@ -178,35 +177,28 @@ def resolve(
     if look_ahead is not None:
         changes = (*changes, f"look_ahead={look_ahead}")
     declared = chosen_effects(effects)
-    check_declared(source, declared)
     settings, kept = assigned(preset_of(preset, config), changes), Storage(storage)
     if budget_ms is not None:
         if preset != "default" or config is not None:
             raise UsageError("--budget-ms chooses the preset itself", cure="leave out --preset and --config")
         settings, kept = within_budget(budget_ms, device, (source.width, source.height), changes)
-    carried = chosen_layers(layers, source)
-    resolver = resolver_for(
-        settings,
-        device,
-        source,
-        band_rows,
-        strict=strict,
-        storage=kept,
-        half=half,
-        layers=carried_kinds(source, carried),
-    )
-    report = resolve_sequence(
+    report = resolve_folder(
         source,
         output,
-        resolver,
+        settings,
+        device,
         effects=declared,
         half=half,
-        compression=compression or carried_compression(source),
+        storage=kept,
+        strict=strict,
+        band_rows=band_rows,
+        compression=compression,
+        layers=layers,
+        debug=parse_views(views),
+        progress=True,
         preview=preview,
         restart=restart,
         checkpoint_every=checkpoint,
-        debug=parse_views(views),
-        layers=carried,
         stopping=stop_signals(),
     )
     if as_json:

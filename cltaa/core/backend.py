@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,18 @@ class Buffer(Protocol):
         """The contents as an array, for writing all of it or for reading."""
 
 
+class Queue(Protocol):
+    """A ``pyopencl.CommandQueue``."""
+
+    context: Any
+    device: Any
+
+
 class Launcher(Protocol):
     """Allocates memory and runs kernels by name."""
 
     description: str
+    stages: bool  # arrays are copied to memory of its own, which is kept from frame to frame
     shares_memory: bool  # with the host, so that what is there already need not be copied
     takes_bands: bool  # runs kernels over bands of rows, not over whole images alone
 
@@ -39,6 +47,24 @@ class Launcher(Protocol):
 
     def take(self, planes: NDArray[np.float32]) -> Buffer:
         """Memory that kernels read, which are ``planes`` of the host, where this launcher shares its memory."""
+
+    def lend(self, array: Any, held: Any) -> Any:
+        """Memory that kernels read ``array`` from, where ``places`` says; ``held`` is what was lent for the last such.
+
+        An array of the host is one that ``planes.flat`` takes. Raises UsageError for an array of another device.
+        """
+
+    def receive(self, out: Any, held: Any) -> Any:
+        """Memory that ``pack`` fills for ``out``; ``held`` is as for ``lend``."""
+
+    def hand_over(self, out: Any, received: Any) -> Callable[[], object]:
+        """Bring what was ``received`` into ``out``, a device's in the order of its queue.
+
+        Returns what waits until it is there.
+        """
+
+    def empty(self, like: Any, shape: tuple[int, ...], dtype: Any) -> Any:
+        """A new array on the device of ``like``."""
 
     def prepare(self, kernel: str, build: Build) -> None:
         """Build a kernel before it is run."""
@@ -59,14 +85,17 @@ def storage_dtype(build: Build) -> Any:
     return {Storage.FLOAT: np.float32, Storage.DOUBLE: np.float64}.get(build.storage, np.float16)
 
 
-def launcher_for(device: str | int | Launcher | None) -> Launcher:
-    """A launcher as it is, or that of ``--device`` or CLTAA_DEVICE: ``numpy``, or a wish for ``choose_device``."""
-    if device is not None and not isinstance(device, str | int):
+def launcher_for(device: str | int | Launcher | Queue | None) -> Launcher:
+    """A launcher as it is, that of a program's queue, or that of ``--device`` or CLTAA_DEVICE: ``numpy``, or a wish for
+    ``choose_device``."""
+    if device is not None and not isinstance(device, str | int) and not hasattr(device, "context"):
         if not hasattr(device, "build"):
-            raise UsageError("no device", expected="its index, a part of its name, or numpy", found=repr(device))
+            raise UsageError("no device", expected="index, part of a name, numpy, or queue", found=repr(device))
         return device
     from cltaa.opencl.launcher import DeviceLauncher
     from cltaa.reference.launcher import NumpyLauncher
 
+    if not isinstance(device, str | int | None):
+        return DeviceLauncher(cast(Queue, device))
     requested = str(device) if isinstance(device, int) else device or os.environ.get(DEVICE_VARIABLE)
     return NumpyLauncher() if requested == "numpy" else DeviceLauncher(requested)

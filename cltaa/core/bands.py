@@ -8,6 +8,7 @@ along, so that every pixel sees the neighbours that it sees in one piece.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -17,12 +18,12 @@ from numpy.typing import NDArray
 
 from cltaa.core.backend import Buffer, storage_dtype
 from cltaa.core.buffers import Buffers
-from cltaa.core.build import edge_build
+from cltaa.core.build import Build, edge_build
 from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.frame_checks import check_frame
 from cltaa.core.parameters import HistoryKind
 from cltaa.core.passes import Passes
-from cltaa.core.planes import Layout
+from cltaa.core.planes import Layout, checked_out
 from cltaa.core.record import Past, frame_record
 from cltaa.core.resolver import Resolver, Times, one_thread, upload
 from cltaa.errors import UsageError
@@ -119,9 +120,10 @@ class BandedResolver(Resolver):
         return banded
 
     @one_thread
-    def resolve(self, frame: Frame, *, half: bool = False) -> NDArray[Any]:
+    def resolve(self, frame: Frame, *, half: bool = False, out: Any = None) -> Any:
         """The resolved colour of ``frame`` as ``Resolver.resolve`` gives it."""
         check_frame(frame)
+        half = half if out is None else checked_out(out, frame).dtype == np.float16
         started = perf_counter()
         if not self._in_place:
             frame = _copied(frame)
@@ -133,19 +135,19 @@ class BandedResolver(Resolver):
         buffers.ready_counts(self.plan.choices, read=not record["reset"])
         whole = _whole(frame, build.steps.alpha, 1 + buffers.holds_changes)
         planes = 3 if frame.alpha is None else 4
-        halves = np.empty((planes if half else 0, frame.height, frame.width), np.float16)
+        halves = np.empty((frame.height, frame.width, planes if half else 0), np.float16)
         waiting: deque[_Result] = deque()  # rows that the bands below still take along as they came
         for first in range(0, frame.height, self._rows):
             band = buffers.layout = Band.of(buffers.whole, first, self._rows)
-            upload(_rows(frame, band.taken), buffers, build.steps, self.preset.settings)
+            upload(_rows(frame, band.taken), buffers, build.steps, self.preset)
+            self.launcher.finish()  # before what it was read from is written over
             while waiting and waiting[0].band.own.stop <= band.own.stop - PAD_Y:
                 whole.store(waiting.popleft())
             record["first_row"], record["band_rows"] = first, self._rows
             passes.resolve()
-            rounded = passes.to_halves(buffers.output) if half else None
             self.launcher.finish()
-            if rounded is not None:
-                halves[:, band.own] = band.copied(rounded, np.float16)[:planes]
+            if half:
+                buffers.read(buffers.output, halves[band.own], build)()
             written = (buffers.output, buffers.output_count, buffers.inverse_depth)
             waiting.append(_Result(band, *(band.copied(buffer) for buffer in written)))
         for result in waiting:
@@ -153,18 +155,26 @@ class BandedResolver(Resolver):
         _keep(whole, buffers)
         self._previous = Past.of(frame)
         self.times = Times(0.0, perf_counter() - started, 0.0)
-        if half:
-            return np.moveaxis(halves, 0, -1)
-        if frame.alpha is None:
-            return whole.colour
-        return np.concatenate([whole.colour, frame.alpha[..., None]], axis=-1)
+        image = halves if half else whole.colour
+        if frame.alpha is not None and not half:
+            image = np.concatenate([whole.colour, frame.alpha[..., None]], axis=-1)
+        if out is None:
+            return image if self._in_place else np.ascontiguousarray(image)
+        out[...] = image
+        return out
+
+    def _start(self, frame: Frame, *, half: bool) -> Callable[[], Any]:
+        """As ``Resolver._start``, to the end."""
+        image = self.resolve(frame, half=half)
+        return lambda: image
 
     @one_thread
     def reserve(self, width: int, height: int, *, alpha: bool, half: bool = False) -> None:
         """Allocate memory for frames of a size, with or without alpha; the edges of bands are the host's."""
         self._fitting(Layout(width, height), alpha or self.every_step)
         if half:
-            self.launcher.prepare("to_halves", edge_build(self.launcher.build(self._asked)))
+            self.launcher.prepare("pack", edge_build(self.launcher.build(self._asked)))
+        self.launcher.prepare("unpack", self.launcher.build(Build(strict=True)))
 
     def _new_buffers(self, layout: Layout, alpha: bool) -> Buffers:
         band = Band.of(layout, 0, self._rows)

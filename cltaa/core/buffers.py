@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
 from cltaa.camera import is_still
 from cltaa.core.backend import Buffer, Launcher
-from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, ring_planes, window_planes
+from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, edge_build, ring_planes, window_planes
 from cltaa.core.constants import WINDOWS
 from cltaa.core.parameters import Choices, HistoryKind, Illumination
 from cltaa.core.plan import Plan
-from cltaa.core.planes import Layout, around, empty_image
+from cltaa.core.planes import Kind, Layout, around, flat, places
 from cltaa.core.record import Past, frame_record
 from cltaa.errors import ResourceError
 from cltaa.frame import Frame
@@ -53,7 +52,8 @@ class Buffers:
         self.channels: dict[str, Buffer] = {}  # of the frame: current, motion, alpha, reactive
         self._copies: dict[str, Buffer] = {}  # memory for those that were copied once
         self._dtype = dtype
-        self._halves: Buffer | None = None
+        self._lent: dict[str, Any] = {}  # what the arrays of the last frame were read from
+        self._received: list[Any] = [None, None]  # and results were written to, the last one last
         self._counts = 1  # planes of the counts
         self.holds_changes = False  # whether those that the last frame left hold illumination changes
 
@@ -65,19 +65,20 @@ class Buffers:
         """True when these buffers serve a frame of that size, with or without alpha."""
         return layout == self.whole and (4 if alpha else 3) == self.result_planes
 
-    def bring(self, name: str, planes: NDArray[np.float32]) -> None:
-        """Give the frame's channel of that name its planes [C, H, W], or [C, 1, 1] for all pixels.
+    def bring(self, name: str, array: Any) -> None:
+        """Give the frame's channel of that name the numbers of an array [H, W] or [H, W, C].
 
-        Those that lie as the kernels read them are taken where they are, on a device that can; others are copied.
+        Planes that lie as the kernels read them are taken where they are, on a device that can; all else is unpacked.
         """
-        whole = around(planes, self.layout) if self._launcher.shares_memory else None
-        if whole is not None:
-            self.layout.extend_edges(whole)
-            self.channels[name] = self._launcher.take(whole)
-            return
+        if self._launcher.shares_memory and isinstance(array, np.ndarray):
+            whole = around(np.atleast_3d(array).transpose(2, 0, 1), self.layout)
+            if whole is not None:
+                self.layout.extend_edges(whole)
+                self.channels[name] = self._launcher.take(whole)
+                return
         if name not in self._copies:
-            self._copies[name] = self._planes(len(planes))
-        fill(self._copies[name], self.layout, planes)
+            self._copies[name] = self._planes(array.shape[2] if len(array.shape) > 2 else 1)
+        self._unpack(name, array, self._copies[name])
         self.channels[name] = self._copies[name]
 
     def copied(self, name: str, planes: int) -> Buffer:
@@ -89,24 +90,74 @@ class Buffers:
         self.channels[name] = self._copies[name]
         return self._copies[name]
 
-    def halves(self) -> Buffer:
-        """What holds the result in halves, allocated when first asked for."""
-        if self._halves is None:
-            self._halves = self._planes(self.result_planes, np.float16)
-        return self._halves
+    def bring_depth(self, depth: Any, kind: Kind, below: float, at: float) -> None:
+        """Give the frame the inverse depth of ``depth`` [H, W]; what is ``below`` it or less is ``at``."""
+        self._unpack("depth", depth, self.inverse_depth, kind, below, at)
+
+    def _unpack(
+        self,
+        name: str,
+        array: Any,
+        target: Buffer,
+        kind: Kind = Kind.AS_IT_IS,
+        below: float = 0.0,
+        at: float = 0.0,
+    ) -> None:
+        if isinstance(array, np.ndarray) and flat(array) is None:
+            array = np.array(array, np.float16 if array.dtype == np.float16 else np.float32, order="C")
+        source = self._lent[name] = self._launcher.lend(array, self._lent.get(name))
+        held = self.layout.held
+        size = {"width": self.layout.width, "height": held.stop - held.start, "top": held.start}
+        given = {
+            "source": source,
+            "target": target,
+            "planes": array.shape[2] if len(array.shape) > 2 else 1,
+            "kind": int(kind),
+            "below": np.float32(below),
+            "at": np.float32(at),
+        }
+        # The same division everywhere: what follows from it would differ else.
+        build = self._launcher.build(Build(strict=True))
+        self._launcher.run("unpack", build, self.layout, given | self._rows() | size | places(array))
+
+    def _rows(self) -> dict[str, int]:
+        return {"stride": self.layout.stride, "rows": self.layout.rows}
+
+    def read(self, image: Buffer, out: Any, build: Build, *, ahead: bool = False) -> Callable[[], None]:
+        """Copy the result into ``out`` [H, W, 3 or 4], for an array of a device in the order of its queue.
+
+        Returns what waits until it is there; ``ahead`` that of the frame before may not be there yet.
+        """
+        direct = not isinstance(out, np.ndarray) or flat(out, dense=True) is not None
+        into = out if direct else np.empty(out.shape, out.dtype)
+        target = self._launcher.receive(into, self._received.pop(0 if ahead else -1))
+        self._received.append(target)
+        height, width, planes = out.shape
+        given = {"image": image, "target": target, "width": width, "height": height, "planes": planes}
+        self._launcher.run("pack", edge_build(build), self.layout, given | self._rows() | places(into))
+        arrives = self._launcher.hand_over(into, target)
+
+        def wait() -> None:
+            arrives()
+            if into is not out:
+                out[...] = into
+
+        return wait
+
+    def let_go(self) -> None:
+        """Forget the channels of the last frame."""
+        self.channels.clear()
+
+    def give_back(self) -> None:
+        """Forget the arrays of the host that the last frame came in; nothing reads or writes them any more."""
+        if not self._launcher.stages:
+            self._lent.clear()
+            self._received = [None, None]
 
     def written(self) -> dict[str, Any]:
         """What a resolve writes for the next frame, as ``extend_edges`` is given it."""
         planes = {"planes": self.result_planes, "more": 1 + self.holds_changes}
         return {"image": self.output, "floats": self.output_count, **planes}
-
-    def read(self, image: Buffer, alpha: bool, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
-        """The output or ``halves``, as [H, W, 3 or 4] ``dtype``, planar in memory."""
-        with image.mapped(write=False) as planes:
-            stored = self.layout.inside(planes)[: 4 if alpha else 3]
-            inside = empty_image(stored.shape, dtype)
-            inside[...] = stored
-        return np.moveaxis(inside, 0, -1)
 
     def swap(self) -> None:
         """What was written becomes what is read."""
@@ -157,13 +208,6 @@ class Buffers:
             "history_count": self.history_count,
             "previous_inverse_depth": self.previous_inverse_depth,
         }
-
-
-def fill(buffer: Buffer, layout: Layout, planes: NDArray[np.float32]) -> None:
-    """Copy planes [C, H, W] into a buffer and repeat their edge into its halo."""
-    with buffer.mapped(write=True) as target:
-        layout.inside(target)[: len(planes)] = planes
-        layout.extend_edges(target)
 
 
 class FrameRing:

@@ -136,7 +136,7 @@ def build_of(asked: Build, choices: Choices, settings: Settings, steps: Steps) -
 
 
 def edge_build(build: Build) -> Build:
-    """That of ``extend_edges`` and ``to_halves``, which copy the result: alike, whatever else decides the resolve."""
+    """That of ``extend_edges`` and ``pack``, which copy the result: alike, whatever else decides the resolve."""
     return Build(lanes=build.lanes, rows=build.rows, storage=build.storage)
 
 

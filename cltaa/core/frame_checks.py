@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import warnings
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.planes import Layout
 from cltaa.errors import DataError, known
-from cltaa.frame import Camera, Effect, Frame, Matrix
+from cltaa.frame import Camera, Effect, Frame, Matrix, on_device
 
 # Kernels count the texels of a plane in 32 bits, and steps from one to another in 31.
 MOST_TEXELS = 2**31 - 1
@@ -23,6 +26,14 @@ LARGEST_JITTER = 2.0  # pixels; from it on no sample may lie within a filter's r
 EXPOSURE_STOPS = 32.0  # largest |log2(exposure)|; from starlight to the sun's disc is about 30 stops
 AWAY = np.array([1.0, 1.0, -1.0, 1.0])  # a view space whose camera looks the other way along z
 WHOLE = "a whole number from 1 on"
+MATRICES = "matrix cltaa:worldToView", "matrix cltaa:viewToClip"
+ARGUMENTS = {  # of Frame and Camera, by the attribute that holds the same
+    MATRICES[0]: "camera.world_to_view",
+    MATRICES[1]: "camera.view_to_clip",
+    "attribute cltaa:jitterPx": "jitter_px",
+    "attribute cltaa:exposure": "exposure",
+}
+LOOKED_AT = 100  # rows and columns at most in which numbers are looked for that can mean nothing
 _EFFECTS = frozenset(Effect)
 
 
@@ -37,6 +48,36 @@ def check_frame(frame: Frame) -> None:
     _check_effects(frame)
     if frame.step < 1:
         raise _wrong(frame, "step", WHOLE)
+    _check_depth(frame)
+    _warn_of_motion(frame)
+
+
+def _looked_at(array: Any) -> NDArray[Any]:
+    """Some numbers of an array [H, W, ...], as many whatever its size: a frame waits for this."""
+    return np.asarray(array[:: -(-array.shape[0] // LOOKED_AT), :: -(-array.shape[1] // LOOKED_AT)])
+
+
+def _check_depth(frame: Frame) -> None:
+    """Raise DataError where no depth is a distance, as far as one looks: all that is not the sky is NaN, 0 or less."""
+    if on_device(frame.depth):
+        return
+    for depth in (_looked_at(frame.depth), frame.depth):  # the whole only where some of it says nothing
+        depth = depth[depth != np.inf]
+        if not depth.size or (np.isfinite(depth) if frame.camera.orthographic else depth > 0).any():
+            return
+    found, cure = "NaN", "the sky is np.inf; leave depth out where there is none"
+    if not np.isnan(depth).all():
+        found, cure = f"{np.nanmin(depth):g} to {np.nanmax(depth):g}", "it is positive before the camera: depth=-depth"
+    raise _error(frame, "depth is no distance anywhere", "positive numbers, np.inf for the sky", found, cure)
+
+
+def _warn_of_motion(frame: Frame) -> None:
+    """Warn where motion is infinite: such pixels have no history."""
+    if frame.motion is not None and not on_device(frame.motion) and np.isinf(_looked_at(frame.motion)).any():
+        warnings.warn(
+            "motion is infinite in places, where history is dropped; NaN there means that the camera's motion is all",
+            stacklevel=4,
+        )
 
 
 def _check_types(frame: Frame) -> None:
@@ -95,11 +136,12 @@ def _check_colour(frame: Frame) -> None:
 
 def _check_floats(frame: Frame) -> None:
     for name in ("colour", "depth", *OPTIONAL):
-        array: object = getattr(frame, name)
+        array: Any = getattr(frame, name)
         if array is None and name in OPTIONAL:
             continue
-        if not isinstance(array, np.ndarray) or array.dtype.kind != "f":
-            found = array.dtype if isinstance(array, np.ndarray) else type(array).__name__
+        is_array = isinstance(array, np.ndarray) or on_device(array)
+        if not is_array or array.dtype.kind != "f":
+            found = array.dtype if is_array else type(array).__name__
             cure = "bytes of a picture are no linear light: decode them first" if name == "colour" else None
             raise _error(frame, f"{name} is no array of floats", "float32", found, cure)
 
@@ -113,6 +155,11 @@ def _check_effects(frame: Frame) -> None:
     for name in frame.effects - _EFFECTS:
         cure = known(str(name), Effect, "effects")
         raise DataError(f"unknown effect {name}", path=frame.path, frame=frame.index, cure=cure)
+
+
+def _named(attribute: str, path: Path | None) -> str:
+    """What a message calls something: by its attribute in a file, and by the argument that a program gave."""
+    return ARGUMENTS[attribute] if path is None else attribute
 
 
 def check_camera(camera: Camera, *, path: Path | None = None, frame: int | None = None) -> None:
@@ -136,8 +183,8 @@ def _check_again(view: bytes, clip: bytes) -> None:
 
 
 def _check_camera(camera: Camera, path: Path | None, frame: int | None) -> None:
-    for name, matrix in (("worldToView", camera.world_to_view), ("viewToClip", camera.view_to_clip)):
-        attribute = f"matrix cltaa:{name}"
+    for name, matrix in zip(MATRICES, (camera.world_to_view, camera.view_to_clip), strict=True):
+        attribute = _named(name, path)
         if not isinstance(matrix, np.ndarray) or matrix.shape != (4, 4) or not _is_real(matrix):
             raise DataError(f"{attribute} is no 4 x 4 matrix", path=path, frame=frame, found=_kind(matrix))
         if not np.isfinite(matrix).all():
@@ -147,14 +194,14 @@ def _check_camera(camera: Camera, path: Path | None, frame: int | None) -> None:
             expected, found = f"|M inv(M) - I| < {INVERSE_TOLERANCE:g}", f"{error:.3g}"
             raise DataError(f"{attribute} cannot be inverted", path=path, frame=frame, expected=expected, found=found)
     view, clip = camera.world_to_view, camera.view_to_clip
-    _check_row("worldToView", view, ([0, 0, 0, 1],), path, frame)
-    _check_row("viewToClip", clip, ([0, 0, -1, 0], [0, 0, 0, 1]), path, frame)
+    _check_row(MATRICES[0], view, ([0, 0, 0, 1],), path, frame)
+    _check_row(MATRICES[1], clip, ([0, 0, -1, 0], [0, 0, 0, 1]), path, frame)
     with np.errstate(over="ignore"):
         size, across = (float(np.linalg.det(part)) for part in (view[:3, :3], clip[:2, :2]))
-    for name, scale in (("worldToView", abs(size)), ("viewToClip", abs(across))):
+    for name, scale in zip(MATRICES, (abs(size), abs(across)), strict=True):
         if not 1 / LARGEST_SCALE <= scale <= LARGEST_SCALE:
             raise DataError(
-                f"matrix cltaa:{name} scales beyond use",
+                f"{_named(name, path)} scales beyond use",
                 path=path,
                 frame=frame,
                 found=f"{scale:.3g}",
@@ -163,7 +210,7 @@ def _check_camera(camera: Camera, path: Path | None, frame: int | None) -> None:
             )
     if size < 0:
         raise DataError(
-            "matrix cltaa:worldToView mirrors the world",
+            f"{_named(MATRICES[0], path)} mirrors the world",
             path=path,
             frame=frame,
             expected="right-handed view space, -z forward",
@@ -188,7 +235,7 @@ def _check_row(name: str, matrix: Matrix, allowed: tuple[list[int], ...], path: 
             break
     expected = " or ".join(" ".join(map(str, numbers)) for numbers in allowed)
     raise DataError(
-        f"matrix cltaa:{name} has a wrong last row",
+        f"{_named(name, path)} has a wrong last row",
         path=path,
         frame=frame,
         expected=expected,
@@ -211,7 +258,7 @@ def check_numbers(
     sound = _is_real(jitter_px) and np.shape(jitter_px) == (2,) and np.abs(jitter_px).max() < LARGEST_JITTER
     if not sound:  # NaN too
         raise DataError(
-            "attribute cltaa:jitterPx is no jitter",
+            f"{_named('attribute cltaa:jitterPx', path)} is no jitter",
             path=path,
             frame=frame,
             expected=f"two numbers of less than {LARGEST_JITTER:g} pixels",
@@ -219,7 +266,7 @@ def check_numbers(
         )
     if not 2.0**-EXPOSURE_STOPS <= exposure <= 2.0**EXPOSURE_STOPS:
         raise DataError(
-            "attribute cltaa:exposure is no exposure",
+            f"{_named('attribute cltaa:exposure', path)} is no exposure",
             path=path,
             frame=frame,
             expected=f"a positive factor within {EXPOSURE_STOPS:g} stops of 1",

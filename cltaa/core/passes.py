@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from cltaa.core.backend import Buffer, Launcher
+from cltaa.core.backend import Launcher
 from cltaa.core.buffers import Buffers, FrameRing, LastRun
 from cltaa.core.build import Build, Record, edge_build, settings_record, window_planes
 from cltaa.core.constants import WINDOWS
@@ -69,13 +69,6 @@ class Passes:
     def _extend(self) -> None:
         given = {"frame": self.record, **self.buffers.written()}
         self.launcher.run("extend_edges", edge_build(self.build), self.buffers.layout, given)
-
-    def to_halves(self, image: Buffer) -> Buffer:
-        """Round the result ``image``; returns the memory of the halves, infinite from the largest half on."""
-        halves = self.buffers.halves()
-        given = {"image": image, "halves": halves, "frame": self.record, "planes": self.buffers.result_planes}
-        self.launcher.run("to_halves", edge_build(self.build), self.buffers.layout, given)
-        return halves
 
     def _ready_counts(self) -> None:
         self.buffers.ready_counts(self.plan.choices, read=not self.record["reset"])

@@ -43,6 +43,7 @@ class Reason(NamedTuple):
 # Steps whose absence is another estimate.
 RECTIFICATION, REJECTION, WEIGHTS, GATHERING = "rectification", "rejection", "luminance weights", "gathering"
 LIGHT = "illumination change"
+REPROJECTION = "reprojection"
 
 # Effects that can make a pixel's history wrong.
 CHANGING = frozenset(
@@ -182,7 +183,7 @@ class Plan(NamedTuple):
 
 # Steps that are left out without changing a bit: name among ``Steps`` -> word.
 STEP_NAMES = {
-    "camera_motion": "reprojection",
+    "camera_motion": REPROJECTION,
     "own_motion": "own motion",
     "exposure": "exposure",
     "alpha": "alpha",
@@ -213,17 +214,28 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
     declared = frame.effects
     if previous is None:
         # There is no history to read; the kernel that the next frame needs will do for this one too.
-        camera_moves = declared is None or Effect.CAMERA in declared
+        camera_moves = frame.has_camera and (declared is None or Effect.CAMERA in declared)
     else:
         camera_moves = not is_still(frame.camera, previous)
     steps = _steps(preset, frame, camera_moves, every=every)
     reasons = _reasons(preset, steps, camera_moves, declared, every=every)
+    if not frame.has_camera:
+        reasons = [reason._replace(why="no camera") if reason.step == REPROJECTION else reason for reason in reasons]
     settings = preset.settings
     if previous is None:
         # The blur is for pixels that appear amid others with a past.
         settings = msgspec.structs.replace(settings, disocclusion_blur=0.0)
     choices, settings, estimated = estimate(preset, settings, declared)
+    if not frame.has_depth:  # all lies as far as the sky, and there are no depth edges
+        choices = msgspec.structs.replace(choices, reject=Reject.NONE, dilation=Dilation.NONE)
+        estimated = [Reason(REJECTION, False, "no depth") if why.step == REJECTION else why for why in estimated]
     return Plan(choices, settings, steps, (*reasons, *estimated))
+
+
+def reads_depth(choices: Choices) -> bool:
+    """Whether any step of a preset reads depth: to reproject, to reject, to find depth edges, or from the ring."""
+    never = Reproject.NONE, Reject.NONE, Dilation.NONE, HistoryKind.ACCUMULATED
+    return (choices.reproject, choices.reject, choices.dilation, choices.history) != never
 
 
 def toggled(plan: Plan, preset: Preset, step: str) -> Plan:

@@ -10,12 +10,16 @@ import threading
 from collections import deque
 from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from cltaa.core.constants import PAD_X, PAD_Y, ROW_ALIGNMENT
+from cltaa.errors import UsageError
+from cltaa.frame import Frame, on_device
 
 Plane = NDArray[Any]
 
@@ -116,6 +120,67 @@ def empty_image(shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.float
     """Planes like those of ``np.empty``, inside ``pooled_memory`` in what earlier ones of the same size have left."""
     small = np.dtype(dtype).itemsize * int(np.prod(shape)) < SMALLEST
     return np.empty(shape, dtype) if small else mapped_image(shape, dtype)
+
+
+def empty_result(frame: Frame, dtype: type[np.floating[Any]] = np.float32, *, planar: bool = False) -> NDArray[Any]:
+    """Memory for the result of ``frame``, [H, W, 3 or 4], each channel by itself where it is ``planar``."""
+    height, width, channels = result_shape(frame)
+    if planar:
+        return np.moveaxis(empty_image((channels, height, width), dtype), 0, -1)
+    return empty_image((height, width, channels), dtype)
+
+
+def result_shape(frame: Frame) -> tuple[int, int, int]:
+    """Rows, columns and channels of the result of ``frame``."""
+    return frame.height, frame.width, 3 if frame.alpha is None else 4
+
+
+class Kind(IntEnum):
+    """What the numbers of an array become (``kernels/arrays.cl``)."""
+
+    AS_IT_IS = 0
+    PERSPECTIVE = 1  # of distances the inverse depth, 1/Z
+    PARALLEL = 2  # the same of an orthographic camera, -Z
+
+
+def places(array: Any) -> dict[str, int]:
+    """How an array [H, W] or [H, W, C] of floats or halves lies in memory, as kernels are told of it."""
+    row, column, plane = ([step // array.dtype.itemsize for step in array.strides] + [0])[:3]
+    steps = {"row_step": row, "column_step": column, "plane_step": plane}
+    return {
+        "first": getattr(array, "offset", 0) // array.dtype.itemsize,
+        **steps,
+        "halves": int(array.dtype.itemsize == 2),
+    }
+
+
+def flat(array: NDArray[Any], *, dense: bool = False) -> NDArray[Any] | None:
+    """The memory that an array lies in, from its first number to its last, or None where kernels cannot read it there.
+
+    That is where it holds other numbers, where rows lie backwards, or where it is the lesser part; ``dense`` asks that
+    there is nothing else.
+    """
+    item = array.itemsize
+    steps = [step // item for step in array.strides]
+    sound = array.dtype in (np.float32, np.float16) and array.dtype.isnative and array.flags.aligned
+    if not sound or min(steps) < 0 or any(step % item for step in array.strides):
+        return None
+    length = 1 + sum(step * (count - 1) for step, count in zip(steps, array.shape, strict=True))
+    if length > 2 * array.size or (dense and (length != array.size or 0 in steps)):
+        return None
+    return as_strided(array, (length,), (item,))
+
+
+def checked_out(out: Any, frame: Frame) -> Any:
+    """``out`` where the result of ``frame`` can be written there; else raises UsageError."""
+    shape = result_shape(frame)
+    is_array = isinstance(out, np.ndarray) or on_device(out)
+    if not is_array or out.shape != shape or out.dtype not in (np.float32, np.float16):
+        found = f"{out.dtype} {out.shape}" if is_array else type(out).__name__
+        raise UsageError("out cannot hold the result", expected=f"float32 or float16 {shape}", found=found)
+    if isinstance(out, np.ndarray) and not out.flags.writeable:
+        raise UsageError("out cannot be written to", cure="give an array of your own")
+    return out
 
 
 def mapped_image(shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:

@@ -39,6 +39,13 @@ class Preset(msgspec.Struct, frozen=True, kw_only=True):
     choices: Choices = Choices()
     settings: Settings = Settings()
 
+    def replace(self, **values: str | float) -> Preset:
+        """The preset with other values for some of the keys that ``cltaa presets --parameters`` lists.
+
+        Raises UsageError for an unknown key or a value out of range.
+        """
+        return override(self, values, f"preset {self.name}")
+
     def deciding(self) -> dict[str, Any]:
         """What of it decides the bits of a result; what it is called and says of itself does not."""
         parts: dict[str, Any] = msgspec.to_builtins(self)

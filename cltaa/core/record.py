@@ -54,6 +54,8 @@ class Past:
     own_motion: bool
     reactive: bool
     jitter_px: tuple[float, float]
+    depth: bool = True  # whether a depth was given, and a camera
+    has_camera: bool = True
     holds_changes: bool = False  # whether the counts that it left hold illumination changes
     earlier: tuple[Past, ...] = ()  # the frames before it whose samples are kept, the latest first
 
@@ -61,14 +63,16 @@ class Past:
     def of(cls, frame: Frame) -> Past:
         """The past that ``frame`` becomes."""
         channels = frame.alpha is not None, frame.motion is not None, frame.reactive is not None
-        return cls(frame.index, frame.camera, frame.exposure, frame.colour.shape, *channels, frame.jitter_px)
+        there = frame.has_depth, frame.has_camera
+        return cls(frame.index, frame.camera, frame.exposure, frame.colour.shape, *channels, frame.jitter_px, *there)
 
     def continues_in(self, frame: Frame, choices: Choices) -> bool:
-        """Tell whether the history goes on in ``frame``: no cut, no gap, planes and lens of the same kind."""
+        """Tell whether the history goes on in ``frame``: no cut, no gap, the same given, the same lens."""
         if frame.cut or frame.index != self.index + frame.step:
             return False
         same_planes = (frame.colour.shape, frame.alpha is not None) == (self.shape, self.alpha)
-        same_kind = frame.camera.orthographic == self.camera.orthographic
+        same_given = (frame.has_depth, frame.has_camera) == (self.depth, self.has_camera)
+        same_kind = same_given and frame.camera.orthographic == self.camera.orthographic
         starts_anew = choices.on_camera_move is OnCameraMove.RESET and not is_still(frame.camera, self.camera)
         return same_planes and same_kind and not starts_anew
 

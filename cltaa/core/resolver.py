@@ -14,8 +14,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.camera import inverse_depth, inverse_depth_at
-from cltaa.core.backend import Buffer, Launcher, launcher_for, storage_dtype
+from cltaa.camera import inverse_depth_at
+from cltaa.core.backend import Buffer, Launcher, Queue, launcher_for, storage_dtype
 from cltaa.core.buffers import Buffers, FrameRing, LastRun
 from cltaa.core.build import (
     HALVES,
@@ -26,20 +26,22 @@ from cltaa.core.build import (
     edge_build,
     storage_of,
 )
+from cltaa.core.debug_views import parse_views
 from cltaa.core.frame_checks import check_frame
 from cltaa.core.kernel_source import code_sha256
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.passes import Passes
-from cltaa.core.plan import Plan, channel_steps, plan_frame
-from cltaa.core.planes import Layout
+from cltaa.core.plan import Plan, channel_steps, plan_frame, reads_depth
+from cltaa.core.planes import Kind, Layout, checked_out, empty_result, result_shape
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.record import Past, frame_record
 from cltaa.errors import UsageError
-from cltaa.frame import Frame, outline
+from cltaa.frame import Camera, DeviceArray, Frame, on_device, outline
 from cltaa.process import OneProcess, no_copy
 
 INSIDE = "_inside"  # the attribute that names the thread
 Method = TypeVar("Method", bound=Callable[..., Any])
+Out = TypeVar("Out", bound=NDArray[Any] | DeviceArray)
 
 
 def one_thread(method: Method) -> Method:
@@ -66,27 +68,31 @@ def one_thread(method: Method) -> Method:
 NOTHING = {"motion": np.nan, "alpha": 1.0, "reactive": 0.0}
 
 
-def upload(frame: Frame, buffers: Buffers, steps: Steps, settings: Settings) -> None:
-    """Bring the channels that ``steps`` read onto the device; those that the frame does not have hold nothing.
+def upload(frame: Frame, buffers: Buffers, steps: Steps, preset: Preset) -> None:
+    """Bring what ``steps`` and ``preset`` read onto the device; channels that the frame does not have hold nothing.
 
-    Where the device takes them as they lie in the frame, nobody changes that until the next one is brought.
+    Until the device has done so nobody changes the frame; where it takes them as they lie, until the next is brought.
     """
-    layout = buffers.layout
-    buffers.bring("current", np.moveaxis(frame.colour, -1, 0))
-    with buffers.inverse_depth.mapped(write=True) as planes:
-        inside = layout.inside(planes)[0]
-        inverse_depth(frame.depth, frame.camera, out=inside)
-        if settings.sky_at > 0.0 and not frame.camera.orthographic:
-            sky = inside <= inverse_depth_at(settings.sky_below, frame.camera)
-            inside[sky] = inverse_depth_at(settings.sky_at, frame.camera)
-        layout.extend_edges(planes)
-    planes_of = {"motion": 2, "alpha": 1, "reactive": 1}
+    buffers.bring("current", frame.colour)
+    if reads_depth(preset.choices):
+        buffers.bring_depth(frame.depth, *_depth_rule(frame.camera, preset.settings))
     for name, wanted in (("motion", steps.own_motion), ("alpha", steps.alpha), ("reactive", steps.reactive)):
         channel = getattr(frame, name)
-        if channel is not None:
-            buffers.bring(name, np.atleast_3d(channel).transpose(2, 0, 1))
-        elif wanted:
-            buffers.bring(name, np.full((planes_of[name], 1, 1), NOTHING[name], np.float32))
+        if wanted and channel is None:
+            size = (frame.height, frame.width, 2) if name == "motion" else (frame.height, frame.width)
+            channel = np.broadcast_to(np.float32(NOTHING[name]), size)
+        if wanted:
+            buffers.bring(name, channel)
+
+
+def _depth_rule(camera: Camera, settings: Settings) -> tuple[Kind, float, float]:
+    """What becomes of a distance, and where in inverse depth the sky begins and is taken to be."""
+    if camera.orthographic:
+        return Kind.PARALLEL, -np.inf, 0.0
+    if settings.sky_at > 0.0:
+        below, at = (inverse_depth_at(depth, camera) for depth in (settings.sky_below, settings.sky_at))
+        return Kind.PERSPECTIVE, below, at
+    return Kind.PERSPECTIVE, -np.inf, 0.0
 
 
 class Times(NamedTuple):
@@ -101,9 +107,10 @@ class Resolver:
     """Accumulates a sequence frame by frame.
 
     ``preset`` is a name or a Preset; ``device`` is None (first OpenCL device), a part of a device's name, its index,
-    ``numpy``, or a launcher to share; ``strict`` builds kernels that match the NumPy oracle bit for bit; ``storage`` is
-    the numbers that the history is kept in; ``every_step`` runs steps too that no frame calls for. A measurement gives
-    a whole ``build`` in place of ``strict`` and ``storage``; of it the plan decides choices, steps and terms.
+    ``numpy``, a launcher to share, or a ``pyopencl.CommandQueue``, for arrays on its device; ``strict`` builds kernels
+    that match the NumPy oracle bit for bit; ``storage`` is the numbers that the history is kept in; ``every_step`` runs
+    steps too that no frame calls for. A measurement gives a whole ``build`` in place of ``strict`` and ``storage``; of
+    it the plan decides choices, steps and terms.
     A cut, a gap in the frame numbers or a change of size starts a new history.
 
     ``look_ahead`` stands over the preset's: with N of it ``feed`` takes the place of ``resolve``, and the image of a
@@ -113,7 +120,7 @@ class Resolver:
     def __init__(
         self,
         preset: str | Preset = "default",
-        device: str | int | Launcher | None = None,
+        device: str | int | Launcher | Queue | None = None,
         *,
         strict: bool = False,
         storage: Storage = Storage.FLOAT,
@@ -143,6 +150,7 @@ class Resolver:
         # Ahead of it: the frame that came last, and outlines of those that wait for later ones.
         self._latest: Past | None = None
         self._waiting: deque[Frame] = deque()
+        self._lends = False  # arrays of the host, to a frame that has begun and not ended
         self.plan: Plan | None = None
         self.last: LastRun | None = None
         self.times = Times(0.0, 0.0, 0.0)
@@ -183,6 +191,7 @@ class Resolver:
         """How many frames an image waits for."""
         return self.preset.settings.look_ahead
 
+    @one_thread
     def settings(self) -> dict[str, Any]:
         """Everything that decides the bits of a result, beside the frames."""
         return {
@@ -215,8 +224,9 @@ class Resolver:
         """Do what every frame of a size needs, with or without alpha, while the first of them is still being read."""
         self._fitting(Layout(width, height), alpha or self.every_step)
         build = edge_build(self.launcher.build(self._asked))
-        for kernel in (*([] if build.extends else ["extend_edges"]), *(["to_halves"] if half else [])):
+        for kernel in (*([] if build.extends else ["extend_edges"]), "pack"):
             self.launcher.prepare(kernel, build)
+        self.launcher.prepare("unpack", self.launcher.build(Build(strict=True)))
 
     @overload
     def resolve(self, frame: Frame, *, half: Literal[False] = False) -> NDArray[np.float32]: ...
@@ -227,34 +237,86 @@ class Resolver:
     @overload
     def resolve(self, frame: Frame, *, half: bool) -> NDArray[np.float32] | NDArray[np.float16]: ...
 
-    @one_thread
-    def resolve(self, frame: Frame, *, half: bool = False) -> NDArray[Any]:
-        """The resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha.
+    @overload
+    def resolve(self, frame: Frame, *, out: Out) -> Out: ...  # an array of the host or of the device
 
-        With ``half`` float16, infinite where it is 65504 or beyond; ``cltaa.pipeline.output.limit_halves`` limits that.
-        Raises DataError where ``core.frame_checks`` finds a frame wrong, and UsageError where another thread is in it.
+    @one_thread
+    def resolve(self, frame: Frame, *, half: bool = False, out: Any = None) -> Any:
+        """The resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha; contiguous.
+
+        With ``half`` float16, infinite where it is 65504 or beyond. Into ``out``, which is returned, in its numbers:
+        float32 or float16, in any order of its axes in memory. Arrays of a device (``pyopencl.array.Array``) stay
+        on it, and where all are such nothing is waited for: the result is there for what its queue is given next.
+        Raises DataError where a frame is wrong, and UsageError where ``out`` is or another thread is in it.
         """
         if self.look_ahead:
             raise UsageError(
                 f"preset {self.preset.name} looks ahead, and its image of a frame comes later",
                 cure="take one that does not; in Python call feed() and flush()",
             )
-        check_frame(frame)
-        started = perf_counter()
-        previous, build = self._begin(frame)
-        buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
-        upload(frame, buffers, build.steps, self.preset.settings)
-        return self._resolved(frame, previous, build, buffers, started, half=half)
+        out, started = self._checked(frame, out, half), perf_counter()
+        previous, buffers, build = self._begun(frame)
+        waits = not (on_device(out) and all(map(on_device, frame.arrays)))
+        if waits:
+            self.launcher.finish()
+        self._resolved(frame, previous, build, buffers, out, started, waits=waits)
+        return out
 
-    def images(self, frames: Iterable[Frame], *, half: bool = False) -> Iterator[NDArray[Any]]:
-        """The image of each of ``frames``, in their order, as ``resolve`` gives it; they may come later."""
+    def _resolved(
+        self,
+        frame: Frame,
+        previous: Past | None,
+        build: Build,
+        buffers: Buffers,
+        out: Any,
+        started: float,
+        *,
+        waits: bool = True,
+    ) -> None:
+        """Resolve a frame that ``buffers`` hold, which was begun to be uploaded at ``started``, into ``out``."""
+        uploaded = perf_counter()
+        output = self._run(frame, previous, build, buffers)
+        if waits:
+            self.launcher.finish()
+        resolved = perf_counter()
+        buffers.read(output, out, build)()
+        if waits:
+            self.launcher.finish()
+            buffers.give_back()
+        self.times = Times(uploaded - started, resolved - uploaded, perf_counter() - resolved)
+        self._ended(frame, buffers)
+
+    def resolve_many(self, frames: Iterable[Frame], *, half: bool = False) -> Iterator[Any]:
+        """Each of ``frames`` as ``resolve`` gives it; on a GPU a result comes back while the next frame is brought.
+
+        There a result is given when the frame behind it was taken from ``frames``. Raises as ``resolve``.
+        """
+        if self.look_ahead or not self.launcher.stages:
+            yield from self.images(frames, half=half)
+            return
+        waiting: deque[Callable[[], Any]] = deque()
         for frame in frames:
-            if not self.look_ahead:
-                yield self.resolve(frame, half=half)
+            waiting.append(self._start(frame, half=half))
+            if len(waiting) > 1:
+                yield waiting.popleft()()
+        while waiting:
+            yield waiting.popleft()()
+
+    def images(self, frames: Iterable[Frame], *, half: bool = False, planar: bool = False) -> Iterator[NDArray[Any]]:
+        """The image of each of ``frames``, in their order, as ``resolve`` gives it; they may come later.
+
+        Each channel lies by itself in memory where images are to be ``planar``.
+        """
+        for frame in frames:
+            if self.look_ahead:
+                yield from self._fed(frame, half=half, planar=planar)
+            elif planar:
+                kind = np.float16 if half else np.float32
+                yield self.resolve(frame, out=empty_result(frame, kind, planar=True))
             else:
-                yield from self._fed(frame, half=half)
+                yield self.resolve(frame, half=half)
             del frame  # while the next is waited for
-        yield from self._flushed(half=half)
+        yield from self._flushed(half=half, planar=planar)
 
     def feed(self, frame: Frame, *, half: bool = False) -> list[NDArray[Any]]:
         """Take the next frame; returns the images that are ready now, in the order of their frames.
@@ -266,19 +328,24 @@ class Resolver:
 
     def flush(self, *, half: bool = False) -> list[NDArray[Any]]:
         """The images of the frames that wait for later ones, from those that there are."""
+        self._alone()
         return list(self._flushed(half=half))
 
-    def _fed(self, frame: Frame, *, half: bool) -> Iterator[NDArray[Any]]:
+    @one_thread
+    def _alone(self) -> None:
+        """Raise UsageError while another thread is in it."""
+
+    def _fed(self, frame: Frame, *, half: bool, planar: bool = False) -> Iterator[NDArray[Any]]:
         check_frame(frame)
         if not self._goes_on(frame):
-            yield from self._flushed(half=half)
+            yield from self._flushed(half=half, planar=planar)
         self._take(frame)
         if len(self._waiting) > self.look_ahead:
-            yield self._next(half=half)
+            yield self._next(half=half, planar=planar)
 
-    def _flushed(self, *, half: bool) -> Iterator[NDArray[Any]]:
+    def _flushed(self, *, half: bool, planar: bool = False) -> Iterator[NDArray[Any]]:
         while self._waiting:
-            yield self._next(half=half)
+            yield self._next(half=half, planar=planar)
 
     def _goes_on(self, frame: Frame) -> bool:
         """Whether ``frame`` is ahead of those that wait, and lies in the same ring."""
@@ -295,17 +362,18 @@ class Resolver:
         latest, waiting = self._latest, self._waiting
         self._forget_ahead()  # an interrupt from here on leaves nothing that waits, rather than a half of it
         buffers = self._fitting(Layout(frame.width, frame.height), steps.alpha)
-        upload(frame, buffers, steps, self.preset.settings)
+        upload(frame, buffers, steps, self.preset)
         ring = self._ring(latest if goes_on else None, buffers.layout, steps)
         ring.keep(frame, buffers, steps)
         self.launcher.finish()
-        buffers.channels.clear()
+        buffers.let_go()
+        buffers.give_back()
         self._latest, self._waiting = Past.of(frame), waiting
         waiting.append(outline(frame))
         self.times = Times(perf_counter() - started, 0.0, 0.0)
 
     @one_thread
-    def _next(self, *, half: bool) -> NDArray[Any]:
+    def _next(self, *, half: bool, planar: bool) -> NDArray[Any]:
         """Resolve the first of the frames that wait."""
         assert self._buffers is not None
         assert self._frame_ring is not None
@@ -315,34 +383,71 @@ class Resolver:
         frame = waiting.popleft()
         previous, build = self._begin(frame)
         self._frame_ring.bring(frame, self._buffers, build.steps)
-        image = self._resolved(frame, previous, build, self._buffers, started, half=half)
+        image = empty_result(frame, np.float16 if half else np.float32, planar=planar)
+        self._resolved(frame, previous, build, self._buffers, image, started)
         self._latest, self._waiting = latest, waiting
         return image
 
-    def _resolved(
-        self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers, started: float, *, half: bool
-    ) -> NDArray[Any]:
-        """The image of a frame that ``buffers`` hold, which was begun to be uploaded at ``started``."""
-        uploaded = perf_counter()
-        passes = self._run(frame, previous, build, buffers)
-        assert self.last is not None
-        output = self.last.arguments["output"]
-        result = passes.to_halves(output) if half else output
-        self.launcher.finish()
-        resolved = perf_counter()
-        image = buffers.read(result, frame.alpha is not None, np.float16 if half else np.float32)
-        self.times = Times(uploaded - started, resolved - uploaded, perf_counter() - resolved)
+    @one_thread
+    def _start(self, frame: Frame, *, half: bool) -> Callable[[], Any]:
+        """Begin to resolve ``frame``, on a device with memory of its own; returns what waits for its result."""
+        out = self._checked(frame, None, half)
+        previous, buffers, build = self._begun(frame)
+        arrives = buffers.read(self._run(frame, previous, build, buffers), out, build, ahead=True)
+        self._ended(frame, buffers)
+
+        def result() -> Any:
+            arrives()
+            return out
+
+        return result
+
+    def _checked(self, frame: Frame, out: Any, half: bool) -> Any:
+        """Where the result of ``frame`` goes; raises DataError and UsageError."""
+        check_frame(frame)
+        if out is not None:
+            return checked_out(out, frame)
+        kind = np.float16 if half else np.float32
+        if on_device(frame.colour):
+            return self.launcher.empty(frame.colour, result_shape(frame), kind)
+        return empty_result(frame, kind)
+
+    def _begun(self, frame: Frame) -> tuple[Past | None, Buffers, Build]:
+        """Plan ``frame`` and bring it onto the device; returns the past that it continues too."""
+        if self._lends:  # what an interrupt left may still read arrays of the host, or write them
+            self.launcher.finish()
+        previous, build = self._begin(frame)
+        buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
+        self._lends = True
+        upload(frame, buffers, build.steps, self.preset)
+        return previous, buffers, build
+
+    def _ended(self, frame: Frame, buffers: Buffers) -> None:
+        """Make the result of ``frame`` the history of the next."""
+        self._lends = False
         self._previous = None  # an interrupt from here on leaves no history, rather than a half of one
         buffers.swap()
         self._previous = Past.of(frame)
-        return image
+
+    @one_thread
+    def debug(self, *views: str) -> dict[str, NDArray[np.float32]]:
+        """What was decided at each pixel of the frame that was resolved last, by the names of docs/debug-views.md.
+
+        ``reject`` and ``count`` [H, W], ``motion`` [H, W, 2] in pixels, ``clip`` [H, W]. Raises UsageError for other
+        names, and ValueError before the first frame.
+        """
+        from cltaa.core.debug import decided
+
+        if self.last is None:
+            raise ValueError("nothing was resolved yet")
+        return decided(self.launcher, self.last, parse_views(",".join(views), "debug"))
 
     @one_thread
     def release(self) -> None:
         """Let go of the channels of the last frame, which ``last`` and ``run_again`` need: the next may lie there."""
         self.last = None
         if self._buffers is not None:
-            self._buffers.channels.clear()
+            self._buffers.let_go()
 
     @one_thread
     def run_again(self, frame: Frame, previous: Frame) -> None:
@@ -403,6 +508,9 @@ class Resolver:
     def _begin(self, frame: Frame) -> tuple[Past | None, Build]:
         """Make the plan of ``frame``; returns the past that it continues, and what its kernels are built from."""
         previous = self._previous
+        if previous is not None and frame.index == previous.index and not frame.cut:
+            cure = f"number frames one after the other, {frame.step} apart; before another sequence call reset()"
+            raise UsageError(f"index is {frame.index} twice in a row, so no history could go on", cure=cure)
         if previous is not None and not previous.continues_in(frame, self.preset.choices):
             previous = None
         self.plan = plan_frame(self.preset, frame, previous.camera if previous else None, every=self.every_step)
@@ -414,8 +522,8 @@ class Resolver:
             self._builds[decided_by] = self.launcher.build(build_of(self._asked, *decided_by))
         return self._builds[decided_by]
 
-    def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers) -> Passes:
-        """Start the kernels of ``frame``, which ``buffers`` hold; returns what started them."""
+    def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers) -> Buffer:
+        """Start the kernels of ``frame``, which ``buffers`` hold; returns the memory of the result."""
         assert self.plan is not None
         choices, record = self.plan.choices, frame_record(frame, previous, buffers.layout, self.plan)
         passes = Passes(self.launcher, self.plan, build, buffers, record)
@@ -432,7 +540,8 @@ class Resolver:
         else:
             self.last = passes.resolve()
         passes.extend_edges()
-        return passes
+        output: Buffer = self.last.arguments["output"]
+        return output
 
     def _fitting(self, layout: Layout, alpha: bool) -> Buffers:
         """Memory for images of a size: what there is, where that fits."""

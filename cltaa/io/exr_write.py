@@ -165,11 +165,12 @@ def _stepped(planes: list[Bytes], rows: int) -> Iterator[tuple[Bytes, Bytes]]:
 _STANDARD_FLOATS = frozenset({"pixelAspectRatio", "screenWindowWidth", "whiteLuminance", "xDensity", "expTime"})
 
 
-def write_frame(path: Path, frame: Frame, *, compression: str = "zip") -> None:
+def write_frame(path: str | Path, frame: Frame, *, compression: str = "zip") -> None:
     """Write one frame as a multi-channel EXR of float32 channels (``id`` uint32), atomically.
 
     Raises DataError for a frame whose arrays, matrices or numbers are wrong, OutputError and StorageError for disks.
     """
+    path = Path(path)
     write_image(path, frame_planes(frame, path), frame_attributes(frame), compression=compression)
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.backend import Buffer
+from cltaa.core.backend import Buffer, Queue
 from cltaa.core.build import Build
 from cltaa.core.constants import PAD_X
 from cltaa.core.planes import Layout
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from cltaa.opencl.program import Kernel
 
 SLIDING = frozenset({"resolve", "gather", "gather_windows"})  # kernels whose work-items walk down rows
+ARRAYS = frozenset({"unpack", "pack"})  # kernels between planes and arrays of a program
+ARRAY_GROUP = 128  # work-items of a group of theirs
 EDGE_GROUP = 256  # work-items of a group of extend_edges
 
 
@@ -28,11 +30,12 @@ class DeviceLauncher(OneProcess):
 
     takes_bands = True
 
-    def __init__(self, requested: str | None = None) -> None:
+    def __init__(self, requested: str | Queue | None = None) -> None:
         from cltaa.opencl.device import Device
 
         self.device = Device(requested)
         self.description, self.shares_memory = self.device.description, self.device.shares_memory
+        self.stages = not self.shares_memory
         self._kernels: dict[tuple[str, Build], Kernel] = {}
         self.events: list[tuple[str, Any]] | None = None  # a list put here receives each started kernel and its event
         self._started: dict[tuple[Any, ...], tuple[Kernel, tuple[int, ...], tuple[int, ...]]] = {}
@@ -56,6 +59,22 @@ class DeviceLauncher(OneProcess):
     def take(self, planes: NDArray[np.float32]) -> Buffer:
         """The planes themselves."""
         return self.device.take(planes)
+
+    def lend(self, array: Any, held: Any) -> Any:
+        """As ``Device.lend``."""
+        return self.device.lend(array, held)
+
+    def receive(self, out: Any, held: Any) -> Any:
+        """As ``Device.receive``."""
+        return self.device.receive(out, held)
+
+    def hand_over(self, out: Any, received: Any) -> Callable[[], object]:
+        """As ``Device.hand_over``."""
+        return self.device.hand_over(out, received)
+
+    def empty(self, like: Any, shape: tuple[int, ...], dtype: Any) -> Any:
+        """A new array on the queue of ``like``."""
+        return type(like)(like.queue, shape, dtype)
 
     def prepare(self, kernel: str, build: Build) -> None:
         """Build a kernel, or take it from the driver's cache."""
@@ -124,8 +143,10 @@ class DeviceLauncher(OneProcess):
             planes = int(arguments["planes"]) + int(arguments["more"])
             items = 2 * layout.stride + 2 * PAD_X * layout.height
             return (-(-items // EDGE_GROUP) * EDGE_GROUP, planes), (EDGE_GROUP, 1)
-        if kernel == "to_halves" and build.lanes > 1:
-            return (1, layout.height), (1, 1)
+        if kernel in ARRAYS:  # on a CPU a work-item a row
+            columns, rows = (1 if build.lanes > 1 else layout.stride), layout.rows
+            group = (1, 1) if build.lanes > 1 else (ARRAY_GROUP, 1)
+            return (-(-columns // group[0]) * group[0], rows), group
         rows = build.rows if kernel in SLIDING else 1
         columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
         group = self.device.shape.group

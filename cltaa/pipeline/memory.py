@@ -48,7 +48,7 @@ class DevicePlanes(msgspec.Struct, frozen=True):
     windows: bool = False  # of the frames in the ring are weighed, and hold planes
     changes: bool = False  # of light, beside the count of what recurs and of the result
     shared: bool = False  # the device has the host's memory: of a whole frame only inverse depth lies anywhere else
-    half: bool = False  # a result in halves, beside the one that it is made from
+    half: bool = False  # the result goes in halves
 
 
 def device_bytes(width: int, height: int, held: DevicePlanes) -> int:
@@ -56,8 +56,8 @@ def device_bytes(width: int, height: int, held: DevicePlanes) -> int:
 
     Per texel and in floats: the frame holds 4 (R G B, inverse depth), and 2, 1 and 1 more for own motion, alpha and
     reactive; what recurs holds count and inverse depth; the result its count, and each count the illumination change
-    where that is tested for. Both hold 3 or, with alpha, 4 planes of
-    ``storage``.
+    where that is tested for. Both hold 3 or, with alpha, 4 planes of ``storage``. A device with memory of its own holds
+    the arrays too that frame and result are unpacked from and packed into.
     """
     steps, whole = held.steps, Layout(width, height)
     band = Layout(width, held.band_rows) if held.band_rows else whole
@@ -68,9 +68,11 @@ def device_bytes(width: int, height: int, held: DevicePlanes) -> int:
     kept = held.history_frames + 1 + held.look_ahead if held.history_frames else 0
     ring = REAL * ring_planes(steps) * kept
     ring += REAL * WINDOWS * window_planes(steps) if held.windows else 0
-    halves = HALF * (3 + steps.alpha) if held.half else 0
     count = REAL * (1 + held.changes)
-    return (frame + colour + halves + count) * band.plane + (colour + count + REAL + ring) * whole.plane
+    # As arrays, without a halo: what comes, and the result in the numbers in which it goes.
+    arrays = 0 if held.shared else frame + (HALF if held.half else REAL) * (3 + steps.alpha)
+    planes = (frame + colour + count) * band.plane + (colour + count + REAL + ring) * whole.plane
+    return planes + arrays * band.width * band.height
 
 
 class Memory(msgspec.Struct, frozen=True, kw_only=True):

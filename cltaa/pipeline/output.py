@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.core.constants import value
+from cltaa.core.debug_views import View
 from cltaa.core.resolver import Resolver
 from cltaa.errors import CltaaError, DataError, UsageError
 from cltaa.frame import Frame, Image
@@ -27,7 +28,6 @@ from cltaa.io.pixel_statistics import is_opaque, unusable_pixels
 from cltaa.io.sequence import RESOLVED, FrameSequence
 from cltaa.io.streams import Writer
 from cltaa.pipeline.debug import DebugViews
-from cltaa.pipeline.debug_views import View
 from cltaa.printable import written
 from cltaa.progress import track
 

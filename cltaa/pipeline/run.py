@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from statistics import median
+from types import MappingProxyType
 from typing import Any, Literal
 
 import msgspec
@@ -18,13 +19,15 @@ import msgspec
 from cltaa.core.backend import Launcher
 from cltaa.core.bands import BAND_ROWS, BandedResolver
 from cltaa.core.build import Storage
+from cltaa.core.debug_views import View, parse_views
 from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.plan import estimate, with_effects
 from cltaa.core.planes import pooled_memory
-from cltaa.core.presets import Preset
+from cltaa.core.presets import Preset, load_preset
 from cltaa.core.resolver import Resolver, Times
 from cltaa.errors import DeviceLost, ResourceError, UsageError
 from cltaa.frame import Effect, Frame, outline
+from cltaa.inputs.open import check_declared, open_input
 from cltaa.interrupt import Stop
 from cltaa.io.atomic import atomic_path, check_creatable, owned
 from cltaa.io.content import memory_limit
@@ -38,9 +41,18 @@ from cltaa.io.video import check_film, rate_of, write_video
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.pipeline.debug import DebugViews
-from cltaa.pipeline.debug_views import View
 from cltaa.pipeline.memory import NO_LAYERS, Memory, of_whole_images
-from cltaa.pipeline.output import OutputFolder, Read, ResolvedFiles, check_layers, reads, sequence_settings
+from cltaa.pipeline.output import (
+    OutputFolder,
+    Read,
+    ResolvedFiles,
+    carried_compression,
+    carried_kinds,
+    check_layers,
+    chosen_layers,
+    reads,
+    sequence_settings,
+)
 from cltaa.printable import bytes_of, counted, printable
 from cltaa.progress import track
 
@@ -180,6 +192,57 @@ def resolver_for(
     if not band_rows:
         return resolver
     return BandedResolver.beside(resolver, band_rows, in_place=True, storage=storage, **options)
+
+
+def resolve_folder(
+    source: str | Path | FrameSequence,
+    output: str | Path,
+    preset: str | Preset = "default",
+    device: str | Launcher | None = None,
+    *,
+    effects: frozenset[Effect] | Literal["auto", "all"] = "auto",
+    half: bool = False,
+    storage: Storage = Storage.FLOAT,
+    strict: bool = False,
+    band_rows: int | None = None,
+    compression: str | None = None,
+    layers: tuple[str, ...] | None = None,
+    debug: Iterable[str] = (),
+    progress: bool = False,
+    reading: Mapping[str, Any] = MappingProxyType({}),
+    **options: Any,
+) -> ResolveReport:
+    """Resolve a folder of frames into ``output`` as ``cltaa resolve`` does, whose options these are.
+
+    ``reading`` are the arguments of ``cltaa.open`` for a ``source`` that is not opened yet: ``profile``, ``side_file``,
+    ``frames`` and others. What is given neither ``compression`` nor ``layers`` keeps those that the command keeps.
+    ``options`` are those of ``resolve_sequence`` that are not named here. Raises what that and opening raise.
+    """
+    sequence = open_input(source, **reading) if isinstance(source, str | Path) else source
+    check_declared(sequence, effects)
+    carried = chosen_layers(layers, sequence)
+    resolver = resolver_for(
+        load_preset(preset) if isinstance(preset, str) else preset,
+        device,
+        sequence,
+        band_rows,
+        strict=strict,
+        storage=storage,
+        half=half,
+        layers=carried_kinds(sequence, carried),
+    )
+    return resolve_sequence(
+        sequence,
+        output,
+        resolver,
+        effects=effects,
+        half=half,
+        compression=compression or carried_compression(sequence),
+        debug=parse_views(",".join(debug), "debug"),
+        layers=carried,
+        progress=progress,
+        **options,
+    )
 
 
 def resolve_sequence(
@@ -322,7 +385,7 @@ class _Run:
                 self._reserve(part)
             shown = track(numbers, len(numbers), "resolving") if self._progress else numbers
             waiting = deque[Read]()
-            images = self._resolver.images(self._read(frames, len(given), waiting), half=self._half)
+            images = self._resolver.images(self._read(frames, len(given), waiting), half=self._half, planar=not in_turn)
             for done, (number, image) in enumerate(zip(shown, images, strict=False), start=1):
                 read = waiting.popleft()
                 if number in wanted:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.core.backend import Buffer
 from cltaa.core.build import Build
-from cltaa.core.planes import Layout
+from cltaa.core.planes import Layout, flat
+from cltaa.errors import UsageError
+from cltaa.frame import on_device
 
 
 class _Array:
@@ -33,6 +35,7 @@ class NumpyLauncher:
     description = "NumPy (float32 oracle)"
     shares_memory = False  # so that a twin in other numbers than those of files has its own
     takes_bands = False
+    stages = False
 
     def build(self, plan_build: Build) -> Build:
         """The build as it is: the oracle has no lanes."""
@@ -45,6 +48,26 @@ class NumpyLauncher:
     def take(self, planes: NDArray[np.float32]) -> Buffer:
         """The planes themselves."""
         return _Array(planes)
+
+    def lend(self, array: Any, held: Any) -> Any:
+        """The array's own memory."""
+        if on_device(array):
+            raise UsageError(
+                "an array of a device cannot be resolved by NumPy", cure="cltaa.Resolver(device=array.queue)"
+            )
+        return _Array(cast(NDArray[Any], flat(array)))
+
+    def receive(self, out: Any, held: Any) -> Any:
+        """The same."""
+        return self.lend(out, held)
+
+    def hand_over(self, out: Any, received: Any) -> Callable[[], object]:
+        """It is there already."""
+        return lambda: None
+
+    def empty(self, like: Any, shape: tuple[int, ...], dtype: Any) -> Any:
+        """As ``lend`` of an array of a device."""
+        return self.lend(like, None)
 
     def prepare(self, kernel: str, build: Build) -> None:
         """Nothing is built."""

@@ -1,14 +1,16 @@
-"""Twin of ``platform/storage.h`` and ``store.cl``: the formats that history and results are stored in."""
+"""Twin of ``platform/storage.h``, ``store.cl`` and ``arrays.cl``: the formats of history, results and arrays."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
+from cltaa.camera import invert
 from cltaa.core.build import Build, Record, Storage
-from cltaa.core.planes import Layout
+from cltaa.core.planes import Kind, Layout
 from cltaa.reference.real import Array, constant, quiet
 
 Words = NDArray[np.uint32]
@@ -59,18 +61,50 @@ def stored_history(v: Array, build: Build, layout: Layout, frame: Record) -> NDA
 
 
 @quiet
-def to_halves(
+def pack(
     build: Build,  # noqa: ARG001
     layout: Layout,
     *,
     image: Array,
-    halves: Array,
-    frame: Record,  # noqa: ARG001
+    target: Array,
     planes: int,
+    halves: int,
+    **places: int,
 ) -> None:
-    """Round the first ``planes`` planes of ``image`` into ``halves``, infinite from the largest half on."""
+    """Twin of ``arrays.cl``: the result as an array, rounded to ``halves``, infinite from the largest half on."""
     v = layout.inside(image)[:planes].astype(np.float32)
-    layout.inside(halves)[:planes] = np.where(np.abs(v) >= constant("HALF_LIMIT", v), v + v, v).astype(np.float16)
+    if halves:
+        v = np.where(np.abs(v) >= constant("HALF_LIMIT", v), v + v, v)
+    strided(target, v.shape, **places)[...] = v
+
+
+def unpack(
+    build: Build,  # noqa: ARG001
+    layout: Layout,
+    *,
+    source: Array,
+    target: Array,
+    planes: int,
+    kind: int,
+    below: float,
+    at: float,
+    **places: int,
+) -> None:
+    """Twin of ``arrays.cl``: planes with their halo from an array, of distances the inverse depth."""
+    inside = layout.inside(target)[:planes]
+    taken = strided(source, inside.shape, **places)
+    if kind == Kind.AS_IT_IS:
+        inside[...] = taken
+    else:
+        invert(taken.astype(np.float32, copy=False), inside, parallel=kind == Kind.PARALLEL)
+        inside[inside <= below] = at
+    layout.extend_edges(target[:planes])
+
+
+def strided(array: Array, shape: tuple[int, ...], **places: int) -> Array:
+    """The planes of that ``shape`` that lie in a flat ``array`` where kernels are told so."""
+    steps = (places[f"{axis}_step"] * array.itemsize for axis in ("plane", "row", "column"))
+    return as_strided(array[places["first"] :], shape, tuple(steps))
 
 
 def extend_edges(

@@ -9,10 +9,14 @@
 typedef LANED(float) floats;
 #define TO_FLOATS PASTE(convert_, LANED(float))
 
-// Floats as halves, rounded to the nearest, to the even one of two; what is 65520 or more becomes infinite.
+// Floats anywhere, as they are, and as halves, rounded to the nearest, to the even one of two; what is 65520 or more
+// becomes infinite.
 #if LANES == 1
+STAGE void store_floats(__global float* p, floats v) { *p = v; }
 STAGE void store_halves(__global half* p, floats v) { vstore_half_rte(v, 0, p); }
-#elif CONVERTS_HALVES
+#else
+STAGE void store_floats(__global float* p, floats v) { PASTE(vstore, LANES)(v, 0, p); }
+#if CONVERTS_HALVES
 // The roundings of these instructions: of the current one nothing is seen, since each half is a float.
 enum { NEAREST_EVEN = 0, CURRENT_ROUNDING = 4 };
 typedef LANED(short) loose_halves __attribute__((aligned(2)));
@@ -31,6 +35,7 @@ STAGE real from_halves(LANED(short) halves)
 }
 #else
 STAGE void store_halves(__global half* p, floats v) { PASTE(PASTE(vstore_half, LANES), _rte)(v, 0, p); }
+#endif
 #endif
 
 #if STORAGE_HALF

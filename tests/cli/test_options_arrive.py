@@ -16,9 +16,9 @@ import pytest
 
 from cltaa.cli import root
 from cltaa.core.build import Storage
+from cltaa.core.debug_views import View
 from cltaa.core.presets import load_preset
 from cltaa.io.numbered import OnBreak
-from cltaa.pipeline.debug_views import View
 
 SCENES = ("spinner", "wires")
 REAL = object()  # what is recorded and called all the same
@@ -52,13 +52,13 @@ COMMANDS = {
         "resolve seq -o out",
         {
             "cltaa.commands.resolve.open_input": sequence,
-            "cltaa.commands.resolve.check_declared": lambda *_: None,
-            "cltaa.commands.resolve.chosen_layers": lambda *_: ("carried",),
-            "cltaa.commands.resolve.carried_kinds": lambda *_: {},
-            "cltaa.commands.resolve.carried_compression": lambda *_: "piz",
+            "cltaa.pipeline.run.check_declared": lambda *_: None,
+            "cltaa.pipeline.run.chosen_layers": lambda *_: ("carried",),
+            "cltaa.pipeline.run.carried_kinds": lambda *_: {},
+            "cltaa.pipeline.run.carried_compression": lambda *_: "piz",
             "cltaa.commands.resolve.within_budget": lambda *_: (load_preset("fast"), Storage.HALF),
-            "cltaa.commands.resolve.resolver_for": sequence,
-            "cltaa.commands.resolve.resolve_sequence": begins,
+            "cltaa.pipeline.run.resolver_for": sequence,
+            "cltaa.pipeline.run.resolve_sequence": begins,
         },
     ),
     "inspect": Command(

@@ -9,11 +9,11 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.core.build import Storage
+from cltaa.core.debug_views import View
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect
 from cltaa.inputs.intake import OPAQUE
-from cltaa.pipeline.debug_views import View
 from cltaa.pipeline.run import ResolveReport, StageTimes
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import make_frame, write_sequence

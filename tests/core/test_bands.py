@@ -216,10 +216,10 @@ def test_no_second_image_waits_beside_a_band(tmp_path: Path, monkeypatch: pytest
     there: list[int] = []
 
     class Looking(BandedResolver):
-        def resolve(self, frame: Frame, *, half: bool = False) -> Any:
+        def resolve(self, frame: Frame, **options: Any) -> Any:
             there.append(len(list(output.glob("*.exr"))))
             assert not BLOCK_POOL._users  # nor is one kept for what comes next
-            return super().resolve(frame, half=half)
+            return super().resolve(frame, **options)
 
     def slowly(*given: Any, **named: Any) -> None:
         time.sleep(0.01)

@@ -12,6 +12,7 @@ import pytest
 from cltaa.core.bands import BandedResolver
 from cltaa.core.build import Build, Steps, settings_record
 from cltaa.core.constants import CONSTANTS, PAD_X, PAD_Y
+from cltaa.core.debug_views import View
 from cltaa.core.parameters import BoxSpace, Choices, Illumination, Rectify, Settings
 from cltaa.core.plan import plan_frame
 from cltaa.core.planes import Layout
@@ -20,7 +21,6 @@ from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame
 from cltaa.pipeline.checkpoint import Checkpoints
 from cltaa.pipeline.debug import DebugViews
-from cltaa.pipeline.debug_views import View
 from cltaa.reference.illumination import IlluminationResult, illumination_test, stored_change
 from cltaa.reference.sampling import Footprint
 from tests.kernels.hard_planes import padded

@@ -66,7 +66,7 @@ def test_few_kernels_serve_a_sequence_whose_camera_stops_and_cuts() -> None:
         resolver.resolve(make_frame(index, camera=camera, cut=index == 6))
     # One for the steps with the camera's motion, one for those without; on a GPU one more extends edges for both.
     others = [] if launcher.device.is_cpu else ["extend_edges"]
-    assert sorted(name for name, _ in launcher._kernels) == [*others, "resolve", "resolve"]
+    assert sorted(name for name, _ in launcher._kernels) == [*others, "pack", "resolve", "resolve", "unpack"]
 
 
 def reasons(frame: Frame, previous: Camera | None) -> dict[str, tuple[bool, str]]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,10 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+import cltaa
 from cltaa.core.frame_checks import check_frame
 from cltaa.frame import Frame
 from tests.sequence_factory import make_frame, write_sequence
 
+BLOCK = r"^```python\n(.*?)^```$"
 PAGE = Path(__file__).parents[2] / "docs" / "python.md"
 
 
@@ -23,15 +27,26 @@ def test_what_the_page_says_runs(
     write_sequence(tmp_path / "corridor", 3, reference=True)
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
-    blocks = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    blocks = re.findall(BLOCK, PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     for block in blocks:
         exec(compile(block, str(PAGE), "exec"), names)
-    assert len(blocks) == 5
+    assert len(blocks) == 8
     assert names["image"].shape == (23, 37, 3)
     assert set(names["scores"]) == {"mse", "psnr", "ssim", "flip"}
     assert names["scores"]["psnr"] > 0
     assert "no such folder: the folder is missing" in capsys.readouterr().out
     check_from_engine(names["from_engine"])
+
+
+def test_the_page_names_public_names_alone_and_types_are_right(tmp_path: Path) -> None:
+    code = "\n".join(re.findall(BLOCK, PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL))
+    assert set(re.findall(r"\bcltaa\.(\w+)", code)) <= {*cltaa.__all__}
+    assert "from cltaa" not in code
+    page = tmp_path / "page.py"
+    page.write_text(code, encoding="utf-8")
+    command = [sys.executable, "-m", "mypy", "--strict", str(page)]
+    done = subprocess.run(command, cwd=PAGE.parents[1], stdout=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 0, done.stdout
 
 
 def check_from_engine(from_engine: Callable[..., Frame]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from threading import Thread, get_ident
 from typing import Any, assert_type
@@ -14,10 +15,11 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.core.bands import BandedResolver
-from cltaa.core.presets import load_preset, override
+from cltaa.core.plan import Reason
+from cltaa.core.presets import load_preset, override, preset_names
 from cltaa.core.resolver import INSIDE, Resolver
 from cltaa.errors import DataError, UsageError
-from cltaa.frame import Camera
+from cltaa.frame import Camera, Frame
 from cltaa.io.sequence import open_sequence
 from cltaa.reference.launcher import NumpyLauncher
 from tests.core.standing import still_frame
@@ -35,7 +37,7 @@ def test_wrong_shapes_are_refused() -> None:
     [
         ("colour", lambda a: (a * 50).astype(np.uint8), "expected float32, found uint8.*no linear light"),
         ("colour", lambda a: a.tolist(), "found list"),
-        ("depth", lambda _: None, "depth is no array of floats .*found NoneType"),
+        ("depth", lambda a: a.tolist(), "depth is no array of floats .*found list"),
         ("motion", lambda a: a.astype(np.int32), "motion is no array of floats .*found int32"),
         ("colour", lambda a: a[0, 0], "colour has the wrong shape"),
     ],
@@ -51,9 +53,9 @@ def test_what_is_no_picture_is_told_before_it_is_resolved(name: str, spoilt: Cal
     [
         (
             {"camera": Camera(np.eye(4), make_camera().view_to_clip.T)},
-            "frame 1: matrix cltaa:viewToClip has a wrong",
+            "frame 1: camera.view_to_clip has a wrong",
         ),
-        ({"camera": Camera(np.full((4, 4), np.nan), make_camera().view_to_clip)}, "cltaa:worldToView holds NaN"),
+        ({"camera": Camera(np.full((4, 4), np.nan), make_camera().view_to_clip)}, "camera.world_to_view holds NaN"),
         ({"camera": Camera(np.eye(3), make_camera().view_to_clip)}, r"is no 4 x 4 matrix \(found \[3, 3\]\)"),
         ({"camera": Camera([[1.0]], make_camera().view_to_clip)}, r"is no 4 x 4 matrix \(found list\)"),  # type: ignore[arg-type]
         ({"jitter_px": (40.0, 0.0)}, r"no jitter \(expected two numbers of less than 2 pixels, found \(40.0, 0.0\)\)"),
@@ -68,10 +70,10 @@ def test_what_is_no_picture_is_told_before_it_is_resolved(name: str, spoilt: Cal
         ({"colour": np.zeros((3, 23, 37), np.float32)}, "put the axis of the channels last"),
         ({"colour": np.zeros((23, 37), np.float32)}, "colour has the wrong shape"),
         ({"colour": np.zeros((0, 37, 3), np.float32)}, "at least one pixel"),
-        ({"exposure": 0.0}, "cltaa:exposure is no exposure"),
+        ({"exposure": 0.0}, "frame 1: exposure is no exposure"),
         ({"exposure": None}, r"frame 1: exposure is wrong \(expected a number, found NoneType\)"),
         ({"exposure": "1"}, "exposure is wrong .*found '1'"),
-        ({"camera": None}, "camera is wrong .*expected a cltaa.Camera"),
+        ({"camera": 3}, "camera is wrong .*expected a cltaa.Camera"),
         ({"index": "1"}, r"index is wrong \(expected a whole number, found '1'\)"),
         ({"index": 1.5}, "index is wrong"),
         ({"cut": "no"}, r"cut is wrong \(expected True or False, found 'no'\)"),
@@ -110,26 +112,29 @@ def test_a_second_thread_in_one_resolver_is_refused(monkeypatch: pytest.MonkeyPa
     with monkeypatch.context() as patch:
         patch.setattr(resolver.launcher, "finish", in_the_midst)
         first = resolver.resolve(still_frame(0))
-    assert told == ["two threads use one resolver at once; frames come in order: take one a thread"]
-    assert np.array_equal(bits(first), bits(still_frame(0).colour))
+    times = len(told)  # as often as it waits for the device
+    assert set(told) == {"two threads use one resolver at once; frames come in order: take one a thread"}
+    assert np.array_equal(bits(first), bits(Resolver(device="numpy").resolve(still_frame(0))))
     in_the_midst()  # after the other it may
-    assert len(told) == 1
+    assert len(told) == times
     vars(resolver)[INSIDE] = get_ident()  # as an interrupt may leave it
     assert resolver.resolve(still_frame(2)).shape == first.shape
     in_the_midst()
-    assert len(told) == 1
+    assert len(told) == times
 
 
 @pytest.mark.parametrize("kind", [Resolver, BandedResolver])
 def test_every_method_refuses_a_second_thread(kind: type[Resolver]) -> None:
-    """But those that say what it is made of, which do not change."""
     resolver = Resolver(device="numpy")
     methods = {name for name, _ in inspect.getmembers(kind, inspect.isfunction) if not name.startswith("_")}
     assert {"resolve", "reset", "restore", "release", "reserve", "reopen"} <= methods
-    for name in methods - {"settings"}:
+    for name in methods:
         vars(resolver)[INSIDE] = get_ident() + 1
+        given: list[Any] = {"feed": [make_frame(0)]}.get(name, [])
+        frames = [[make_frame(0)]] if name in ("images", "resolve_many") else []
+        method = partial(getattr(kind, name), resolver, *given, *frames)
         with pytest.raises(UsageError, match="two threads use one resolver at once"):
-            getattr(kind, name)(resolver)
+            list(method() if frames else [method()])
 
 
 def test_a_device_may_be_named_by_its_number_and_a_launcher_shared() -> None:
@@ -174,12 +179,176 @@ def test_unknown_names_are_refused() -> None:
 @pytest.mark.parametrize("half", [False, True])
 def test_a_type_checker_knows_what_a_result_is_made_of(half: bool) -> None:
     """``assert_type`` is for mypy, which looks at these files too (sh scripts/check)."""
-    resolver, frame = Resolver(device="numpy"), still_frame(0)
-    floats = assert_type(resolver.resolve(frame), NDArray[np.float32])
-    halves = assert_type(resolver.resolve(frame, half=True), NDArray[np.float16])
-    either = assert_type(resolver.resolve(frame, half=half), NDArray[np.float32] | NDArray[np.float16])
+    resolver, frames = Resolver(device="numpy"), [still_frame(index) for index in range(4)]
+    floats = assert_type(resolver.resolve(frames[0]), NDArray[np.float32])
+    halves = assert_type(resolver.resolve(frames[1], half=True), NDArray[np.float16])
+    either = assert_type(resolver.resolve(frames[2], half=half), NDArray[np.float32] | NDArray[np.float16])
+    buffer: NDArray[np.float16] = np.empty((23, 37, 3), np.float16)
+    assert assert_type(resolver.resolve(frames[3], out=buffer), NDArray[np.float16]) is buffer
     assert [image.dtype for image in (floats, halves, either)] == [
         np.float32,
         np.float16,
         (np.float32, np.float16)[half],
     ]
+
+
+NO_DEPTH: dict[str, Any] = {"depth": None}  # what a Frame takes, and has no attribute like
+
+
+@pytest.mark.parametrize("preset", [name for name in preset_names() if not load_preset(name).settings.look_ahead])
+def test_without_depth_all_is_as_far_as_the_sky(preset: str) -> None:
+    """To the bit, though the steps that read depth do not run."""
+    bare, told = Resolver(preset, "numpy"), Resolver(preset, "numpy")
+    for index in range(3):
+        frame = make_frame(index, camera=make_camera((0.2 * index, 0.0, 5.0)), motion=True, effects=None)
+        sky = replace(frame, depth=np.full(frame.depth.shape, np.inf, np.float32))
+        assert np.array_equal(bits(bare.resolve(replace(frame, **NO_DEPTH))), bits(told.resolve(sky)))
+    assert bare.plan is not None
+    assert Reason("rejection", False, "no depth") in bare.plan.reasons
+
+
+def test_colour_alone_is_enough() -> None:
+    bare, told, size = Resolver(device="numpy"), Resolver(device="numpy"), (23, 37)
+    for index in range(3):
+        frame = make_frame(index, camera=make_camera(), effects=None)
+        still = replace(frame, depth=np.full(size, np.inf, np.float32), jitter_px=(0.0, 0.0))
+        image = bare.resolve(Frame(index, frame.colour))
+        assert np.array_equal(bits(image), bits(told.resolve(still)))
+        assert image.flags.c_contiguous
+    assert bare.plan is not None
+    assert Reason("reprojection", False, "no camera") in bare.plan.reasons
+    assert repr(Frame(1, frame.colour)) == "Frame(1: 37 x 23, colour)"
+
+
+@pytest.mark.parametrize("left_out", ["depth", "camera"])
+def test_what_comes_or_goes_starts_a_new_history(left_out: str) -> None:
+    plain = load_preset().replace(current_filter="none")
+    resolver = Resolver(plain, "numpy")
+    resolver.resolve(make_frame(0))
+    changes: dict[str, Any] = {left_out: None}
+    frame = replace(make_frame(1), **changes)
+    assert np.array_equal(bits(resolver.resolve(frame)), bits(frame.colour))
+
+
+@pytest.mark.parametrize(
+    ("depth", "found"),
+    [
+        (lambda a: -a, r"depth is no distance anywhere .*found -\S+ to -\S+\); it is positive before the camera"),
+        (lambda a: np.where(np.isinf(a), a, -a), "it is positive before the camera: depth=-depth"),
+        (lambda a: a * np.float32(np.nan), r"found NaN\); the sky is np.inf"),
+        (np.zeros_like, "found 0 to 0"),
+    ],
+)
+def test_depth_that_is_no_distance_is_refused(depth: Callable[[Any], Any], found: str) -> None:
+    frame = make_frame(0)
+    with pytest.raises(DataError, match=found):
+        Resolver(device="numpy").resolve(replace(frame, depth=depth(frame.depth)))
+
+
+def test_one_pixel_of_depth_is_enough() -> None:
+    """Where all that is looked at first says nothing the rest is looked at too."""
+    frame = make_frame(0, width=301, height=203)
+    depth = np.full_like(frame.depth, np.nan)
+    depth[1, 1] = 4.0
+    Resolver(device="numpy").resolve(replace(frame, depth=depth))
+
+
+def test_infinite_motion_is_told() -> None:
+    frame = make_frame(0, motion=True)
+    assert frame.motion is not None
+    frame.motion[3, 3] = np.inf, 0.0
+    with pytest.warns(UserWarning, match="motion is infinite in places"):
+        Resolver(device="numpy").resolve(frame)
+
+
+def test_an_index_that_stands_still_is_refused() -> None:
+    resolver = Resolver(device="numpy")
+    resolver.resolve(make_frame(5))
+    with pytest.raises(UsageError, match=r"index is 5 twice in a row.*1 apart"):
+        resolver.resolve(make_frame(5))
+    resolver.resolve(make_frame(5, cut=True))
+    resolver.reset()
+    resolver.resolve(make_frame(5))
+
+
+def test_a_result_may_lie_in_memory_of_the_caller() -> None:
+    fresh, resolver = Resolver(device="numpy"), Resolver(device="numpy")
+    buffers = [
+        np.empty((23, 37, 4), np.float32),
+        np.moveaxis(np.empty((4, 23, 37), np.float32), 0, -1),
+        np.empty((46, 37, 4), np.float32)[::-2],
+    ]
+    for index, out in enumerate(buffers):
+        frame = make_frame(index, alpha=True)
+        assert resolver.resolve(frame, out=out) is out
+        assert np.array_equal(bits(out.copy()), bits(fresh.resolve(frame)))
+
+
+@pytest.mark.parametrize(
+    ("out", "found"),
+    [
+        (np.empty((23, 37, 4), np.float32), r"out cannot hold the result .*\(23, 37, 3\), found float32 \(23, 37, 4\)"),
+        (np.empty((23, 37, 3)), "found float64"),
+        ([], "found list"),
+        (np.broadcast_to(np.float32(0), (23, 37, 3)), "cannot be written to"),
+    ],
+)
+def test_what_cannot_hold_a_result_is_refused(out: Any, found: str) -> None:
+    with pytest.raises(UsageError, match=found):
+        Resolver(device="numpy").resolve(make_frame(0), out=out)
+
+
+class Lent:
+    """What another library's array says of itself."""
+
+    def __init__(self, array: NDArray[Any], *, fails: bool = False) -> None:
+        self._array, self._fails = array, fails
+
+    def __dlpack__(self, **asked: Any) -> Any:
+        """Lend it."""
+        if self._fails:
+            raise BufferError("requires grad")
+        return self._array.__dlpack__(**asked)
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        """Tell where it is."""
+        return self._array.__dlpack_device__()
+
+
+def test_arrays_of_other_libraries_are_taken_where_they_are() -> None:
+    frame = make_frame(0, motion=True)
+    lent = replace(frame, colour=Lent(frame.colour), motion=Lent(frame.motion))  # type: ignore[arg-type]
+    assert np.shares_memory(lent.colour, frame.colour)
+    assert np.array_equal(Resolver(device="numpy").resolve(lent), Resolver(device="numpy").resolve(frame))
+    with pytest.raises(DataError, match=r"colour cannot be shared: requires grad \(found Lent\)"):
+        replace(frame, colour=Lent(frame.colour, fails=True))  # type: ignore[arg-type]
+
+
+def test_the_last_frame_shows_what_was_decided() -> None:
+    resolver = Resolver(device="numpy")
+    with pytest.raises(ValueError, match="nothing was resolved"):
+        resolver.debug("count")
+    resolver.resolve(make_frame(0))
+    found = resolver.debug("count", "motion")
+    assert {name: image.shape for name, image in found.items()} == {"count": (23, 37), "motion": (23, 37, 2)}
+    assert (found["count"] == 1).all()
+    with pytest.raises(UsageError, match=r"debug: unknown view cont; did you mean count\?"):
+        resolver.debug("cont")
+
+
+def test_a_preset_is_changed_by_its_keys() -> None:
+    assert load_preset().replace(box_scale_static=2, box="variance").settings.box_scale_static == 2.0
+    with pytest.raises(UsageError, match="preset default: unknown key boxx; did you mean box"):
+        load_preset().replace(boxx=1)
+
+
+def test_looking_ahead_needs_no_depth_either() -> None:
+    """What waits is held without its pixels, and tells still whether a depth was given."""
+    for changes in ({}, NO_DEPTH):
+        resolver = Resolver("gather-8", "numpy", look_ahead=2)
+        frames = [replace(make_frame(index), **changes) for index in range(4)]
+        images = list(resolver.images(frames))
+        assert resolver.plan is not None
+        assert (Reason("rejection", False, "no depth") in resolver.plan.reasons) == bool(changes)
+        assert all(image.flags.c_contiguous for image in images)
+        assert len(images) == 4

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from cltaa.core.backend import Launcher
-from cltaa.core.buffers import fill
 from cltaa.core.build import Storage
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.resolver import Resolver
@@ -63,7 +62,9 @@ def looped(resolver: Resolver, images: Sequence[Image], count: int) -> Image:
     shown = []
     for image in images:
         shown.append(launcher.allocate((3, layout.rows, layout.stride), np.float32))
-        fill(shown[-1], layout, np.moveaxis(image, -1, 0))
+        with shown[-1].mapped(write=True) as planes:
+            layout.inside(planes)[...] = np.moveaxis(image, -1, 0)
+            layout.extend_edges(planes)
     for index in range(3, count):
         for read, written in (("history", "output"), ("history_count", "output_count")):
             arguments[read], arguments[written] = arguments[written], arguments[read]

@@ -12,14 +12,15 @@ import pytest
 from PIL import Image as Pillow
 
 from cltaa.cli import main
+from cltaa.core.debug import Reason
+from cltaa.core.debug_views import View, are_views, parse_views
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Camera, Effect, Frame, Image
 from cltaa.io.exr_read import read_image
 from cltaa.io.sequence import open_images
-from cltaa.pipeline.debug import COLOURS, DebugViews, Reason, view_picture
-from cltaa.pipeline.debug_views import View, are_views, parse_views
+from cltaa.pipeline.debug import COLOURS, DebugViews, view_picture
 from tests.core.standing import panned
 from tests.sequence_factory import bits, make_camera, make_frame, write_sequence
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -69,11 +70,11 @@ def test_a_stopped_run_goes_on_to_the_same_bits_without_a_checkpoint(folder: Pat
     class Stopped(Resolver):
         left = 4
 
-        def _next(self, *, half: bool) -> Image:
+        def _next(self, **options: Any) -> Image:
             self.left -= 1
             if self.left < 0:
                 raise KeyboardInterrupt
-            return super()._next(half=half)
+            return super()._next(**options)
 
     with pytest.raises(KeyboardInterrupt):
         resolve_sequence(sequence, output, Stopped(LOOKING, "numpy"), checkpoint_every=1)

@@ -58,11 +58,11 @@ class Watched(Resolver):
         self.reserved.append(alpha)
         super().reserve(width, height, alpha=alpha, half=half)
 
-    def resolve(self, frame: Frame, *, half: bool = False) -> Any:
+    def resolve(self, frame: Frame, **options: Any) -> Any:
         failing, self.failing = self.failing, None if frame.index == 4 else self.failing
         if failing is not None and frame.index == 4:
             raise failing
-        return super().resolve(frame, half=half)
+        return super().resolve(frame, **options)
 
 
 @pytest.mark.parametrize("effects", ["auto", "all", frozenset({Effect.ALPHA}), frozenset({Effect.CAMERA})])
@@ -162,9 +162,9 @@ def test_each_frame_is_let_go_once_it_is_resolved(tmp_path: Path) -> None:
     held: list[bool] = []
 
     class Holding(Resolver):
-        def resolve(self, frame: Any, *, half: bool = False) -> Any:
+        def resolve(self, frame: Any, **options: Any) -> Any:
             self.block = weakref.ref(block_of(frame.colour))
-            return super().resolve(frame, half=half)
+            return super().resolve(frame, **options)
 
         def release(self) -> None:
             held.append(self.block() is not None)

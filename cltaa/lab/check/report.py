@@ -207,7 +207,7 @@ def check_folder(
     *,
     profile: str = "auto",
     assignments: Sequence[str] = (),
-    side_file: Path | None = None,
+    side_file: str | Path | None = None,
     frames: int | FrameRange = FRAMES,
     step: int = 1,
 ) -> tuple[Report, Profile]:
@@ -217,6 +217,7 @@ def check_folder(
     counts. What is wrong is read again as it is right, since a wrong depth hides a wrong jitter. Files that cannot be
     read are findings, and left out. Raises what opening raises, and reading where no frame can be read.
     """
+    side_file = None if side_file is None else Path(side_file)
     count, only = (frames, None) if isinstance(frames, int) else (None, frames)
     place = selection_of(named)
     damaged = damaged_files(file_sets(place))

@@ -55,8 +55,8 @@ def test_a_scene_that_calls_for_what_it_gets(tmp_path: Path) -> None:
 
 def test_a_step_that_changes_a_bit_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Tainted(Resolver):
-        def resolve(self, frame: Frame, *, half: bool = False) -> Any:
-            image = super().resolve(frame, half=half)
+        def resolve(self, frame: Frame, **options: Any) -> Any:
+            image = super().resolve(frame, **options)
             return image + np.float32(2.0**-20 if self.every_step else 0.0)
 
     monkeypatch.setattr(bench, "Resolver", Tainted)

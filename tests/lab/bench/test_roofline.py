@@ -81,7 +81,10 @@ def test_the_operations_are_those_of_the_twin() -> None:
     """Of one that can be counted by hand: a comparison and an addition for each of three planes, halo or none."""
     layout, twins = Layout(20, 9), CountingTwins()
     image, halves = layout.zeros(3), layout.zeros(3, np.float16)
-    twins.run("to_halves", Build(), layout, {"image": image, "halves": halves, "frame": None, "planes": 3})
+    steps = {"first": 0, "row_step": layout.stride, "column_step": 1, "plane_step": layout.plane}
+    twins.run(
+        "pack", Build(), layout, {"image": image, "target": halves.reshape(-1), "planes": 3, "halves": 1, **steps}
+    )
     assert twins.done == {"greater_equal": 3, "add": 3}
 
 

@@ -54,7 +54,7 @@ def running(plan: SequencePlan) -> list[tuple[int, int, bool, set[str]]]:
 
 
 def test_a_camera_that_stops_and_a_cut_make_spans(walk: Path) -> None:
-    plan = cltaa.plan(cltaa.open_sequence(walk), device="numpy", rounds=0)
+    plan = cltaa.plan(cltaa.open(walk), device="numpy", rounds=0)
     moving = {"reprojection", "reactive", "illumination change"}
     assert running(plan) == [(0, 2, True, moving), (3, 4, False, moving - {"reprojection"}), (5, 6, True, moving)]
     assert plan.kernels == 2
@@ -102,7 +102,7 @@ def test_no_other_step_is_turned_with_one(name: str, effects: frozenset[Effect] 
     ],
 )
 def test_rectification_runs_where_the_kernel_has_it(walk: Path, preset: str, on: bool, why: str) -> None:
-    found = cltaa.plan(cltaa.open_sequence(walk), preset, device="numpy", rounds=0)
+    found = cltaa.plan(cltaa.open(walk), preset, device="numpy", rounds=0)
     told = [(step.on, step.why) for step in found.sections[0].steps if step.name == "rectification"]
     assert told == [(on, why)]
 
@@ -117,14 +117,14 @@ def test_rectification_runs_where_the_kernel_has_it(walk: Path, preset: str, on:
     ],
 )
 def test_a_step_that_a_preset_does_without_is_laid_to_the_preset(walk: Path, preset: str, without: set[str]) -> None:
-    found = cltaa.plan(cltaa.open_sequence(walk), preset, device="numpy", rounds=0, effects="all")
+    found = cltaa.plan(cltaa.open(walk), preset, device="numpy", rounds=0, effects="all")
     off = [step.why for step in found.sections[0].steps if not step.on]
     assert {why.split()[3] for why in off if why.startswith("the preset says ")} == without
     assert not any("any may occur" in why for why in off)
 
 
 def test_all_and_named_effects(walk: Path) -> None:
-    sequence = cltaa.open_sequence(walk)
+    sequence = cltaa.open(walk)
     (first, second) = cltaa.plan(sequence, device="numpy", rounds=0, effects="all").sections
     assert all(step.on != (step.name == "rectification") for section in (first, second) for step in section.steps)
     assert (first.first, first.last, second.first, second.last) == (0, 4, 5, 6)
@@ -133,7 +133,7 @@ def test_all_and_named_effects(walk: Path) -> None:
 
 
 def test_every_step_is_timed_on_and_off(walk: Path) -> None:
-    plan = cltaa.plan(cltaa.open_sequence(walk), device="numpy", rounds=3)
+    plan = cltaa.plan(cltaa.open(walk), device="numpy", rounds=3)
     for section in plan.sections:
         assert section.milliseconds is not None
         assert section.every_milliseconds is not None

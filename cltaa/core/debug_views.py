@@ -1,4 +1,4 @@
-"""Names of what ``cltaa resolve --debug`` can show of each pixel; ``cltaa.pipeline.debug`` draws them."""
+"""Names of what ``cltaa resolve --debug`` can show of each pixel; ``cltaa.core.debug`` finds it out."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def are_views(text: str) -> bool:
     return any(closest(name, View) for name in names) and (len(names) > 1 or not Path(text).exists())
 
 
-def parse_views(text: str) -> tuple[View, ...]:
+def parse_views(text: str, origin: str = "--debug") -> tuple[View, ...]:
     """Views named in a comma-separated list, none for an empty text; raises UsageError for an unknown name."""
     names = _split(text)
     for name in names:
         if name not in [*View]:
-            raise UsageError(f"--debug: unknown view {name}", cure=known(name, View, "views"))
+            raise UsageError(f"{origin}: unknown view {name}", cure=known(name, View, "views"))
     return tuple(View(name) for name in dict.fromkeys(names))
 
 

@@ -1,0 +1,160 @@
+"""What the resolve decided at each pixel: the stage kernels, run beside the fused one on the same memory when asked.
+
+The fused kernel holds nothing of this; the stages are its own functions one at a time (docs/design.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from cltaa.core.backend import Buffer, Launcher
+from cltaa.core.buffers import LastRun
+from cltaa.core.build import Build
+from cltaa.core.debug_views import View
+from cltaa.core.parameters import Rectify, Reject
+from cltaa.frame import Image
+
+Planes = NDArray[Any]  # [planes, H, W]
+MOST_REACTIVE = 0.5  # share from which REACTIVE is said
+
+
+class Reason(IntEnum):
+    """Why history was dropped, the first that applies."""
+
+    KEPT = 0
+    NO_HISTORY = 1  # first frame, cut, gap, other size
+    OFF_SCREEN = 2  # it lies outside the previous image, or behind the previous camera
+    BAD_TEXEL = 3  # it is NaN, or beyond the domain
+    DEPTH = 4  # it shows another surface
+    REACTIVE = 5  # half of it or more, because the reactive mask says so
+
+
+def decided(launcher: Launcher, last: LastRun, views: Iterable[View]) -> dict[str, Image]:
+    """Each of ``views`` of the frame that was resolved ``last``, [H, W] float32, of motion [H, W, 2]."""
+    stages = _Stages(launcher, last)
+    gathers = "ring" in last.arguments
+    drawn: dict[View, Callable[[], Image]] = {
+        View.REJECT: lambda: (_reasons_gathered(stages) if gathers else _reasons(stages)).astype(np.float32),
+        View.COUNT: lambda: stages.read(last.arguments["output_count"])[0],
+        View.MOTION: lambda: np.moveaxis(stages.read(stages.motion)[:2], 0, -1),
+        View.CLIP: lambda: _clip_gathered(stages) if gathers else _clip_distance(stages),
+    }
+    return {view.value: drawn[view]() for view in views}
+
+
+class _Stages:
+    """The chain of stage kernels on what the fused kernel was given."""
+
+    def __init__(self, launcher: Launcher, last: LastRun) -> None:
+        self._launcher, self._last = launcher, last
+        self.shape = (last.layout.height, last.layout.width)
+        self.motion = self.run("surface_motion", last.build, 7, "motion_out", "current inverse_depth motion", {})
+
+    def run(self, kernel: str, build: Build, planes: int, output: str, given: str, made: dict[str, Buffer]) -> Buffer:
+        """Run one kernel with what the fused one was ``given`` and what earlier stages ``made`` into new memory."""
+        layout, arguments = self._last.layout, self._last.arguments
+        written = self._launcher.allocate((planes, layout.rows, layout.stride))
+        structs = "frame" if kernel == "neighbourhood_statistics" else "frame settings"
+        known = {name: arguments[name] for name in f"{given} {structs}".split()}
+        self._launcher.run(kernel, build, layout, {**known, **made, output: written})
+        self._launcher.finish()
+        return written
+
+    def history(self, build: Build, **made: Buffer) -> Buffer:
+        """The history at the motion: r, g, b, alpha, count, fx, fy, valid, illumination change."""
+        given = " ".join({"current", "history", "history_count", "previous_inverse_depth"} - made.keys())
+        return self.run("sample_history", build, 9, "history_at", given, {"motion_in": self.motion, **made})
+
+    def read(self, buffer: Buffer) -> Planes:
+        """The planes of a buffer without their halo."""
+        with buffer.mapped(write=False) as planes:
+            inside: Planes = self._last.layout.inside(planes).astype(np.float32)
+        return inside
+
+    def valid(self, build: Build, **made: Buffer) -> NDArray[np.bool_]:
+        """Where that history can be used, [H, W]."""
+        valid: NDArray[np.bool_] = self.read(self.history(build, **made))[7] > 0.5
+        return valid
+
+    def gather(self, build: Build) -> Planes:
+        """The colour that gathering gives with another build, [3, H, W]."""
+        layout, arguments = self._last.layout, self._last.arguments
+        made = {name: self.blank(name) for name in ("output", "output_count")}
+        self._launcher.run("gather", build, layout, {**arguments, **made})
+        self._launcher.finish()
+        return self.read(made["output"])[:3]
+
+    def given(self, name: str) -> Any:
+        """An argument of the fused kernel."""
+        return self._last.arguments[name]
+
+    @property
+    def build(self) -> Build:
+        """The build of the fused kernel."""
+        return self._last.build
+
+    def blank(self, name: str) -> Buffer:
+        """New memory like that of an argument; as a history it is black, and so has no bad texel."""
+        layout = self._last.layout
+        with self._last.arguments[name].mapped(write=False) as planes:
+            count, dtype = len(planes), planes.dtype
+        return self._launcher.allocate((count, layout.rows, layout.stride), dtype)
+
+
+def _reasons(stages: _Stages) -> NDArray[np.int64]:
+    """A Reason a pixel, by running the history stage with one cause of rejection after another taken away."""
+    if stages.given("frame")["reset"]:
+        return np.full(stages.shape, Reason.NO_HISTORY.value)
+    without_depth = replace(stages.build, choices=replace(stages.build.choices, reject=Reject.NONE))
+    kept = stages.valid(stages.build)
+    sound = stages.valid(without_depth)
+    seen = stages.valid(without_depth, history=stages.blank("history"))
+    reasons = np.select([kept, ~seen, ~sound], [Reason.KEPT, Reason.OFF_SCREEN, Reason.BAD_TEXEL], Reason.DEPTH)
+    return _with_reactive(reasons, stages)
+
+
+def _reasons_gathered(stages: _Stages) -> NDArray[np.int64]:
+    """A Reason a pixel that gathers samples: where not one of the frames in the ring had one, why the latest had
+    none."""
+    if stages.given("frames") == 0:
+        return np.full(stages.shape, Reason.NO_HISTORY.value)
+    count = stages.read(stages.given("output_count"))[0]
+    u, v = stages.read(stages.motion)[:2]
+    y, x = np.mgrid[: stages.shape[0], : stages.shape[1]] + 0.5
+    inside = (x + u >= 0) & (y + v >= 0) & (x + u < stages.shape[1]) & (y + v < stages.shape[0])
+    return _with_reactive(np.select([count > 1, ~inside], [Reason.KEPT, Reason.OFF_SCREEN], Reason.DEPTH), stages)
+
+
+def _with_reactive(reasons: NDArray[np.int64], stages: _Stages) -> NDArray[np.int64]:
+    reactive = stages.given("reactive")
+    if reactive is not None:
+        reasons[(reasons == Reason.KEPT) & (stages.read(reactive)[0] >= MOST_REACTIVE)] = Reason.REACTIVE
+    return reasons
+
+
+def _clip_gathered(stages: _Stages) -> Image:
+    """Length of the change that rectification makes to the result, linear colour: where there is any, gather twice."""
+    if stages.build.choices.rectify is Rectify.NONE:
+        return np.zeros(stages.shape, np.float32)
+    free = replace(stages.build, choices=replace(stages.build.choices, rectify=Rectify.NONE))
+    change = stages.gather(stages.build) - stages.gather(free)
+    distance: Image = np.sqrt((change**2).sum(0))
+    return distance
+
+
+def _clip_distance(stages: _Stages) -> Image:
+    """Length of the change that rectification made, in the range that the preset blends in; 0 without history."""
+    statistics = stages.run(
+        "neighbourhood_statistics", stages.build, 15, "statistics_out", "current inverse_depth motion", {}
+    )
+    history = stages.history(stages.build)
+    made = {"statistics_in": statistics, "motion_in": stages.motion, "history_at": history}
+    change = stages.read(stages.run("rectify_history", stages.build, 6, "change_out", "", made))[:3]
+    distance: Image = np.sqrt((change**2).sum(0))
+    return np.where(stages.read(history)[7] > 0.5, distance, np.float32(0))

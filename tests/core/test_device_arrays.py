@@ -1,0 +1,156 @@
+"""Frames and results in memory of the device: the bits are those of NumPy's arrays, and nothing comes to the host."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+import pyopencl.array as cl_array
+import pytest
+
+from cltaa.core.resolver import Resolver
+from cltaa.errors import UsageError
+from cltaa.frame import Frame
+from cltaa.opencl import device
+from cltaa.opencl.device import Memory, choose_device
+from cltaa.opencl.launcher import DeviceLauncher
+from tests.sequence_factory import bits, make_camera, make_frame
+
+
+@pytest.fixture(scope="module")
+def queue() -> cl.CommandQueue:
+    return cl.CommandQueue(cl.Context([choose_device()]))
+
+
+def frame_of(index: int) -> Frame:
+    camera = make_camera((0.2 * index, 0.0, 5.0))
+    return make_frame(index, width=160, height=40, camera=camera, motion=True, alpha=True, reactive=True, effects=None)
+
+
+def on(queue: cl.CommandQueue, frame: Frame, dtype: type[Any] = np.float32) -> Frame:
+    """The frame with its arrays on the device."""
+    names = ("colour", "depth", "motion", "alpha", "reactive")
+    arrays: dict[str, Any] = {name: cl_array.to_device(queue, getattr(frame, name).astype(dtype)) for name in names}
+    return replace(frame, **arrays)
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_what_is_on_the_device_stays_there(queue: cl.CommandQueue, half: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    there, here = Resolver(device=queue), Resolver()
+    for index in range(3):
+        frame = frame_of(index)
+        given = on(queue, frame)
+        with monkeypatch.context() as patch:
+            if index:  # the first frame builds kernels, and waits
+                for name in ("mapped", "upload", "download"):
+                    patch.setattr(Memory, name, None)
+                patch.setattr(there.launcher, "finish", None)
+            image: Any = there.resolve(given, half=half)
+        assert isinstance(image, cl_array.Array)
+        assert np.array_equal(bits(image.get()), bits(here.resolve(frame, half=half)))
+
+
+def test_halves_are_the_floats_that_they_round_to(queue: cl.CommandQueue) -> None:
+    there, here = Resolver(device=queue), Resolver()
+    for index in range(2):
+        given = on(queue, frame_of(index), np.float16)
+        arrays = {name: getattr(given, name).get() for name in ("colour", "depth", "motion", "alpha", "reactive")}
+        found: Any = there.resolve(given)
+        floats = {name: array.astype(np.float32) for name, array in arrays.items()}
+        assert np.array_equal(bits(found.get()), bits(here.resolve(replace(frame_of(index), **floats))))
+
+
+def test_a_result_goes_to_the_array_that_is_given(queue: cl.CommandQueue) -> None:
+    """Or from the device to the host, or from the host to the device, planar as well."""
+    there, here = Resolver(device=queue), Resolver()
+    memory = cl_array.zeros(queue, 2 * 4 * 40 * 160, np.float32)
+    planar = memory[4 * 40 * 160 :].reshape(4, 40, 160).transpose((1, 2, 0))
+    host = np.empty((40, 160, 4), np.float32)
+    for index, (out, moved) in enumerate(((planar, True), (planar, False), (host, True), (host, False))):
+        frame = frame_of(index)
+        found: Any = there.resolve(on(queue, frame) if moved else frame, out=out)
+        assert found is out
+        image = np.moveaxis(memory.get()[4 * 40 * 160 :].reshape(4, 40, 160), 0, -1) if out is planar else host
+        assert np.array_equal(bits(image.copy()), bits(here.resolve(frame)))
+    assert not memory.get()[: 4 * 40 * 160].any()
+
+
+@pytest.mark.parametrize("in_order", [False, True])
+def test_another_queue_of_the_context_is_waited_for(queue: cl.CommandQueue, in_order: bool) -> None:
+    any_order = cl.command_queue_properties.OUT_OF_ORDER_EXEC_MODE_ENABLE
+    other = cl.CommandQueue(queue.context) if in_order else cl.CommandQueue(queue.context, properties=any_order)
+    there, here = Resolver(device=queue if in_order else other), Resolver()
+    for index in range(3):
+        given = on(other, frame_of(index))
+        zero, frame = cl_array.zeros(other, given.colour.shape, np.float32), frame_of(index)
+        changes: dict[str, Any] = {"colour": zero}
+        before = cl.UserEvent(queue.context)
+        cl.enqueue_barrier(other, wait_for=[before])
+        zero += given.colour  # held up by the barrier, as a renderer's kernels may be
+        if not index:  # the first frame builds kernels, and waits
+            before.set_status(cl.command_execution_status.COMPLETE)
+        found: Any = there.resolve(replace(given, **changes))
+        if index:
+            before.set_status(cl.command_execution_status.COMPLETE)
+        assert found.queue == other
+        doubled = found + found
+        assert np.array_equal(doubled.get(), 2 * here.resolve(frame))
+
+
+@pytest.mark.parametrize("preset", ["default", "gather-8"])
+def test_a_device_with_memory_of_its_own_gives_the_same_bits(preset: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Through pinned memory, in pieces, as on a GPU."""
+    here = Resolver(preset)
+    monkeypatch.setattr(device, "PART", 4096)
+    launcher = DeviceLauncher()
+    launcher.device.shares_memory = launcher.shares_memory = False
+    launcher.stages = True
+    apart, out = Resolver(preset, launcher), np.moveaxis(np.zeros((4, 40, 160), np.float16), 0, -1)
+    for index in range(4):
+        frame = frame_of(index)
+        expected = here.resolve(frame, half=index == 2)
+        image = apart.resolve(frame, out=out) if index == 2 else apart.resolve(frame)
+        assert np.array_equal(bits(image.copy()), bits(expected.copy()))
+
+
+@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.parametrize("half", [False, True])
+def test_many_frames_are_as_each_of_them(own: bool, half: bool) -> None:
+    """Where a device has memory of its own, though frames change their arrays as soon as the next is asked for."""
+    launcher = DeviceLauncher()
+    launcher.device.shares_memory = launcher.shares_memory = not own
+    launcher.stages = own
+    one, many = Resolver(), Resolver(device=launcher)
+
+    def rendered() -> Iterator[Frame]:
+        colour = np.empty((40, 160, 3), np.float32)
+        for index in range(6):
+            frame = frame_of(index)
+            colour[...] = frame.colour
+            yield replace(frame, colour=colour)
+            colour[...] = np.nan
+
+    images = list(many.resolve_many(rendered(), half=half))
+    expected = [one.resolve(frame_of(index), half=half) for index in range(6)]
+    assert len(images) == len({id(image) for image in images}) == 6
+    assert all(np.array_equal(bits(image), bits(image2)) for image, image2 in zip(images, expected, strict=True))
+
+
+def test_arrays_are_let_go_of_at_the_end_of_a_frame() -> None:
+    resolver = Resolver()
+    colour = np.zeros((40, 160, 3), np.float32)
+    resolver.resolve(Frame(0, colour))
+    image = resolver.resolve(Frame(1, colour))
+    assert sys.getrefcount(colour) == sys.getrefcount(image) == 2
+
+
+def test_what_is_elsewhere_is_refused(queue: cl.CommandQueue) -> None:
+    given = on(queue, frame_of(0))
+    with pytest.raises(UsageError, match=r"another OpenCL context; cltaa.Resolver\(device=array.queue\)"):
+        Resolver().resolve(given)
+    with pytest.raises(UsageError, match="cannot be resolved by NumPy"):
+        Resolver(device="numpy").resolve(given)
