@@ -12,10 +12,13 @@ STAGE float taken(float v, int kind, float below, float at)
     if (kind == AS_IT_IS)
         return v;
     if (kind != PERSPECTIVE)
-        return isfinite(v) ? -v : -0x1p50f;
+        return fabs(v) < INFINITY ? -v : -0x1p50f;
     const float inverse = 1.0f / v, usable = inverse >= 0.0f && inverse < INFINITY ? inverse : 0.0f;
     return usable <= below ? at : usable;
 }
+
+// The nearest of 0 to `last`.
+STAGE int within(int v, int last) { return v < 0 ? 0 : (v > last ? last : v); }
 
 STAGE float element(__global const float* array, size_t at, int halves)
 {
@@ -32,15 +35,15 @@ __kernel void unpack_kernel(__global const float* restrict source, __global floa
     const int row = (int)get_global_id(1);
     if (row >= rows)
         return;
-    const size_t begin = (size_t)first + (size_t)clamp(row - top, 0, height - 1) * (size_t)row_step;
+    const size_t begin = (size_t)first + (size_t)within(row - top, height - 1) * (size_t)row_step;
     for (int plane = 0; plane < planes; ++plane) {
         const size_t from = begin + (size_t)plane * (size_t)plane_step;
         __global float* restrict to = target + ((size_t)plane * (size_t)rows + (size_t)row) * (size_t)stride;
         if (LANES == 1) {
             for (int x = (int)get_global_id(0); x < stride; x += (int)get_global_size(0))
-                to[x] = taken(
-                    element(source, from + (size_t)clamp(x - PAD_X, 0, width - 1) * (size_t)column_step, halves), kind,
-                    below, at);
+                to[x]
+                    = taken(element(source, from + (size_t)within(x - PAD_X, width - 1) * (size_t)column_step, halves),
+                        kind, below, at);
             continue;
         }
         // Each way by itself, so that it is compiled to vectors.

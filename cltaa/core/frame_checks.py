@@ -58,17 +58,25 @@ def _looked_at(array: Any) -> NDArray[Any]:
 
 
 def _check_depth(frame: Frame) -> None:
-    """Raise DataError where no depth is a distance, as far as one looks: all that is not the sky is NaN, 0 or less."""
+    """Raise DataError where depth is negative and nothing else, as far as one looks; warn where it is NaN everywhere.
+
+    Of 0 a frame may be full, as one of nothing but sky; of NaN one that a farm has lost.
+    """
     if on_device(frame.depth):
         return
     for depth in (_looked_at(frame.depth), frame.depth):  # the whole only where some of it says nothing
         depth = depth[depth != np.inf]
-        if not depth.size or (np.isfinite(depth) if frame.camera.orthographic else depth > 0).any():
+        if not depth.size or (np.isfinite(depth) if frame.camera.orthographic else depth >= 0).any():
             return
-    found, cure = "NaN", "the sky is np.inf; leave depth out where there is none"
-    if not np.isnan(depth).all():
-        found, cure = f"{np.nanmin(depth):g} to {np.nanmax(depth):g}", "it is positive before the camera: depth=-depth"
-    raise _error(frame, "depth is no distance anywhere", "positive numbers, np.inf for the sky", found, cure)
+    if np.isnan(depth).all():
+        warnings.warn(
+            f"frame {frame.index}: depth is NaN everywhere and counts as the sky; leave it out where there is none",
+            stacklevel=4,
+        )
+        return
+    expected, found = "positive numbers, np.inf for the sky", f"{np.nanmin(depth):g} to {np.nanmax(depth):g}"
+    cure = "it is positive before the camera: depth=-depth"
+    raise _error(frame, "depth is no distance anywhere", expected, found, cure)
 
 
 def _warn_of_motion(frame: Frame) -> None:

@@ -49,6 +49,7 @@ class DevicePlanes(msgspec.Struct, frozen=True):
     changes: bool = False  # of light, beside the count of what recurs and of the result
     shared: bool = False  # the device has the host's memory: of a whole frame only inverse depth lies anywhere else
     half: bool = False  # the result goes in halves
+    staged: bool = False  # the device holds the arrays too that frames come in and results go in
 
 
 def device_bytes(width: int, height: int, held: DevicePlanes) -> int:
@@ -70,7 +71,7 @@ def device_bytes(width: int, height: int, held: DevicePlanes) -> int:
     ring += REAL * WINDOWS * window_planes(steps) if held.windows else 0
     count = REAL * (1 + held.changes)
     # As arrays, without a halo: what comes, and the result in the numbers in which it goes.
-    arrays = 0 if held.shared else frame + (HALF if held.half else REAL) * (3 + steps.alpha)
+    arrays = frame + (HALF if held.half else REAL) * (3 + steps.alpha) if held.staged else 0
     planes = (frame + colour + count) * band.plane + (colour + count + REAL + ring) * whole.plane
     return planes + arrays * band.width * band.height
 
@@ -199,5 +200,7 @@ def of_whole_images(
     """
     holds = sequence.holds
     steps = Steps(own_motion="motion" in holds, alpha="alpha" in holds, reactive="reactive" in holds)
-    held = DevicePlanes(steps, storage, look_ahead=look_ahead, changes=changes, half=half, shared=shared)
+    held = DevicePlanes(
+        steps, storage, look_ahead=look_ahead, changes=changes, half=half, shared=shared, staged=not shared
+    )
     return of_sequence(sequence, held, layers)

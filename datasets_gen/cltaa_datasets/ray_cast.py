@@ -454,6 +454,21 @@ def truth_of(family: Family, index: int, size: tuple[int, int], samples: int, se
     return np.asarray((total / side**2).reshape(height, width, 3))
 
 
+def draw(family: str, output: Path, frames: int, size: tuple[int, int], period: int, reference: int, seed: int) -> None:
+    """Write ``frames`` frames [H, W] of a family, and with ``reference`` samples their truth into ``reference/``."""
+    scene = FAMILIES[family](seed)
+    make_folder(output / "reference" if reference else output)
+    with shown_progress(family) as progress:
+        for index in range(frames):
+            name = f"{family}.{index:04d}.exr"
+            write_frame(output / name, frame_of(scene, index, size, halton(index, period), seed))
+            if reference:
+                truth = truth_of(scene, index, size, reference, seed).astype(np.float32)
+                channels = {channel: truth[..., place] for place, channel in enumerate("RGB")}
+                write_image(output / "reference" / name, channels, {"cltaa:frame": index, "cltaa:samples": reference})
+            progress(index + 1, frames)
+
+
 @click.command(short_help="Draw a scene of formulas, which declares nothing.")
 @click.argument("family", type=click.Choice(sorted(FAMILIES)))
 @click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder of the sequence; made if need be.")
@@ -469,17 +484,7 @@ def raycast(
 
     What a resolve makes of it is what it makes of a stranger's frames.
     """
-    scene = FAMILIES[family](seed)
-    make_folder(output / "reference" if reference else output)
-    with shown_progress(family) as progress:
-        for index in range(frames):
-            name = f"{family}.{index:04d}.exr"
-            write_frame(output / name, frame_of(scene, index, size, halton(index, period), seed))
-            if reference:
-                truth = truth_of(scene, index, size, reference, seed).astype(np.float32)
-                channels = {channel: truth[..., place] for place, channel in enumerate("RGB")}
-                write_image(output / "reference" / name, channels, {"cltaa:frame": index, "cltaa:samples": reference})
-            progress(index + 1, frames)
+    draw(family, output, frames, size, period, reference, seed)
 
 
 raycast.epilog = "Families: " + "; ".join(f"{name}: {make(0).what}" for name, make in FAMILIES.items()) + "."

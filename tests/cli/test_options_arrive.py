@@ -131,6 +131,7 @@ COMMANDS = {
             "cltaa.commands.bench_quality.open_each": lambda folders, _: {folder: sequence() for folder in folders},
             "cltaa.commands.bench_quality.open_case": lambda _: None,
             "cltaa.commands.bench_quality.capture": sequence,
+            "cltaa.commands.bench_quality.Reading": lambda **_: MagicMock(open=sequence),
             "cltaa.commands.bench_quality.launcher_for": lambda device: f"launcher {device}",
             "cltaa.commands.bench_quality.Cells": lambda *_, **__: MagicMock(get=lambda *_: None),
             "cltaa.commands.bench_quality.judge_sequence": lambda *_, **__: {},
@@ -165,6 +166,7 @@ COMMANDS = {
             "cltaa.commands.bench_accuracy.write_report": begins,
         },
     ),
+    "raycast": Command("raycast rolling -o out", {"cltaa_datasets.ray_cast.draw": begins}),
     "capture": Command(
         "capture spinner -o out",
         {
@@ -381,6 +383,14 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("-o elsewhere", "write_report.output", Path("elsewhere")),
         ("--pictured 7", "write_report.pictured", 7),
     ],
+    "raycast": [
+        ("-o elsewhere", "draw.output", Path("elsewhere")),
+        ("--frames 12", "draw.frames", 12),
+        ("--size 40x30", "draw.size", (40, 30)),
+        ("--period 7", "draw.period", 7),
+        ("--reference 7", "draw.reference", 7),
+        ("--seed 7", "draw.seed", 7),
+    ],
     "capture": [
         ("-o elsewhere", "capture_sequence.request.output", Path("elsewhere")),
         ("--frames 12", "capture_sequence.request.frames", 12),
@@ -415,7 +425,7 @@ OTHERWISE = {
     "resolve": {"resolve_sequence.compression", "resolve_sequence.layers", "resolve_sequence.stopping"},
     "demo": {"resolve_sequence.restart", "resolve_sequence.stopping"},  # the folder is the demo's own
     "bench accuracy": {"page.pictured", "write_report.pictured", "write_report.pages"},
-    "bench quality": {"check_scenes.also"},
+    "bench quality": {"check_scenes.also", "Reading.effects"},
     "bench overview": {"write_report.of_one", "write_report.pictured"},
     "capture": {"capture_sequence.progress"},
 }

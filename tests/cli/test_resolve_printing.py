@@ -61,7 +61,7 @@ def test_what_is_said_of_a_run(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr("cltaa.commands.resolve.resolve_sequence", lambda *_, **__: outcome(**changes))
+    monkeypatch.setattr("cltaa.pipeline.run.resolve_sequence", lambda *_, **__: outcome(**changes))
     command = ["resolve", str(write_sequence(tmp_path / "in", 1)), "-o", str(tmp_path / "out"), "--device", "numpy"]
     assert main([*command, *options]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -78,7 +78,7 @@ def test_what_is_said_of_a_run(
 def test_an_alpha_of_1_in_every_frame_of_another_tool_is_told(
     opaque: int, told: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cltaa.commands.resolve.resolve_sequence", lambda *_, **__: outcome(opaque=opaque))
+    monkeypatch.setattr("cltaa.pipeline.run.resolve_sequence", lambda *_, **__: outcome(opaque=opaque))
     folder = write_blender(tmp_path / "in", [make_frame(0, motion=True)])
     assert main(["resolve", str(folder), "-o", str(tmp_path / "out"), "--device", "numpy"]) == 0
     assert (OPAQUE in " ".join(capsys.readouterr().out.split())) is told
@@ -95,8 +95,8 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
         asked.update(more, gamma=preset.settings.box_scale_static, device=device, band_rows=band_rows)
         return "the resolver"
 
-    monkeypatch.setattr("cltaa.commands.resolve.resolve_sequence", run)
-    monkeypatch.setattr("cltaa.commands.resolve.resolver_for", built)
+    monkeypatch.setattr("cltaa.pipeline.run.resolve_sequence", run)
+    monkeypatch.setattr("cltaa.pipeline.run.resolver_for", built)
     monkeypatch.setattr("cltaa.commands.resolve.stop_signals", lambda: "signals")
     options = [
         "--set",
@@ -138,4 +138,5 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
         "debug": (View.COUNT,),
         "layers": (),
         "stopping": "signals",
+        "progress": True,
     }

@@ -21,7 +21,7 @@ PLACES = [(0.0, 0.0), (0.4, 0.1), (-0.3, 0.45), (0.25, 0.35), (0.45, -0.1)]  # n
 
 def gathering(fit: str, **changes: object) -> Preset:
     values = {"history": "frames", "history_frames": 7, "gather_fit": fit, "current_filter": "none", **changes}
-    return override(load_preset(), {"weighting": "none", **values})
+    return override(load_preset(), {"weighting": "none", "illumination": "static", **values})
 
 
 @pytest.mark.parametrize("fit", ["plane", "layers"])

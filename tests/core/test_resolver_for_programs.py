@@ -235,14 +235,22 @@ def test_what_comes_or_goes_starts_a_new_history(left_out: str) -> None:
     [
         (lambda a: -a, r"depth is no distance anywhere .*found -\S+ to -\S+\); it is positive before the camera"),
         (lambda a: np.where(np.isinf(a), a, -a), "it is positive before the camera: depth=-depth"),
-        (lambda a: a * np.float32(np.nan), r"found NaN\); the sky is np.inf"),
-        (np.zeros_like, "found 0 to 0"),
     ],
 )
 def test_depth_that_is_no_distance_is_refused(depth: Callable[[Any], Any], found: str) -> None:
     frame = make_frame(0)
     with pytest.raises(DataError, match=found):
         Resolver(device="numpy").resolve(replace(frame, depth=depth(frame.depth)))
+
+
+def test_depth_of_nothing_is_the_sky() -> None:
+    """A frame that a farm has lost ends no sequence."""
+    frame, resolver = make_frame(0), Resolver(device="numpy")
+    empty = resolver.resolve(replace(frame, depth=np.zeros_like(frame.depth)))
+    resolver.reset()
+    with pytest.warns(UserWarning, match="frame 0: depth is NaN everywhere and counts as the sky"):
+        lost = resolver.resolve(replace(frame, depth=np.full_like(frame.depth, np.nan)))
+    assert np.array_equal(lost, empty)
 
 
 def test_one_pixel_of_depth_is_enough() -> None:

@@ -68,6 +68,6 @@ def test_the_command_writes_a_sequence_with_its_truth(tmp_path: Path) -> None:
     folder = tmp_path / "balls"
     options = ["--frames", "3", "--size", "48x27", "--reference", "4"]
     assert main(["raycast", "rolling", "-o", str(folder), *options]) == 0
-    sequence = cltaa.open_sequence(folder)
+    sequence = cltaa.open(folder)
     assert (len(sequence), sequence.effects, sequence.reference is not None) == (3, None, True)
     assert main(["raycast", "nothing", "-o", str(folder)]) == 2

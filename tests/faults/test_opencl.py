@@ -44,13 +44,13 @@ def test_kernel_that_does_not_build(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     monkeypatch.setattr(program, "source", lambda name, build: broken + real(name, build))
     monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
     for _ in range(2):  # the second time it is told in the same file
-        with pytest.raises(InternalError, match=r"kernel resolve does not build: .*planted.*kernel cache") as caught:
+        with pytest.raises(InternalError, match=r"kernel unpack does not build: .*planted.*kernel cache") as caught:
             Resolver().resolve(make_frame())
         assert caught.value.exit_code == 70
         (log,) = (tmp_path / "logs").iterdir()
         assert str(log) in str(caught.value)
         assert "planted" in log.read_text()
-        assert "__kernel void resolve_kernel" in log.read_text()
+        assert "__kernel void unpack_kernel" in log.read_text()
 
 
 def test_a_build_log_that_cannot_be_kept_is_not_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

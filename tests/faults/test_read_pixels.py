@@ -16,6 +16,9 @@ from cltaa.io.exr_write import write_frame
 from tests.sequence_factory import bits, make_camera, make_frame
 
 HEIGHT, WIDTH, FRAMES = 40, 56, 4
+# What such frames are told of: infinite vectors, and depth of NaN alone.
+pytestmark = pytest.mark.filterwarnings("ignore:motion is infinite", "ignore:frame 1. depth is NaN everywhere")
+
 PLACE = (HEIGHT // 2, WIDTH // 2)
 # What can carry harm in one frame: the repair and the 3x3 around a pixel (2), the dilation of depth and motion (1),
 # half a pixel of motion (1) and two texels of the history filter (2).

@@ -121,7 +121,7 @@ def test_another_size_is_an_error_or_a_new_history(tmp_path: Path, capsys: pytes
         assert main([command, str(tmp_path / "shot"), *more]) == 65
         said = " ".join("".join(capsys.readouterr()).split())
         assert "frame 2: size differs (expected 37 x 23, found 37 x 12)" in said
-    assert resolved(tmp_path / "shot", "--on-resize", "reset") == 0
+    assert resolved(tmp_path / "shot", "--on-resize", "reset", "--set", "current_filter=none") == 0
     np.testing.assert_array_equal(
         read_image(tmp_path / "shot-out" / "picture.0002.exr")[0]["R"], made[2].colour[:12, :, 0]
     )

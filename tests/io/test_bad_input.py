@@ -98,7 +98,7 @@ def test_unreadable_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 def test_wrong_camera_is_not_written(tmp_path: Path) -> None:
     frame = make_frame()
     frame.camera.world_to_view[0, 0] = float("nan")
-    with pytest.raises(DataError, match="frame 0: matrix cltaa:worldToView holds NaN"):
+    with pytest.raises(DataError, match=r"frame 0: camera\.world_to_view holds NaN"):
         write_frame(tmp_path / "a.exr", frame)
     assert not list(tmp_path.iterdir())
 

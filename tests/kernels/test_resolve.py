@@ -62,6 +62,8 @@ def hard_frames(width: int = 70, height: int = 41, count: int = 3) -> Iterator[F
         colour[wild] = special_values(height, width)[wild][:, None]
         depth[random.random((height, width)) < 0.05] = random.choice([np.inf, np.nan, 0.0, -1.0, 1e-40])
         motion[random.random((height, width)) < 0.6] = np.nan
+        if not (depth >= 0).any():  # of one pixel; a frame without any distance is refused
+            depth[0, 0] = 0.0
         yield replace(frame, colour=colour, depth=depth, motion=motion)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cltaa.core.build import Build, Steps, settings_record
 from cltaa.core.parameters import BoxSpace, Choices, Neighbourhood, Settings, Variance
 from cltaa.core.planes import Layout
+from cltaa.core.presets import load_preset, override
 from cltaa.core.record import Past, frame_record
 from cltaa.core.resolver import Resolver
 from cltaa.opencl.launcher import DeviceLauncher
@@ -147,8 +148,19 @@ def test_c2_without_luminance_weights_it_does() -> None:
     assert after_a_firefly(0.1, weighting="none", rectify="none") == pytest.approx(1e5, rel=1e-4)
 
 
-def test_c2_a_firefly_is_gone_with_the_next_frame() -> None:
-    resolver = Resolver(device="numpy")
+def test_c2_of_a_firefly_a_share_of_its_knee_is_left() -> None:
+    """By luminance weights: of 1e6 among n samples of luminance 1 at most (knee + 1) / n, and less with each frame."""
+    resolver, left = Resolver(device="numpy"), []
+    for index in range(14):
+        calm = grey(np.ones((9, 9)))
+        calm[4, 4] = 1e6 if index == 10 else 1.0
+        left.append(float(resolver.resolve(still_frame(index, calm, effects=None))[4, 4, 0]) - 1.0)
+    knee = resolver.preset.settings.luminance_knee
+    assert 0.0 < left[13] < left[12] < left[11] < left[10] < 1.01 * (knee + 1.0) / 10
+
+
+def test_c2_with_a_box_a_firefly_is_gone_with_the_next_frame() -> None:
+    resolver = Resolver(override(load_preset(), {"rectify": "clamp"}), device="numpy")
     calm = grey(np.ones((9, 9)))
     struck = calm.copy()
     struck[4, 4] = 1e6

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.core.parameters import Box, HistoryKind, Illumination
+from cltaa.core.parameters import Box, Illumination
 from cltaa.core.presets import LADDER, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame, Image
@@ -20,11 +20,11 @@ from tests.sequence_factory import bits, make_frame
 
 WIDTH, HEIGHT = 28, 24
 TIERS = LADDER
-# Where light is declared to change it is tested for, and nothing is gathered; elsewhere the top tiers gather.
+# Light is tested for unless what is declared rules out that history is wrong.
 DECLARED: dict[str, frozenset[Effect] | None] = {
     "nothing": None,
     "everything": frozenset(Effect),
-    "no light": frozenset(Effect) - {Effect.ILLUMINATION, Effect.REACTIVE, Effect.EXPOSURE},
+    "no light": frozenset(Effect) - {Effect.ILLUMINATION, Effect.REACTIVE, Effect.EXPOSURE, Effect.MOTION, Effect.THIN},
 }
 
 
@@ -47,10 +47,8 @@ def check_plan(resolver: Resolver, declared: str) -> None:
     """That the test looks at what it is for."""
     assert resolver.plan is not None
     choices, tier = resolver.plan.choices, resolver.preset
-    windows = tier.choices.illumination is Illumination.WINDOW
-    gathers = tier.choices.history is HistoryKind.FRAMES and (windows or declared != "everything")
-    assert (choices.history is HistoryKind.FRAMES) == gathers
-    illumination = tier.choices.illumination if declared == "everything" else Illumination.STATIC
+    assert choices.history is tier.choices.history
+    illumination = Illumination.STATIC if declared == "no light" else tier.choices.illumination
     assert choices.illumination is illumination
 
 

@@ -14,6 +14,7 @@ import pytest
 
 from cltaa.core.build import Storage
 from cltaa.core.planes import Block
+from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError, DeviceLost, UsageError
 from cltaa.frame import Effect, Frame
@@ -129,7 +130,8 @@ def test_pixels_that_were_repaired_or_fit_no_half_are_counted(
     frame = make_frame(0, width=9, height=7)
     frame.colour[2, 3], frame.colour[4, 6] = np.nan, 1e5
     write_frame(tmp_path / "a.0000.exr", frame)
-    resolver = Resolver(device="numpy", storage=storage)
+    unfiltered = override(load_preset(), {"current_filter": "none"})
+    resolver = Resolver(unfiltered, device="numpy", storage=storage)
     outcome = resolve_sequence(open_sequence(tmp_path), tmp_path / "out", resolver, half=half)
     assert (outcome.repaired, outcome.saturated) == (1, saturated)
 

@@ -166,11 +166,13 @@ def _stages(folder: Path, sequence: FrameSequence, resolver: Resolver, codec: st
     count = len(sequence)
     # The first round builds kernels and fills caches.
     for number in track(range(rounds + 1), rounds + 1, f"timing {codec}{', half' if half else ''}", unit="rounds"):
+        resolver.reset()
         # Each as the command does it, in as many threads, with all that belongs to it.
         steps: dict[str, Callable[[], object]] = {
             "read": partial(_read_all, sequence),
             "resolve": lambda: [
-                resolver.resolve(replace(held[index % len(held)], index=index), half=half) for index in range(count)
+                resolver.resolve(replace(held[index % len(held)], index=index, cut=index == 0), half=half)
+                for index in range(count)
             ],
             "write": partial(_write, folder, image_channels(resolver.resolve(held[0], half=half)), codec, count),
             "whole": partial(

@@ -149,6 +149,7 @@ def memory(
         changes=changes,
         shared=shared,
         half=half,
+        staged=resolver.launcher.stages,
     )
     return of_sequence(sequence, held, layers)
 

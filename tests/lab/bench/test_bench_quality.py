@@ -18,6 +18,7 @@ from cltaa.core.presets import Published, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError, InputMissing
 from cltaa.frame import Frame
+from cltaa.inputs.open import Reading
 from cltaa.io.exr_read import read_frame
 from cltaa.io.sequence import open_sequence
 from cltaa.lab.bench.quality.cases import HELD_OUT, REDRAWN, TRAIN, Shape, planned
@@ -74,8 +75,9 @@ def test_a_run_captures_judges_and_goes_on(
     found = json.loads(capsys.readouterr().out)
     (row,) = found["rows"]
     assert (row["scene"], row["split"]) == ("occluder", TRAIN)
-    sequence = open_sequence(tmp_path / "work" / "sequences" / row["key"])
-    assert sequence.sequence_json["settings"]["jitter"] == "r2:5"
+    folder = tmp_path / "work" / "sequences" / row["key"]
+    assert open_sequence(folder).sequence_json["settings"]["jitter"] == "r2:5"
+    sequence = Reading(effects="all").open(folder)
     expected = judge_sequence(sequence, [load_preset()], NUMPY, settled=1)
     for name in (ONE_SAMPLE, "default"):
         assert row["presets"][name]["scores"] == expected[name].scores
@@ -204,7 +206,7 @@ def test_a_given_sequence_is_told_as_it_is(capsys: pytest.CaptureFixture[str], t
     assert main(arguments) == 0
     assert "means over sequences, given" in capsys.readouterr().out
     text = (tmp_path / "page.md").read_text(encoding="utf-8")
-    assert "1 given sequence, 37 × 23, 3 frames, jitter unknown, " in text
+    assert "1 given sequence, 37 × 23, 3 frames, read by profile cltaa, jitter unknown, " in text
     assert "truth of unknown samples a pixel" in text
     assert main([*arguments, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
