@@ -172,8 +172,10 @@ class Buffers:
         if tests:
             self.hold_changes()
         if tests and read and not self.holds_changes:
-            with self.history_count.mapped(write=True) as counts:
-                counts[1] = 0.0
+            with self.history_count.mapped(write=False) as counts:
+                count = counts[0].copy()
+            with self.history_count.mapped(write=True) as counts:  # all of it: a GPU's host has an older copy
+                counts[0], counts[1] = count, 0.0
         self.holds_changes = tests
 
     def hold_changes(self) -> None:

@@ -19,6 +19,7 @@ from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame
+from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.checkpoint import Checkpoints
 from cltaa.pipeline.debug import DebugViews
 from cltaa.reference.illumination import IlluminationResult, illumination_test, stored_change
@@ -187,8 +188,14 @@ def changes_read(resolver: Resolver) -> Any:
         return Layout(WIDTH, HEIGHT).inside(count)[1].copy()
 
 
-def test_after_a_frame_without_the_test_no_change_is_read() -> None:
-    resolver, beside, banded = Resolver(), Resolver(strict=True, device="numpy"), BandedResolver(band_rows=7)
+@pytest.mark.parametrize("own", [False, True], ids=["shared", "own"])
+def test_after_a_frame_without_the_test_no_change_is_read(own: bool) -> None:
+    """Where a device has memory of its own too, of which the host has older copies."""
+    launcher = DeviceLauncher()
+    launcher.stages = launcher.stages or own
+    launcher.device.shares_memory = launcher.shares_memory = not launcher.stages
+    resolver, beside = Resolver(device=launcher), Resolver(strict=True, device="numpy")
+    banded = BandedResolver(band_rows=7)
     for index in range(8):
         frame = textured(index, 1.0, LIT if index in (2, 5, 6) else frozenset({Effect.CAMERA}))
         image = resolver.resolve(frame)
