@@ -96,7 +96,7 @@ def test_what_is_wrong_with_another_tools_pixels_is_listed(tmp_path: Path) -> No
 def test_memory_counts_what_another_tools_frames_hold() -> None:
     source = open_input(BLENDER)
     assert source.holds == {"alpha", "motion"}
-    assert of_whole_images(source) == of_sequence(source, DevicePlanes(Steps(own_motion=True, alpha=True)))
+    assert of_whole_images(source) == of_sequence(source, DevicePlanes(Steps(own_motion=True, alpha=True), staged=True))
 
 
 def truncate(path: Path) -> None:

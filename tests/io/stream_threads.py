@@ -13,8 +13,10 @@ from cltaa.errors import DataError
 PATIENCE = 300.0  # seconds after which a thread that should have ended counts as hung, on a machine however busy
 
 
-def cltaa_threads() -> list[str]:
-    return [thread.name for thread in threading.enumerate() if thread.name.startswith("cltaa")]
+def stream_threads() -> list[str]:
+    """Threads of this module's subject alone: those that copy to and from a device outlive its resolvers."""
+    names = ("cltaa read ahead", "cltaa write behind")
+    return [thread.name for thread in threading.enumerate() if thread.name.startswith(names)]
 
 
 def wait_for(condition: object) -> None:

@@ -13,7 +13,7 @@ import pytest
 from cltaa.errors import DataError
 from cltaa.io.sequence import open_sequence
 from cltaa.io.streams import AHEAD, ReadAhead, read_ahead
-from tests.io.stream_threads import PATIENCE, Counted, cltaa_threads, wait_for
+from tests.io.stream_threads import PATIENCE, Counted, stream_threads, wait_for
 from tests.sequence_factory import write_sequence
 
 
@@ -25,7 +25,7 @@ def test_frames_come_in_order_with_their_times(tmp_path: Path) -> None:
             np.testing.assert_array_equal(frame.colour, sequence.frame(number).colour)
     assert len(frames.seconds) == 5
     assert min(frames.seconds) > 0
-    assert cltaa_threads() == []
+    assert stream_threads() == []
     assert list(frames) == []
 
 
@@ -60,7 +60,7 @@ def test_several_threads_keep_order_and_depth() -> None:
             gate.set()
         assert list(numbers) == list(range(20))
     assert len(numbers.seconds) == 20
-    assert cltaa_threads() == []
+    assert stream_threads() == []
 
 
 def test_failure_comes_where_the_frame_was_due() -> None:
@@ -69,14 +69,14 @@ def test_failure_comes_where_the_frame_was_due() -> None:
         with pytest.raises(DataError, match="frame 3: damaged"):
             next(numbers)
         assert list(numbers) == []
-    assert cltaa_threads() == []
+    assert stream_threads() == []
 
 
 def test_leaving_early_ends_the_thread() -> None:
     source = Counted(1000)
     with read_ahead(source) as numbers:
         next(numbers)
-    assert cltaa_threads() == []
+    assert stream_threads() == []
     assert source.made <= 1 + AHEAD
 
 
@@ -111,11 +111,11 @@ def test_nothing_comes_after_a_failure() -> None:
         assert next(numbers) == 0
         with pytest.raises(DataError, match="frame 1: damaged"):
             next(numbers)
-        assert cltaa_threads() == []
+        assert stream_threads() == []
         assert list(numbers) == []
 
 
 def test_threads_end_with_the_last_item() -> None:
     numbers = ReadAhead([partial(int, number) for number in range(9)])
     assert list(numbers) == list(range(9))
-    assert cltaa_threads() == []
+    assert stream_threads() == []

@@ -14,7 +14,7 @@ import pytest
 
 from cltaa.io.exr_read import read_image
 from cltaa.io.streams import Writer, read_ahead
-from tests.io.stream_threads import PATIENCE, Counted, cltaa_threads, image
+from tests.io.stream_threads import PATIENCE, Counted, stream_threads, image
 from tests.sequence_factory import write_sequence
 
 
@@ -28,11 +28,11 @@ def test_forgotten_reader_and_writer_end_their_threads(tmp_path: Path) -> None:
     next(numbers)
     for number in range(2):
         writer.write(tmp_path / f"{number}.exr", held)
-    assert len(cltaa_threads()) == 3  # the second image needs a thread of its own while the first is not done
+    assert len(stream_threads()) == 3  # the second image needs a thread of its own while the first is not done
     gate.set()
     del numbers, writer
     gc.collect()
-    assert cltaa_threads() == []
+    assert stream_threads() == []
 
 
 def test_depth_of_nothing() -> None:

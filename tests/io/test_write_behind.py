@@ -13,7 +13,7 @@ import pytest
 from cltaa.errors import OutputError
 from cltaa.io.exr_read import read_image
 from cltaa.io.streams import Writer
-from tests.io.stream_threads import PATIENCE, cltaa_threads, image, wait_for
+from tests.io.stream_threads import PATIENCE, stream_threads, image, wait_for
 
 
 def test_written_images_are_complete_at_the_close(tmp_path: Path) -> None:
@@ -25,7 +25,7 @@ def test_written_images_are_complete_at_the_close(tmp_path: Path) -> None:
         np.testing.assert_array_equal(channels["G"], image(number)["G"])
         assert attributes["cltaa:frame"] == number
     assert len(writer.seconds) == 6
-    assert cltaa_threads() == []
+    assert stream_threads() == []
     with pytest.raises(ValueError, match="closed"):
         writer.write(tmp_path / "late.exr", image(0))
 
@@ -68,7 +68,7 @@ def test_first_failure_is_raised_and_what_was_finished_stays(tmp_path: Path) -> 
         write_more()
     assert [path.name for path in tmp_path.iterdir()] == ["0.exr"]
     writer.close()  # the failure was told once
-    assert cltaa_threads() == []
+    assert stream_threads() == []
 
 
 @pytest.mark.parametrize("told_by", ["write", "flush", "close"])
@@ -85,7 +85,7 @@ def test_a_failure_beside_another_image_is_told_once(tmp_path: Path, told_by: st
         calls[told_by]()
     writer.close()
     assert list(tmp_path.iterdir()) == []
-    assert cltaa_threads() == []
+    assert stream_threads() == []
 
 
 def test_two_images_that_fail_side_by_side_are_one_failure(tmp_path: Path) -> None:
@@ -101,7 +101,7 @@ def test_two_images_that_fail_side_by_side_are_one_failure(tmp_path: Path) -> No
     with pytest.raises(MemoryError):
         writer.flush()
     writer.close()
-    assert cltaa_threads() == []
+    assert stream_threads() == []
 
 
 def test_exception_in_the_block_stands_beside_an_image_that_failed(tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_exception_in_the_block_stands_beside_an_image_that_failed(tmp_path: Pat
 
     with pytest.raises(KeyboardInterrupt):
         interrupted()
-    assert cltaa_threads() == []
+    assert stream_threads() == []
 
 
 def test_exception_in_the_block_stands_and_and_queued_images_are_written(tmp_path: Path) -> None:
