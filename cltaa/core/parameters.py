@@ -120,6 +120,10 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     illumination_t: Annotated[
         float, _number("Student's t of the 3x3 from which light that goes on has changed", 0.125, 1e6, "1", "measured")
     ] = 2.6
+    disocclusion_t: Annotated[
+        float,
+        _number("such a t where something nearer stood beside the place of the history", 0.125, 1e6, "1", "measured"),
+    ] = 0.8
     illumination_decay: Annotated[
         float, _number("share of such a t that is added to that of the next frame", 0.0, 1.0, "1", "measured")
     ] = 0.72

@@ -32,3 +32,12 @@ def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
     matches = [(p <= high) & (p >= low) for p in previous]
     result: Mask = matches[0] | matches[1] | matches[2] | matches[3]
     return result
+
+
+def partly_covered(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
+    """True where one of four texels of the previous inverse depth is nearer than all of the current 3x3."""
+    near, far = s.nearest * m.scale + m.shift, s.farthest * m.scale + m.shift
+    high = near + number(tolerance, near) * greater(np.abs(near), np.abs(far))
+    nearer = [p > high for p in previous]
+    result: Mask = nearer[0] | nearer[1] | nearer[2] | nearer[3]
+    return result

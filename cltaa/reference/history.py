@@ -11,7 +11,7 @@ from cltaa.core.build import Build, Record
 from cltaa.core.parameters import Reject
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain
-from cltaa.reference.disocclusion import on_screen, same_surface
+from cltaa.reference.disocclusion import on_screen, partly_covered, same_surface
 from cltaa.reference.illumination import history_in_range, illumination_test, tests_light
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.real import Array, Mask, limit, number
@@ -55,13 +55,18 @@ def sample_history(
     r, g, b = (sample_plane(history[channel], f, wx, wy, build, real) for channel in range(3))
     valid &= ~colour_outside_domain((r, g, b))
     count = bilinear(sample_quad(history_count[0], f, real), f)
+    covered = np.zeros_like(valid)
+    if build.choices.reject is Reject.DEPTH:
+        previous, tolerance = sample_quad(previous_inverse_depth[0], f, real), settings["depth_tolerance"]
+        valid &= same_surface(previous, s, m, tolerance)
+        covered = partly_covered(previous, s, m, tolerance)
     change = np.zeros_like(count)
     if tests_light(build):
-        count, change = illumination_test(count, current, history, history_count[1], f, build, layout, frame, settings)
+        count, change = illumination_test(
+            count, covered, current, history, history_count[1], f, build, layout, frame, settings
+        )
     rgb = history_in_range((r, g, b), build, frame)
     alpha = np.ones_like(rgb[0])
     if build.steps.alpha:
         alpha = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, r), number(1, r))
-    if build.choices.reject is Reject.DEPTH:
-        valid &= same_surface(sample_quad(previous_inverse_depth[0], f, real), s, m, settings["depth_tolerance"])
     return History(rgb, alpha, count, f.fx, f.fy, valid, change)

@@ -14,6 +14,7 @@ from cltaa.reference.colour import Colour, box_units, repaired_planes, to_boxed,
 from cltaa.reference.neighbourhood import spread_of_three
 from cltaa.reference.real import (
     Array,
+    Mask,
     constant,
     greater,
     lesser,
@@ -84,6 +85,7 @@ class IlluminationResult(NamedTuple):
 
 def illumination_test(
     held: Array,
+    covered: Mask,
     current: Array,
     history: Array,
     history_change: Array,
@@ -97,7 +99,8 @@ def illumination_test(
 
     The change is Student's t of the channel that changed most, negative where luminance falls, and
     ``illumination_decay`` of the change that the frame before left; the square of its size over ``illumination_t``
-    divides, where it is more than 1. ``current`` [3, rows, stride], ``history`` [3 or 4, rows, stride] and
+    divides, where it is more than 1; where the surface was partly ``covered`` [H, W], that over ``disocclusion_t``.
+    ``current`` [3, rows, stride], ``history`` [3 or 4, rows, stride] and
     ``history_change`` [rows, stride], which that frame left, are padded planes.
     """
     real: Any = f.fx.dtype
@@ -131,5 +134,6 @@ def illumination_test(
     t = lesser(largest, constant("DOMAIN_LIMIT", level))
     before = history_change[row, column].astype(real)
     change = np.where(ta < number(0.0, level), -t, t) + number(settings["illumination_decay"], level) * before
-    by = greater(np.abs(change) / number(settings["illumination_t"], level), number(1.0, level))
+    least_t = np.where(covered, *(number(settings[name], level) for name in ("disocclusion_t", "illumination_t")))
+    by = greater(np.abs(change) / least_t, number(1.0, level))
     return IlluminationResult(held / (by * by), stored_change(change))

@@ -26,3 +26,12 @@ STAGE mask same_surface(quad previous, surface s, motion_t m, settings_t setting
     return ((previous.p00 <= high) & (previous.p00 >= low)) | ((previous.p10 <= high) & (previous.p10 >= low))
         | ((previous.p01 <= high) & (previous.p01 >= low)) | ((previous.p11 <= high) & (previous.p11 >= low));
 }
+
+// Whether something nearer stood in front of the surface at one of the four texels: what the history holds there may be
+// its colour.
+STAGE mask partly_covered(quad previous, surface s, motion_t m, settings_t settings)
+{
+    const real near = s.nearest * m.scale + m.shift, far = s.farthest * m.scale + m.shift;
+    const real high = near + K(settings.depth_tolerance) * greater(absolute(near), absolute(far));
+    return ((previous.p00 > high) | (previous.p10 > high)) | ((previous.p01 > high) | (previous.p11 > high));
+}

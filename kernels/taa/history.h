@@ -122,17 +122,20 @@ STAGE history_t sample_history(plane_in current, boxed_row next, history_in hist
     h.rgb = v.rgb;
     h.count = v.count;
     h.valid = h.valid & !colour_outside_domain(h.rgb);
+    mask covered = (mask)(0);
+    if (REJECT == REJECT_DEPTH) {
+        h.valid = h.valid & same_surface(v.inverse_depth, s, m, settings);
+        covered = partly_covered(v.inverse_depth, s, m, settings);
+    }
     h.change = SPLAT(0.0);
     if (TESTS_LIGHT) {
-        const lit_t l
-            = illumination_test(v.count, current, next, history, count, f, x, y, frame, settings, &cache->illumination);
+        const lit_t l = illumination_test(
+            v.count, covered, current, next, history, count, f, x, y, frame, settings, &cache->illumination);
         h.count = l.count;
         h.change = l.change;
     }
     h.rgb = history_in_range(h.rgb, frame);
     h.alpha = ALPHA ? limit(v.alpha, SPLAT(0.0), SPLAT(1.0)) : v.alpha;
-    if (REJECT == REJECT_DEPTH)
-        h.valid = h.valid & same_surface(v.inverse_depth, s, m, settings);
     h.fx = v.fx;
     h.fy = v.fy;
     h.count_limit = v.count_limit;

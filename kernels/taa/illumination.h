@@ -227,9 +227,10 @@ typedef struct
 // changed most, with the sign of the first one, luminance, and illumination_decay of what the frame before left. The
 // square of its size over illumination_t divides, where that is more than 1: an error of one standard error is worth
 // what one sample is, and one of k as little as k^2 samples fewer. The jitter moves all nine differences one way in one
-// frame and another way in the next, light that changes goes on: so what the jitter does stays small in the sum. `next`
-// is the row below the pixel's.
-STAGE lit_t illumination_test(real held, plane_in current, boxed_row next, history_in history, plane_in count,
+// frame and another way in the next, light that changes goes on: so what the jitter does stays small in the sum. Where
+// the surface was partly `covered`, disocclusion_t takes the place of illumination_t. `next` is the row below the
+// pixel's.
+STAGE lit_t illumination_test(real held, mask covered, plane_in current, boxed_row next, history_in history, plane_in count,
     footprint f, int x, int y, frame_t frame, settings_t settings, illumination_cache* cache)
 {
     const nearest_t n = nearest_texels(f, row_stride(frame));
@@ -249,6 +250,7 @@ STAGE lit_t illumination_test(real held, plane_in current, boxed_row next, histo
     const real t = lesser(largest, SPLAT(DOMAIN_LIMIT)); // or that, where it is NaN
     const real before = nearest_change(count + history_plane_size(frame), n, row_stride(frame));
     const real change = (ta < SPLAT(0.0) ? -t : t) + K(settings.illumination_decay) * before;
-    const real by = greater(quotient(absolute(change), SPLAT(settings.illumination_t)), SPLAT(1.0));
+    const real from = covered ? SPLAT(settings.disocclusion_t) : SPLAT(settings.illumination_t);
+    const real by = greater(quotient(absolute(change), from), SPLAT(1.0));
     return (lit_t) { quotient(held, by * by), stored_change(change) };
 }

@@ -33,7 +33,9 @@ LIT = frozenset({Effect.ILLUMINATION})
 NONE = 1.0 + 2.0**-22  # divisors below it are 1
 
 
-def in_light(now: Any, then: Any, before: float, held: float = 1.0, **settings: Any) -> IlluminationResult:
+def in_light(
+    now: Any, then: Any, before: float, held: float = 1.0, *, covered: bool = False, **settings: Any
+) -> IlluminationResult:
     """What ``held`` samples count for, [H, W], and the change, where nothing moves; ``before`` is the last one."""
     layout = Layout(WIDTH, HEIGHT)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
@@ -42,7 +44,16 @@ def in_light(now: Any, then: Any, before: float, held: float = 1.0, **settings: 
     record = settings_record(Settings(**settings))
     change, counts = padded(np.full((1, HEIGHT, WIDTH), before, np.float32), layout)[0], np.full_like(still, held)
     return illumination_test(
-        counts, padded(now, layout), padded(then, layout), change, place, BUILD, layout, record, record
+        counts,
+        np.full(still.shape, covered),
+        padded(now, layout),
+        padded(then, layout),
+        change,
+        place,
+        BUILD,
+        layout,
+        record,
+        record,
     )
 
 
@@ -61,6 +72,17 @@ def test_it_is_students_t() -> None:
     # Differences of values below 1 are off by 2^-24; of nine of them the deviation is hardly below 0.005 here.
     assert np.allclose(found[1:-1, 1:-1], np.maximum(t.max(0) / Settings().illumination_t, 1.0) ** 2, rtol=2e-4)
     assert 0.05 < (found < NONE).mean() < 0.95
+
+
+def test_less_is_a_change_where_something_nearer_stood_beside() -> None:
+    noisy = np.random.default_rng(1).normal(0.5, 0.1, (3, HEIGHT, WIDTH)).astype(np.float32)
+    brighter, settings = np.float32(1.1) * noisy, Settings()
+    there, elsewhere = (divisors(brighter, noisy, covered=covered) for covered in (True, False))
+    ratio = (settings.illumination_t / settings.disocclusion_t) ** 2
+    changed = elsewhere > NONE
+    assert changed.any()
+    assert np.allclose(there[changed], ratio * elsewhere[changed], rtol=1e-5)
+    assert (there >= elsewhere).all()
 
 
 def test_what_the_jitter_makes_is_no_change_and_what_a_lamp_makes_is() -> None:

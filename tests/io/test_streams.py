@@ -14,7 +14,7 @@ import pytest
 
 from cltaa.io.exr_read import read_image
 from cltaa.io.streams import Writer, read_ahead
-from tests.io.stream_threads import PATIENCE, Counted, stream_threads, image
+from tests.io.stream_threads import PATIENCE, Counted, image, stream_threads
 from tests.sequence_factory import write_sequence
 
 

@@ -13,7 +13,7 @@ import pytest
 from cltaa.errors import OutputError
 from cltaa.io.exr_read import read_image
 from cltaa.io.streams import Writer
-from tests.io.stream_threads import PATIENCE, stream_threads, image, wait_for
+from tests.io.stream_threads import PATIENCE, image, stream_threads, wait_for
 
 
 def test_written_images_are_complete_at_the_close(tmp_path: Path) -> None:
