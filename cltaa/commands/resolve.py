@@ -240,6 +240,9 @@ def _print_report(report: ResolveReport, preview: Path | None, views: str, *, fo
         print_line(f"{counted(report.repaired, 'pixel')} without a usable number repaired")
     if report.saturated:
         print_line(f"{counted(report.saturated, 'pixel')} saturated at 65504, the largest half")
+    if report.cuts_found:
+        numbers = ", ".join(map(str, report.cuts_found))
+        print_line(f"cut found at frame {numbers}, which nothing declares: a new history")
     if foreign and report.opaque == report.resolved > 0:
         print_line(OPAQUE)
     print_line(f"on {shown(report.device)}")

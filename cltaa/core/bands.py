@@ -153,7 +153,7 @@ class BandedResolver(Resolver):
         for result in waiting:
             whole.store(result)
         _keep(whole, buffers)
-        self._previous = Past.of(frame)
+        self._previous = Past.of(frame, self._coarse)
         self.times = Times(0.0, perf_counter() - started, 0.0)
         image = halves if half else whole.colour
         if frame.alpha is not None and not half:

@@ -10,6 +10,7 @@ import numpy as np
 
 from cltaa.camera import displacement_rows, is_still, sky_inverse_depth
 from cltaa.core.build import FRAME_DTYPE, Record
+from cltaa.core.cuts import Coarse
 from cltaa.core.parameters import Choices, CurrentFilter, OnCameraMove, RayThrough, Settings
 from cltaa.core.plan import Plan
 from cltaa.core.planes import Layout
@@ -57,14 +58,16 @@ class Past:
     depth: bool = True  # whether a depth was given, and a camera
     has_camera: bool = True
     holds_changes: bool = False  # whether the counts that it left hold illumination changes
+    coarse: Coarse = ()  # what a cut is found by, where none is declared
     earlier: tuple[Past, ...] = ()  # the frames before it whose samples are kept, the latest first
 
     @classmethod
-    def of(cls, frame: Frame) -> Past:
+    def of(cls, frame: Frame, coarse: Coarse = ()) -> Past:
         """The past that ``frame`` becomes."""
         channels = frame.alpha is not None, frame.motion is not None, frame.reactive is not None
         there = frame.has_depth, frame.has_camera
-        return cls(frame.index, frame.camera, frame.exposure, frame.colour.shape, *channels, frame.jitter_px, *there)
+        facts = frame.index, frame.camera, frame.exposure, frame.colour.shape, *channels, frame.jitter_px, *there
+        return cls(*facts, coarse=coarse)
 
     def continues_in(self, frame: Frame, choices: Choices) -> bool:
         """Tell whether the history goes on in ``frame``: no cut, no gap, the same given, the same lens."""

@@ -26,6 +26,7 @@ from cltaa.core.build import (
     edge_build,
     storage_of,
 )
+from cltaa.core.cuts import Coarse, coarse_colours, looks_cut
 from cltaa.core.debug_views import parse_views
 from cltaa.core.frame_checks import check_frame
 from cltaa.core.kernel_source import code_sha256
@@ -95,6 +96,9 @@ def _depth_rule(camera: Camera, settings: Settings) -> tuple[Kind, float, float]
     return Kind.PERSPECTIVE, -np.inf, 0.0
 
 
+CUTS_KEPT = 1024  # found cuts that a resolver remembers
+
+
 class Times(NamedTuple):
     """Seconds that one frame spent in each step."""
 
@@ -150,6 +154,8 @@ class Resolver:
         # Ahead of it: the frame that came last, and outlines of those that wait for later ones.
         self._latest: Past | None = None
         self._waiting: deque[Frame] = deque()
+        self._coarse: Coarse = ()  # of the frame in work
+        self.cuts_found: deque[int] = deque(maxlen=CUTS_KEPT)  # numbers of the frames, the latest last
         self._lends = False  # arrays of the host, to a frame that has begun and not ended
         self.plan: Plan | None = None
         self.last: LastRun | None = None
@@ -337,9 +343,12 @@ class Resolver:
 
     def _fed(self, frame: Frame, *, half: bool, planar: bool = False) -> Iterator[NDArray[Any]]:
         check_frame(frame)
+        coarse = coarse_colours(frame)
+        if self._latest is not None and self._is_cut(self._latest, frame, coarse):
+            frame = replace(frame, cut=True)
         if not self._goes_on(frame):
             yield from self._flushed(half=half, planar=planar)
-        self._take(frame)
+        self._take(frame, coarse)
         if len(self._waiting) > self.look_ahead:
             yield self._next(half=half, planar=planar)
 
@@ -356,7 +365,7 @@ class Resolver:
         return fits and self._latest.continues_in(frame, self.preset.choices)
 
     @one_thread
-    def _take(self, frame: Frame) -> None:
+    def _take(self, frame: Frame, coarse: Coarse) -> None:
         """Bring a frame into the ring, ahead of those that wait."""
         started, goes_on, steps = perf_counter(), self._goes_on(frame), self._channel_steps(frame)
         latest, waiting = self._latest, self._waiting
@@ -368,7 +377,7 @@ class Resolver:
         self.launcher.finish()
         buffers.let_go()
         buffers.give_back()
-        self._latest, self._waiting = Past.of(frame), waiting
+        self._latest, self._waiting = Past.of(frame, coarse), waiting
         waiting.append(outline(frame))
         self.times = Times(perf_counter() - started, 0.0, 0.0)
 
@@ -427,7 +436,15 @@ class Resolver:
         self._lends = False
         self._previous = None  # an interrupt from here on leaves no history, rather than a half of one
         buffers.swap()
-        self._previous = Past.of(frame)
+        self._previous = Past.of(frame, self._coarse)
+
+    def _is_cut(self, past: Past, frame: Frame, coarse: Coarse) -> bool:
+        """Whether ``frame``, which would go on from ``past``, is found to be a cut. Published resolves find none."""
+        goes_on = past.continues_in(frame, self.preset.choices) and not self.preset.published
+        if not goes_on or not looks_cut(past.coarse, coarse):
+            return False
+        self.cuts_found.append(frame.index)
+        return True
 
     @one_thread
     def debug(self, *views: str) -> dict[str, NDArray[np.float32]]:
@@ -511,6 +528,9 @@ class Resolver:
         if previous is not None and frame.index == previous.index and not frame.cut:
             cure = f"number frames one after the other, {frame.step} apart; before another sequence call reset()"
             raise UsageError(f"index is {frame.index} twice in a row, so no history could go on", cure=cure)
+        self._coarse = coarse_colours(frame)
+        if previous is not None and self._is_cut(previous, frame, self._coarse):
+            previous = None
         if previous is not None and not previous.continues_in(frame, self.preset.choices):
             previous = None
         self.plan = plan_frame(self.preset, frame, previous.camera if previous else None, every=self.every_step)

@@ -104,7 +104,7 @@ class ResolveReport(msgspec.Struct, kw_only=True):
 
     ``repaired`` counts the pixels of those whose colour was no usable number (NaN, infinite, beyond 2^50), ``opaque``
     the frames whose alpha is 1 everywhere, ``saturated`` the pixels as bright as the largest half, where halves are
-    written or kept as history.
+    written or kept as history, ``cuts_found`` the frames that were found to begin another shot though nobody says so.
     """
 
     output: str
@@ -113,6 +113,7 @@ class ResolveReport(msgspec.Struct, kw_only=True):
     repaired: int
     opaque: int
     saturated: int
+    cuts_found: list[int]
     width: int
     height: int
     device: str
@@ -452,6 +453,7 @@ class _Run:
             repaired=self._files.repaired,
             opaque=self._files.opaque,
             saturated=self._files.saturated,
+            cuts_found=sorted(set(self._resolver.cuts_found)),
             width=self._sequence.width,
             height=self._sequence.height,
             device=self._resolver.launcher.description,

@@ -28,6 +28,7 @@ def outcome(**changes: Any) -> ResolveReport:
         "repaired": 0,
         "opaque": 0,
         "saturated": 0,
+        "cuts_found": [],
         "width": 37,
         "height": 23,
         "device": "a device",
@@ -50,6 +51,7 @@ def outcome(**changes: Any) -> ResolveReport:
         ),
         ({}, ["--debug", "count"], ["debug views in /out/debug"]),
         ({}, ["--preview", "a [b].mp4"], ["film a [b].mp4"]),
+        ({"cuts_found": [7, 12]}, [], ["cut found at frame 7, 12, which nothing declares: a new history"]),
         ({"opaque": 5}, [], []),  # of cltaa's own files
     ],
 )

@@ -1,0 +1,91 @@
+"""Cuts that nobody declares are found where no depth refutes the history: the images are those of a declared cut."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltaa import Effect, Frame, Resolver
+from cltaa.core.cuts import coarse_colours, looks_cut
+from cltaa.pipeline.checkpoint import Checkpoints
+
+WIDTH, HEIGHT = 64, 36
+CUT = 4  # the frame that begins the second shot
+
+
+def shot(seed: int, index: int, pan: int = 0) -> Frame:
+    """A frame of smooth random light with grain, moved by ``pan`` pixels."""
+    random = np.random.default_rng(seed)
+    coarse = random.lognormal(0.0, 1.0, (9, 16, 3))
+    light = np.kron(coarse, np.ones((4, 4, 1)))
+    grain = np.random.default_rng(index).uniform(0.8, 1.25, light.shape)
+    return Frame(index=index, colour=(np.roll(light, pan, 1) * grain).astype(np.float32))
+
+
+def two_shots() -> list[Frame]:
+    return [shot(0 if index < CUT else 1, index) for index in range(CUT + 3)]
+
+
+def resolved(frames: list[Frame], preset: str = "default", **options: Any) -> tuple[np.ndarray, list[int]]:
+    with Resolver(preset, device="numpy", **options) as resolver:
+        images = [image for frame in frames for image in resolver.feed(frame)] + resolver.flush()
+        return np.array(images), list(resolver.cuts_found)
+
+
+@pytest.mark.parametrize(("preset", "options"), [("default", {}), ("gather-8", {"look_ahead": 2})])
+def test_what_is_found_is_what_a_declaration_makes(preset: str, options: dict[str, int]) -> None:
+    frames = two_shots()
+    declared = [replace(frame, cut=frame.index == CUT) for frame in frames]
+    found, cuts = resolved(frames, preset, **options)
+    assert cuts == [CUT]
+    np.testing.assert_array_equal(found, resolved(declared, preset, **options)[0])
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        lambda frame: replace(frame, effects=frozenset({Effect.ILLUMINATION})),
+        lambda frame: replace(
+            frame, depth=np.full((HEIGHT, WIDTH), 2.0, np.float32), motion=np.zeros((HEIGHT, WIDTH, 2))
+        ),
+    ],
+    ids=["declared", "with depth and vectors"],
+)
+def test_none_is_looked_for_where_history_is_refuted_otherwise(changed: Any) -> None:
+    assert looks_cut(*(coarse_colours(frame) for frame in two_shots()[CUT - 1 : CUT + 1]))
+    assert [coarse_colours(changed(frame)) for frame in two_shots()] == [()] * (CUT + 3)
+
+
+def test_a_published_resolve_is_left_as_it_is() -> None:
+    assert resolved(two_shots(), "bevy")[1] == []
+
+
+@pytest.mark.parametrize(
+    "after",
+    [
+        shot(0, 1),
+        shot(0, 1, pan=1),
+        replace(shot(0, 1), colour=16.0 * shot(0, 1).colour),
+        replace(shot(0, 1), colour=np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)),
+        replace(shot(0, 1), colour=np.full((HEIGHT, WIDTH, 3), np.nan, np.float32)),
+    ],
+    ids=["grain", "pan", "exposure", "plain", "nan"],
+)
+def test_what_is_no_cut(after: Frame) -> None:
+    assert not looks_cut(coarse_colours(shot(0, 0)), coarse_colours(after))
+
+
+def test_it_is_found_after_a_run_was_cut_short_too(tmp_path: Path) -> None:
+    frames = two_shots()
+    whole, _ = resolved(frames)
+    with Resolver(device="numpy") as first, Resolver(device="numpy") as second:
+        for frame in frames[:CUT]:
+            first.resolve(frame)
+        Checkpoints(tmp_path, "key").save(first)
+        assert Checkpoints(tmp_path, "key").restore(second, before=CUT) == CUT - 1
+        np.testing.assert_array_equal(second.resolve(frames[CUT]), whole[CUT])
+        assert list(second.cuts_found) == [CUT]
