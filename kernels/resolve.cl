@@ -9,8 +9,7 @@
 // cltaa/core/build.py writes it in front of this text; `cltaa kernels --show resolve` prints it.
 //
 // sample_history runs the illumination-change test and the disocclusion test too, hence its arguments `current` and
-// `rows.below.texels`. rectified_alpha acts for BOX_UNIT alone. extend_stored does nothing on a GPU, where
-// extend_edges_kernel of store.cl repeats the edges.
+// `rows.below.texels`. extend_stored does nothing on a GPU, where extend_edges_kernel of store.cl repeats the edges.
 #include "taa/accumulate.h"
 #include "schedule/window.h"
 

@@ -22,23 +22,24 @@ __kernel void weigh_windows_kernel(
     for (int window = 1; window < WINDOWS; ++window) {
         const real w = trust(error[window], least);
         plane_in q = window_plane(p, window, 0, frame);
-        const colour v = load_colour(q, plane), moved = drift_to_shortest(q, p, frame, settings);
-        sum.r += w * ((v.r + moved.r) - first.r);
-        sum.g += w * ((v.g + moved.g) - first.g);
-        sum.b += w * ((v.b + moved.b) - first.b);
+        const colour v = load_colour(q, plane);
+        const drifted moved = drift_to_shortest(q, p, frame, settings);
+        sum.r += w * ((v.r + moved.light.r) - first.r);
+        sum.g += w * ((v.g + moved.light.g) - first.g);
+        sum.b += w * ((v.b + moved.light.b) - first.b);
         darkest.r = lesser(darkest.r, v.r);
         darkest.g = lesser(darkest.g, v.g);
         darkest.b = lesser(darkest.b, v.b);
         count_sum += w * (load(q + 4 * plane) - count);
         if (ALPHA)
-            alpha_sum += w * (load(q + 5 * plane) - alpha);
+            alpha_sum += w * ((load(q + 5 * plane) + moved.alpha) - alpha);
         weight += w;
     }
     const colour v
         = { first.r + quotient(sum.r, weight), first.g + quotient(sum.g, weight), first.b + quotient(sum.b, weight) };
     resolved out;
     out.rgb = storable_colour(v, darkest);
-    out.alpha = alpha + quotient(alpha_sum, weight);
+    out.alpha = limit(alpha + quotient(alpha_sum, weight), zero, SPLAT(1.0));
     out.count = count + quotient(count_sum, weight);
     store_resolved(output, output_count, out, x, y, frame);
 }

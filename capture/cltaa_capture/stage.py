@@ -169,4 +169,4 @@ def normal_matrix(pose: Matrix) -> Matrix:
     """Inverse transpose of a pose's upper 3x3, up to a positive factor: the cofactors, which exist for any pose."""
     a, b, c = pose[:3, :3]
     cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
-    return np.asarray(cofactors * np.sign(np.linalg.det(pose[:3, :3])))
+    return np.asarray(cofactors * np.copysign(1.0, np.linalg.det(pose[:3, :3])))

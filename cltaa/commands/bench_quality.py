@@ -45,6 +45,7 @@ from cltaa.lab.bench.quality.cases import (
     planned,
 )
 from cltaa.lab.bench.quality.judge import (
+    ALPHA,
     COLUMNS,
     ONE_SAMPLE,
     Cells,
@@ -53,7 +54,17 @@ from cltaa.lab.bench.quality.judge import (
     import_judges,
     judge_sequence,
 )
-from cltaa.lab.bench.quality.page import Table, about_of, check_pages, ordered, score, summarise, write_pages, written
+from cltaa.lab.bench.quality.page import (
+    Table,
+    about_of,
+    check_pages,
+    columns_of,
+    ordered,
+    score,
+    summarise,
+    write_pages,
+    written,
+)
 from cltaa.lab.bench.quality.pictures import write_pictures
 from cltaa.lab.judge.metrics import METRICS, versions_of
 from cltaa.printable import json_of, printable, shown
@@ -192,7 +203,7 @@ def quality(
     if page is not None:
         write_pages(page, table, about, texts)
     if as_json:
-        definitions = {column.name: column.title for column in COLUMNS}
+        definitions = {column.name: column.title for column in (*COLUMNS, ALPHA)}
         read = {name: sequence.notes for name, sequence in sequences.items() if sequence.notes}
         facts = {"about": about, "versions": versions_of(METRICS.values()), "definitions": definitions, "read": read}
         click.echo(json_of(facts | msgspec.to_builtins(table)))
@@ -244,10 +255,11 @@ def _print(table: Table) -> None:
     for split, means in table.means.items():
         grid = Grid(title=f"means over sequences, {split}", box=SIMPLE)
         grid.add_column("preset", no_wrap=True)
-        for column in COLUMNS:
+        columns = columns_of(means.values())
+        for column in columns:
             grid.add_column(f"{column.name} {'↑' if column.higher_is_better else '↓'}", justify="right", no_wrap=True)
         for name in ordered(means):
-            grid.add_row(name, *(written(score(column.name, means[name]), column) for column in COLUMNS))
+            grid.add_row(name, *(written(score(column.name, means[name]), column) for column in columns))
         print_table(grid)
     for duel in table.duels:
         losses = f"; not in {', '.join(duel.not_better)}" if duel.not_better else ""

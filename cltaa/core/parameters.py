@@ -284,7 +284,7 @@ class Box(Choice):
     EXTREMES = "extremes", "least and greatest value of each channel"
     BOTH = "both", "the intersection of the two"
     ROUNDED = "rounded", "the mean of the extremes of the 3x3 and of the cross"
-    UNIT = "unit", "the extremes, but at least [0, 1] is inside; alpha is held in its own"
+    UNIT = "unit", "the extremes, but at least [0, 1] is inside"
 
 
 class BoxSpace(Choice):

@@ -9,7 +9,16 @@ import numpy as np
 
 from cltaa.core.build import Build, Record
 from cltaa.core.constants import PAD_X, PAD_Y
-from cltaa.core.parameters import Accumulate, AlphaFrom, AntiFlicker, Box, FilterUse, Illumination, Negatives, Weighting
+from cltaa.core.parameters import (
+    Accumulate,
+    AlphaFrom,
+    AntiFlicker,
+    FilterUse,
+    Illumination,
+    Negatives,
+    Rectify,
+    Weighting,
+)
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, from_box_space, from_range, luminance, to_box_space
 from cltaa.reference.history import History
@@ -220,8 +229,8 @@ def as_reactive(r: Array, now: Pixel) -> Array:
 
 
 def rectified_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> Array:
-    """The history's alpha; where the box is ``unit``, held in the extremes of the current 3x3 of ``plane``."""
-    if build.choices.box is not Box.UNIT:
+    """The history's alpha; where colour is moved into a box, held in the extremes of the current 3x3 of ``plane``."""
+    if build.choices.rectify is Rectify.NONE:
         return past
     share = share_in_domain(plane[0].astype(past.dtype), 1.0)
     low, high = np.ones_like(past), np.zeros_like(past)

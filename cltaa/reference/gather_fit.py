@@ -162,10 +162,8 @@ def resolve_gathered(
     past = (current[0] + change[0], current[1] + change[1], current[2] + change[2])
     moved = rectify(past, current, p.stats, m, box_scale_of(m, settings), build, layout, settings).change
     share = g.weight / (sample_share(current, build, settings) + g.weight) if plain else one
-    alpha_share = one
     if build.steps.reactive:
-        alpha_share = one - distrust(p.reactivity, build)
-        share = share * alpha_share
+        share = share * (one - distrust(p.reactivity, build))
     mixed = [x + share * ((y - x) + c) for x, y, c in zip(current, past, moved, strict=True)]
     fresh = disoccluded_colour(current, p.stats.mean, build, settings)
     r, gr, b = (np.where(any_of, k, f) for k, f in zip(mixed, fresh, strict=True))
@@ -173,9 +171,8 @@ def resolve_gathered(
     filters = build.choices.current_filter is not CurrentFilter.NONE
     if filters and build.choices.filter_use is FilterUse.FEW:
         filter_share = gathered_filter_share(one / (g.count + one), g, layers, build, settings)
-        share = filtered_share(filter_share, p.filtered, build, settings)
-        chosen = drawn_towards(chosen, p.filtered, share)
+        chosen = drawn_towards(chosen, p.filtered, filtered_share(filter_share, p.filtered, build, settings))
     stored = storable_colour(from_range(chosen, build), current, build)
     if build.choices.alpha_from is AlphaFrom.BLEND:
-        alpha = alpha + alpha_share * (g.alpha / (g.count + one))
+        alpha = alpha + share * (g.alpha / weight)
     return Resolved(stored, alpha, g.count + one)

@@ -183,7 +183,7 @@ def gather_sample(
         g.add_recent(share_difference(c, current, build, settings), counted)
     if build.steps.alpha:
         a = share_in_domain(texel_at(v.planes[ring_alpha(build.steps)], f, zero.dtype), 1.0)
-        g.alpha = g.alpha + counted * (a - now.alpha)
+        g.alpha = g.alpha + w * (a - now.alpha)
 
 
 def _sample(planes: Array, f: Footprint, like: Array, then: Record) -> tuple[Colour, Array]:

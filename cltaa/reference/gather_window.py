@@ -28,7 +28,7 @@ from cltaa.reference.gather import Gathering
 from cltaa.reference.gather_fit import Gathered
 from cltaa.reference.gather_track import ring_alpha, ring_reactive
 from cltaa.reference.planes import extend_stored, real_type, store_resolved
-from cltaa.reference.real import Array, constant, greater, lesser, number, quiet
+from cltaa.reference.real import Array, constant, greater, lesser, limit, number, quiet
 
 TEXELS = (2 * WINDOW_REACH + 1) ** 2
 
@@ -74,12 +74,12 @@ def resolve_unmoved(
         if place < SHORT_WINDOW:
             g.add_recent(share_difference((r, gr, b), p.own, build, settings), counted)
         if build.steps.alpha:
-            g.alpha = g.alpha + counted * (share_in_domain(planes[ring_alpha(build.steps)], 1.0) - p.alpha)
+            g.alpha = g.alpha + w * (share_in_domain(planes[ring_alpha(build.steps)], 1.0) - p.alpha)
     whole = sample_share(p.own, build, settings) + g.weight
     r, gr, b = (own + total / whole for own, total in zip(p.own, g.sum, strict=True))
     alpha, count = p.alpha, g.count + one
     if build.choices.alpha_from is AlphaFrom.BLEND:
-        alpha = alpha + g.alpha / count
+        alpha = alpha + g.alpha / whole
     return Resolved(storable_colour(from_range((r, gr, b), build), p.own, build), alpha, count), g
 
 
@@ -179,12 +179,12 @@ def drift_of(then: list[Array], now: list[Array], weights: list[Array]) -> Drift
 
 
 def drifts_of(window: Array, shortest: Array, build: Build, layout: Layout, settings: Record) -> list[Drift]:
-    """The drifts of padded planes [3, rows, stride] to the shortest window; a texel counts as its light does in a mean,
-    then and now."""
+    """The drifts of padded planes [3 or more, rows, stride] to the shortest window; a texel counts as the light of the
+    first three does in a mean, then and now."""
     then, now = ([list(around(plane, layout)) for plane in planes] for planes in (window, shortest))
     weights = [
         sample_share((r, g, b), build, settings) * sample_share((x, y, z), build, settings)
-        for r, g, b, x, y, z in zip(*then, *now, strict=True)
+        for r, g, b, x, y, z in zip(*then[:3], *now[:3], strict=True)
     ]
     return [drift_of(v, k, weights) for v, k in zip(then, now, strict=True)]
 
@@ -197,8 +197,8 @@ def t_of(drift: Drift) -> Array:
 
 
 def effective(drifts: list[Drift]) -> list[Array]:
-    """As much of a drift in three channels as is not chance, by the one that drifted most."""
-    r, g, b = (t_of(drift) for drift in drifts)
+    """As much of a drift in each channel as is not chance, by that of the first three that drifted most."""
+    r, g, b = (t_of(drift) for drift in drifts[:3])
     enough = constant("DRIFT_T", r)
     chance = enough / greater(greater(r, greater(g, b)), enough)
     sure = number(1.0, r) - chance * chance
@@ -221,14 +221,17 @@ def weigh_windows(
     sums, alphas, counts = [zero, zero, zero], zero, zero
     for part, error in zip(parts[1:], errors[1:], strict=True):
         w, own = trust(error, least), layout.inside(part)
-        moved = effective(drifts_of(part[:3], parts[0][:3], build, layout, settings))
-        sums = [total + w * ((v + step) - k) for total, v, step, k in zip(sums, own[:3], moved, first[:3], strict=True)]
+        channels = [0, 1, 2, 5] if build.steps.alpha else [0, 1, 2]
+        moved = effective(drifts_of(part[channels], parts[0][channels], build, layout, settings))
+        of_light = zip(sums, own[:3], moved[:3], first[:3], strict=True)
+        sums = [total + w * ((v + step) - k) for total, v, step, k in of_light]
         darkest = [lesser(k, v) for k, v in zip(darkest, own[:3], strict=True)]
         counts = counts + w * (own[4] - first[4])
         if build.steps.alpha:
-            alphas = alphas + w * (own[5] - alpha)
+            alphas = alphas + w * ((own[5] + moved[3]) - alpha)
         weight = weight + w
     r, g, b = (k + total / weight for k, total in zip(first[:3], sums, strict=True))
     rgb = storable_colour((r, g, b), (darkest[0], darkest[1], darkest[2]), build)
-    resolved = Resolved(rgb, alpha + alphas / weight, first[4] + counts / weight)
+    opacity = limit(alpha + alphas / weight, zero, np.ones_like(zero))
+    resolved = Resolved(rgb, opacity, first[4] + counts / weight)
     store_resolved(resolved, build, layout, frame, output, output_count)

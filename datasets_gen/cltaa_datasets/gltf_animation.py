@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.errors import DataError
-from cltaa_datasets.gltf_file import GltfFile
+from cltaa_datasets.gltf_file import MALFORMED, GltfFile
 from cltaa_datasets.scene import Matrix
 
 Floats = NDArray[np.float64]
@@ -46,7 +46,7 @@ class Channel:
                 value = _hermite(self.values[after - 1], self.values[after], share, span)
             else:
                 value = (slerp if self.turns else _straight)(keys[after - 1], keys[after], share)
-        return np.asarray(value / np.linalg.norm(value) if self.turns else value)
+        return unit_quaternion(value) if self.turns else np.asarray(value)
 
 
 def _straight(a: Floats, b: Floats, share: float) -> Floats:
@@ -70,6 +70,12 @@ def slerp(a: Floats, b: Floats, share: float) -> Floats:
     return np.asarray((np.sin((1.0 - share) * angle) * a + np.sin(share * angle) * b) / np.sin(angle))
 
 
+def unit_quaternion(quaternion: Floats) -> Floats:
+    """Scale a quaternion to length 1; one of no length turns nothing."""
+    length = float(np.linalg.norm(quaternion))
+    return np.asarray(quaternion / length if length > 0.0 else REST["rotation"])
+
+
 def quaternion_matrix(quaternion: Floats) -> Matrix:
     """Rotation matrix [3, 3] of a unit quaternion x, y, z, w."""
     x, y, z, w = quaternion
@@ -89,7 +95,7 @@ class NodeTree:
         try:
             for channel in animations[0]["channels"] if animations else ():
                 self._add(file, channel["target"], animations[0]["samplers"][channel["sampler"]])
-        except (KeyError, IndexError, TypeError, ValueError) as error:
+        except MALFORMED as error:
             raise DataError(f"its animation cannot be read ({error!r})", path=file.path) from error
         self.duration = max((float(c.times[-1]) for c in self._channels.values()), default=0.0)
 
@@ -99,6 +105,8 @@ class NodeTree:
         times = np.asarray(file.array(sampler["input"]), np.float64)
         interpolation = sampler.get("interpolation", "LINEAR")
         values = np.asarray(file.array(sampler["output"]), np.float64)
+        if not (times.size and np.isfinite(times).all() and np.isfinite(values).all()):
+            raise ValueError("its keys are none, or not finite")
         shape = (len(times), 3, -1) if interpolation == "CUBICSPLINE" else (len(times), -1)
         path = target["path"]
         channel = Channel(times, values.reshape(shape), interpolation, turns=path == "rotation")
@@ -141,6 +149,6 @@ class NodeTree:
             played = self.property(index, path, time)
             parts.append(np.asarray(node.get(path, rest), np.float64) if played is None else played)
         matrix = np.eye(4)
-        matrix[:3, :3] = quaternion_matrix(parts[1] / np.linalg.norm(parts[1])) * parts[2]
+        matrix[:3, :3] = quaternion_matrix(unit_quaternion(parts[1])) * parts[2]
         matrix[:3, 3] = parts[0]
         return matrix

@@ -20,6 +20,8 @@ from PIL import Image
 from cltaa.errors import DataError, InputMissing
 
 MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
+# What a file raises whose JSON is of other types, or holds other numbers, than the specification says.
+MALFORMED = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
 COMPONENTS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 # Extensions that may be required and still leave geometry and animation readable without them.
@@ -46,7 +48,7 @@ class GltfFile:
             if needed:
                 raise DataError(f"needs the extension {needed[0]}", path=path, cure="export without compression")
             self._buffers = [self._bytes(buffer.get("uri"), binary) for buffer in self.items("buffers")]
-        except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError, struct.error) as error:
+        except (*MALFORMED, struct.error) as error:
             reason = f"is no glTF 2.0 file ({type(error).__name__}: {error})"
             raise DataError(reason, path=path, cure="export the model again") from error
 
@@ -90,7 +92,7 @@ class GltfFile:
                 values[:] = self._strided(accessor["bufferView"], accessor.get("byteOffset", 0), count, width, dtype)
             if "sparse" in accessor:
                 self._replace(values, accessor["sparse"])
-        except (ValueError, KeyError, IndexError, TypeError) as error:
+        except MALFORMED as error:
             reason = f"accessor {index} cannot be read ({error})"
             raise DataError(reason, path=self.path, cure="export the model again") from error
         if accessor.get("normalized"):

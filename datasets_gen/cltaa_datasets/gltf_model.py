@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from cltaa.errors import DataError
 from cltaa_datasets import deform, meshes
 from cltaa_datasets.gltf_animation import NodeTree
-from cltaa_datasets.gltf_file import GltfFile
-from cltaa_datasets.gltf_vertices import FAN, STRIP, TRIANGLES, Vertices
+from cltaa_datasets.gltf_file import MALFORMED, GltfFile
+from cltaa_datasets.gltf_vertices import FAN, LARGEST_COLOUR, STRIP, TRIANGLES, Vertices
 from cltaa_datasets.models import GLTF
-from cltaa_datasets.scene import AlphaMode, Material, Matrix, Part, Shape, Texture
+from cltaa_datasets.scene import AlphaMode, Colour, Material, Matrix, Part, Shape, Texture
 
 Floats = NDArray[np.float64]
 
@@ -40,14 +40,14 @@ class AnimatedModel:
     def __init__(self, path: Path, *, played: bool = True) -> None:
         """Read a file; raises InputMissing and DataError."""
         self._file = GltfFile(path)
-        self.tree = NodeTree(self._file, played=played)
         self._materials: dict[int | None, Material] = {}
         self._textures: dict[tuple[int, bool], Texture] = {}
         try:
+            self.tree = NodeTree(self._file, played=played)
             self._skins = [self._read_skin(skin) for skin in self._file.items("skins")]
             self.pieces = tuple(self._pieces())
             self.at(0.0)  # poses and skins, too, are the file's to break
-        except (KeyError, IndexError, TypeError, ValueError, RecursionError) as error:
+        except MALFORMED as error:
             reason = f"cannot be read ({type(error).__name__}: {error})"
             raise DataError(reason, path=path, cure="export the model again") from error
         if not self.pieces:
@@ -101,7 +101,8 @@ class AnimatedModel:
                 if primitive.get("mode", TRIANGLES) in (TRIANGLES, STRIP, FAN):
                     name = f"{index} {node.get('name', mesh.get('name', 'node'))} {number}"
                     weights = tuple(node.get("weights", mesh.get("weights", ())))
-                    pieces.append(self._piece(name, index, primitive, node.get("skin"), weights))
+                    piece = self._piece(name, index, primitive, node.get("skin"), weights)
+                    pieces += [piece] if len(piece.part.mesh.faces) else []
         return pieces
 
     def _piece(
@@ -133,16 +134,17 @@ class AnimatedModel:
         if index not in self._materials:
             entry = {} if index is None else self._file.items("materials")[index]
             pbr = _shiny(entry) or entry.get("pbrMetallicRoughness", {})
+            base = pbr.get("baseColorFactor", (1.0, 1.0, 1.0, 1.0))
             self._materials[index] = Material(
-                base_colour=tuple(pbr.get("baseColorFactor", (1.0, 1.0, 1.0, 1.0))),
+                base_colour=(*_light(base[:3]), _share(base[3])),
                 base_texture=self._texture(pbr.get("baseColorTexture")),
-                metallic=float(pbr.get("metallicFactor", 1.0)),
-                roughness=float(pbr.get("roughnessFactor", 1.0)),
+                metallic=_share(pbr.get("metallicFactor", 1.0)),
+                roughness=_share(pbr.get("roughnessFactor", 1.0)),
                 metallic_roughness_texture=self._texture(pbr.get("metallicRoughnessTexture"), srgb=False),
-                emissive=tuple(entry.get("emissiveFactor", (0.0, 0.0, 0.0))),
+                emissive=_light(entry.get("emissiveFactor", (0.0, 0.0, 0.0))),
                 emissive_texture=self._texture(entry.get("emissiveTexture")),
                 alpha_mode=AlphaMode(entry.get("alphaMode", "OPAQUE")),
-                alpha_cutoff=float(entry.get("alphaCutoff", 0.5)),
+                alpha_cutoff=_finite(entry.get("alphaCutoff", 0.5)),
                 double_sided=bool(entry.get("doubleSided", False)),
             )
         return self._materials[index]
@@ -158,6 +160,26 @@ class AnimatedModel:
         if key not in self._textures:
             self._textures[key] = Texture(self._file.image(key[0]), srgb=srgb)
         return self._textures[key]
+
+
+def _finite(number: Any) -> float:
+    found = float(number)
+    if not np.isfinite(found):
+        raise ValueError(f"{found} in a material")
+    return found
+
+
+def _share(number: Any) -> float:
+    """A number that the specification keeps between 0 and 1."""
+    return min(max(_finite(number), 0.0), 1.0)
+
+
+def _light(numbers: Any) -> Colour:
+    """A colour of a material."""
+    red, green, blue = (_finite(number) for number in numbers)
+    if not (min(red, green, blue) >= 0.0 and max(red, green, blue) <= LARGEST_COLOUR):
+        raise ValueError(f"a colour {list(numbers)} in a material, expected numbers from 0 to {LARGEST_COLOUR:g}")
+    return red, green, blue
 
 
 def _shiny(entry: dict[str, Any]) -> dict[str, Any]:

@@ -8,9 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cltaa.errors import DataError
 from cltaa_datasets.gltf_file import GltfFile
 
 TRIANGLES, STRIP, FAN = 4, 5, 6  # modes of a primitive
+WIDTHS = {"POSITION": (3,), "NORMAL": (3,), "TEXCOORD_0": (2,), "COLOR_0": (3, 4), "JOINTS_0": (4,), "WEIGHTS_0": (4,)}
+LARGEST_COLOUR = 65504.0  # of a half
+COMPRESSED = "KHR_draco_mesh_compression"
 Floats = NDArray[np.float64]
 Faces = NDArray[np.int64]  # [F, 3]
 
@@ -23,11 +27,13 @@ class Vertices:
 
     def __init__(self, file: GltfFile, primitive: dict[str, Any]) -> None:
         """Read the faces; raises DataError, and ValueError or KeyError for what does not fit together."""
+        if COMPRESSED in primitive.get("extensions", {}):
+            raise DataError(f"needs the extension {COMPRESSED}", path=file.path, cure="export without compression")
         self._array, self.attributes = file.array, primitive["attributes"]
         self._count = len(self._array(self.attributes["POSITION"]))
         corners = self._array(primitive["indices"]) if "indices" in primitive else np.arange(self._count)
         self.faces = triangles(primitive.get("mode", TRIANGLES), corners.astype(np.int64))
-        if self.faces.size and self.faces.max() >= self._count:
+        if self.faces.size and not 0 <= self.faces.min() <= self.faces.max() < self._count:
             raise ValueError(f"a face has vertex {self.faces.max()} of {self._count}")
         self._taken: Faces | slice = slice(None)
         if "NORMAL" not in self.attributes:
@@ -39,8 +45,12 @@ class Vertices:
         values = np.asarray(self._array((attributes or self.attributes)[name]), np.float64)
         if len(values) != self._count:
             raise ValueError(f"{name} of {len(values)} vertices, POSITION of {self._count}")
+        if values.shape[-1] not in WIDTHS[name] or values.ndim != 2:
+            raise ValueError(f"{name} of {values.shape[-1] if values.ndim == 2 else 1} numbers a vertex")
         if not np.isfinite(values).all():
             raise ValueError(f"{name} is not finite")
+        if name == "COLOR_0" and (values.min(initial=0.0) < 0.0 or values.max(initial=0.0) > LARGEST_COLOUR):
+            raise ValueError(f"{name} is no light")
         return np.asarray(values[self._taken])
 
     def normals(self, positions: Floats) -> Floats:
@@ -54,6 +64,8 @@ class Vertices:
 def triangles(mode: int, corners: NDArray[np.int64]) -> Faces:
     """Faces of a primitive of mode TRIANGLES, STRIP or FAN."""
     if mode == TRIANGLES:
+        if corners.size % 3:
+            raise ValueError(f"{corners.size} corners of triangles, which have 3 each")
         return corners.reshape(-1, 3)
     first = np.arange(max(len(corners) - 2, 0))
     if mode == FAN:

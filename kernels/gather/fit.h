@@ -156,11 +156,8 @@ STAGE resolved resolve_gathered(
     const rectification r = rectify(past, current, p.stats, m, box_scale_of(m, settings), frame, settings);
     // A mean leaves out the current sample and gets a share relative to it; a fit includes it.
     real share = GATHER_FIT == GATHER_FIT_MEAN ? g.weight / (sample_share(current, settings) + g.weight) : one;
-    real alpha_share = one;
-    if (REACTIVE) {
-        alpha_share = one - distrust(p.reactivity);
-        share *= alpha_share;
-    }
+    if (REACTIVE)
+        share *= one - distrust(p.reactivity);
     const colour mixed = { current.r + share * ((past.r - current.r) + r.change.r),
         current.g + share * ((past.g - current.g) + r.change.g),
         current.b + share * ((past.b - current.b) + r.change.b) };
@@ -173,7 +170,7 @@ STAGE resolved resolve_gathered(
     out.rgb = storable_colour(from_range(chosen), current);
     out.alpha = p.alpha;
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
-        out.alpha = p.alpha + alpha_share * (g.alpha / (g.count + one));
+        out.alpha = p.alpha + share * (g.alpha / weight);
     out.count = g.count + one;
     return out;
 }

@@ -149,13 +149,14 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
         g->unlike += v.recent ? counted * (SPLAT(1.0) - alike) : zero;
         counted *= alike;
     }
-    add_sample(g, d, counted * sample_share(c, settings), good ? dx : zero, good ? dy : zero, far_only ? !near : near);
+    const real w = counted * sample_share(c, settings);
+    add_sample(g, d, w, good ? dx : zero, good ? dy : zero, far_only ? !near : near);
     g->count += counted;
     if (v.recent)
         add_recent(g, share_difference(c, now.own, settings), counted);
     if (ALPHA) {
         const real a = share_in_domain(texel_at(p + RING_ALPHA * plane, v.f, stride), SPLAT(1.0));
-        g->alpha += counted * (a - now.alpha);
+        g->alpha += w * (a - now.alpha);
     }
 }
 

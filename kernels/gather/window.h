@@ -66,7 +66,7 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
         if (k < SHORT_WINDOW)
             add_recent(&g, share_difference(c, p.own, settings), counted);
         if (ALPHA)
-            g.alpha += counted * (load_share(q + RING_ALPHA * plane, one) - p.alpha);
+            g.alpha += w * (load_share(q + RING_ALPHA * plane, one) - p.alpha);
     }
     const real whole_weight = sample_share(p.own, settings) + g.weight;
     const colour v = { p.own.r + quotient(g.sum.r, whole_weight), p.own.g + quotient(g.sum.g, whole_weight),
@@ -76,7 +76,7 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
     out.rgb = storable_colour(from_range(v), p.own);
     out.alpha = p.alpha;
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
-        out.alpha = p.alpha + quotient(g.alpha, out.count);
+        out.alpha = p.alpha + quotient(g.alpha, whole_weight);
     *sums = g;
     return out;
 }
@@ -189,9 +189,16 @@ STAGE real t_of(drift_t drift)
     return quotient(absolute(drift.mean), error);
 }
 
+// What light and alpha drifted by.
+typedef struct
+{
+    colour light;
+    real alpha;
+} drifted;
+
 // The drift from a window to the shortest as far as it is not chance: 1 - (DRIFT_T / t)^2 (James and Stein), of the
-// channel that drifted most.
-STAGE colour drift_to_shortest(plane_in window, plane_in shortest, frame_t frame, settings_t settings)
+// channel of light that drifted most.
+STAGE drifted drift_to_shortest(plane_in window, plane_in shortest, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
     real weights[WINDOW_TEXELS];
@@ -201,6 +208,8 @@ STAGE colour drift_to_shortest(plane_in window, plane_in shortest, frame_t frame
                   b = drift_of(window + 2 * plane, shortest + 2 * plane, weights, frame);
     const real t = greater(greater(t_of(r), greater(t_of(g), t_of(b))), SPLAT(DRIFT_T));
     const real chance = quotient(SPLAT(DRIFT_T), t), sure = SPLAT(1.0) - chance * chance;
-    const colour moved = { sure * r.mean, sure * g.mean, sure * b.mean };
+    drifted moved = { { sure * r.mean, sure * g.mean, sure * b.mean }, SPLAT(0.0) };
+    if (ALPHA)
+        moved.alpha = sure * drift_of(window + 5 * plane, shortest + 5 * plane, weights, frame).mean;
     return moved;
 }

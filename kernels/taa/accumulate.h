@@ -297,10 +297,11 @@ STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t
     return blend_pixel(p, h, r, rectified(h, r), sample_beside(p, h.valid, count, settings), count, settings);
 }
 
-// The alpha of the history; where the box is `unit`, clamped to the extremes of the current 3x3 as colour is.
+// The alpha of the history; where colour is moved into a box, clamped to the extremes of the current 3x3. A trail that
+// colour has left would stay in alpha, and darken whatever it is laid over.
 STAGE real rectified_alpha(plane_in alpha, real past, int x, int y, frame_t frame)
 {
-    if (!ALPHA | (BOX != BOX_UNIT))
+    if (!ALPHA | (RECTIFY == RECTIFY_NONE))
         return past;
     plane_in alpha_at = alpha + texel_offset(frame, x, y);
     real low = SPLAT(1.0), high = SPLAT(0.0);

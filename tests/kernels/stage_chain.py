@@ -84,6 +84,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "illumination",
         "negatives",
         "reactive",
+        "rectify",
         "storage",
         "tonemap",
         "weighting",

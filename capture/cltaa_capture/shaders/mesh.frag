@@ -132,12 +132,14 @@ Surface surface_of(vec4 base)
     metallic *= texel.b;
 #endif
     Surface s;
-    s.normal = normalize(gl_FrontFacing ? world_normal : -world_normal);
 #ifdef PARALLEL
     s.to_eye = view_to_world * vec3(0.0, 0.0, 1.0);
 #else
     s.to_eye = normalize(view_to_world * -view_position);
 #endif
+    s.normal = normalize(gl_FrontFacing ? world_normal : -world_normal);
+    // Between vertices whose normals are opposite there is none, which is no number either.
+    if (!(dot(s.normal, s.normal) > 0.5)) s.normal = s.to_eye;
     s.diffuse = base.rgb * (1.0 - metallic);
     s.f0 = mix(vec3(DIELECTRIC * material.specular), base.rgb, metallic);
     s.roughness = max(roughness, MIN_ROUGHNESS);

@@ -216,9 +216,10 @@ def _by_shifts(shot: Shot, shifts: Sequence[Fit | None]) -> list[Finding]:
         return [_late(delay, evidence, sure)]
     if not best or as_declared < LEAST_SHIFT_PX or left[best] > min(CLEARLY_BETTER * as_declared, MOST_LEFT_PX):
         return []
-    # What the shifts do not tell, as of an axis on which the jitter hardly changes, no gain is asked of.
+    # What the shifts do not tell, as of an axis on which the jitter hardly changes, no gain is asked of. Noise of one
+    # sample a pixel leaves half of the jitter, and is no doubt where as declared far more is left.
     size = left_over(0.0 * measured, declared, np.eye(2) if best == "absent" else maps[best], weights)
-    if left[best] > NEAR * size:
+    if left[best] > NEAR * max(size, as_declared):
         return []
     gain = regress(measured, declared, weights).matrix
     evidence = f"measured shift = [[{gain[0, 0]:.3g}, {gain[0, 1]:.3g}], [{gain[1, 0]:.3g}, {gain[1, 1]:.3g}]] x "

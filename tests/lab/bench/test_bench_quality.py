@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from cltaa.errors import DataError, InputMissing
 from cltaa.frame import Frame
 from cltaa.inputs.open import Reading
 from cltaa.io.exr_read import read_frame
+from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.sequence import open_sequence
 from cltaa.lab.bench.quality.cases import HELD_OUT, REDRAWN, TRAIN, Shape, planned
 from cltaa.lab.bench.quality.judge import ONE_SAMPLE, Cells, in_step, judge_sequence
@@ -262,3 +264,19 @@ def test_a_file_is_judged_as_a_preset_is(capsys: pytest.CaptureFixture[str], tmp
     other = Path(shutil.copy(mine, tmp_path / "other"))
     assert main([*arguments, "--config", str(other)]) == 64
     assert f"{other}: two presets of one name" in capsys.readouterr().err
+
+
+def test_alpha_is_judged_where_both_sides_have_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Frames of alpha 0.25 and 0.75 in turn, of a truth of 0.5: one sample errs by 0.25."""
+    (tmp_path / "in" / "reference").mkdir(parents=True)
+    for number in range(4):
+        frame, name = make_frame(number), f"synthetic.{number:04d}.exr"
+        alpha = np.full(frame.depth.shape, 0.25 + 0.5 * (number % 2), np.float32)
+        write_frame(tmp_path / "in" / name, replace(frame, alpha=alpha))
+        truth = dict(zip("RGB", np.moveaxis(frame.colour, 2, 0), strict=True)) | {"A": np.full_like(alpha, 0.5)}
+        write_image(tmp_path / "in" / "reference" / name, truth)
+    asked = ["--sequence", str(tmp_path / "in"), "--preset", "accumulate", "--settled", "1", "--device", "numpy"]
+    assert main(["bench", "quality", *asked, "--work", str(tmp_path / "work"), "--json"]) == 0
+    (means,) = json.loads(capsys.readouterr().out)["means"].values()
+    assert means[ONE_SAMPLE]["alpha"] == pytest.approx(0.25)
+    assert means["accumulate"]["alpha"] < 0.25

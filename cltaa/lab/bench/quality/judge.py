@@ -31,6 +31,7 @@ from cltaa.lab.judge.equal_quality import equal_quality_samples
 from cltaa.lab.judge.metrics import (
     display_flip,
     display_ssim,
+    finite,
     mean,
     mse,
     named_metrics,
@@ -67,6 +68,7 @@ COLUMNS = (
     Column("blur", "share of the truth's finest detail that is lost", ".3f"),
     Column("aliasing", "fine detail that no filter of the truth explains", ".4f"),
 )
+ALPHA = Column("alpha", "root mean square error of alpha", ".4f")
 
 
 class Judged(msgspec.Struct, kw_only=True):
@@ -127,6 +129,7 @@ class _ScoreSums:
     fresh_square: float = 0.0
     fresh_count: int = 0
     not_finite: int = 0
+    alpha: list[float] = field(default_factory=list)  # mean squared errors, where both sides have it
 
     def repaired(self, image: Image) -> Image:
         """The image with 0 for what is not finite, which is counted."""
@@ -166,6 +169,7 @@ class _ScoreSums:
             "last": samples(self.rows[-1]["mse"], single),
             "disoccluded": samples(self.fresh_square / self.fresh_count, fresh) if enough else math.nan,
             **self.video.scores(),
+            ALPHA.name: math.sqrt(math.fsum(self.alpha) / len(self.alpha)) if self.alpha else math.nan,
         }
         return {name: value if math.isfinite(value) else None for name, value in values.items()}
 
@@ -205,12 +209,13 @@ def judge_sequence(
     resolvers = {preset.name: Resolver(preset, launcher) for preset in presets}
     tallies = {name: _ScoreSums() for name in (ONE_SAMPLE, *resolvers)}
     video = VideoScores(len(tallies))
-    with read_ahead((place, frame, reference.image(frame.index)) for place, frame in enumerate(sequence)) as read:
+    given = ((place, frame, reference.image(frame.index, alpha=True)) for place, frame in enumerate(sequence))
+    with read_ahead(given) as read:
         tracked = track(read, len(sequence), f"judging {sequence.folder.name}")
         for (place, frame, truth), resolved in in_step(resolvers.values(), tracked, lambda given: given[1]):
             outputs = [frame.colour, *(image[..., :3] for image in resolved)]
             repaired = [tally.repaired(image) for tally, image in zip(tallies.values(), outputs, strict=True)]
-            shown, images = _Shown.of(truth), _Shown.of_each(repaired)
+            shown, images = _Shown.of(truth[..., :3]), _Shown.of_each(repaired)
             judged = place >= settled
             sums = video.add_shown(frame, shown.display, [image.display for image in images], judged=judged)
             if judged:
@@ -219,6 +224,10 @@ def judge_sequence(
                 marks = {key: _FrameScores.of(image, shown, video.fresh, flip=flip) for key, image in different.items()}
                 for tally, image, score in zip(tallies.values(), images, sums, strict=True):
                     tally.add(marks[id(image)], score)
+                if frame.alpha is not None and truth.shape[2] == 4:
+                    alphas = [finite(frame.alpha), *(image[..., 3] for image in resolved)]
+                    for tally, alpha in zip(tallies.values(), alphas, strict=True):
+                        tally.alpha.append(mse(alpha, truth[..., 3]))
                 if redrawn is not None and video.fresh.any():
                     other = _Shown.of(redrawn.image(frame.index))
                     redrawn_square += _square(other, shown, video.fresh)

@@ -19,7 +19,7 @@ from cltaa.errors import DataError
 from cltaa.io.atomic import atomic_path, check_creatable
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.bench.quality.cases import Case
-from cltaa.lab.bench.quality.judge import COLUMNS, ONE_SAMPLE, Column, Judged
+from cltaa.lab.bench.quality.judge import ALPHA, COLUMNS, ONE_SAMPLE, Column, Judged
 from cltaa.lab.judge.comparison import truth_of, truth_samples
 from cltaa.lab.judge.metrics import mean_psnr
 
@@ -103,7 +103,7 @@ def best_engine(means: Mapping[str, Mapping[str, float | None]]) -> str | None:
 def _mean_scores(cells: list[Judged]) -> dict[str, float | None]:
     """Means over sequences: of a PSNR by way of its error, of samples the geometric one, else the arithmetic one."""
     result: dict[str, float | None] = {}
-    for column in COLUMNS:
+    for column in (*COLUMNS, ALPHA):
         values = [value for cell in cells if (value := score(column.name, cell.scores)) is not None]
         if not values:
             result[column.name] = None
@@ -130,6 +130,11 @@ def _duel(rows: list[Row], preset: str, against: str) -> Duel:
         mean_flip=flip,
         mean_psnr=decibels,
     )
+
+
+def columns_of(scores: Iterable[Mapping[str, float | None]]) -> tuple[Column, ...]:
+    """The columns of a table; that of alpha only where it was judged."""
+    return (*COLUMNS, ALPHA) if any(each.get(ALPHA.name) is not None for each in scores) else COLUMNS
 
 
 def score(name: str, scores: Mapping[str, float | None]) -> float | None:
@@ -338,13 +343,14 @@ def _splits(splits: Iterable[str]) -> str:
 
 def _grid(cells: Mapping[str, list[dict[str, float | None]]]) -> str:
     """A Markdown table of presets by scores; the best resolve of each column stands in bold."""
-    heads = [f"{column.name} {'↑' if column.higher_is_better else '↓'}" for column in COLUMNS]
+    columns = columns_of(values for several in cells.values() for values in several)
+    heads = [f"{column.name} {'↑' if column.higher_is_better else '↓'}" for column in columns]
     lines = [f"| preset | {' | '.join(heads)} |", "|---|" + "---:|" * len(heads)]
     resolves = [values for name, values in cells.items() if name != ONE_SAMPLE] or [*cells.values()]
-    best = [[_best(column, (values[n] for values in resolves)) for n in range(len(resolves[0]))] for column in COLUMNS]
+    best = [[_best(column, (values[n] for values in resolves)) for n in range(len(resolves[0]))] for column in columns]
     for name, values in cells.items():
         texts = []
-        for column, leaders in zip(COLUMNS, best, strict=True):
+        for column, leaders in zip(columns, best, strict=True):
             pairs = zip(values, leaders, strict=True)
             texts.append(" / ".join(_cell(score(column.name, each), column, best) for each, best in pairs))
         lines.append(f"| {name} | {' | '.join(texts)} |")
