@@ -56,6 +56,8 @@ class Buffers:
         self._dtype = dtype
         self._exchange = launcher.exchange()
         self.results = BlockPool(KEPT_RESULTS)
+        # The same division everywhere: what follows from it would differ else.
+        self._unpacking = launcher.build(Build(strict=True))
         self._counts = 1  # planes of the counts
         self.holds_changes = False  # whether those that the last frame left hold illumination changes
 
@@ -118,9 +120,7 @@ class Buffers:
             "below": np.float32(below),
             "at": np.float32(at),
         }
-        # The same division everywhere: what follows from it would differ else.
-        build = self._launcher.build(Build(strict=True))
-        self._launcher.run("unpack", build, self.layout, given | self._rows() | size | places(array))
+        self._launcher.run("unpack", self._unpacking, self.layout, given | self._rows() | size | places(array))
 
     def _rows(self) -> dict[str, int]:
         return {"stride": self.layout.stride, "rows": self.layout.rows}

@@ -155,12 +155,13 @@ class Kind(IntEnum):
 
 def places(array: Any) -> dict[str, int]:
     """How an array [H, W] or [H, W, C] of floats or halves lies in memory, as kernels are told of it."""
-    row, column, plane = ([step // array.dtype.itemsize for step in array.strides] + [0])[:3]
-    steps = {"row_step": row, "column_step": column, "plane_step": plane}
+    item, strides = array.dtype.itemsize, array.strides
     return {
-        "first": getattr(array, "offset", 0) // array.dtype.itemsize,
-        **steps,
-        "halves": int(array.dtype.itemsize == 2),
+        "first": getattr(array, "offset", 0) // item,
+        "row_step": strides[0] // item,
+        "column_step": strides[1] // item,
+        "plane_step": strides[2] // item if len(strides) > 2 else 0,
+        "halves": int(item == 2),
     }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
@@ -184,7 +185,7 @@ class Device(OneProcess):
         """Name, platform and driver version in a line."""
         return describe(self.cl_device)
 
-    @property
+    @cached_property
     def shape(self) -> Shape:
         """How kernels are cut up for this device."""
         if self.is_cpu:
@@ -260,13 +261,23 @@ def _memory_errors(needed: int, device: Device) -> Iterator[None]:
 _GONE = frozenset({cl.status_code.INVALID_COMMAND_QUEUE, cl.status_code.INVALID_CONTEXT})
 
 
-@contextmanager
-def device_errors(device: Device) -> Iterator[None]:
+class device_errors:  # noqa: N801 (a context manager, and as a class a tenth of the time: each call is in one)
     """Turn what the driver says into DeviceLost, or into InternalError where the call itself was wrong."""
-    try:
-        yield
-    except cl.Error as error:
+
+    __slots__ = ("_device",)
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+
+    def __enter__(self) -> None:
+        """Nothing is done."""
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        """Raise what stands for an error of the driver."""
+        if not isinstance(error, cl.Error):
+            return
+        description = self._device.description
         if isinstance(error, cl.LogicError) and error.code not in _GONE:
-            raise InternalError(f"{device.description} refused a call: {error}") from error
+            raise InternalError(f"{description} refused a call: {error}") from error
         cure = "run the same command again: it goes on from there; if this comes back, use a smaller size or --device"
-        raise DeviceLost(f"{device.description} stopped working: {error}", cure=cure) from error
+        raise DeviceLost(f"{description} stopped working: {error}", cure=cure) from error
