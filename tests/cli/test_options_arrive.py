@@ -157,6 +157,7 @@ COMMANDS = {
             "cltaa.commands.bench_effects.judge_effects": begins,
         },
     ),
+    "bench api": Command("bench api", {"cltaa.commands.bench_api.bench_api": begins}),
     "bench growth": Command("bench growth", {"cltaa.commands.bench_growth.bench_growth": begins}),
     "bench overview": Command(
         "bench overview one two -o out",
@@ -375,6 +376,12 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--device 3", "judge_effects.launcher", "launcher 3"),
         ("--rounds 7", "judge_effects.rounds", 7),
     ],
+    "bench api": [
+        ("--preset basic", "bench_api.preset.name", "basic"),
+        ("--size 7x8", "bench_api.sizes", ((7, 8),)),
+        ("--device 3", "bench_api.device", "3"),
+        ("--rounds 7", "bench_api.rounds", 7),
+    ],
     "bench growth": [
         ("--preset basic", "bench_growth.preset.name", "basic"),
         ("--sizes 7,8", "bench_growth.sizes", (7, 8)),
@@ -429,7 +436,6 @@ OTHERWISE = {
         "resolve_sequence.compression",
         "resolve_sequence.layers",
         "resolve_sequence.stopping",
-        "resolve_sequence.arrivals",
     },
     "demo": {"resolve_sequence.restart", "resolve_sequence.stopping"},  # the folder is the demo's own
     "bench accuracy": {"page.pictured", "write_report.pictured", "write_report.pages"},
