@@ -8,6 +8,7 @@ from cltaa.commands.lazy import Entry, LazyGroup
 
 MEASUREMENTS = {
     "accuracy": Entry("cltaa.commands.bench_accuracy", "accuracy", "Measure what each step of accuracy costs in time."),
+    "api": Entry("cltaa.commands.bench_api", "api", "Time a call from a program against its kernels and the bus."),
     "effects": Entry("cltaa.commands.bench_effects", "effects", "Measure what the plan saves."),
     "files": Entry("cltaa.commands.bench_files", "files", "Time files, and how well the stages of a resolve overlap."),
     "growth": Entry("cltaa.commands.bench_growth", "growth", "Time a pixel from small images to large ones."),

@@ -180,6 +180,17 @@ class _Milliseconds(click.FloatRange):
         return super().convert(number, param, ctx)
 
 
+class _Seconds(click.FloatRange):
+    """A time above 0, with its unit or without; neither without end nor NaN."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        number: Any = value.removesuffix("s") if isinstance(value, str) else value
+        seconds = super().convert(number, param, ctx)
+        if not math.isfinite(seconds):
+            self.fail("no number of seconds", param, ctx)
+        return seconds
+
+
 class _Stops(click.FloatRange):
     """Stops of exposure within what a picture can have; not NaN, which lies within every range."""
 
@@ -267,7 +278,7 @@ class _WholeNumbers(_Tuple):
 FILE_PATH, FOLDER = _FilePath(path_type=Path), _Folder(path_type=Path)
 SIZE, FRAME_RANGE, SOME_FRAMES, NAMES, LAYERS = _Size(), _FrameRange(), _SomeFrames(), _Names(), _Layers()
 FROM_0, FROM_1, FROM_2 = (_WholeNumbers(least) for least in range(3))  # lists of whole numbers
-MILLISECONDS = _Milliseconds(min=0.0, min_open=True)
+MILLISECONDS, SECONDS = _Milliseconds(min=0.0, min_open=True), _Seconds(min=0.0, min_open=True)
 STOPS = _Stops(-EXPOSURE_STOPS, EXPOSURE_STOPS)
 
 verify_option = click.option(

@@ -14,6 +14,7 @@ from cltaa.commands.options import (
     LAYERS,
     MILLISECONDS,
     PRESET,
+    SECONDS,
     VIEW_LIST,
     assigned,
     chosen_effects,
@@ -60,6 +61,18 @@ from cltaa.printable import counted, json_of, printable, shown
 @click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")
 @effects_option
 @click.option("--frames", type=FRAME_RANGE, help="Only these frames, both included.")
+@click.option(
+    "--follow",
+    is_flag=True,
+    help="Resolve a folder that is still being written, each frame as it is finished, up to the last of --frames, "
+    "until --idle or Ctrl-C.",
+)
+@click.option(
+    "--idle",
+    type=SECONDS,
+    metavar="SECONDS",
+    help="End --follow when no frame came for so long.  [default: wait for ever]",
+)
 @click.option(
     "--preview",
     type=FILE_PATH,
@@ -140,6 +153,8 @@ def resolve(
     device: str | None,
     effects: str,
     frames: tuple[int, int] | None,
+    follow: bool,
+    idle: float | None,
     preview: Path | None,
     half: bool,
     compression: str | None,
@@ -160,20 +175,22 @@ def resolve(
     """Anti-alias SEQUENCE, a folder of captured EXR frames or a pattern of them (x.####.exr), over time.
 
     Reading, the kernels and writing overlap, and only a few frames are in memory at a time. A run that was
-    interrupted goes on where it stopped when the same command is given again, to the same bits.
+    interrupted goes on where it stopped when the same command is given again, to the same bits. With --follow a file
+    that is half written is waited for.
     """
     # Behind --debug, which shows tracebacks alone, one may be meant for a view.
     hint = f"; --debug takes views: {', '.join(View)}" if ctx.find_root().params.get("debug") else ""
-    source = open_input(
-        one_sequence(ctx, sequence, hint),
-        verify=verify,
-        gaps=OnBreak(gaps),
-        on_resize=OnBreak(on_resize),
-        frames=frames,
-        **reading,
-    )
-    if source.notes:
-        click.echo("\n".join(map(printable, source.notes)), err=True)
+    reading |= {"verify": verify, "gaps": OnBreak(gaps), "on_resize": OnBreak(on_resize), "frames": frames}
+    if idle is not None and not follow:
+        raise UsageError("--idle ends --follow", cure="give both, or neither")
+    named = one_sequence(ctx, sequence, hint)
+    if follow and not isinstance(named, Path):
+        cure = "name the folder, or quote the pattern, as in 'x.####.exr'"
+        raise UsageError("--follow looks for files that are not there yet", found="a list of files", cure=cure)
+    source = sequence if follow else open_input(named, **reading)
+    notes = () if isinstance(source, Path) else source.notes
+    if notes:
+        click.echo("\n".join(map(printable, notes)), err=True)
     if look_ahead is not None:
         changes = (*changes, f"look_ahead={look_ahead}")
     declared = chosen_effects(effects)
@@ -181,6 +198,8 @@ def resolve(
     if budget_ms is not None:
         if preset != "default" or config is not None:
             raise UsageError("--budget-ms chooses the preset itself", cure="leave out --preset and --config")
+        if isinstance(source, Path):
+            raise UsageError("--budget-ms asks for the size of a finished sequence", cure="name a --preset to --follow")
         settings, kept = within_budget(budget_ms, device, (source.width, source.height), changes)
     report = resolve_folder(
         source,
@@ -196,6 +215,9 @@ def resolve(
         layers=layers,
         debug=parse_views(views),
         progress=True,
+        follow=follow,
+        idle=idle,
+        reading=reading,
         preview=preview,
         restart=restart,
         checkpoint_every=checkpoint,
@@ -204,7 +226,7 @@ def resolve(
     if as_json:
         click.echo(json_of(report))
     else:
-        _print_report(report, preview, views, foreign=bool(source.notes))
+        _print_report(report, preview, views, foreign=bool(notes))
 
 
 def within_budget(

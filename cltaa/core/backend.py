@@ -31,6 +31,32 @@ class Queue(Protocol):
     device: Any
 
 
+class Exchange(Protocol):
+    """The way of one resolver's arrays to a launcher and back."""
+
+    def lend(self, name: str, array: Any) -> Any:
+        """Memory that kernels read ``array`` from, where ``places`` says, until the next of that ``name``.
+
+        An array of the host is one that ``planes.flat`` takes. Raises UsageError for an array of another device.
+        """
+
+    def receive(self, out: Any) -> Any:
+        """Memory that ``pack`` fills for ``out``."""
+
+    def hand_over(self, out: Any, received: Any, done: Any) -> Callable[[], object]:
+        """Bring what was ``received``, and packed when ``done`` happens, into ``out``, a device's in the order of its
+        queue.
+
+        Returns what waits until it is there.
+        """
+
+    def give_back(self) -> None:
+        """Forget arrays of the host, which nothing reads any more."""
+
+    def close(self) -> None:
+        """End the threads that it takes."""
+
+
 class Launcher(Protocol):
     """Allocates memory and runs kernels by name."""
 
@@ -48,20 +74,8 @@ class Launcher(Protocol):
     def take(self, planes: NDArray[np.float32]) -> Buffer:
         """Memory that kernels read, which are ``planes`` of the host, where this launcher shares its memory."""
 
-    def lend(self, array: Any, held: Any) -> Any:
-        """Memory that kernels read ``array`` from, where ``places`` says; ``held`` is what was lent for the last such.
-
-        An array of the host is one that ``planes.flat`` takes. Raises UsageError for an array of another device.
-        """
-
-    def receive(self, out: Any, held: Any) -> Any:
-        """Memory that ``pack`` fills for ``out``; ``held`` is as for ``lend``."""
-
-    def hand_over(self, out: Any, received: Any) -> Callable[[], object]:
-        """Bring what was ``received`` into ``out``, a device's in the order of its queue.
-
-        Returns what waits until it is there.
-        """
+    def exchange(self) -> Exchange:
+        """The way of a resolver's arrays to the launcher and back."""
 
     def empty(self, like: Any, shape: tuple[int, ...], dtype: Any) -> Any:
         """A new array on the device of ``like``."""
@@ -69,8 +83,11 @@ class Launcher(Protocol):
     def prepare(self, kernel: str, build: Build) -> None:
         """Build a kernel before it is run."""
 
-    def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
-        """Run a kernel over an image of ``layout``; arguments are buffers, struct records, whole numbers or None."""
+    def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> Any:
+        """Run a kernel over an image of ``layout``; arguments are buffers, struct records, whole numbers or None.
+
+        Returns what happens at its end.
+        """
 
     def copy(self, source: Buffer, target: Buffer, offset: int, start: int = 0) -> None:
         """Copy ``source`` from its element ``start`` on into ``target`` from ``offset`` on, to the end of the shorter;

@@ -15,11 +15,13 @@ from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, edge_build, ring
 from cltaa.core.constants import WINDOWS
 from cltaa.core.parameters import Choices, HistoryKind, Illumination
 from cltaa.core.plan import Plan
-from cltaa.core.planes import Kind, Layout, around, flat, places
+from cltaa.core.planes import BlockPool, Kind, Layout, around, flat, places
 from cltaa.core.record import Past, frame_record
 from cltaa.errors import ResourceError
 from cltaa.frame import Frame
 from cltaa.printable import counted
+
+KEPT_RESULTS = 2  # arrays of those that a program let go of: one that it looks at, and the next
 
 
 class LastRun(NamedTuple):
@@ -52,8 +54,10 @@ class Buffers:
         self.channels: dict[str, Buffer] = {}  # of the frame: current, motion, alpha, reactive
         self._copies: dict[str, Buffer] = {}  # memory for those that were copied once
         self._dtype = dtype
-        self._lent: dict[str, Any] = {}  # what the arrays of the last frame were read from
-        self._received: list[Any] = [None, None]  # and results were written to, the last one last
+        self._exchange = launcher.exchange()
+        self.results = BlockPool(KEPT_RESULTS)
+        # The same division everywhere: what follows from it would differ else.
+        self._unpacking = launcher.build(Build(strict=True))
         self._counts = 1  # planes of the counts
         self.holds_changes = False  # whether those that the last frame left hold illumination changes
 
@@ -105,7 +109,7 @@ class Buffers:
     ) -> None:
         if isinstance(array, np.ndarray) and flat(array) is None:
             array = np.array(array, np.float16 if array.dtype == np.float16 else np.float32, order="C")
-        source = self._lent[name] = self._launcher.lend(array, self._lent.get(name))
+        source = self._exchange.lend(name, array)
         held = self.layout.held
         size = {"width": self.layout.width, "height": held.stop - held.start, "top": held.start}
         given = {
@@ -116,26 +120,23 @@ class Buffers:
             "below": np.float32(below),
             "at": np.float32(at),
         }
-        # The same division everywhere: what follows from it would differ else.
-        build = self._launcher.build(Build(strict=True))
-        self._launcher.run("unpack", build, self.layout, given | self._rows() | size | places(array))
+        self._launcher.run("unpack", self._unpacking, self.layout, given | self._rows() | size | places(array))
 
     def _rows(self) -> dict[str, int]:
         return {"stride": self.layout.stride, "rows": self.layout.rows}
 
-    def read(self, image: Buffer, out: Any, build: Build, *, ahead: bool = False) -> Callable[[], None]:
+    def read(self, image: Buffer, out: Any, build: Build) -> Callable[[], None]:
         """Copy the result into ``out`` [H, W, 3 or 4], for an array of a device in the order of its queue.
 
-        Returns what waits until it is there; ``ahead`` that of the frame before may not be there yet.
+        Returns what waits until it is there.
         """
         direct = not isinstance(out, np.ndarray) or flat(out, dense=True) is not None
         into = out if direct else np.empty(out.shape, out.dtype)
-        target = self._launcher.receive(into, self._received.pop(0 if ahead else -1))
-        self._received.append(target)
+        target = self._exchange.receive(into)
         height, width, planes = out.shape
         given = {"image": image, "target": target, "width": width, "height": height, "planes": planes}
-        self._launcher.run("pack", edge_build(build), self.layout, given | self._rows() | places(into))
-        arrives = self._launcher.hand_over(into, target)
+        done = self._launcher.run("pack", edge_build(build), self.layout, given | self._rows() | places(into))
+        arrives = self._exchange.hand_over(into, target, done)
 
         def wait() -> None:
             arrives()
@@ -149,10 +150,12 @@ class Buffers:
         self.channels.clear()
 
     def give_back(self) -> None:
-        """Forget the arrays of the host that the last frame came in; nothing reads or writes them any more."""
-        if not self._launcher.stages:
-            self._lent.clear()
-            self._received = [None, None]
+        """Forget the arrays of the host that the last frame came in; nothing reads them any more."""
+        self._exchange.give_back()
+
+    def close(self) -> None:
+        """End the threads that copied arrays."""
+        self._exchange.close()
 
     def written(self) -> dict[str, Any]:
         """What a resolve writes for the next frame, as ``extend_edges`` is given it."""

@@ -43,6 +43,7 @@ def storage_of(name: str) -> Storage:
 
 
 HALVES = (Storage.HALF, Storage.HALF_STOCHASTIC)
+BUILDS_KEPT = 64  # those of resolves, and of what copies their results
 # What a result may be asked for in.
 STORAGES = (Storage.FLOAT, *HALVES)
 
@@ -135,6 +136,7 @@ def build_of(asked: Build, choices: Choices, settings: Settings, steps: Steps) -
     return msgspec.structs.replace(asked, choices=choices, steps=steps, terms=Terms.of(settings))
 
 
+@lru_cache(maxsize=BUILDS_KEPT)
 def edge_build(build: Build) -> Build:
     """That of ``extend_edges`` and ``pack``, which copy the result: alike, whatever else decides the resolve."""
     return Build(lanes=build.lanes, rows=build.rows, storage=build.storage)

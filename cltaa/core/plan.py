@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from enum import StrEnum
+from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
 import msgspec
@@ -30,6 +31,8 @@ from cltaa.core.parameters import (
 )
 from cltaa.core.presets import Preset
 from cltaa.frame import Camera, Effect, Frame, format_effects
+
+PLANS_KEPT = 64  # frames of a sequence have a few, and each waits for its own
 
 
 class Reason(NamedTuple):
@@ -206,27 +209,55 @@ CHOICE_OF_STEP: dict[str, tuple[str, StrEnum, StrEnum]] = {
 }
 
 
+class Facts(NamedTuple):
+    """All of a frame and its predecessor that decides a plan."""
+
+    motion: bool  # which channels there are
+    alpha: bool
+    reactive: bool
+    depth: bool
+    camera: bool
+    orthographic: bool
+    effects: frozenset[Effect] | None  # as declared
+    first: bool  # at the start and after a cut
+    moves: bool  # the camera, since the frame before
+
+
 def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: bool = False) -> Plan:
     """The plan of ``frame`` whose predecessor was seen by ``previous`` (None at the start and after a cut).
 
     ``every`` adds each step that the preset allows and the frame does not call for: it costs time and changes no bit.
     """
-    declared = frame.effects
-    if previous is None:
+    facts = Facts(
+        frame.motion is not None,
+        frame.alpha is not None,
+        frame.reactive is not None,
+        frame.has_depth,
+        frame.has_camera,
+        frame.camera.orthographic,
+        None if frame.effects is None else frozenset(frame.effects),
+        previous is None,
+        previous is not None and not is_still(frame.camera, previous),
+    )
+    return _planned(preset, facts, every)
+
+
+@lru_cache(maxsize=PLANS_KEPT)
+def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
+    declared, moves = facts.effects, facts.moves
+    if facts.first:
         # There is no history to read; the kernel that the next frame needs will do for this one too.
-        camera_moves = frame.has_camera and (declared is None or Effect.CAMERA in declared)
-    else:
-        camera_moves = not is_still(frame.camera, previous)
-    steps = _steps(preset, frame, camera_moves, every=every)
-    reasons = _reasons(preset, steps, camera_moves, declared, every=every)
-    if not frame.has_camera:
+        moves = facts.camera and (declared is None or Effect.CAMERA in declared)
+    steps = _steps(preset, facts, moves, every=every)
+    reasons = _reasons(preset, steps, moves, declared, every=every)
+    if not facts.camera:
         reasons = [reason._replace(why="no camera") if reason.step == REPROJECTION else reason for reason in reasons]
     settings = preset.settings
-    if previous is None:
+    if facts.first:
         # The blur is for pixels that appear amid others with a past.
         settings = msgspec.structs.replace(settings, disocclusion_blur=0.0)
     choices, settings, estimated = estimate(preset, settings, declared)
-    if not frame.has_depth:  # all lies as far as the sky, and there are no depth edges
+    if not facts.depth:  # all lies as far as the sky, and there are no depth edges
         choices = msgspec.structs.replace(choices, reject=Reject.NONE, dilation=Dilation.NONE)
         estimated = [Reason(REJECTION, False, "no depth") if why.step == REJECTION else why for why in estimated]
     return Plan(choices, settings, steps, (*reasons, *estimated))
@@ -271,13 +302,12 @@ def channel_steps(preset: Preset, *, motion: bool, alpha: bool, reactive: bool, 
     )
 
 
-def _steps(preset: Preset, frame: Frame, camera_moves: bool, *, every: bool) -> Steps:
-    has = {name: getattr(frame, name) is not None for name in ("motion", "alpha", "reactive")}
-    exposure = frame.effects is None or Effect.EXPOSURE in frame.effects
+def _steps(preset: Preset, facts: Facts, moves: bool, *, every: bool) -> Steps:
+    exposure = facts.effects is None or Effect.EXPOSURE in facts.effects
     return msgspec.structs.replace(
-        channel_steps(preset, **has, every=every),
-        camera_motion=(every or camera_moves) and preset.choices.reproject is not Reproject.NONE,
-        orthographic=frame.camera.orthographic,
+        channel_steps(preset, motion=facts.motion, alpha=facts.alpha, reactive=facts.reactive, every=every),
+        camera_motion=(every or moves) and preset.choices.reproject is not Reproject.NONE,
+        orthographic=facts.orthographic,
         exposure=(every or exposure) and preset.choices.exposure_change is ExposureChange.FOLLOW,
     )
 

@@ -84,10 +84,12 @@ def pooled_memory(*, images: bool = True) -> Iterator[None]:
 
 
 class BlockPool:
-    """What frames have left, by its kind, while somebody is inside of ``pooled_memory``."""
+    """What frames have left, by its kind: all of it while somebody is inside of ``pooled_memory``, or always up to
+    ``most`` of each kind."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: int = 0) -> None:
         self._lock, self._users, self._left = threading.Lock(), 0, dict[Hashable, deque[Any]]()
+        self._most = most
 
     def __enter__(self) -> None:
         """Begin to keep."""
@@ -109,25 +111,33 @@ class BlockPool:
 
     def leave(self, kind: Hashable, block: object) -> None:
         """Keep what is not needed any more; takes no lock, since it may be called wherever an array ends."""
-        if self._users:
-            self._left.setdefault(kind, deque()).append(block)
+        if self._users or self._most:
+            self._left.setdefault(kind, deque(maxlen=self._most or None)).append(block)
 
 
 BLOCK_POOL = BlockPool()
 
 
-def empty_image(shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
-    """Planes like those of ``np.empty``, inside ``pooled_memory`` in what earlier ones of the same size have left."""
+def empty_image(
+    shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.float32, pool: BlockPool = BLOCK_POOL
+) -> NDArray[Any]:
+    """Planes like those of ``np.empty``, in what earlier ones of the same size have left in ``pool``."""
     small = np.dtype(dtype).itemsize * int(np.prod(shape)) < SMALLEST
-    return np.empty(shape, dtype) if small else mapped_image(shape, dtype)
+    return np.empty(shape, dtype) if small else mapped_image(shape, dtype, pool)
 
 
-def empty_result(frame: Frame, dtype: type[np.floating[Any]] = np.float32, *, planar: bool = False) -> NDArray[Any]:
+def empty_result(
+    frame: Frame,
+    dtype: type[np.floating[Any]] = np.float32,
+    *,
+    planar: bool = False,
+    pool: BlockPool = BLOCK_POOL,
+) -> NDArray[Any]:
     """Memory for the result of ``frame``, [H, W, 3 or 4], each channel by itself where it is ``planar``."""
     height, width, channels = result_shape(frame)
     if planar:
-        return np.moveaxis(empty_image((channels, height, width), dtype), 0, -1)
-    return empty_image((height, width, channels), dtype)
+        return np.moveaxis(empty_image((channels, height, width), dtype, pool), 0, -1)
+    return empty_image((height, width, channels), dtype, pool)
 
 
 def result_shape(frame: Frame) -> tuple[int, int, int]:
@@ -145,12 +155,13 @@ class Kind(IntEnum):
 
 def places(array: Any) -> dict[str, int]:
     """How an array [H, W] or [H, W, C] of floats or halves lies in memory, as kernels are told of it."""
-    row, column, plane = ([step // array.dtype.itemsize for step in array.strides] + [0])[:3]
-    steps = {"row_step": row, "column_step": column, "plane_step": plane}
+    item, strides = array.dtype.itemsize, array.strides
     return {
-        "first": getattr(array, "offset", 0) // array.dtype.itemsize,
-        **steps,
-        "halves": int(array.dtype.itemsize == 2),
+        "first": getattr(array, "offset", 0) // item,
+        "row_step": strides[0] // item,
+        "column_step": strides[1] // item,
+        "plane_step": strides[2] // item if len(strides) > 2 else 0,
+        "halves": int(item == 2),
     }
 
 
@@ -183,11 +194,14 @@ def checked_out(out: Any, frame: Frame) -> Any:
     return out
 
 
-def mapped_image(shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
+def mapped_image(
+    shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.float32, pool: BlockPool = BLOCK_POOL
+) -> NDArray[Any]:
     """The same of any size in a mapping of its own, which begins at a page."""
     count = int(np.prod(shape))
     pages = in_large_pages(np.dtype(dtype).itemsize * count)
-    return np.asarray(Block(BLOCK_POOL.take(pages) or _mapped(pages, pages))).view(dtype)[:count].reshape(shape)
+    block = Block(pool.take(pages) or _mapped(pages, pages), pool)
+    return np.asarray(block).view(dtype)[:count].reshape(shape)
 
 
 def bytes_in_large_pages(size: int) -> NDArray[np.uint8]:
@@ -214,8 +228,8 @@ def _mapped(size: int, large: int) -> mmap.mmap:
 class Block:
     """What arrays over a piece of memory refer to; with the last of them the memory is free."""
 
-    def __init__(self, memory: mmap.mmap) -> None:
-        self._memory = memory
+    def __init__(self, memory: mmap.mmap, pool: BlockPool) -> None:
+        self._memory, self._pool = memory, pool
         address = np.frombuffer(memory, np.uint8).ctypes.data
         self.__array_interface__ = {
             "data": (address, False),
@@ -226,7 +240,7 @@ class Block:
 
     def __del__(self) -> None:
         """Leave it to what is allocated next."""
-        BLOCK_POOL.leave(len(self._memory), self._memory)
+        self._pool.leave(len(self._memory), self._memory)
 
 
 def empty_haloed(count: int, height: int, width: int) -> NDArray[np.float32]:

@@ -29,7 +29,7 @@ class Published(StrEnum):
     ENGINE = "engine"
 
 
-class Preset(msgspec.Struct, frozen=True, kw_only=True):
+class Preset(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     """A named set of choices and settings."""
 
     name: str

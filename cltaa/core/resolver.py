@@ -215,13 +215,15 @@ class Resolver:
     @one_thread
     def close(self) -> None:
         """Free the device memory. The resolver stays usable: the next frame starts a new history."""
-        self._buffers, self._frame_ring, self.last = None, None, None
+        self._free()
+        self._frame_ring, self.last = None, None
         self._forget()
 
     @one_thread
     def reopen(self) -> None:
         """Open the device again after it was lost, without a history; raises what opening it raises."""
-        self._buffers, self._frame_ring = None, None
+        self._free()
+        self._frame_ring = None
         self._forget()
         self.launcher, self._builds = launcher_for(self._device), {}
 
@@ -260,8 +262,10 @@ class Resolver:
                 f"preset {self.preset.name} looks ahead, and its image of a frame comes later",
                 cure="take one that does not; in Python call feed() and flush()",
             )
-        out, started = self._checked(frame, out, half), perf_counter()
+        self._check(frame, out)
+        started = perf_counter()
         previous, buffers, build = self._begun(frame)
+        out = self._place(frame, half, buffers) if out is None else out
         waits = not (on_device(out) and all(map(on_device, frame.arrays)))
         if waits:
             self.launcher.finish()
@@ -300,13 +304,14 @@ class Resolver:
         if self.look_ahead or not self.launcher.stages:
             yield from self.images(frames, half=half)
             return
-        waiting: deque[Callable[[], Any]] = deque()
+        arrives: Callable[[], Any] | None = None
         for frame in frames:
-            waiting.append(self._start(frame, half=half))
-            if len(waiting) > 1:
-                yield waiting.popleft()()
-        while waiting:
-            yield waiting.popleft()()
+            before, arrives = arrives, self._start(frame, half=half)
+            if before is not None:
+                yield before()
+            del before  # with its result, while the next is waited for
+        if arrives is not None:
+            yield arrives()
 
     def images(self, frames: Iterable[Frame], *, half: bool = False, planar: bool = False) -> Iterator[NDArray[Any]]:
         """The image of each of ``frames``, in their order, as ``resolve`` gives it; they may come later.
@@ -400,9 +405,10 @@ class Resolver:
     @one_thread
     def _start(self, frame: Frame, *, half: bool) -> Callable[[], Any]:
         """Begin to resolve ``frame``, on a device with memory of its own; returns what waits for its result."""
-        out = self._checked(frame, None, half)
+        self._check(frame, None)
         previous, buffers, build = self._begun(frame)
-        arrives = buffers.read(self._run(frame, previous, build, buffers), out, build, ahead=True)
+        out = self._place(frame, half, buffers)
+        arrives = buffers.read(self._run(frame, previous, build, buffers), out, build)
         self._ended(frame, buffers)
 
         def result() -> Any:
@@ -411,15 +417,18 @@ class Resolver:
 
         return result
 
-    def _checked(self, frame: Frame, out: Any, half: bool) -> Any:
-        """Where the result of ``frame`` goes; raises DataError and UsageError."""
+    def _check(self, frame: Frame, out: Any) -> None:
+        """Raise DataError and UsageError."""
         check_frame(frame)
         if out is not None:
-            return checked_out(out, frame)
+            checked_out(out, frame)
+
+    def _place(self, frame: Frame, half: bool, buffers: Buffers) -> Any:
+        """Where the result of ``frame`` goes, beside its colour."""
         kind = np.float16 if half else np.float32
         if on_device(frame.colour):
             return self.launcher.empty(frame.colour, result_shape(frame), kind)
-        return empty_result(frame, kind)
+        return empty_result(frame, kind, pool=buffers.results)
 
     def _begun(self, frame: Frame) -> tuple[Past | None, Buffers, Build]:
         """Plan ``frame`` and bring it onto the device; returns the past that it continues too."""
@@ -570,9 +579,15 @@ class Resolver:
         return self._buffers
 
     def _allocate(self, layout: Layout, alpha: bool) -> Buffers:
-        self._buffers = None  # released before the new ones are allocated
+        self._free()  # before the new ones are allocated
         self._buffers = self._new_buffers(layout, alpha)
         return self._buffers
+
+    def _free(self) -> None:
+        """Let go of the planes on the device, and of what brings arrays there."""
+        if self._buffers is not None:
+            self._buffers.close()
+        self._buffers = None
 
     def _new_buffers(self, layout: Layout, alpha: bool) -> Buffers:
         return Buffers(self.launcher, layout, alpha, storage_dtype(self._asked))

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from functools import cache, cached_property, partial
-from typing import Any, NamedTuple, cast
+from functools import cached_property
+from typing import Any, cast
 
 import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
 from cltaa.core.backend import DEVICE_VARIABLE, Queue
-from cltaa.core.planes import LARGE_PAGE, bytes_in_large_pages, flat
+from cltaa.core.planes import LARGE_PAGE, bytes_in_large_pages
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
-from cltaa.frame import on_device
 from cltaa.opencl.cache import check_cache, filling
 from cltaa.opencl.pocl_cpu_name import known_lanes, name_unknown_cpu
 from cltaa.opencl.shape import (
@@ -33,7 +31,6 @@ from cltaa.process import OneProcess
 POCL = "Portable Computing Language"  # the platform's name
 INTEL = "Intel"  # in what a device calls its vendor; the vendor's number is PoCL's own since version 4
 FILL_BYTES = 2**30
-COPIERS, PART = 4, 8 * 2**20  # threads between pinned memory and a program's, and bytes that each copies at a time
 
 
 def devices() -> list[cl.Device]:
@@ -109,7 +106,6 @@ class Memory(OneProcess):
         self._device, self.shape, self.dtype = device, shape, np.dtype(dtype)
         self.size = int(np.prod(shape)) * self.dtype.itemsize
         self._staging: NDArray[Any] | None = None
-        self._moving: list[cl.Event] = []
         if planes is not None:
             with _memory_errors(self.size, device):
                 use = cl.mem_flags.READ_WRITE if written else cl.mem_flags.READ_ONLY
@@ -148,7 +144,7 @@ class Memory(OneProcess):
                     cast(Any, array.base).release(queue)
             return
         if self._staging is None:
-            self._staging = self._pinned()
+            self._staging = self._device.pinned(self.size).view(self.dtype).reshape(self.shape)
         if not write:
             with device_errors(self._device):
                 cl.enqueue_copy(queue, self._staging, self.buffer)
@@ -157,87 +153,11 @@ class Memory(OneProcess):
             with device_errors(self._device):
                 cl.enqueue_copy(queue, self.buffer, self._staging)
 
-    def upload(self, content: NDArray[np.uint8]) -> None:
-        """Enqueue bytes of the host, through pinned memory that several threads fill while the first of it is moved.
-
-        Waits for what was enqueued before, which lies there too.
-        """
-        staging = self._staging = self._pinned() if self._staging is None else self._staging
-        for moved in self._moving:
-            moved.wait()
-        copied = [(part, _copiers().submit(np.copyto, staging[part], content[part])) for part in _parts(self.size)]
-        self._moving = []  # an event that is let go of is waited for
-        for part, done in copied:
-            done.result()
-            with device_errors(self._device):
-                self._moving.append(
-                    cl.enqueue_copy(
-                        self._device.queue, self.buffer, staging[part], dst_offset=part.start, is_blocking=False
-                    )
-                )
-
-    def download(self, content: NDArray[np.uint8], after: cl.Event) -> None:
-        """Fill bytes of the host with what is there ``after`` an event, each piece while the next is moved."""
-        staging = self._staging = self._pinned() if self._staging is None else self._staging
-        queue, parts = self._device.returns, _parts(self.size)
-        with device_errors(self._device):
-            moving = [
-                cl.enqueue_copy(
-                    queue, staging[part], self.buffer, src_offset=part.start, is_blocking=False, wait_for=[after]
-                )
-                for part in parts
-            ]
-            queue.flush()
-            copied = []
-            for part, moved in zip(parts, moving, strict=True):
-                moved.wait()
-                copied.append(_copiers().submit(np.copyto, content[part], staging[part]))
-        for done in copied:
-            done.result()
-
-    def _pinned(self) -> NDArray[Any]:
-        queue, context = self._device.queue, self._device.context
-        with _memory_errors(self.size, self._device):
-            host = cl.Buffer(context, cl.mem_flags.READ_WRITE | cl.mem_flags.ALLOC_HOST_PTR, self.size)
-        both = cl.map_flags.WRITE | cl.map_flags.READ
-        with device_errors(self._device):
-            array, _ = cl.enqueue_map_buffer(queue, host, cast(cl.map_flags, both), 0, self.shape, self.dtype)
-        return array  # type: ignore[no-any-return]
-
-
-@cache
-def _copiers() -> ThreadPoolExecutor:
-    """Threads that copy between pinned memory and the program's: one alone is slower than the bus."""
-    return ThreadPoolExecutor(COPIERS, "cltaa copy")
-
-
-@cache
-def _returning() -> ThreadPoolExecutor:
-    """The thread that waits for results."""
-    return ThreadPoolExecutor(1, "cltaa return")
-
-
-def _seen(memory: Memory) -> None:
-    with memory.mapped(write=False):
-        pass
-
-
-def _parts(size: int) -> list[slice]:
-    """Pieces of as many bytes, each moved while the next is copied."""
-    return [slice(start, min(start + PART, size)) for start in range(0, size, PART)]
-
-
-class Lent(NamedTuple):
-    """Memory of a program's array on the device."""
-
-    buffer: cl.Buffer
-
 
 class Device(OneProcess):
     """One OpenCL device with its context and queue, and how the kernels are shaped for it."""
 
     def __init__(self, requested: str | Queue | None = None) -> None:
-        self._others: set[cl.CommandQueue] = set()  # of a program, whose arrays were lent
         if requested is not None and not isinstance(requested, str):
             self._take(cast(cl.CommandQueue, requested))
             return
@@ -265,7 +185,7 @@ class Device(OneProcess):
         """Name, platform and driver version in a line."""
         return describe(self.cl_device)
 
-    @property
+    @cached_property
     def shape(self) -> Shape:
         """How kernels are cut up for this device."""
         if self.is_cpu:
@@ -282,68 +202,15 @@ class Device(OneProcess):
         """Memory that lies where ``planes`` do, for a device that shares the host's; raises ResourceError."""
         return Memory(self, planes.shape, planes.dtype, planes)
 
-    def lend(self, array: Any, held: Any) -> Memory | Lent:
-        """Memory that kernels read an array from: the host's where it is shared, else a copy in that ``held`` before.
-
-        What the queue of an array of this device was given before is waited for on the device. Raises UsageError for
-        one of another context.
-        """
-        if on_device(array):
-            return self._lent(array)
-        content = _bytes_of(array)
-        if self.shares_memory:
-            return Memory(self, content.shape, np.uint8, content)
-        staged = self._fitting(held, content.size)
-        staged.upload(content)
-        return staged
-
-    def receive(self, out: Any, held: Any) -> Memory | Lent:
-        """Memory that a kernel writes for ``out``, as ``lend`` has it to read."""
-        if on_device(out):
-            return self._lent(out)
-        content = _bytes_of(out)
-        if self.shares_memory:
-            return Memory(self, content.shape, np.uint8, content, written=True)
-        return self._fitting(held, content.size)
-
-    def hand_over(self, out: Any, received: Memory | Lent) -> Callable[[], object]:
-        """Bring what was ``received`` to ``out``: into the host's memory, or before what its queue is given next.
-
-        Returns what waits until the host has it.
-        """
+    def pinned(self, size: int) -> NDArray[np.uint8]:
+        """Bytes of the host that the device moves at the speed of the bus; raises ResourceError."""
+        with _memory_errors(size, self):
+            host = cl.Buffer(self.context, cl.mem_flags.READ_WRITE | cl.mem_flags.ALLOC_HOST_PTR, size)
+        both = cl.map_flags.WRITE | cl.map_flags.READ
         with device_errors(self):
-            done = cl.enqueue_marker(self.queue)
-            self.queue.flush()
-        if not isinstance(received, Memory):
-            out.add_event(done)
-            with device_errors(self):
-                while self._others:
-                    cl.enqueue_barrier(self._others.pop(), wait_for=[done])
-            return lambda: None
-        if self.shares_memory:
-            return partial(_seen, received)
-        return _returning().submit(received.download, _bytes_of(out), done).result
-
-    @cached_property
-    def returns(self) -> cl.CommandQueue:
-        """A queue for results alone, which come back while the next frame is brought."""
-        return cl.CommandQueue(self.context, self.cl_device)
-
-    def _lent(self, array: Any) -> Lent:
-        if array.context != self.context:
-            raise UsageError("an array lies in another OpenCL context", cure="cltaa.Resolver(device=array.queue)")
-        with device_errors(self):
-            before = list(array.events)
-            if array.queue is not None and array.queue != self.queue:
-                before.append(cl.enqueue_marker(array.queue))
-                array.queue.flush()
-                self._others.add(array.queue)
-            if before:
-                cl.enqueue_barrier(self.queue, wait_for=before)
-        return Lent(array.base_data)
-
-    def _fitting(self, held: Any, size: int) -> Memory:
-        return held if isinstance(held, Memory) and held.size == size else self.allocate((size,), np.uint8)
+            bytes_ = cast(Any, np.uint8)
+            array, _ = cl.enqueue_map_buffer(self.queue, host, cast(cl.map_flags, both), 0, (size,), bytes_)
+        return cast(NDArray[np.uint8], array)
 
     def copy(self, source: Any, target: Any, offset: int, start: int = 0) -> None:
         """Enqueue a copy of ``source`` from its element ``start`` on into ``target`` from ``offset`` on, to the end of
@@ -376,10 +243,6 @@ def cpu_shape(width: int, vendor: str) -> Shape:
     return CPU_8 if width >= 8 else CPU_4
 
 
-def _bytes_of(array: NDArray[Any]) -> NDArray[np.uint8]:
-    return cast(NDArray[Any], flat(array)).view(np.uint8)
-
-
 @contextmanager
 def _memory_errors(needed: int, device: Device) -> Iterator[None]:
     try:
@@ -398,13 +261,23 @@ def _memory_errors(needed: int, device: Device) -> Iterator[None]:
 _GONE = frozenset({cl.status_code.INVALID_COMMAND_QUEUE, cl.status_code.INVALID_CONTEXT})
 
 
-@contextmanager
-def device_errors(device: Device) -> Iterator[None]:
+class device_errors:  # noqa: N801 (a context manager, and as a class a tenth of the time: each call is in one)
     """Turn what the driver says into DeviceLost, or into InternalError where the call itself was wrong."""
-    try:
-        yield
-    except cl.Error as error:
+
+    __slots__ = ("_device",)
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+
+    def __enter__(self) -> None:
+        """Nothing is done."""
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        """Raise what stands for an error of the driver."""
+        if not isinstance(error, cl.Error):
+            return
+        description = self._device.description
         if isinstance(error, cl.LogicError) and error.code not in _GONE:
-            raise InternalError(f"{device.description} refused a call: {error}") from error
+            raise InternalError(f"{description} refused a call: {error}") from error
         cure = "run the same command again: it goes on from there; if this comes back, use a smaller size or --device"
-        raise DeviceLost(f"{device.description} stopped working: {error}", cure=cure) from error
+        raise DeviceLost(f"{description} stopped working: {error}", cure=cure) from error

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -17,6 +17,7 @@ from cltaa.opencl.shape import in_place
 from cltaa.process import OneProcess
 
 if TYPE_CHECKING:
+    from cltaa.core.backend import Exchange
     from cltaa.opencl.program import Kernel
 
 SLIDING = frozenset({"resolve", "gather", "gather_windows"})  # kernels whose work-items walk down rows
@@ -60,28 +61,22 @@ class DeviceLauncher(OneProcess):
         """The planes themselves."""
         return self.device.take(planes)
 
-    def lend(self, array: Any, held: Any) -> Any:
-        """As ``Device.lend``."""
-        return self.device.lend(array, held)
+    def exchange(self) -> Exchange:
+        """As the device has it."""
+        from cltaa.opencl.exchange import Exchange
 
-    def receive(self, out: Any, held: Any) -> Any:
-        """As ``Device.receive``."""
-        return self.device.receive(out, held)
-
-    def hand_over(self, out: Any, received: Any) -> Callable[[], object]:
-        """As ``Device.hand_over``."""
-        return self.device.hand_over(out, received)
+        return Exchange(self.device)
 
     def empty(self, like: Any, shape: tuple[int, ...], dtype: Any) -> Any:
-        """A new array on the queue of ``like``."""
-        return type(like)(like.queue, shape, dtype)
+        """A new array on the queue of ``like``, from the allocator that it has."""
+        return type(like)(like.queue, shape, dtype, allocator=like.allocator)
 
     def prepare(self, kernel: str, build: Build) -> None:
         """Build a kernel, or take it from the driver's cache."""
         self.kernel(kernel, build)
 
-    def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
-        """Enqueue a kernel; it runs in the order of the queue. Raises DeviceLost."""
+    def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> Any:
+        """Enqueue a kernel; it runs in the order of the queue. Returns its event. Raises DeviceLost."""
         from cltaa.opencl.device import device_errors
 
         given = {name: getattr(value, "buffer", value) for name, value in arguments.items()}
@@ -95,6 +90,7 @@ class DeviceLauncher(OneProcess):
                 event = started[0].enqueue(self.device.queue, *started[1:], given)
         if self.events is not None:
             self.events.append((kernel, event))
+        return event
 
     def _start_first(
         self, key: tuple[Any, ...], name: str, build: Build, layout: Layout, arguments: Mapping[str, Any]

@@ -13,11 +13,14 @@ from typing import Any
 import numpy as np
 import pyopencl as cl
 
-from cltaa.core.build import Build, prelude
+from cltaa.core.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, prelude
 from cltaa.core.kernel_source import kernel_files, kernel_folder, kernel_names
 from cltaa.errors import InternalError, UsageError, known
 from cltaa.opencl.cache import cache_folder, save_log
 from cltaa.process import OneProcess
+
+# What kernels take by value, by its name in OpenCL C.
+TYPES = {"int": np.int32, "float": np.float32, "frame_t": FRAME_DTYPE, "settings_t": SETTINGS_DTYPE}
 
 
 def _pasted(name: str, seen: set[str]) -> list[str]:
@@ -71,9 +74,10 @@ class Kernel(OneProcess):
             raise InternalError(what, cure=cure) from error
         self._kernel = cl.Kernel(program, f"{Path(name).name}_kernel")
         # Their names, in order.
-        self.arguments: list[str] = [
-            str(self._kernel.get_arg_info(index, cl.kernel_arg_info.NAME)) for index in range(self._kernel.num_args)
-        ]
+        self.arguments = [str(name) for name in self._of_arguments(cl.kernel_arg_info.NAME)]
+        # By their types all are set in two calls; else each is tried as one thing after another, 10 us of it a number.
+        kinds = self._of_arguments(cl.kernel_arg_info.TYPE_NAME)
+        self._kernel.set_scalar_arg_dtypes([TYPES.get(kind) for kind in kinds])
         self._starting = Lock()  # arguments are the kernel's own: of two threads one starts it after the other
 
     def enqueue(
@@ -84,16 +88,16 @@ class Kernel(OneProcess):
         arguments: Mapping[str, Any],
     ) -> cl.Event:
         """Start the kernel over ``size`` work-items in groups of ``group``; raises InternalError for a wrong name."""
-        if arguments.keys() != set(self.arguments):
+        values = [arguments[name] for name in self.arguments if name in arguments]
+        if not len(values) == len(arguments) == len(self.arguments):
             raise InternalError(
                 f"kernel {self.name}: arguments do not match",
                 expected=", ".join(self.arguments),
                 found=", ".join(arguments),
             )
         with self._starting:
-            for index, name in enumerate(self.arguments):
-                value = arguments[name]
-                if isinstance(value, int | np.integer):
-                    value = np.int32(value)
-                self._kernel.set_arg(index, value)
+            self._kernel.set_args(*values)
             return cl.enqueue_nd_range_kernel(queue, self._kernel, size, group)
+
+    def _of_arguments(self, what: cl.kernel_arg_info) -> list[Any]:
+        return [self._kernel.get_arg_info(index, what) for index in range(self._kernel.num_args)]

@@ -41,6 +41,7 @@ from cltaa.io.video import check_film, rate_of, write_video
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.pipeline.debug import DebugViews
+from cltaa.pipeline.follow import Arrivals
 from cltaa.pipeline.memory import NO_LAYERS, Memory, of_whole_images
 from cltaa.pipeline.output import (
     OutputFolder,
@@ -54,7 +55,7 @@ from cltaa.pipeline.output import (
     sequence_settings,
 )
 from cltaa.printable import bytes_of, counted, printable
-from cltaa.progress import track
+from cltaa.progress import shown_progress, track
 
 CHECKED_AFTER = 2  # files, of which frames of one sequence differ little
 
@@ -210,20 +211,32 @@ def resolve_folder(
     layers: tuple[str, ...] | None = None,
     debug: Iterable[str] = (),
     progress: bool = False,
+    follow: bool = False,
+    idle: float | None = None,
     reading: Mapping[str, Any] = MappingProxyType({}),
     **options: Any,
 ) -> ResolveReport:
     """Resolve a folder of frames into ``output`` as ``cltaa resolve`` does, whose options these are.
 
+    With ``follow`` a folder that is still being written: each frame as it appears, until the last one of ``frames`` in
+    ``reading``, until none came for ``idle`` seconds, or until interrupted.
+
     ``reading`` are the arguments of ``cltaa.open`` for a ``source`` that is not opened yet: ``profile``, ``side_file``,
     ``frames`` and others. What is given neither ``compression`` nor ``layers`` keeps those that the command keeps.
     ``options`` are those of ``resolve_sequence`` that are not named here. Raises what that and opening raise.
     """
-    sequence = open_input(source, **reading) if isinstance(source, str | Path) else source
+    preset = load_preset(preset) if isinstance(preset, str) else preset
+    arrivals = arrivals_of(source, preset, idle, reading, options) if follow else None
+    if arrivals is not None:
+        sequence = arrivals.first()
+        if progress and sequence.notes:
+            print("\n".join(map(printable, sequence.notes)), file=sys.stderr)
+    else:
+        sequence = open_input(source, **reading) if isinstance(source, str | Path) else source
     check_declared(sequence, effects)
     carried = chosen_layers(layers, sequence)
     resolver = resolver_for(
-        load_preset(preset) if isinstance(preset, str) else preset,
+        preset,
         device,
         sequence,
         band_rows,
@@ -242,8 +255,25 @@ def resolve_folder(
         debug=parse_views(",".join(debug), "debug"),
         layers=carried,
         progress=progress,
+        arrivals=arrivals,
         **options,
     )
+
+
+def arrivals_of(
+    source: object, preset: Preset, idle: float | None, reading: Mapping[str, Any], options: Mapping[str, Any]
+) -> Arrivals:
+    """What is to be followed; raises UsageError for what only a finished sequence has."""
+    if not isinstance(source, str | Path):
+        raise UsageError("only a folder or a pattern of files can be followed", found=type(source).__name__)
+    if preset.settings.look_ahead:
+        cure = "take one that does not, or resolve the finished folder without --follow"
+        raise UsageError(f"preset {preset.name} looks ahead, so it cannot follow", cure=cure)
+    if options.get("preview") is not None:
+        cure = "give the same command with --preview and without --follow when all is there"
+        raise UsageError("--preview is of a finished sequence", cure=cure)
+    others = dict(reading)
+    return Arrivals(source, others.pop("frames", None), idle, others)
 
 
 def resolve_sequence(
@@ -261,6 +291,7 @@ def resolve_sequence(
     layers: tuple[str, ...] = (),
     progress: bool = True,
     stopping: AbstractContextManager[Stop] | None = None,
+    arrivals: Arrivals | None = None,
 ) -> ResolveReport:
     """Resolve every frame of ``sequence`` into ``output``, one EXR a frame under the same names.
 
@@ -273,7 +304,7 @@ def resolve_sequence(
 
     ``stopping`` is entered for the run and tells when to stop: then the frame in work is finished, the state saved and
     KeyboardInterrupt raised. ``cltaa.interrupt.stop_signals()`` does so for SIGINT and SIGTERM; signals are left alone
-    without it.
+    without it. What follows among ``arrivals``, whose first frames are ``sequence``, is resolved as it comes.
 
     Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
@@ -313,9 +344,12 @@ def resolve_sequence(
         except DeviceLost:
             resolver.reopen()
             run.resolve(compression, checkpoint_every)
+        if arrivals is not None:
+            run.follow(arrivals, compression, checkpoint_every)
         report = run.report()
         write_record(output, report, resolver.preset)
-        checkpoints.clear()
+        if arrivals is None or arrivals.ended:
+            checkpoints.clear()
     if preview is not None:
         write_video(preview, open_images(_results(output, sequence), gaps=OnBreak.RESET), rate=rate)
     return report
@@ -364,7 +398,7 @@ class _Run:
     ) -> None:
         self._sequence, self._files, self._checkpoints = sequence, files, checkpoints
         self._resolver, self._effects, self._stop, self._layers = resolver, effects, stop, layers
-        self._half, self._progress = half, progress
+        self._half, self._progress, self._frames = half, progress, len(sequence)
         self._seconds: dict[str, list[float]] = {name: [] for name in StageTimes.__struct_fields__}
 
     def resolve(self, compression: str, checkpoint_every: int) -> None:
@@ -373,9 +407,41 @@ class _Run:
         if not missing:
             return
         after, given = self._given(missing)
-        numbers = [n for n in given if n <= missing[-1]]
-        wanted = frozenset(missing)
         part = self._sequence.select(given[0], given[-1])
+        self._through(part, after, missing, compression, checkpoint_every)
+
+    def follow(self, arrivals: Arrivals, compression: str, checkpoint_every: int) -> None:
+        """Go on with what arrives behind the sequence, and save the state where more may come."""
+        shown = shown_progress("following") if self._progress else nullcontext(lambda _done, _total: None)
+        self._progress = False  # of each part
+        with shown as advance:
+            advance(self._frames, arrivals.count or self._frames + 1)
+            for part in arrivals.behind(self._stop):
+                before, self._frames = self._sequence.last, self._frames + len(part)
+                if self._stands_behind(before):
+                    self._through(part, before, [*part.numbers], compression, checkpoint_every)
+                    self._sequence = part
+                else:  # nothing was missing before
+                    self._sequence = arrivals.whole()
+                    self.resolve(compression, checkpoint_every)
+                advance(self._frames, arrivals.count or self._frames)
+        if not arrivals.ended and self._stands_behind(self._sequence.last):
+            self._checkpoints.save(self._resolver)
+        if self._stop.requested:
+            raise KeyboardInterrupt
+
+    def _stands_behind(self, number: int) -> bool:
+        """Whether the resolver holds the history that frame ``number`` left."""
+        try:
+            return self._resolver.recurrent()[0].index == number
+        except ValueError:
+            return False
+
+    def _through(
+        self, part: FrameSequence, after: int | None, missing: list[int], compression: str, checkpoint_every: int
+    ) -> None:
+        """Resolve ``part``, whose history goes on behind frame ``after``, and write the ``missing`` frames."""
+        numbers, wanted = [n for n in part.numbers if n <= missing[-1]], frozenset(missing)
         disk_space = DiskSpace(self._files.folder.folder, len(self._files.sizes) + len(missing))
         started = time.perf_counter()
         in_turn = isinstance(self._resolver, BandedResolver)  # so large that no second image waits beside it
@@ -386,7 +452,7 @@ class _Run:
                 self._reserve(part)
             shown = track(numbers, len(numbers), "resolving") if self._progress else numbers
             waiting = deque[Read]()
-            images = self._resolver.images(self._read(frames, len(given), waiting), half=self._half, planar=not in_turn)
+            images = self._resolver.images(self._read(frames, len(part), waiting), half=self._half, planar=not in_turn)
             for done, (number, image) in enumerate(zip(shown, images, strict=False), start=1):
                 read = waiting.popleft()
                 if number in wanted:
@@ -448,7 +514,7 @@ class _Run:
         """What was done; stages that nothing had to be done in took no time."""
         return ResolveReport(
             output=str(self._files.folder.folder),
-            frames=len(self._sequence),
+            frames=self._frames,
             resolved=self._files.count,
             repaired=self._files.repaired,
             opaque=self._files.opaque,

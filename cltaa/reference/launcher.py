@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.backend import Buffer
+from cltaa.core.backend import Buffer, Exchange
 from cltaa.core.build import Build
 from cltaa.core.planes import Layout, flat
 from cltaa.errors import UsageError
@@ -27,6 +27,34 @@ class _Array:
         planes = self.array.view()
         planes.flags.writeable = write  # a device forgets what is written where it was mapped for reading
         yield planes
+
+
+def _lent(array: Any) -> _Array:
+    if on_device(array):
+        raise UsageError("an array of a device cannot be resolved by NumPy", cure="cltaa.Resolver(device=array.queue)")
+    return _Array(cast(NDArray[Any], flat(array)))
+
+
+class _Exchange:
+    """Arrays of a program, where they are."""
+
+    def lend(self, name: str, array: Any) -> Any:
+        """The array's own memory."""
+        return _lent(array)
+
+    def receive(self, out: Any) -> Any:
+        """The same."""
+        return _lent(out)
+
+    def hand_over(self, out: Any, received: Any, done: Any) -> Callable[[], object]:
+        """It is there already."""
+        return lambda: None
+
+    def give_back(self) -> None:
+        """Nothing is held."""
+
+    def close(self) -> None:
+        """There are no threads."""
 
 
 class NumpyLauncher:
@@ -49,25 +77,13 @@ class NumpyLauncher:
         """The planes themselves."""
         return _Array(planes)
 
-    def lend(self, array: Any, held: Any) -> Any:
-        """The array's own memory."""
-        if on_device(array):
-            raise UsageError(
-                "an array of a device cannot be resolved by NumPy", cure="cltaa.Resolver(device=array.queue)"
-            )
-        return _Array(cast(NDArray[Any], flat(array)))
-
-    def receive(self, out: Any, held: Any) -> Any:
-        """The same."""
-        return self.lend(out, held)
-
-    def hand_over(self, out: Any, received: Any) -> Callable[[], object]:
-        """It is there already."""
-        return lambda: None
+    def exchange(self) -> Exchange:
+        """Arrays are where they are."""
+        return _Exchange()
 
     def empty(self, like: Any, shape: tuple[int, ...], dtype: Any) -> Any:
-        """As ``lend`` of an array of a device."""
-        return self.lend(like, None)
+        """Refuse an array of a device."""
+        return _lent(like)
 
     def prepare(self, kernel: str, build: Build) -> None:
         """Nothing is built."""

@@ -52,6 +52,7 @@ COMMANDS = {
         "resolve seq -o out",
         {
             "cltaa.commands.resolve.open_input": sequence,
+            "cltaa.pipeline.run.arrivals_of": begins,
             "cltaa.pipeline.run.check_declared": lambda *_: None,
             "cltaa.pipeline.run.chosen_layers": lambda *_: ("carried",),
             "cltaa.pipeline.run.carried_kinds": lambda *_: {},
@@ -156,6 +157,7 @@ COMMANDS = {
             "cltaa.commands.bench_effects.judge_effects": begins,
         },
     ),
+    "bench api": Command("bench api", {"cltaa.commands.bench_api.bench_api": begins}),
     "bench growth": Command("bench growth", {"cltaa.commands.bench_growth.bench_growth": begins}),
     "bench overview": Command(
         "bench overview one two -o out",
@@ -219,6 +221,8 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--effects motion", "check_declared.effects", {"motion"}),
         ("--effects motion", "resolve_sequence.effects", {"motion"}),
         ("--frames 3-5", "open_input.frames", (3, 5)),
+        ("--follow --frames 3-5", "arrivals_of.reading.frames", (3, 5)),
+        ("--follow --idle 7s", "arrivals_of.idle", 7.0),
         ("--preview film.mp4", "resolve_sequence.preview", Path("film.mp4")),
         ("--half", "resolver_for.half", True),
         ("--half", "resolve_sequence.half", True),
@@ -372,6 +376,12 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--device 3", "judge_effects.launcher", "launcher 3"),
         ("--rounds 7", "judge_effects.rounds", 7),
     ],
+    "bench api": [
+        ("--preset basic", "bench_api.preset.name", "basic"),
+        ("--size 7x8", "bench_api.sizes", ((7, 8),)),
+        ("--device 3", "bench_api.device", "3"),
+        ("--rounds 7", "bench_api.rounds", 7),
+    ],
     "bench growth": [
         ("--preset basic", "bench_growth.preset.name", "basic"),
         ("--sizes 7,8", "bench_growth.sizes", (7, 8)),
@@ -422,7 +432,11 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
 # command -> what it gives a function though no option says so, and though the function has a default
 OTHERWISE = {
     # those of the input; a program's signals are its own
-    "resolve": {"resolve_sequence.compression", "resolve_sequence.layers", "resolve_sequence.stopping"},
+    "resolve": {
+        "resolve_sequence.compression",
+        "resolve_sequence.layers",
+        "resolve_sequence.stopping",
+    },
     "demo": {"resolve_sequence.restart", "resolve_sequence.stopping"},  # the folder is the demo's own
     "bench accuracy": {"page.pictured", "write_report.pictured", "write_report.pages"},
     "bench quality": {"check_scenes.also", "Reading.effects"},

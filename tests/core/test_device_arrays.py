@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -15,9 +15,10 @@ import pytest
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Frame
-from cltaa.opencl import device
+from cltaa.opencl import exchange
 from cltaa.opencl.device import Memory, choose_device
 from cltaa.opencl.launcher import DeviceLauncher
+from tests.io.stream_threads import cltaa_threads
 from tests.sequence_factory import bits, make_camera, make_frame
 
 
@@ -46,8 +47,8 @@ def test_what_is_on_the_device_stays_there(queue: cl.CommandQueue, half: bool, m
         given = on(queue, frame)
         with monkeypatch.context() as patch:
             if index:  # the first frame builds kernels, and waits
-                for name in ("mapped", "upload", "download"):
-                    patch.setattr(Memory, name, None)
+                patch.setattr(Memory, "mapped", None)
+                patch.setattr(exchange.Staged, "__init__", None)
                 patch.setattr(there.launcher, "finish", None)
             image: Any = there.resolve(given, half=half)
         assert isinstance(image, cl_array.Array)
@@ -103,9 +104,10 @@ def test_another_queue_of_the_context_is_waited_for(queue: cl.CommandQueue, in_o
 
 @pytest.mark.parametrize("preset", ["default", "gather-8"])
 def test_a_device_with_memory_of_its_own_gives_the_same_bits(preset: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Through pinned memory, in pieces, as on a GPU."""
+    """Through pinned memory, in pieces, as on a GPU; the threads that copy them end with the resolver."""
     here = Resolver(preset)
-    monkeypatch.setattr(device, "PART", 4096)
+    monkeypatch.setattr(exchange, "PART", 4096)
+    monkeypatch.setattr(exchange, "COPIERS", 3)
     launcher = DeviceLauncher()
     launcher.device.shares_memory = launcher.shares_memory = False
     launcher.stages = True
@@ -115,13 +117,27 @@ def test_a_device_with_memory_of_its_own_gives_the_same_bits(preset: str, monkey
         expected = here.resolve(frame, half=index == 2)
         image = apart.resolve(frame, out=out) if index == 2 else apart.resolve(frame)
         assert np.array_equal(bits(image.copy()), bits(expected.copy()))
+        assert cltaa_threads()
+    apart.close()
+    assert cltaa_threads() == []
+
+
+def noted(order: list[str], name: str, method: Callable[..., None]) -> Callable[..., None]:
+    def called(*given: Any) -> None:
+        order.append(name)
+        method(*given)
+
+    return called
 
 
 @pytest.mark.parametrize("own", [False, True])
 @pytest.mark.parametrize("half", [False, True])
-def test_many_frames_are_as_each_of_them(own: bool, half: bool) -> None:
-    """Where a device has memory of its own, though frames change their arrays as soon as the next is asked for."""
-    launcher = DeviceLauncher()
+def test_many_frames_are_as_each_of_them(own: bool, half: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though frames change their arrays as soon as the next is asked for. Where a device has memory of its own, the
+    next is brought before a result is waited for."""
+    launcher, order = DeviceLauncher(), list[str]()
+    for name in ("upload", "end_download"):
+        monkeypatch.setattr(exchange.Staged, name, noted(order, name, getattr(exchange.Staged, name)))
     launcher.device.shares_memory = launcher.shares_memory = not own
     launcher.stages = own
     one, many = Resolver(), Resolver(device=launcher)
@@ -138,6 +154,7 @@ def test_many_frames_are_as_each_of_them(own: bool, half: bool) -> None:
     expected = [one.resolve(frame_of(index), half=half) for index in range(6)]
     assert len(images) == len({id(image) for image in images}) == 6
     assert all(np.array_equal(bits(image), bits(image2)) for image, image2 in zip(images, expected, strict=True))
+    assert order == (["upload"] * 5 + (["upload"] * 5 + ["end_download"]) * 5 + ["end_download"] if own else [])
 
 
 def test_arrays_are_let_go_of_at_the_end_of_a_frame() -> None:

@@ -156,7 +156,8 @@ def unpacked(
     launcher: Launcher, build: Build, layout: Layout, array: NDArray[Any], planes: int, **kind: Any
 ) -> NDArray[np.float32]:
     target = launcher.allocate((planes, layout.rows, layout.stride))
-    given = {"source": launcher.lend(array, None), "target": target, "planes": planes, **size_of(layout)}
+    exchange = launcher.exchange()
+    given = {"source": exchange.lend("array", array), "target": target, "planes": planes, **size_of(layout)}
     how = {"kind": 0, "below": np.float32(0), "at": np.float32(0), **kind}
     launcher.run("unpack", build, layout, {**given, "top": PAD_Y, **places(array), **how})
     launcher.finish()
@@ -200,10 +201,10 @@ def test_a_result_becomes_an_array(planes: int, lanes: int, storage: Storage) ->
             image = launcher.allocate(content.shape, content.dtype)
             with image.mapped(write=True) as target:
                 target[...] = content
-            received = launcher.receive(out, None)
+            exchange = launcher.exchange()
+            received = exchange.receive(out)
             given = {"image": image, "target": received, "planes": planes, **size_of(layout), **places(out)}
-            launcher.run("pack", build, layout, given)
-            launcher.hand_over(out, received)()
+            exchange.hand_over(out, received, launcher.run("pack", build, layout, given))()
             floats = np.moveaxis(layout.inside(content), 0, -1).astype(np.float32)
             assert np.array_equal(bits(out.copy()), bits(floats.astype(dtype)))
 

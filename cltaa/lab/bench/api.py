@@ -1,0 +1,150 @@
+"""``cltaa bench api``: what a call of ``Resolver.resolve`` takes, beside its kernels and beside the bus.
+
+Arrays of the device and of the host, one call after another and by ``resolve_many``; a plain pyopencl loop that copies
+the same bytes is what the way to a device and back takes at least.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from cltaa.core.presets import Preset
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Frame
+from cltaa.lab.bench.environment import Environment, environment, load_average
+from cltaa.lab.bench.frames import Motion, camera_at, make_frames
+from cltaa.lab.timing import Clock, Interval, Job, Samples, device_seconds, measure
+from cltaa.opencl.copies import PlainCopies, array_on
+from cltaa.opencl.launcher import DeviceLauncher
+
+SIZES = ((1920, 1080), (3840, 2160))
+CALLS = 8  # in a row; the time of one is an eighth of theirs
+ON_DEVICE, HOST, MANY, COPIES, PINNED = "device arrays", "host arrays", "resolve_many", "copies", "pinned copies"
+
+
+class ApiTimes(msgspec.Struct, frozen=True, kw_only=True):
+    """One size: seconds a frame."""
+
+    width: int
+    height: int
+    bytes: int  # that a frame of the host brings to the device and back
+    kernels: Interval  # the device's own time in a call with arrays of the device
+    device_arrays: Interval
+    host_arrays: Interval
+    resolve_many: Interval
+    copies: Interval  # of NumPy's arrays as they are
+    pinned_copies: Interval  # from and to pinned memory: the speed of the bus
+    many_over_one: Interval  # resolve_many over one call after another, in the same rounds
+
+
+class ApiBench(msgspec.Struct, frozen=True, kw_only=True):
+    """The whole measurement."""
+
+    preset: str
+    rounds: int
+    environment: Environment
+    rows: list[ApiTimes]
+
+
+class _Rendered:
+    """A program that renders: frames without an end, of the same arrays under a camera that slides."""
+
+    def __init__(self, frame: Frame) -> None:
+        self._frame, self._index = frame, -1
+
+    def next(self) -> Frame:
+        self._index += 1
+        camera = camera_at(self._index, Motion.UNIFORM, self._frame.width, self._frame.height)
+        return replace(self._frame, index=self._index, camera=camera)
+
+    def some(self) -> Iterator[Frame]:
+        return (self.next() for _ in range(CALLS))
+
+
+def bench_api(
+    preset: Preset, device: str | None, sizes: tuple[tuple[int, int], ...] = SIZES, *, rounds: int
+) -> ApiBench:
+    """Time calls with frames of ``sizes``, colour and depth, nothing declared, all kinds in turn.
+
+    Raises UsageError for NumPy in a device's place, and ResourceError where there is too little memory.
+    """
+    before, launcher = load_average(), DeviceLauncher(device)
+    rows = [_timed(preset, launcher, width, height, rounds) for width, height in sizes]
+    where = environment(launcher.description, before)
+    return ApiBench(preset=preset.name, rounds=rounds, environment=where, rows=rows)
+
+
+def _timed(preset: Preset, launcher: DeviceLauncher, width: int, height: int, rounds: int) -> ApiTimes:
+    (made,) = make_frames(width, height, Motion.UNIFORM, 1)
+    colour, out = np.ascontiguousarray(made.colour), np.empty((height, width, 3), np.float32)
+    host = replace(made, colour=colour, effects=None)
+    there: dict[str, Any] = {name: array_on(launcher.device, getattr(host, name)) for name in ("colour", "depth")}
+    arrays, back = [colour, host.depth], array_on(launcher.device, out)
+    plain = PlainCopies(launcher.device, arrays, out, pinned=False)
+    pinned = PlainCopies(launcher.device, arrays, out, pinned=True)
+    jobs = [
+        Job(ON_DEVICE, _on_device(Resolver(preset, launcher), launcher, _Rendered(replace(host, **there)), back)),
+        Job(HOST, _one_by_one(Resolver(preset, launcher), _Rendered(host), out)),
+        Job(MANY, _many(Resolver(preset, launcher), _Rendered(host))),
+        Job(COPIES, _times(plain.run)),
+        Job(PINNED, _times(pinned.run)),
+    ]
+    samples = measure(jobs, rounds, warm_up=1, action=f"timing {width} x {height}")
+    return ApiTimes(
+        width=width,
+        height=height,
+        bytes=sum(array.nbytes for array in (*arrays, out)),
+        kernels=_each(samples, ON_DEVICE, Clock.DEVICE),
+        device_arrays=_each(samples, ON_DEVICE),
+        host_arrays=_each(samples, HOST),
+        resolve_many=_each(samples, MANY),
+        copies=_each(samples, COPIES),
+        pinned_copies=_each(samples, PINNED),
+        many_over_one=samples.ratio(MANY, HOST),
+    )
+
+
+def _each(samples: Samples, job: str, clock: Clock = Clock.WALL) -> Interval:
+    return samples.interval(job, clock).times(1 / CALLS)
+
+
+def _on_device(resolver: Resolver, launcher: DeviceLauncher, rendered: _Rendered, out: Any) -> Callable[[], float]:
+    def run() -> float:
+        events: list[tuple[str, Any]] = []
+        launcher.events = events
+        for frame in rendered.some():
+            resolver.resolve(frame, out=out)
+        launcher.finish()
+        launcher.events = None
+        return device_seconds(events)
+
+    return run
+
+
+def _one_by_one(resolver: Resolver, rendered: _Rendered, out: Any) -> Callable[[], None]:
+    def run() -> None:
+        for frame in rendered.some():
+            resolver.resolve(frame, out=out)
+
+    return run
+
+
+def _many(resolver: Resolver, rendered: _Rendered) -> Callable[[], None]:
+    def run() -> None:
+        for _ in resolver.resolve_many(rendered.some()):
+            pass
+
+    return run
+
+
+def _times(copy: Callable[[], None]) -> Callable[[], None]:
+    def run() -> None:
+        for _ in range(CALLS):
+            copy()
+
+    return run

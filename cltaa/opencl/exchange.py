@@ -1,0 +1,226 @@
+"""How arrays of a program come to a device, and results back: where they lie, or through pinned memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from functools import cached_property, partial
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+import pyopencl as cl
+from numpy.typing import NDArray
+
+from cltaa.core.planes import flat
+from cltaa.errors import UsageError
+from cltaa.frame import on_device
+from cltaa.opencl.device import Device, Memory, device_errors
+from cltaa.process import CORES, OneProcess
+
+# Threads between pinned memory and a program's, of which one alone is slower than the bus, and bytes that each copies
+# at a time: a depth at 1920 x 1080 is four of them.
+COPIERS, PART = min(4, CORES), 2 * 2**20
+
+
+class Lent(NamedTuple):
+    """Memory of a program's array on the device."""
+
+    buffer: cl.Buffer
+
+
+class Copiers:
+    """The calling thread and others, which are begun where there is work for them, and end with ``close``."""
+
+    def __init__(self) -> None:
+        self._others: ThreadPoolExecutor | None = None
+
+    def each(self, work: Callable[[slice], object], parts: Sequence[slice]) -> None:
+        """Do ``work`` for all ``parts``, the first of them first."""
+        shares = [parts[first::COPIERS] for first in range(min(COPIERS, len(parts)))]
+        begun: list[Future[None]] = []
+        try:
+            for share in shares[1:]:
+                if self._others is None:
+                    self._others = ThreadPoolExecutor(COPIERS - 1, "cltaa copy")
+                begun.append(self._others.submit(_in_turn, work, share))
+            _in_turn(work, shares[0])
+        finally:
+            wait(begun)  # whatever happens here, they read and write the caller's memory
+        for done in begun:
+            done.result()
+
+    def close(self) -> None:
+        """End the other threads."""
+        if self._others is not None:
+            self._others.shutdown()
+            self._others = None
+
+
+def _in_turn(work: Callable[[slice], object], parts: Sequence[slice]) -> None:
+    for part in parts:
+        work(part)
+
+
+class Staged:
+    """Bytes of a device with memory of its own, and as many of the host, pinned, through which they come and go."""
+
+    def __init__(self, device: Device, size: int) -> None:
+        self._device, self.size = device, size
+        self.buffer, self._pinned = device.allocate((size,), np.uint8).buffer, device.pinned(size)
+        self._parts = [slice(start, min(start + PART, size)) for start in range(0, size, PART)]
+        self._moving: list[cl.Event] = []
+
+    def upload(self, content: NDArray[np.uint8], copiers: Copiers) -> None:
+        """Enqueue bytes of the host, each piece while the next is copied. Waits for those of the call before."""
+
+        def move(part: slice) -> None:
+            np.copyto(self._pinned[part], content[part])
+            with device_errors(self._device):
+                self._moving.append(
+                    cl.enqueue_copy(
+                        self._device.queue,
+                        self.buffer,
+                        self._pinned[part],
+                        dst_offset=part.start,
+                        is_blocking=False,
+                    )
+                )
+
+        with device_errors(self._device):
+            while self._moving:
+                self._moving.pop().wait()
+        copiers.each(move, self._parts)
+
+    def begin_download(self, queue: cl.CommandQueue, after: cl.Event) -> None:
+        """Enqueue what brings the bytes to pinned memory ``after`` an event."""
+        with device_errors(self._device):
+            self._moving = [
+                cl.enqueue_copy(
+                    queue,
+                    self._pinned[part],
+                    self.buffer,
+                    src_offset=part.start,
+                    is_blocking=False,
+                    wait_for=[after],
+                )
+                for part in self._parts
+            ]
+            queue.flush()
+
+    def end_download(self, content: NDArray[np.uint8], copiers: Copiers) -> None:
+        """Fill bytes of the host with them, each piece as soon as it has come."""
+
+        def take(part: slice) -> None:
+            with device_errors(self._device):
+                self._moving[part.start // PART].wait()
+            np.copyto(content[part], self._pinned[part])
+
+        copiers.each(take, self._parts)
+        self._moving = []
+
+
+class Exchange(OneProcess):
+    """The way of one resolver's arrays to a device and back, and the memory and the threads that it takes."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._lent: dict[str, Memory | Staged | Lent] = {}
+        self._spare: list[Staged] = []  # that results came through
+        self._others: list[cl.CommandQueue] = []  # of a program, whose arrays were lent
+        self._copiers = Copiers()
+
+    def lend(self, name: str, array: Any) -> Memory | Staged | Lent:
+        """Memory that kernels read an array from, until the next of that ``name``: the host's where that is shared,
+        else a copy.
+
+        What the queue of an array of this device was given before is waited for on the device. Raises UsageError for
+        one of another context.
+        """
+        if on_device(array):
+            lent: Memory | Staged | Lent = self._lent_by(array)
+        elif self._device.shares_memory:
+            content = _bytes_of(array)
+            lent = Memory(self._device, content.shape, np.uint8, content)
+        else:
+            content, held = _bytes_of(array), self._lent.get(name)
+            lent = held if isinstance(held, Staged) and held.size == content.size else self._staged(content.size)
+            lent.upload(content, self._copiers)
+        self._lent[name] = lent
+        return lent
+
+    def receive(self, out: Any) -> Memory | Staged | Lent:
+        """Memory that a kernel writes for ``out``, which is handed over then."""
+        if on_device(out):
+            return self._lent_by(out)
+        content = _bytes_of(out)
+        if self._device.shares_memory:
+            return Memory(self._device, content.shape, np.uint8, content, written=True)
+        fitting = next((staged for staged in self._spare if staged.size == content.size), None)
+        if fitting is None:
+            return self._staged(content.size)
+        self._spare.remove(fitting)
+        return fitting
+
+    def hand_over(self, out: Any, received: Memory | Staged | Lent, done: cl.Event) -> Callable[[], object]:
+        """Bring what was ``received``, and written when an event is ``done``, to ``out``: into the host's memory, or
+        before what its queue is given next.
+
+        Returns what waits until the host has it.
+        """
+        if isinstance(received, Memory):
+            return partial(_seen, received)
+        with device_errors(self._device):
+            self._device.queue.flush()
+        if isinstance(received, Staged):
+            received.begin_download(self._returns, done)
+            return partial(self._arrived, received, out)
+        out.add_event(done)
+        with device_errors(self._device):
+            while self._others:
+                cl.enqueue_barrier(self._others.pop(), wait_for=[done])
+        return lambda: None
+
+    def give_back(self) -> None:
+        """Forget arrays of the host, which nothing reads any more."""
+        if self._device.shares_memory:
+            self._lent.clear()
+
+    def close(self) -> None:
+        """End the threads; the memory goes with what holds it."""
+        self._copiers.close()
+
+    @cached_property
+    def _returns(self) -> cl.CommandQueue:
+        """A queue for results alone, which come back while the next frame is brought."""
+        return cl.CommandQueue(self._device.context, self._device.cl_device)
+
+    def _arrived(self, received: Staged, out: Any) -> None:
+        received.end_download(_bytes_of(out), self._copiers)
+        self._spare.append(received)
+
+    def _staged(self, size: int) -> Staged:
+        return Staged(self._device, size)
+
+    def _lent_by(self, array: Any) -> Lent:
+        if array.context != self._device.context:
+            raise UsageError("an array lies in another OpenCL context", cure="cltaa.Resolver(device=array.queue)")
+        with device_errors(self._device):
+            # What our own queue was given comes before anyway.
+            before = [event for event in array.events if event.command_queue != self._device.queue]
+            if array.queue is not None and array.queue != self._device.queue:
+                before.append(cl.enqueue_marker(array.queue))
+                array.queue.flush()
+                if array.queue not in self._others:
+                    self._others.append(array.queue)
+            if before:
+                cl.enqueue_barrier(self._device.queue, wait_for=before)
+        return Lent(array.base_data)
+
+
+def _seen(memory: Memory) -> None:
+    with memory.mapped(write=False):
+        pass
+
+
+def _bytes_of(array: NDArray[Any]) -> NDArray[np.uint8]:
+    return cast(NDArray[Any], flat(array)).view(np.uint8)

@@ -1,0 +1,156 @@
+"""A folder that is still being written: its frames in order, each as soon as all of its files are whole."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from cltaa.errors import CltaaError, DataError, InputMissing
+from cltaa.inputs.open import open_input
+from cltaa.interrupt import Stop
+from cltaa.io.content import file_size, open_regular
+from cltaa.io.exr_header import read_at, read_outline
+from cltaa.io.names import Selection, renumbered, selection_of
+from cltaa.io.numbered import FrameRange, OnBreak, files_in, frame_missing, on_break
+from cltaa.io.sequence import FrameSequence
+
+POLL = 0.2  # seconds between two looks at a folder
+
+
+def check_whole(path: Path) -> None:
+    """Raise DataError or InputMissing for an EXR file that is not all there: its writer fills in the table of chunks
+    last, and a copy ends before the chunks that the table names."""
+    with open_regular(path) as file:
+        outline = read_outline(path, file)
+        outline.check_chunks(partial(read_at, file), file_size(file))
+
+
+class Arrivals:
+    """The frames of a folder as they are finished.
+
+    It begins with the first of ``frames``, or with the lowest number that is there at first, and ends with the last of
+    them, or when none came for ``idle`` seconds. ``reading`` are the other arguments of ``open_input``.
+    """
+
+    def __init__(
+        self, source: str | Path, frames: FrameRange | None, idle: float | None, reading: Mapping[str, Any]
+    ) -> None:
+        """Nothing is looked at yet."""
+        self._source, self._idle, self._reading = Path(source), idle, reading
+        self._first: int | None = None if frames is None else frames[0]
+        self._end: int | None = None if frames is None else frames[1]
+        self._step, self._gaps = int(reading.get("step", 1)), on_break(reading.get("gaps", OnBreak.ERROR))
+        self._last: int | None = None  # of those that were taken
+        self._taken: list[Path] = []
+        self.ended = False  # with the last of the frames that were asked for
+
+    @property
+    def count(self) -> int | None:
+        """How many there are to be, where that was told."""
+        if self._first is None or self._end is None:
+            return None
+        return (self._end - self._first) // self._step + 1
+
+    def first(self) -> FrameSequence:
+        """Wait for the first frame; returns it and those behind it that are whole.
+
+        Raises what ``open_input`` does where none came.
+        """
+        found = self._wait(Stop())
+        if found is None:
+            self._raise_why()
+            found = open_input(self._source, **self._reading)
+        return found
+
+    def behind(self, stop: Stop) -> Iterator[FrameSequence]:
+        """Those behind them, as many at once as are whole; ends early where ``stop`` is requested.
+
+        Raises DataError for a frame that is never finished, and InputMissing for one that others came behind, unless
+        gaps are allowed.
+        """
+        while not self.ended and (found := self._wait(stop)) is not None:
+            yield found
+        if not self.ended and not stop.requested:
+            self._raise_why()
+
+    def whole(self) -> FrameSequence:
+        """All that were taken, as one sequence."""
+        return self._opened(self._taken)
+
+    def _wait(self, stop: Stop) -> FrameSequence | None:
+        since = time.monotonic()
+        while not stop.requested:
+            late = self._idle is not None and time.monotonic() - since >= self._idle
+            if numbers := self._ready(skip=late and self._gaps is OnBreak.RESET):
+                files = [path for number in numbers for path in self._files()[number]]
+                self._taken += files
+                self._last, self.ended = numbers[-1], numbers[-1] == self._end
+                return self._opened(files)
+            if late:
+                break
+            time.sleep(POLL)
+        return None
+
+    def _opened(self, files: list[Path]) -> FrameSequence:
+        place = self._place()
+        return open_input(Selection(place.folder, tuple(files), place.words, place.numbers), **self._reading)
+
+    def _place(self) -> Selection:
+        try:
+            return selection_of(self._source)
+        except InputMissing:  # a pattern that no file has yet
+            return Selection(self._source.parent, (), (str(self._source),))
+
+    def _files(self) -> dict[int, list[Path]]:
+        """The files of each frame that has one of each name that there is."""
+        place = self._place()
+        try:
+            names = place.by_name(files_in(place)).values()
+        except InputMissing:  # no folder yet
+            return {}
+        numbers = sorted({number for files in names for number in files})
+        return {n: [files[n] for files in names] for n in numbers if all(n in files for files in names)}
+
+    def _due(self, ahead: list[int]) -> int | None:
+        """The number that comes next."""
+        if self._last is not None:
+            return self._last + self._step
+        return self._first if self._first is not None else min(ahead, default=None)
+
+    def _ahead(self, files: Collection[int]) -> list[int]:
+        last, end = self._last, self._end
+        return [n for n in files if (last is None or n > last) and (end is None or n <= end)]
+
+    def _ready(self, *, skip: bool) -> list[int]:
+        """Numbers of the next frames in a row that are whole; the row may begin later where one is to ``skip``."""
+        files = self._files()
+        ahead = self._ahead(files)
+        due, ready = self._due(ahead), list[int]()
+        if skip and due not in files and ahead:
+            due = ahead[0]
+        while due in ahead and self._fault(files[due]) is None:
+            ready.append(due)
+            due += self._step
+        return ready
+
+    def _fault(self, files: list[Path]) -> CltaaError | None:
+        for path in files:
+            try:
+                check_whole(path)
+            except (DataError, InputMissing) as error:
+                return error
+        return None
+
+    def _raise_why(self) -> None:
+        """Raise what keeps the frames from going on, if anything but that no more came."""
+        files = self._files()
+        ahead = self._ahead(files)
+        due = self._due(ahead)
+        if due in files and (fault := self._fault(files[due])):
+            raise fault
+        if due is not None and due not in files and (ahead or self._end is not None):
+            there = self._taken[-1] if self._taken else next(iter(files.values()), [self._source])[0]
+            raise frame_missing(renumbered(there, due), due)

@@ -1,0 +1,59 @@
+"""The times of calls from a program: every way is timed, on what it says, and what cannot be timed is refused."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+import pytest
+from click.testing import CliRunner
+
+from cltaa.cli import root
+from cltaa.core.presets import load_preset
+from cltaa.core.resolver import Resolver
+from cltaa.errors import UsageError
+from cltaa.lab.bench.api import CALLS, bench_api
+from cltaa.opencl.copies import PlainCopies
+from cltaa.opencl.launcher import DeviceLauncher
+
+WAYS = ("kernels", "device_arrays", "host_arrays", "resolve_many", "copies", "pinned_copies")
+
+
+def test_each_way_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In each of three rounds, and once before them, ``CALLS`` calls of each way; one is with arrays of the device."""
+    kinds = list[str]()
+    resolve = Resolver._check
+
+    def noted(self: Resolver, frame: Any, out: Any) -> None:
+        kinds.append(type(frame.colour).__name__)
+        resolve(self, frame, out)
+
+    monkeypatch.setattr(Resolver, "_check", noted)
+    done = CliRunner().invoke(root, ["bench", "api", "--size", "32x18", "--rounds", "3", "--json"])
+    assert done.exit_code == 0, done.output
+    (row,) = json.loads(done.stdout)["rows"]
+    assert (row["width"], row["height"], row["bytes"]) == (32, 18, 32 * 18 * 4 * 7)
+    assert all(row[way]["median"] > 0 for way in (*WAYS, "many_over_one"))
+    assert (kinds.count("Array"), kinds.count("ndarray")) == (4 * CALLS, 2 * 4 * CALLS)
+
+
+@pytest.mark.parametrize("pinned", [False, True])
+def test_plain_copies_are_there(pinned: bool) -> None:
+    device, array, result = DeviceLauncher().device, np.arange(12, dtype=np.float32), np.ones(7, np.float32)
+    copies = PlainCopies(device, [array], result, pinned=pinned)
+    cl.enqueue_copy(device.queue, copies._back, 5 * result)
+    copies.run()
+    there = np.empty_like(array)
+    cl.enqueue_copy(device.queue, there, copies._there[0])
+    assert np.array_equal(there, array)
+    assert (copies._result.view(np.float32) == 5).all()
+    assert pinned or copies._result is result
+
+
+def test_what_cannot_be_timed_is_refused() -> None:
+    with pytest.raises(UsageError, match="this needs an OpenCL device, and numpy is none"):
+        bench_api(load_preset(), "numpy", rounds=3)
+    with pytest.raises(UsageError, match="looks ahead, so no call gives an image"):
+        root.main(["bench", "api", "--preset", "gather-8+8"], standalone_mode=False)

@@ -1,0 +1,173 @@
+"""A folder that is still written: its frames are resolved as they are finished, to the bits of a finished folder."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
+from cltaa.interrupt import Stop
+from cltaa.io.content import open_regular
+from cltaa.io.exr_header import read_outline
+from cltaa.pipeline import follow
+from cltaa.pipeline.follow import check_whole
+from cltaa.pipeline.run import resolve_folder
+from tests.io.stream_threads import wait_for
+from tests.sequence_factory import write_sequence
+
+IDLE = 0.5
+NUMPY: dict[str, Any] = {"device": "numpy", "compression": "none"}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with six frames, and what a resolve of it gives."""
+    folder = tmp_path_factory.mktemp("made")
+    resolve_folder(write_sequence(folder / "in", 6), folder / "out", **NUMPY)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def hurry(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(follow, "POLL", 0.01)
+
+
+def frame(made: Path, number: int) -> Path:
+    return made / "in" / f"synthetic.{number:04d}.exr"
+
+
+def resolved(folder: Path, number: int) -> bytes:
+    return (folder / f"synthetic.{number:04d}.exr").read_bytes()
+
+
+def farm(work: Callable[[], None]) -> threading.Thread:
+    thread = threading.Thread(target=work)
+    thread.start()
+    return thread
+
+
+def copied(made: Path, folder: Path, *numbers: int) -> None:
+    folder.mkdir(exist_ok=True)
+    for number in numbers:
+        shutil.copy(frame(made, number), folder)
+
+
+def test_frames_are_resolved_as_they_come(made: Path, tmp_path: Path) -> None:
+    """Out of their order, half written, each before the next is there; the first into a folder that is not there."""
+    given, out = tmp_path / "in", tmp_path / "out"
+
+    def write() -> None:
+        copied(made, given, 1)
+        copied(made, given, 0)
+        wait_for((out / "synthetic.0001.exr").exists)
+        whole = frame(made, 2).read_bytes()
+        with (given / frame(made, 2).name).open("wb", buffering=0) as file:
+            for place in range(0, len(whole), len(whole) // 7):
+                file.write(whole[place : place + len(whole) // 7])
+                time.sleep(0.03)
+        wait_for((out / "synthetic.0002.exr").exists)
+        copied(made, given, 5, 4, 3)
+
+    thread = farm(write)
+    report = resolve_folder(given, out, follow=True, reading={"frames": (0, 5)}, **NUMPY)
+    thread.join()
+    assert (report.frames, report.resolved) == (6, 6)
+    assert all(resolved(out, number) == resolved(made / "out", number) for number in range(6))
+    assert not [*out.glob(".checkpoint*")]  # no more can come
+
+
+@pytest.mark.parametrize("size", ["short", "no table"])
+def test_half_a_file_is_not_whole(made: Path, tmp_path: Path, size: str) -> None:
+    """A copy that was cut short; and what a writer leaves that fills in the table of chunks last."""
+    check_whole(frame(made, 0))
+    whole = bytearray(frame(made, 0).read_bytes())
+    if size == "short":
+        del whole[-10:]
+    else:
+        with open_regular(frame(made, 0)) as file:
+            table = read_outline(frame(made, 0), file).tables[0]
+        whole[table.place : table.place + 8] = bytes(8)
+    (tmp_path / "half.exr").write_bytes(whole)
+    with pytest.raises(DataError, match="truncated or was never finished"):
+        check_whole(tmp_path / "half.exr")
+
+
+@pytest.mark.parametrize(
+    ("there", "frames", "error", "said"),
+    [
+        ((), None, InputMissing, "the folder is missing"),
+        ((0, 2), None, InputMissing, "frame 1: the frame is missing"),
+        ((0, 1), (0, 5), InputMissing, "frame 2: the frame is missing"),
+        ((1, 2), (0, 2), InputMissing, "frame 0: the frame is missing"),
+    ],
+)
+def test_what_never_comes_is_told(
+    made: Path, tmp_path: Path, there: tuple[int, ...], frames: Any, error: type[CltaaError], said: str
+) -> None:
+    if there:
+        copied(made, tmp_path / "in", *there)
+    with pytest.raises(error, match=said):
+        resolve_folder(tmp_path / "in", tmp_path / "out", follow=True, idle=IDLE, reading={"frames": frames}, **NUMPY)
+    if there and there[0] == 0:
+        assert resolved(tmp_path / "out", 0) == resolved(made / "out", 0)
+
+
+def test_a_file_that_is_never_finished_is_told(made: Path, tmp_path: Path) -> None:
+    copied(made, tmp_path / "in", 0, 1)
+    half = tmp_path / "in" / frame(made, 1).name
+    half.write_bytes(half.read_bytes()[:-10])
+    with pytest.raises(DataError, match=r"synthetic\.0001\.exr: the file is truncated or was never finished"):
+        resolve_folder(tmp_path / "in", tmp_path / "out", follow=True, idle=IDLE, **NUMPY)
+
+
+def test_a_gap_may_be_allowed(made: Path, tmp_path: Path) -> None:
+    copied(made, tmp_path / "in", 0, 2)
+    report = resolve_folder(
+        tmp_path / "in", tmp_path / "out", follow=True, idle=IDLE, reading={"gaps": "reset"}, **NUMPY
+    )
+    assert report.resolved == 2
+
+
+def test_a_run_goes_on_behind_its_end(made: Path, tmp_path: Path) -> None:
+    """It waits in vain, is interrupted, and then all is there: each run goes on by the state of the one before."""
+    given, out = tmp_path / "in", tmp_path / "out"
+    copied(made, given, 0, 1)
+    assert resolve_folder(given, out, follow=True, idle=IDLE, **NUMPY).resolved == 2
+    assert [*out.glob(".checkpoint*")]
+    stop = Stop()
+
+    class Stopping:
+        def __enter__(self) -> Stop:
+            return stop
+
+        def __exit__(self, *_: object) -> None:
+            """Nothing was changed."""
+
+    def write() -> None:
+        copied(made, given, 2, 3)
+        wait_for((out / "synthetic.0003.exr").exists)
+        stop.requested = True
+
+    thread = farm(write)
+    with pytest.raises(KeyboardInterrupt):
+        resolve_folder(given, out, follow=True, stopping=Stopping(), **NUMPY)
+    thread.join()
+    copied(made, given, 4, 5)
+    report = resolve_folder(given, out, **NUMPY)
+    assert (report.frames, report.resolved) == (6, 2)
+    assert all(resolved(out, number) == resolved(made / "out", number) for number in range(6))
+
+
+def test_what_only_a_finished_sequence_has_is_refused(made: Path, tmp_path: Path) -> None:
+    for given, said in (
+        ({"preset": "gather-8+8"}, "looks ahead, so it cannot follow"),
+        ({"preview": tmp_path / "film.mp4"}, "--preview is of a finished sequence"),
+    ):
+        with pytest.raises(UsageError, match=said):
+            resolve_folder(made / "in", tmp_path / "out", follow=True, **NUMPY, **given)

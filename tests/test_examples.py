@@ -1,0 +1,54 @@
+"""Each example runs, at a tiny size, and its types are right; they use public names alone and fit on a screen."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import cltaa
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+MOST_LINES = 60
+# Arguments that make each small, what it prints, and a package that not every machine has.
+RUNS = {
+    "opengl.py": (["64", "36", "4"], r"4 frames; they differ by 0\.\d*[1-9]\d* from what was drawn last\n", "moderngl"),
+    "ray_caster.py": (["64", "36", "12"], r"drawn: 1\d\.\d dB\nresolved: 2\d\.\d dB\n", ""),
+    "torch_loop.py": (["64", "36", "4"], r"4 frames, the last one 0\.\d*[1-9]\d* from what was drawn\n", "torch"),
+    "watch_folder.py": ([], r"6 frames resolved into \S+resolved\n", ""),
+}
+
+
+def test_every_example_is_run() -> None:
+    assert {path.name for path in EXAMPLES.glob("*.py")} == {*RUNS}
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_an_example_runs(name: str, tmp_path: Path) -> None:
+    arguments, printed, package = RUNS[name]
+    if package and importlib.util.find_spec(package) is None:
+        pytest.skip(f"{package} is not installed")
+    command = [sys.executable, "-W", "error", str(EXAMPLES / name), *arguments]
+    path = {"PYTHONPATH": str(EXAMPLES.parent), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path), "TMPDIR": str(tmp_path)}
+    done = subprocess.run(command, env=path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(printed, done.stdout), done.stdout
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_an_example_is_short_and_names_public_names_alone(name: str) -> None:
+    code = (EXAMPLES / name).read_text(encoding="utf-8")
+    assert len(code.splitlines()) <= MOST_LINES
+    assert set(re.findall(r"\bcltaa\.(\w+)", code)) <= {*cltaa.__all__}
+    assert "from cltaa" not in code
+
+
+def test_types_are_right() -> None:
+    """Of a package that is not installed nothing is known, which is no mistake of the example."""
+    command = [sys.executable, "-m", "mypy", "--strict", *map(str, sorted(EXAMPLES.glob("*.py")))]
+    done = subprocess.run(command, cwd=EXAMPLES.parent, stdout=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 0, done.stdout
