@@ -105,8 +105,8 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_in
     return sample_planes(history, previous_inverse_depth, f, wx, wy, rgb, counted, count_limit, frame);
 }
 
-// `next` holds the texels of the row below the pixel's.
-STAGE history_t sample_history(plane_in current, boxed_row next, history_in history, plane_in count,
+// `next` holds the texels of the row below the pixel's; `lacks` says that a sample of the segment is missing.
+STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, history_in history, plane_in count,
     plane_in previous_inverse_depth, motion_t m, surface s, int x, int y, frame_t frame, settings_t settings,
     row_cache* cache)
 {
@@ -124,8 +124,10 @@ STAGE history_t sample_history(plane_in current, boxed_row next, history_in hist
     h.valid = h.valid & !colour_outside_domain(h.rgb);
     h.change = SPLAT(0.0);
     if (TESTS_LIGHT) {
-        const lit_t l
+        lit_t l
             = illumination_test(v.count, current, next, history, count, f, x, y, frame, settings, &cache->illumination);
+        if (lacks)
+            l = tested_by_drawn(l, v.count, current, x, y, frame);
         h.count = l.count;
         h.change = l.change;
     }
