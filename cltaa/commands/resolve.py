@@ -223,6 +223,7 @@ def _print_report(report: ResolveReport, preview: Path | None, views: str, *, fo
 
     from cltaa.commands.printing import print_line, print_table
     from cltaa.inputs.intake import OPAQUE
+    from cltaa.io.pixel_statistics import missing_lines
 
     what = f"{counted(report.frames, 'frame')}, {report.width} x {report.height}, preset {shown(report.preset)}"
     print_line(what)
@@ -237,7 +238,9 @@ def _print_report(report: ResolveReport, preview: Path | None, views: str, *, fo
     if report.resolved < report.frames:
         print_line(f"{counted(report.frames - report.resolved, 'frame')} finished already")
     if report.repaired:
-        print_line(f"{counted(report.repaired, 'pixel')} without a usable number repaired")
+        print_line(f"{counted(report.repaired, 'missing sample')}: the history stands in, or else what lies around")
+        for line in missing_lines(report.missing):
+            print_line(f"  {line}")
     if report.saturated:
         print_line(f"{counted(report.saturated, 'pixel')} saturated at 65504, the largest half")
     if foreign and report.opaque == report.resolved > 0:

@@ -24,7 +24,7 @@ from cltaa.io.exr_frame import MATRICES, Pixels, frame_attributes
 from cltaa.io.exr_layout import LOSSLESS, Layout, Windows
 from cltaa.io.exr_read import FrameFile, read_header
 from cltaa.io.manifest import NAME, RESTART_CURE, Entry, Manifest, file_sha256
-from cltaa.io.pixel_statistics import is_opaque, unusable_pixels
+from cltaa.io.pixel_statistics import Missing, is_opaque, missing_samples
 from cltaa.io.sequence import RESOLVED, FrameSequence
 from cltaa.io.streams import Writer
 from cltaa.pipeline.debug import DebugViews
@@ -275,11 +275,11 @@ def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
 
 
 class Read(NamedTuple):
-    """A frame, what vouches for its input, its unusable pixels, whether its alpha is all 1, what its output carries."""
+    """A frame, what vouches for its input, its missing samples, whether its alpha is all 1, what its output carries."""
 
     frame: Frame
     source: Source
-    unusable: int
+    missing: Missing | None
     opaque: bool
     carried: CarriedOver
 
@@ -301,7 +301,7 @@ def _read(sequence: FrameSequence, number: int, before: int | None, layers: tupl
     carried = carried_over(path, kept, file)
     if _stamps(sequence, number) != found:  # else a file of now would vouch for a result of before
         raise DataError("a file changed while it was read", path=path, frame=number, cure="run again")
-    return Read(frame, source, unusable_pixels(frame.colour), is_opaque(frame.alpha), carried)
+    return Read(frame, source, missing_samples(frame.colour, number), is_opaque(frame.alpha), carried)
 
 
 def _stamps(sequence: FrameSequence, number: int) -> list[tuple[int, ...]]:
@@ -324,7 +324,7 @@ class ResolvedFiles:
         self._numbers: set[int] = set()
         self.sizes: list[int] = []  # bytes of each file that is finished
         self._saturated: list[int] = []  # of each frame, from the threads that write
-        self.repaired = 0  # pixels of the frames that were written whose colour was no usable number
+        self.missing: list[Missing] = []  # samples, of the frames that were written
         self.opaque = 0  # frames of those whose alpha is 1 everywhere
 
     @property
@@ -350,7 +350,7 @@ class ResolvedFiles:
         kept, windows = read.carried.channels, read.carried.windows
         writer.write(path, lambda: {**kept, **self._channels(image), **views}, attributes, then=finish, windows=windows)
         self._numbers.add(read.frame.index)
-        self.repaired += read.unusable
+        self.missing += [read.missing] if read.missing else []
         self.opaque += read.opaque
 
     def _finish(self, path: Path, source: Source) -> None:

@@ -35,6 +35,7 @@ from cltaa.io.exr_layout import check_lossless
 from cltaa.io.manifest import REFERENCE
 from cltaa.io.names import Selection
 from cltaa.io.numbered import OnBreak
+from cltaa.io.pixel_statistics import Missing
 from cltaa.io.sequence import FrameSequence, open_images
 from cltaa.io.streams import InTurn, ReadAhead, Writer
 from cltaa.io.video import check_film, rate_of, write_video
@@ -102,7 +103,8 @@ class StageTimes(msgspec.Struct, kw_only=True):
 class ResolveReport(msgspec.Struct, kw_only=True):
     """What a run of ``resolve_sequence`` did: of ``frames``, ``resolved`` were written now, the others before.
 
-    ``repaired`` counts the pixels of those whose colour was no usable number (NaN, infinite, beyond 2^50), ``opaque``
+    ``repaired`` counts the pixels of those whose colour was no usable number (NaN, infinite, beyond 2^50), ``missing``
+    says which frame lacks how many of them and where, ``opaque``
     the frames whose alpha is 1 everywhere, ``saturated`` the pixels as bright as the largest half, where halves are
     written or kept as history.
     """
@@ -111,6 +113,7 @@ class ResolveReport(msgspec.Struct, kw_only=True):
     frames: int
     resolved: int
     repaired: int
+    missing: list[Missing] = []
     opaque: int
     saturated: int
     width: int
@@ -449,7 +452,8 @@ class _Run:
             output=str(self._files.folder.folder),
             frames=len(self._sequence),
             resolved=self._files.count,
-            repaired=self._files.repaired,
+            repaired=sum(each.pixels for each in self._files.missing),
+            missing=self._files.missing,
             opaque=self._files.opaque,
             saturated=self._files.saturated,
             width=self._sequence.width,

@@ -10,7 +10,7 @@ import numpy as np
 from cltaa.core.build import Build, Record
 from cltaa.core.parameters import Reject
 from cltaa.core.planes import Layout
-from cltaa.reference.colour import Colour, colour_outside_domain
+from cltaa.reference.colour import Colour, colour_outside_domain, sample_is_missing
 from cltaa.reference.disocclusion import on_screen, same_surface
 from cltaa.reference.illumination import history_in_range, illumination_test, tests_light
 from cltaa.reference.neighbourhood import Surface
@@ -63,5 +63,7 @@ def sample_history(
     if build.steps.alpha:
         alpha = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, r), number(1, r))
     if build.choices.reject is Reject.DEPTH:
-        valid &= same_surface(sample_quad(previous_inverse_depth[0], f, real), s, m, settings["depth_tolerance"])
+        no_depth = sample_is_missing(current, layout) & (s.nearest <= number(frame["sky_inverse_depth"], s.nearest))
+        seen_before = sample_quad(previous_inverse_depth[0], f, real)
+        valid &= same_surface(seen_before, s, m, settings["depth_tolerance"]) | no_depth
     return History(rgb, alpha, count, f.fx, f.fy, valid, change)

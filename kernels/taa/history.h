@@ -133,8 +133,13 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
     }
     h.rgb = history_in_range(h.rgb, frame);
     h.alpha = ALPHA ? limit(v.alpha, SPLAT(0.0), SPLAT(1.0)) : v.alpha;
-    if (REJECT == REJECT_DEPTH)
-        h.valid = h.valid & same_surface(v.inverse_depth, s, m, settings);
+    if (REJECT == REJECT_DEPTH) {
+        mask same = same_surface(v.inverse_depth, s, m, settings);
+        // A sample without depth either does not say that another surface is seen.
+        if (lacks)
+            same = same | (sample_is_missing(current, x, y, frame) & (s.nearest <= SPLAT(frame.sky_inverse_depth)));
+        h.valid = h.valid & same;
+    }
     h.fx = v.fx;
     h.fy = v.fy;
     h.count_limit = v.count_limit;
