@@ -52,7 +52,7 @@ def missing_samples(colour: Image, frame: int) -> Missing | None:
     limit = value("DOMAIN_LIMIT")
     if -limit <= float(colour.min()) and float(colour.max()) <= limit:  # NaN is not within, and min and max hand it on
         return None
-    missing: NDArray[np.bool_] = (~(np.abs(colour) <= limit)).any(axis=-1)
+    missing: NDArray[np.bool_] = np.asarray((~(np.abs(colour) <= limit)).any(axis=-1))
     rows, columns = np.flatnonzero(missing.any(axis=1)), np.flatnonzero(missing.any(axis=0))
     return Missing(
         frame=frame,
