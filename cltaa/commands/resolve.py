@@ -33,6 +33,7 @@ from cltaa.interrupt import stop_signals
 from cltaa.io.numbered import OnBreak
 from cltaa.io.preset_file import preset_of
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY
+from cltaa.pipeline.denoise import DENOISERS
 from cltaa.pipeline.run import ResolveReport, resolve_folder, stage_rows
 from cltaa.printable import counted, json_of, printable, shown
 
@@ -109,6 +110,13 @@ from cltaa.printable import counted, json_of, printable, shown
     show_default=True,
     help="Another size: refuse it, or begin a new history with it.",
 )
+@click.option(
+    "--denoise",
+    type=click.Choice(DENOISERS),
+    default="none",
+    show_default=True,
+    help="Denoise each frame before the resolve: oidn is Open Image Denoise, the extra cltaa[denoise].",
+)
 @click.option("--restart", is_flag=True, help="Begin the output folder anew, whatever it was begun with.")
 @click.option(
     "--checkpoint",
@@ -151,6 +159,7 @@ def resolve(
     band_rows: int | None,
     gaps: str,
     on_resize: str,
+    denoise: str,
     restart: bool,
     checkpoint: int,
     views: str,
@@ -197,6 +206,7 @@ def resolve(
         debug=parse_views(views),
         progress=True,
         preview=preview,
+        denoise=denoise,
         restart=restart,
         checkpoint_every=checkpoint,
         stopping=stop_signals(),

@@ -28,6 +28,7 @@ from cltaa.io.pixel_statistics import Missing, is_opaque, missing_samples
 from cltaa.io.sequence import RESOLVED, FrameSequence
 from cltaa.io.streams import Writer
 from cltaa.pipeline.debug import DebugViews
+from cltaa.pipeline.denoise import Denoise, guides_of
 from cltaa.printable import written
 from cltaa.progress import track
 
@@ -284,14 +285,18 @@ class Read(NamedTuple):
     carried: CarriedOver
 
 
-def reads(sequence: FrameSequence, before: int | None, layers: tuple[str, ...]) -> Iterator[Callable[[], Read]]:
+def reads(
+    sequence: FrameSequence, before: int | None, layers: tuple[str, ...], denoise: Denoise | None = None
+) -> Iterator[Callable[[], Read]]:
     """A task for each frame of a sequence, in any thread; ``before`` is the frame that the first one continues."""
     for number in sequence.numbers:
-        yield partial(_read, sequence, number, before, layers)
+        yield partial(_read, sequence, number, before, layers, denoise)
         before = number
 
 
-def _read(sequence: FrameSequence, number: int, before: int | None, layers: tuple[str, ...]) -> Read:
+def _read(
+    sequence: FrameSequence, number: int, before: int | None, layers: tuple[str, ...], denoise: Denoise | None
+) -> Read:
     path, kept = sequence.path(number), carried_channels(sequence.layouts[number], layers, sequence.replaced)
     found = _stamps(sequence, number)
     frame, file = sequence.frame_and_file(number, kept)
@@ -299,9 +304,14 @@ def _read(sequence: FrameSequence, number: int, before: int | None, layers: tupl
     digest = sequence.sha256(number) or file_sha256(path)
     source = Source(digest, before, sequence.beside_sha256(number))
     carried = carried_over(path, kept, file)
+    missing = missing_samples(frame.colour, number)
+    if denoise is not None:
+        names = {name for triple in guides_of(sequence.layouts[number].channels).values() for name in triple}
+        window = sequence.layouts[number].data_window
+        frame = denoise(frame, read_planes(path, names, picture=window) if names else {})
     if _stamps(sequence, number) != found:  # else a file of now would vouch for a result of before
         raise DataError("a file changed while it was read", path=path, frame=number, cure="run again")
-    return Read(frame, source, missing_samples(frame.colour, number), is_opaque(frame.alpha), carried)
+    return Read(frame, source, missing, is_opaque(frame.alpha), carried)
 
 
 def _stamps(sequence: FrameSequence, number: int) -> list[tuple[int, ...]]:
