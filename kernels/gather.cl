@@ -15,7 +15,8 @@ __kernel void gather_kernel(plane_in current, plane_in inverse_depth, plane_in m
     for (int y = column.first; y < column.end; ++y) {
         // Read: the 3x3 around the pixel, its statistics, and the pixel's own sample.
         slide_window(&rows, current, inverse_depth, motion, x, y, frame);
-        const pixel_t p = current_pixel(rows.above, rows.centre, rows.below, alpha, reactive, x, y, frame);
+        pixel_t p = current_pixel(rows.above, rows.centre, rows.below, alpha, reactive, x, y, frame);
+        p.missing = sample_is_missing(current, x, y, frame);
 
         // Reproject: the nearest surface of the 3x3, and at a depth edge the one behind it.
         surface s = nearest_surface(rows.above, rows.centre, rows.below, settings);
@@ -31,7 +32,7 @@ __kernel void gather_kernel(plane_in current, plane_in inverse_depth, plane_in m
             gather_samples(&far, ring, past, 0, frames, 0, p, x, y, frame, settings);
 
         // Rectify and accumulate: fit the pixel's colour to these samples, and move it into the range of the 3x3.
-        const resolved out = resolve_gathered(near.sums, far.sums, l, p, m, frame, settings);
+        const resolved out = resolve_gathered(near.sums, far.sums, l, p, m, current, x, y, frame, settings);
 
         // Store.
         store_resolved(output, output_count, out, x, y, frame);

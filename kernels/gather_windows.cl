@@ -16,7 +16,8 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
     for (int y = column.first; y < column.end; ++y) {
         // Read: the 3x3 around the pixel, its statistics, and the pixel's own sample.
         slide_window(&rows, current, inverse_depth, motion, x, y, frame);
-        const pixel_t p = current_pixel(rows.above, rows.centre, rows.below, alpha, reactive, x, y, frame);
+        pixel_t p = current_pixel(rows.above, rows.centre, rows.below, alpha, reactive, x, y, frame);
+        p.missing = sample_is_missing(current, x, y, frame);
 
         // Reproject: the nearest surface of the 3x3, and at a depth edge the one behind it.
         surface s = nearest_surface(rows.above, rows.centre, rows.below, settings);
@@ -34,8 +35,8 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
             gather_samples(&near, ring, past, from, to, SHORT_WINDOW, p, x, y, frame, settings);
             if (has_edges(l))
                 gather_samples(&far, ring, past, from, to, 0, p, x, y, frame, settings);
-            out = resolve_gathered(near.sums, far.sums, l, p, m, frame, settings);
-            error = window_error(near.sums, p.own, out, settings);
+            out = resolve_gathered(near.sums, far.sums, l, p, m, current, x, y, frame, settings);
+            error = window_error(near.sums, p, out, settings);
             store_window(windows, window, out, error, x, y, frame);
             from = to;
         }
@@ -49,7 +50,7 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
         out.rgb = choose_colour(valid, unmoved.rgb, out.rgb);
         out.alpha = valid ? unmoved.alpha : out.alpha;
         out.count = valid ? unmoved.count : out.count;
-        error = valid ? window_error(unmoved_sums, p.own, unmoved, settings) : error;
+        error = valid ? window_error(unmoved_sums, p, unmoved, settings) : error;
         store_window(windows, UNMOVED, out, error, x, y, frame);
     }
     extend_stored(0, 0, windows, WINDOWS * WINDOW_PLANES, stored_block(column), frame);

@@ -34,15 +34,17 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
 
         // Sample the history there. It is not valid where the previous frame did not show that surface.
-        history_t h = sample_history(current, rows.below.texels, history, history_count, previous_inverse_depth, m, s,
-            x, y, frame, settings, &cache);
+        history_t h = sample_history(current, rows.below.texels, rows.centre.lacks, history, history_count,
+            previous_inverse_depth, m, s, x, y, frame, settings, &cache);
 
         // Rectify: move the history into the range of the 3x3.
         h.alpha = rectified_alpha(alpha, h.alpha, x, y, frame);
         const rectification r = rectify(h.rgb, p.filtered, p.stats, m, box_scale_of(m, settings), frame, settings);
 
         // Accumulate: blend the sample with the history, by the history's effective sample count.
-        const resolved out = resolve_pixel(p, h, r, settings);
+        resolved out = resolve_pixel(p, h, r, settings);
+        if (rows.centre.lacks)
+            out = without_missing(out, h, current, x, y, frame);
 
         // Store: this result is the history of the next frame.
         store_recurrent(output, output_count, out, x, y, frame);

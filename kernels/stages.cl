@@ -89,7 +89,7 @@ __kernel void sample_history_kernel(plane_in current, plane_in motion_in, histor
     s.nearest = load(q + 5 * plane);
     s.farthest = load(q + 6 * plane);
     row_cache cache = empty_row_cache();
-    const history_t h = sample_history(current, read_boxed(current, x, y + 1, frame), history, history_count,
+    const history_t h = sample_history(current, read_boxed(current, x, y + 1, frame), 1, history, history_count,
         previous_inverse_depth, m, s, x, y, frame, settings, &cache);
     plane_out p = history_at + at;
     store_colour(p, plane, h.rgb);
@@ -156,6 +156,6 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
     p.filtered = load_colour(statistics_in + at + 12 * plane, plane);
     p.luminance = luminance_4(p.filtered);
     p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? colour_in_domain(current, plane, x, y, frame) : p.filtered;
-    const resolved out = resolve_pixel(p, h, r, settings);
+    const resolved out = without_missing(resolve_pixel(p, h, r, settings), h, current, x, y, frame);
     store_recurrent(output, output_count, out, x, y, frame);
 }

@@ -34,6 +34,7 @@ from cltaa.interrupt import stop_signals
 from cltaa.io.numbered import OnBreak
 from cltaa.io.preset_file import preset_of
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY
+from cltaa.pipeline.denoise import DENOISERS
 from cltaa.pipeline.run import ResolveReport, resolve_folder, stage_rows
 from cltaa.printable import counted, json_of, printable, shown
 
@@ -122,6 +123,13 @@ from cltaa.printable import counted, json_of, printable, shown
     show_default=True,
     help="Another size: refuse it, or begin a new history with it.",
 )
+@click.option(
+    "--denoise",
+    type=click.Choice(DENOISERS),
+    default="none",
+    show_default=True,
+    help="Denoise each frame before the resolve: oidn is Open Image Denoise, the extra cltaa[denoise].",
+)
 @click.option("--restart", is_flag=True, help="Begin the output folder anew, whatever it was begun with.")
 @click.option(
     "--checkpoint",
@@ -166,6 +174,7 @@ def resolve(
     band_rows: int | None,
     gaps: str,
     on_resize: str,
+    denoise: str,
     restart: bool,
     checkpoint: int,
     views: str,
@@ -219,6 +228,7 @@ def resolve(
         idle=idle,
         reading=reading,
         preview=preview,
+        denoise=denoise,
         restart=restart,
         checkpoint_every=checkpoint,
         stopping=stop_signals(),
@@ -245,6 +255,7 @@ def _print_report(report: ResolveReport, preview: Path | None, views: str, *, fo
 
     from cltaa.commands.printing import print_line, print_table
     from cltaa.inputs.intake import OPAQUE
+    from cltaa.io.pixel_statistics import missing_lines
 
     what = f"{counted(report.frames, 'frame')}, {report.width} x {report.height}, preset {shown(report.preset)}"
     print_line(what)
@@ -259,7 +270,9 @@ def _print_report(report: ResolveReport, preview: Path | None, views: str, *, fo
     if report.resolved < report.frames:
         print_line(f"{counted(report.frames - report.resolved, 'frame')} finished already")
     if report.repaired:
-        print_line(f"{counted(report.repaired, 'pixel')} without a usable number repaired")
+        print_line(f"{counted(report.repaired, 'missing sample')}: the history stands in, or else what lies around")
+        for line in missing_lines(report.missing):
+            print_line(f"  {line}")
     if report.saturated:
         print_line(f"{counted(report.saturated, 'pixel')} saturated at 65504, the largest half")
     if report.cuts_found:

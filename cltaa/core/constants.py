@@ -56,6 +56,7 @@ WINDOWS: Final = 4
 SHORT_WINDOW: Final = 3  # frames in the ring of the first
 MIDDLE_WINDOW: Final = 7  # and of the second
 WINDOW_REACH: Final = 2  # texels up, down, left and right that are asked
+FILL_REACH: Final = 128  # texels to which a usable one is looked for: half a tile of 256
 AHEAD_STEPS: Final = 3  # rounds of the search for the place ahead to which a surface moves
 # Those of them that kernels know, by these names.
 WHOLE_NUMBERS: Final = {
@@ -66,6 +67,7 @@ WHOLE_NUMBERS: Final = {
     "MIDDLE_WINDOW": MIDDLE_WINDOW,
     "WINDOW_REACH": WINDOW_REACH,
     "AHEAD_STEPS": AHEAD_STEPS,
+    "FILL_REACH": FILL_REACH,
 }
 # Rows begin on a multiple of this many floats, the widest vector of any device.
 ROW_ALIGNMENT: Final = 16

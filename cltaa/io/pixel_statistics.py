@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from cltaa.core.constants import value
 from cltaa.frame import Image
 from cltaa.io.exr_frame import Pixels
+from cltaa.io.numbered import named_frames
 
 
 class ChannelStatistics(msgspec.Struct):
@@ -34,12 +37,47 @@ class ChannelStatistics(msgspec.Struct):
         self.count += plane.size
 
 
-def unusable_pixels(colour: Image) -> int:
-    """Count the pixels of [H, W, 3] whose colour a resolve replaces: NaN, infinite, or beyond the kernels' domain."""
+class Missing(msgspec.Struct, kw_only=True, frozen=True):
+    """The missing samples of a frame: how many of its pixels, and the first and last column and row that hold one."""
+
+    frame: int
+    pixels: int
+    among: int
+    columns: tuple[int, int]
+    rows: tuple[int, int]
+
+
+def missing_samples(colour: Image, frame: int) -> Missing | None:
+    """The pixels of [H, W, 3] that a resolve takes for none: NaN, infinite, or beyond the kernels' domain."""
     limit = value("DOMAIN_LIMIT")
     if -limit <= float(colour.min()) and float(colour.max()) <= limit:  # NaN is not within, and min and max hand it on
-        return 0
-    return int((~(np.abs(colour) <= limit)).any(axis=-1).sum())
+        return None
+    missing: NDArray[np.bool_] = np.asarray((~(np.abs(colour) <= limit)).any(axis=-1))
+    rows, columns = np.flatnonzero(missing.any(axis=1)), np.flatnonzero(missing.any(axis=0))
+    return Missing(
+        frame=frame,
+        pixels=int(missing.sum()),
+        among=missing.size,
+        columns=(int(columns[0]), int(columns[-1])),
+        rows=(int(rows[0]), int(rows[-1])),
+    )
+
+
+def missing_lines(found: Iterable[Missing]) -> list[str]:
+    """A sentence for each frame in which samples are missing; frames that lack the same share one."""
+    alike: dict[Missing, list[int]] = {}
+    for each in found:
+        alike.setdefault(msgspec.structs.replace(each, frame=0), []).append(each.frame)
+    return [f"{named_frames(frames)}: {_lacks(each)}" for each, frames in alike.items()]
+
+
+def _lacks(missing: Missing) -> str:
+    if missing.pixels == missing.among:
+        return f"all {missing.among} pixels are without a usable colour"
+    (left, right), (top, bottom) = missing.columns, missing.rows
+    place = f"x {left} to {right}, y {top} to {bottom}" if missing.pixels > 1 else f"x {left}, y {top}"
+    verb = "is" if missing.pixels == 1 else "are"
+    return f"{missing.pixels} of {missing.among} pixels {verb} without a usable colour: {place}"
 
 
 def is_opaque(alpha: Image | None) -> bool:

@@ -24,10 +24,11 @@ from cltaa.io.exr_frame import MATRICES, Pixels, frame_attributes
 from cltaa.io.exr_layout import LOSSLESS, Layout, Windows
 from cltaa.io.exr_read import FrameFile, read_header
 from cltaa.io.manifest import NAME, RESTART_CURE, Entry, Manifest, file_sha256
-from cltaa.io.pixel_statistics import is_opaque, unusable_pixels
+from cltaa.io.pixel_statistics import Missing, is_opaque, missing_samples
 from cltaa.io.sequence import RESOLVED, FrameSequence
 from cltaa.io.streams import Writer
 from cltaa.pipeline.debug import DebugViews
+from cltaa.pipeline.denoise import Denoise, guides_of
 from cltaa.printable import written
 from cltaa.progress import track
 
@@ -275,23 +276,27 @@ def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
 
 
 class Read(NamedTuple):
-    """A frame, what vouches for its input, its unusable pixels, whether its alpha is all 1, what its output carries."""
+    """A frame, what vouches for its input, its missing samples, whether its alpha is all 1, what its output carries."""
 
     frame: Frame
     source: Source
-    unusable: int
+    missing: Missing | None
     opaque: bool
     carried: CarriedOver
 
 
-def reads(sequence: FrameSequence, before: int | None, layers: tuple[str, ...]) -> Iterator[Callable[[], Read]]:
+def reads(
+    sequence: FrameSequence, before: int | None, layers: tuple[str, ...], denoise: Denoise | None = None
+) -> Iterator[Callable[[], Read]]:
     """A task for each frame of a sequence, in any thread; ``before`` is the frame that the first one continues."""
     for number in sequence.numbers:
-        yield partial(_read, sequence, number, before, layers)
+        yield partial(_read, sequence, number, before, layers, denoise)
         before = number
 
 
-def _read(sequence: FrameSequence, number: int, before: int | None, layers: tuple[str, ...]) -> Read:
+def _read(
+    sequence: FrameSequence, number: int, before: int | None, layers: tuple[str, ...], denoise: Denoise | None
+) -> Read:
     path, kept = sequence.path(number), carried_channels(sequence.layouts[number], layers, sequence.replaced)
     found = _stamps(sequence, number)
     frame, file = sequence.frame_and_file(number, kept)
@@ -299,9 +304,14 @@ def _read(sequence: FrameSequence, number: int, before: int | None, layers: tupl
     digest = sequence.sha256(number) or file_sha256(path)
     source = Source(digest, before, sequence.beside_sha256(number))
     carried = carried_over(path, kept, file)
+    missing = missing_samples(frame.colour, number)
+    if denoise is not None:
+        names = {name for triple in guides_of(sequence.layouts[number].channels).values() for name in triple}
+        window = sequence.layouts[number].data_window
+        frame = denoise(frame, read_planes(path, names, picture=window) if names else {})
     if _stamps(sequence, number) != found:  # else a file of now would vouch for a result of before
         raise DataError("a file changed while it was read", path=path, frame=number, cure="run again")
-    return Read(frame, source, unusable_pixels(frame.colour), is_opaque(frame.alpha), carried)
+    return Read(frame, source, missing, is_opaque(frame.alpha), carried)
 
 
 def _stamps(sequence: FrameSequence, number: int) -> list[tuple[int, ...]]:
@@ -324,7 +334,7 @@ class ResolvedFiles:
         self._numbers: set[int] = set()
         self.sizes: list[int] = []  # bytes of each file that is finished
         self._saturated: list[int] = []  # of each frame, from the threads that write
-        self.repaired = 0  # pixels of the frames that were written whose colour was no usable number
+        self.missing: list[Missing] = []  # samples, of the frames that were written
         self.opaque = 0  # frames of those whose alpha is 1 everywhere
 
     @property
@@ -350,7 +360,7 @@ class ResolvedFiles:
         kept, windows = read.carried.channels, read.carried.windows
         writer.write(path, lambda: {**kept, **self._channels(image), **views}, attributes, then=finish, windows=windows)
         self._numbers.add(read.frame.index)
-        self.repaired += read.unusable
+        self.missing += [read.missing] if read.missing else []
         self.opaque += read.opaque
 
     def _finish(self, path: Path, source: Source) -> None:

@@ -35,12 +35,14 @@ from cltaa.io.exr_layout import check_lossless
 from cltaa.io.manifest import REFERENCE
 from cltaa.io.names import Selection
 from cltaa.io.numbered import OnBreak
+from cltaa.io.pixel_statistics import Missing
 from cltaa.io.sequence import FrameSequence, open_images
 from cltaa.io.streams import InTurn, ReadAhead, Writer
 from cltaa.io.video import check_film, rate_of, write_video
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.pipeline.debug import DebugViews
+from cltaa.pipeline.denoise import Denoise, denoiser
 from cltaa.pipeline.follow import Arrivals
 from cltaa.pipeline.memory import NO_LAYERS, Memory, of_whole_images
 from cltaa.pipeline.output import (
@@ -103,7 +105,8 @@ class StageTimes(msgspec.Struct, kw_only=True):
 class ResolveReport(msgspec.Struct, kw_only=True):
     """What a run of ``resolve_sequence`` did: of ``frames``, ``resolved`` were written now, the others before.
 
-    ``repaired`` counts the pixels of those whose colour was no usable number (NaN, infinite, beyond 2^50), ``opaque``
+    ``repaired`` counts the pixels of those whose colour was no usable number (NaN, infinite, beyond 2^50), ``missing``
+    says which frame lacks how many of them and where, ``opaque``
     the frames whose alpha is 1 everywhere, ``saturated`` the pixels as bright as the largest half, where halves are
     written or kept as history, ``cuts_found`` the frames that were found to begin another shot though nobody says so.
     """
@@ -112,6 +115,7 @@ class ResolveReport(msgspec.Struct, kw_only=True):
     frames: int
     resolved: int
     repaired: int
+    missing: list[Missing] = []
     opaque: int
     saturated: int
     cuts_found: list[int]
@@ -289,6 +293,7 @@ def resolve_sequence(
     checkpoint_every: int = CHECKPOINT_EVERY,
     debug: tuple[View, ...] = (),
     layers: tuple[str, ...] = (),
+    denoise: str = "none",
     progress: bool = True,
     stopping: AbstractContextManager[Stop] | None = None,
     arrivals: Arrivals | None = None,
@@ -299,7 +304,8 @@ def resolve_sequence(
     the frames call for, and a set leaves out the steps and channels of all other effects. ``preview`` is an MP4 of the
     result. A run that was cut short goes on where it stopped, to the same bits. A device that is lost is opened once
     more. Views to ``debug`` become layers of the EXRs, and PNGs in a folder of that name. Channels of the input that
-    match one of ``layers`` are kept beside the resolved ones, and its attributes and windows always. Without
+    match one of ``layers`` are kept beside the resolved ones, and its attributes and windows always. ``denoise`` is
+    ``none``, or ``oidn`` for Intel's Open Image Denoise on each frame's colour before it is resolved. Without
     ``progress`` nothing is shown while it runs.
 
     ``stopping`` is entered for the run and tells when to stop: then the frame in work is finished, the state saved and
@@ -321,6 +327,9 @@ def resolve_sequence(
         options["debug"] = sorted(debug)
     if layers:
         options["layers"] = list(layers)
+    cleans = denoiser(denoise)
+    if cleans is not None:
+        options["denoise"] = denoise
     if resolver.look_ahead:
         options["last_frame"] = sequence.last  # the frames before it would have more ahead in a longer sequence
     settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
@@ -338,7 +347,9 @@ def resolve_sequence(
             checkpoints.clear()
         views = DebugViews(resolver, debug)
         files = ResolvedFiles(folder, resolver, views, undeclared=sequence.undeclared)
-        run = _Run(sequence, files, checkpoints, resolver, effects, stop, layers, half=half, progress=progress)
+        run = _Run(
+            sequence, files, checkpoints, resolver, effects, stop, layers, half=half, progress=progress, denoise=cleans
+        )
         try:
             run.resolve(compression, checkpoint_every)
         except DeviceLost:
@@ -395,10 +406,12 @@ class _Run:
         *,
         half: bool,
         progress: bool,
+        denoise: Denoise | None,
     ) -> None:
         self._sequence, self._files, self._checkpoints = sequence, files, checkpoints
         self._resolver, self._effects, self._stop, self._layers = resolver, effects, stop, layers
-        self._half, self._progress, self._frames = half, progress, len(sequence)
+        self._half, self._progress, self._denoise = half, progress, denoise
+        self._frames = len(sequence)
         self._seconds: dict[str, list[float]] = {name: [] for name in StageTimes.__struct_fields__}
 
     def resolve(self, compression: str, checkpoint_every: int) -> None:
@@ -445,7 +458,7 @@ class _Run:
         disk_space = DiskSpace(self._files.folder.folder, len(self._files.sizes) + len(missing))
         started = time.perf_counter()
         in_turn = isinstance(self._resolver, BandedResolver)  # so large that no second image waits beside it
-        tasks = reads(part, after, self._layers)
+        tasks = reads(part, after, self._layers, self._denoise)
         reading = InTurn(tasks) if in_turn else ReadAhead(tasks)
         with Writer(compression=compression) as writer, reading as frames:
             if after is None:
@@ -516,7 +529,8 @@ class _Run:
             output=str(self._files.folder.folder),
             frames=self._frames,
             resolved=self._files.count,
-            repaired=self._files.repaired,
+            repaired=sum(each.pixels for each in self._files.missing),
+            missing=self._files.missing,
             opaque=self._files.opaque,
             saturated=self._files.saturated,
             cuts_found=sorted(set(self._resolver.cuts_found)),

@@ -20,10 +20,18 @@ from cltaa.core.parameters import (
     Weighting,
 )
 from cltaa.core.planes import Layout
-from cltaa.reference.colour import Colour, from_box_space, from_range, luminance, to_box_space
+from cltaa.reference.colour import (
+    Colour,
+    filled_colour,
+    from_box_space,
+    from_range,
+    luminance,
+    sample_is_missing,
+    to_box_space,
+)
 from cltaa.reference.history import History
 from cltaa.reference.neighbourhood import Row, Statistics, current_sample, neighbourhood_statistics
-from cltaa.reference.real import Array, constant, greater, lesser, limit, number, outside_domain
+from cltaa.reference.real import Array, Mask, constant, greater, lesser, limit, number, outside_domain
 from cltaa.reference.rectify import Rectification
 from cltaa.reference.sampling import count_limit_of
 
@@ -166,6 +174,8 @@ class Pixel(NamedTuple):
     stats: Statistics  # of the 3x3
     least_reactive: Array  # of the 3x3, where temporal windows are weighed
     most_reactive: Array
+    missing: Mask | None = None  # whether its own sample is, where frames are gathered from
+    filled: Colour | None = None  # and what stands in for it without any other sample
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,6 +291,8 @@ def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings
         weight = weight * difference_share(current, past, settings)
     if build.choices.anti_flicker is AntiFlicker.CLAMP_DISTANCE:
         weight = weight * r.anti_flicker_factor
+    if build.choices.accumulate in (Accumulate.CONSTANT, Accumulate.ADAPTIVE):
+        weight = np.where(count > number(0.0, count), weight, one)
     fresh = disoccluded_colour(current, p.stats.mean, build, settings)
     mixed = [blend(y, c, weight) for y, c in zip(past, current, strict=True)]
     chosen = [np.where(h.valid, m, f) for m, f in zip(mixed, fresh, strict=True)]
@@ -290,3 +302,21 @@ def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings
         alpha = np.where(h.valid, blend(h.alpha, alpha, weight), alpha)
     samples = np.where(h.valid, count + one, one)
     return Resolved(stored, alpha, samples, np.where(h.valid, h.change, number(0.0, samples)))
+
+
+def without_missing(
+    out: Resolved, h: History, current: Array, build: Build, layout: Layout, settings: Record
+) -> Resolved:
+    """The result where samples are missing: the history as it is, where one sample or more is in it, else filled."""
+    zero, one = np.zeros_like(h.count), number(1.0, h.count)
+    missing, kept = sample_is_missing(current, layout), h.valid & (h.count >= one)
+    filled = filled_colour(current, build, layout)
+    past = storable_colour(from_range(h.rgb, build), (zero, zero, zero), build)
+    instead = storable_colour(from_range(filled, build), filled, build)
+    r, g, b = (np.where(missing, np.where(kept, x, y), v) for x, y, v in zip(past, instead, out.rgb, strict=True))
+    alpha = out.alpha
+    if build.choices.alpha_from is AlphaFrom.BLEND:
+        alpha = np.where(missing & kept, h.alpha, alpha)
+    count = np.where(kept, lesser(h.count, count_limit_of(h.fx, h.fy, build, settings)), zero)
+    change = np.where(missing, np.where(kept, h.change, zero), zero if out.change is None else out.change)
+    return Resolved((r, g, b), alpha, np.where(missing, count, out.count), change)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cltaa.core.build import Build, Real
-from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.constants import FILL_REACH, PAD_X, PAD_Y
 from cltaa.core.parameters import BoxSpace, Tonemap
 from cltaa.core.planes import Layout
 from cltaa.reference.real import (
@@ -114,6 +114,42 @@ def repaired_planes(planes: Array, layout: Layout) -> Array:
         repaired[:3, rows, columns] = np.where(count > number(0.0, count), total / greater(count, 1.0), zero)
         layout.extend_edges(repaired)
     return repaired
+
+
+def sample_is_missing(current: Array, layout: Layout) -> Mask:
+    """Where a pixel's own texel is outside the domain, [H, W]."""
+    r, g, b = (layout.inside(plane) for plane in current[:3])
+    return colour_outside_domain((r, g, b))
+
+
+@quiet
+def filled_colour(current: Array, build: Build, layout: Layout) -> Colour:
+    """Each pixel's own colour [H, W] where that is usable, elsewhere the mean of the nearest usable texel along each of
+    eight rays by one over its squared distance, in the range that everything is compared in."""
+    real = np.float64 if build.real is Real.DOUBLE else np.float32
+    planes = layout.inside(current)[:3]
+    usable = ~sample_is_missing(current, layout)
+    rows, columns = np.nonzero(~usable)
+    first, total = (np.zeros((3, rows.size), np.float32) for _ in range(2))
+    weight = np.zeros(rows.size, np.float32)
+    for down, right in ((j, i) for j in (-1, 0, 1) for i in (-1, 0, 1) if i or j):
+        going = np.ones(rows.size, np.bool_)
+        for step in range(1, FILL_REACH + 1):
+            y, x = rows + step * down, columns + step * right
+            going &= (x >= 0) & (x < layout.width) & (y >= 0) & (y < layout.height)
+            if not going.any():
+                break
+            here = going & usable[np.where(going, y, 0), np.where(going, x, 0)]
+            texel = planes[:, np.where(here, y, 0), np.where(here, x, 0)]
+            share = np.float32(1.0) / np.float32(step * step * (right * right + down * down))
+            first = np.where(here & (weight == 0), texel, first)
+            total = np.where(here, total + share * (texel - first), total)
+            weight = np.where(here, weight + share, weight)
+            going &= ~here
+    filled = planes.copy()
+    filled[:, rows, columns] = np.where(weight > 0, first + total / weight, np.float32(0.0))
+    r, g, b = (plane.astype(real) for plane in filled)
+    return to_range((r, g, b), build)
 
 
 def colour_in_domain(current: Array, build: Build, layout: Layout) -> Colour:

@@ -9,7 +9,8 @@ from typing import Any
 from cltaa.core.build import Build, Record, ring_planes
 from cltaa.core.parameters import GatherFit
 from cltaa.core.planes import Layout
-from cltaa.reference.accumulate import Pixel, Resolved, current_pixel, sample_share
+from cltaa.reference.accumulate import Pixel, Resolved, current_pixel
+from cltaa.reference.colour import filled_colour, sample_is_missing
 from cltaa.reference.gather_fit import Gathered, resolve_gathered
 from cltaa.reference.gather_samples import add_side, begin_layer, gather_samples
 from cltaa.reference.gather_sides import Layers, layers_of, side_of
@@ -40,7 +41,9 @@ class Gathering:
             given[name] for name in ("current", "inverse_depth", "motion", "frame", "settings")
         )
         rows = read_rows(current, inverse_depth, motion, build, layout, frame)
-        p = current_pixel(rows, given["alpha"], given["reactive"], build, layout, frame)
+        p = current_pixel(rows, given["alpha"], given["reactive"], build, layout, frame)._replace(
+            missing=sample_is_missing(current, layout), filled=filled_colour(current, build, layout)
+        )
         s = nearest_surface(*rows, build, settings["edge_tolerance"])
         m = surface_motion(s, build, layout, frame)
         slots = given["ring"].reshape(-1, ring_planes(build.steps), layout.rows, layout.stride)
@@ -48,8 +51,7 @@ class Gathering:
         layered = build.choices.gather_fit is GatherFit.LAYERS
         if layered:
             s, layers = find_subpixel_feature(s, layers, slots, past, build, layout, settings)
-        w = sample_share(p.own, build, settings)
-        near, far = (begin_layer(s, layers, w, build, frame, far=side) for side in (False, True))
+        near, far = (begin_layer(s, layers, p, build, frame, settings, far=side) for side in (False, True))
         if not layered:
             return cls(p, m, layers, slots, [(s, layers, near, Track.of(s, build))], far)
         fronts, backs = (

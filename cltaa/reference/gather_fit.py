@@ -113,10 +113,12 @@ def fit_at_centre(g: Gathered, samples: Array, settings: Record) -> Fit:
     return Fit(mean + (x * mx + y * my), x, y)
 
 
-def gathered_change(g: Gathered, far: Gathered, layers: Layers, build: Build, settings: Record) -> list[Array]:
-    """What the samples of a pixel come to, less the current one."""
+def gathered_change(
+    g: Gathered, far: Gathered, layers: Layers, samples: Array, build: Build, settings: Record
+) -> list[Array]:
+    """What the ``samples`` of a pixel [H, W] come to, less the current one."""
     zero, one = np.zeros_like(g.count), np.ones_like(g.count)
-    f = fit_at_centre(g, g.count + one, settings)
+    f = fit_at_centre(g, samples, settings)
     v = [f.value(*sums) for sums in zip(g.sum, g.along, g.down, strict=True)]
     if build.choices.gather_fit is GatherFit.LAYERS:
         seen = one - limit(f.value(g.near, g.near_x, g.near_y), zero, one)
@@ -136,6 +138,12 @@ def gathered_filter_share(of_mean: Array, g: Gathered, layers: Layers, build: Bu
     return np.where(layers.edge, of_mean, one / greater(n * n - one, one))
 
 
+def own_samples(p: Pixel) -> Array:
+    """How many samples the current frame has of each pixel [H, W]: one, or none."""
+    one = np.ones_like(p.own[0])
+    return one if p.missing is None else np.where(p.missing, number(0.0, one), one)
+
+
 def distrust(reactivity: Array, build: Build) -> Array:
     """How much of its samples a reactive pixel [H, W] gives up for the current one."""
     square: Array = reactivity * reactivity
@@ -152,13 +160,15 @@ def resolve_gathered(
     layout: Layout,
     settings: Record,
 ) -> Resolved:
-    """The pixel from its samples, the current one among them."""
+    """The pixel from its samples, the current one among them where it is not missing; filled where there are none."""
     current, alpha = p.own, p.alpha
-    zero, one = np.zeros_like(alpha), np.ones_like(alpha)
+    zero, one, samples = np.zeros_like(alpha), np.ones_like(alpha), g.count + own_samples(p)
     any_of = g.count > zero
     weight = np.where(any_of, g.weight, one)
     plain = build.choices.gather_fit is GatherFit.MEAN
-    change = [total / weight for total in g.sum] if plain else gathered_change(g, far, layers, build, settings)
+    change = [total / weight for total in g.sum]
+    if not plain:
+        change = gathered_change(g, far, layers, samples, build, settings)
     past = (current[0] + change[0], current[1] + change[1], current[2] + change[2])
     moved = rectify(past, current, p.stats, m, box_scale_of(m, settings), build, layout, settings).change
     share = g.weight / (sample_share(current, build, settings) + g.weight) if plain else one
@@ -172,7 +182,13 @@ def resolve_gathered(
     if filters and build.choices.filter_use is FilterUse.FEW:
         filter_share = gathered_filter_share(one / (g.count + one), g, layers, build, settings)
         chosen = drawn_towards(chosen, p.filtered, filtered_share(filter_share, p.filtered, build, settings))
+    missing = own_samples(p) == zero
+    if p.filled is not None:
+        r, gr, b = (
+            np.where(missing, np.where(any_of, k, f), c) for k, f, c in zip(past, p.filled, chosen, strict=True)
+        )
+        chosen = (r, gr, b)
     stored = storable_colour(from_range(chosen, build), current, build)
     if build.choices.alpha_from is AlphaFrom.BLEND:
-        alpha = alpha + share * (g.alpha / weight)
-    return Resolved(stored, alpha, g.count + one)
+        alpha = alpha + np.where(missing, one, share) * (g.alpha / weight)
+    return Resolved(stored, alpha, samples)

@@ -12,7 +12,7 @@ from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel, as_reactive, sample_share, share_difference, share_in_domain
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.disocclusion import on_screen
-from cltaa.reference.gather_fit import Gathered, first_sample
+from cltaa.reference.gather_fit import Gathered, first_sample, own_samples
 from cltaa.reference.gather_sides import NEIGHBOURS, Layers, Side, range_of_side
 from cltaa.reference.gather_track import (
     RING_INVERSE_DEPTH,
@@ -221,11 +221,13 @@ def _view(
     return nearest, View(planes, then, m, seen, f, (x + u) - f.fx, (y + v) - f.fy, places, reach)
 
 
-def begin_layer(s: Surface, layers: Layers, w: Array, build: Build, frame: Record, *, far: bool) -> Gathered:
+def begin_layer(
+    s: Surface, layers: Layers, p: Pixel, build: Build, frame: Record, settings: Record, *, far: bool
+) -> Gathered:
     """The sums of a layer before its way back: of the nearer one with the current sample whatever it shows, of the
-    farther one if it shows that."""
-    front = ~layers.edge | (s.centre > layers.cut)
-    return first_sample(w, ~front if far else front | ~front, ~front if far else front, build, frame)
+    farther one if it shows that, of neither where it is missing."""
+    front, drawn, w = ~layers.edge | (s.centre > layers.cut), own_samples(p) > 0, sample_share(p.own, build, settings)
+    return first_sample(w, ~front & drawn if far else drawn, ~front if far else front, build, frame)
 
 
 def add_side(g: Gathered, side: Side, current: Colour, build: Build, settings: Record) -> None:

@@ -23,9 +23,9 @@ from cltaa.reference.accumulate import (
     share_in_domain,
     storable_colour,
 )
-from cltaa.reference.colour import Colour, colour_outside_domain, from_range, to_range
+from cltaa.reference.colour import colour_outside_domain, from_range, to_range
 from cltaa.reference.gather import Gathering
-from cltaa.reference.gather_fit import Gathered
+from cltaa.reference.gather_fit import Gathered, own_samples
 from cltaa.reference.gather_track import ring_alpha, ring_reactive
 from cltaa.reference.planes import extend_stored, real_type, store_resolved
 from cltaa.reference.real import Array, constant, greater, lesser, limit, number, quiet
@@ -38,13 +38,13 @@ def window_ends(frames: int) -> list[int]:
     return [min(SHORT_WINDOW, frames), min(MIDDLE_WINDOW, frames), frames]
 
 
-def window_error(g: Gathered, now: Colour, window: Resolved, build: Build, settings: Record) -> Array:
+def window_error(g: Gathered, now: Pixel, window: Resolved, build: Build, settings: Record) -> Array:
     """Squared distances of the latest samples, the current one among them, from what a window says."""
     one, two = number(1.0, g.zero), number(2.0, g.zero)
-    d = share_difference(to_range(window.rgb, build), now, build, settings)
+    d = share_difference(to_range(window.rgb, build), now.own, build, settings)
     along = (d[0] * g.recent[0] + d[1] * g.recent[1]) + d[2] * g.recent[2]
     size = (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
-    squares = (g.recent_squares - two * along) + (one + g.recent_count) * size
+    squares = (g.recent_squares - two * along) + (own_samples(now) + g.recent_count) * size
     left = one - one / greater(window.count, number(1.5, g.zero))
     error: Array = greater(squares, number(0.0, g.zero)) / (left * left)
     return error
@@ -75,9 +75,10 @@ def resolve_unmoved(
             g.add_recent(share_difference((r, gr, b), p.own, build, settings), counted)
         if build.steps.alpha:
             g.alpha = g.alpha + w * (share_in_domain(planes[ring_alpha(build.steps)], 1.0) - p.alpha)
-    whole = sample_share(p.own, build, settings) + g.weight
-    r, gr, b = (own + total / whole for own, total in zip(p.own, g.sum, strict=True))
-    alpha, count = p.alpha, g.count + one
+    own = own_samples(p)
+    whole = np.where(own > g.zero, sample_share(p.own, build, settings), g.zero) + g.weight
+    r, gr, b = (k + total / whole for k, total in zip(p.own, g.sum, strict=True))
+    alpha, count = p.alpha, g.count + own
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = alpha + g.alpha / whole
     return Resolved(storable_colour(from_range((r, gr, b), build), p.own, build), alpha, count), g
@@ -104,7 +105,7 @@ def gather_windows(
     """Resolve one frame from each window of ``frames`` kept ones into ``windows`` [WINDOWS * WINDOW_PLANES, rows,
     stride]; the latest ``standing`` of them were seen by the camera of now."""
     gathering = Gathering.begin(build, layout, locals())
-    own, planes, begun = gathering.pixel.own, window_planes(build.steps), 0
+    own, planes, begun = gathering.pixel, window_planes(build.steps), 0
     target = layout.inside(windows)[: WINDOWS * planes].reshape(WINDOWS, planes, layout.height, layout.width)
     for window, end in enumerate(window_ends(frames)):
         gathering.add(past[begun:end], build, layout, frame, settings, before=begun, recent=SHORT_WINDOW - begun)

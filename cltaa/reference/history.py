@@ -10,7 +10,7 @@ import numpy as np
 from cltaa.core.build import Build, Record
 from cltaa.core.parameters import Reject
 from cltaa.core.planes import Layout
-from cltaa.reference.colour import Colour, colour_outside_domain
+from cltaa.reference.colour import Colour, colour_outside_domain, sample_is_missing
 from cltaa.reference.disocclusion import on_screen, partly_covered, same_surface
 from cltaa.reference.illumination import history_in_range, illumination_test, tests_light
 from cltaa.reference.neighbourhood import Surface
@@ -58,7 +58,8 @@ def sample_history(
     covered = np.zeros_like(valid)
     if build.choices.reject is Reject.DEPTH:
         previous, tolerance = sample_quad(previous_inverse_depth[0], f, real), settings["depth_tolerance"]
-        valid &= same_surface(previous, s, m, tolerance)
+        no_depth = sample_is_missing(current, layout) & (s.nearest <= number(frame["sky_inverse_depth"], s.nearest))
+        valid &= same_surface(previous, s, m, tolerance) | no_depth
         covered = partly_covered(previous, s, m, tolerance)
     change = np.zeros_like(count)
     if tests_light(build):

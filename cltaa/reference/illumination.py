@@ -10,7 +10,15 @@ from cltaa.core.build import Build, Record
 from cltaa.core.constants import PAD_X, PAD_Y, value
 from cltaa.core.parameters import BoxSpace, Illumination
 from cltaa.core.planes import Layout
-from cltaa.reference.colour import Colour, box_units, repaired_planes, to_boxed, to_range
+from cltaa.reference.colour import (
+    Colour,
+    box_units,
+    colour_outside_domain,
+    repaired_planes,
+    sample_is_missing,
+    to_boxed,
+    to_range,
+)
 from cltaa.reference.neighbourhood import spread_of_three
 from cltaa.reference.real import (
     Array,
@@ -136,4 +144,15 @@ def illumination_test(
     change = np.where(ta < number(0.0, level), -t, t) + number(settings["illumination_decay"], level) * before
     least_t = np.where(covered, *(number(settings[name], level) for name in ("disocclusion_t", "illumination_t")))
     by = greater(np.abs(change) / least_t, number(1.0, level))
-    return IlluminationResult(held / (by * by), stored_change(change))
+    drawn = _drawn(current, layout, zero)
+    untested = sample_is_missing(current, layout) & (drawn < number(5.0, drawn))
+    return IlluminationResult(
+        np.where(untested, held, held / (by * by)), np.where(untested, zero, stored_change(change))
+    )
+
+
+def _drawn(current: Array, layout: Layout, zero: Array) -> Array:
+    """How many of the 3x3 of each pixel are usable, the edge of the image repeated."""
+    usable = ~colour_outside_domain((current[0], current[1], current[2]))
+    corners = [(PAD_Y + j, PAD_X + i) for j in (-1, 0, 1) for i in (-1, 0, 1)]
+    return zero + sum(usable[top : top + layout.height, left : left + layout.width] for top, left in corners)

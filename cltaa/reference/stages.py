@@ -9,7 +9,7 @@ import numpy as np
 from cltaa.core.build import Build, Record
 from cltaa.core.parameters import FilterUse
 from cltaa.core.planes import Layout
-from cltaa.reference.accumulate import Pixel, load_shares, rectified_alpha, resolve_pixel
+from cltaa.reference.accumulate import Pixel, load_shares, rectified_alpha, resolve_pixel, without_missing
 from cltaa.reference.colour import Colour, colour_in_domain, repaired_planes
 from cltaa.reference.history import History, sample_history
 from cltaa.reference.neighbourhood import Statistics, Surface, current_sample, nearest_surface, neighbourhood_statistics
@@ -135,7 +135,8 @@ def blend_kernel(
     shares = load_shares(alpha, reactive, count, build, layout)
     p = Pixel(own, sample, *shares, near, shares[1], shares[1])
     change = Rectification((change_r, change_g, change_b), clip_distance, blend_boost, anti_flicker_factor)
-    store_recurrent(resolve_pixel(p, h, change, build, settings), build, layout, frame, output, output_count)
+    out = without_missing(resolve_pixel(p, h, change, build, settings), h, current, build, layout, settings)
+    store_recurrent(out, build, layout, frame, output, output_count)
 
 
 def _load(planes: Array, build: Build, layout: Layout) -> list[Array]:

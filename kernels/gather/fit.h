@@ -102,9 +102,9 @@ STAGE real fitted(fit_t f, real sum, real along, real down) { return f.one * sum
 // The colour that a pixel's samples give, less the current one. Across a depth edge the nearer surface's share and
 // colour are fitted to the samples along its way, and behind it is the mean of the samples along the farther one's own
 // way.
-STAGE colour gathered_change(gathered g, gathered far, layers_t l, settings_t settings)
+STAGE colour gathered_change(gathered g, gathered far, layers_t l, real samples, settings_t settings)
 {
-    const fit_t f = fit_at_centre(g, g.count + K(1.0), settings);
+    const fit_t f = fit_at_centre(g, samples, settings);
     colour v = { fitted(f, g.sum.r, g.along.r, g.down.r), fitted(f, g.sum.g, g.along.g, g.down.g),
         fitted(f, g.sum.b, g.along.b, g.down.b) };
     if (GATHER_FIT == GATHER_FIT_LAYERS) {
@@ -132,6 +132,9 @@ STAGE real gathered_filter_share(real of_mean, gathered g, layers_t l, settings_
     return l.edge ? of_mean : quotient(one, greater(n * n - one, one));
 }
 
+// How many samples the current frame has of a pixel: one, or none.
+STAGE real own_samples(pixel_t p) { return p.missing ? SPLAT(0.0) : SPLAT(1.0); }
+
 // How much of its samples a reactive pixel gives up for the current one. Temporal windows are each judged by the
 // latest samples, so that there little of what is half to be trusted is.
 STAGE real distrust(real reactivity)
@@ -140,17 +143,18 @@ STAGE real distrust(real reactivity)
     return ILLUMINATION == ILLUMINATION_WINDOW ? square * square : reactivity;
 }
 
-// The pixel from its samples, the current one among them.
-STAGE resolved resolve_gathered(
-    gathered g, gathered far, layers_t l, pixel_t p, motion_t m, frame_t frame, settings_t settings)
+// The pixel from its samples, the current one among them. Where that is missing it is the others' alone, and where
+// there are none it is filled, which counts for nothing.
+STAGE resolved resolve_gathered(gathered g, gathered far, layers_t l, pixel_t p, motion_t m, plane_in image, int x,
+    int y, frame_t frame, settings_t settings)
 {
     const colour current = p.own;
-    const real zero = SPLAT(0.0), one = SPLAT(1.0);
+    const real zero = SPLAT(0.0), one = SPLAT(1.0), samples = g.count + own_samples(p);
     const mask any = g.count > zero;
     const real weight = any ? g.weight : one;
     colour past = { current.r + g.sum.r / weight, current.g + g.sum.g / weight, current.b + g.sum.b / weight };
     if (GATHER_FIT != GATHER_FIT_MEAN) {
-        const colour change = gathered_change(g, far, l, settings);
+        const colour change = gathered_change(g, far, l, samples, settings);
         past.r = current.r + change.r, past.g = current.g + change.g, past.b = current.b + change.b;
     }
     const rectification r = rectify(past, current, p.stats, m, box_scale_of(m, settings), frame, settings);
@@ -166,11 +170,14 @@ STAGE resolved resolve_gathered(
         const real of_mean = one / (g.count + one), filter_share = gathered_filter_share(of_mean, g, l, settings);
         chosen = drawn_towards(chosen, p.filtered, filtered_share(filter_share, p.filtered, settings));
     }
+    chosen = choose_colour(p.missing, past, chosen);
+    if (any_of(p.missing & !any))
+        chosen = choose_colour(p.missing & !any, filled_colour(image, plane_size(frame), x, y, frame), chosen);
     resolved out;
     out.rgb = storable_colour(from_range(chosen), current);
     out.alpha = p.alpha;
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
-        out.alpha = p.alpha + share * (g.alpha / weight);
-    out.count = g.count + one;
+        out.alpha = p.alpha + (p.missing ? one : share) * (g.alpha / weight);
+    out.count = samples;
     return out;
 }

@@ -187,13 +187,14 @@ STAGE motion_t motion_to_frame(
 }
 
 // The sums of a layer before its way back. Those of the nearer one hold the current sample whatever it shows, those of
-// the farther one if it shows that.
-STAGE gathered begin_layer(surface s, layers_t l, int far, real w, frame_t frame)
+// the farther one if it shows that; neither holds one that is missing.
+STAGE gathered begin_layer(surface s, layers_t l, int far, pixel_t p, frame_t frame, settings_t settings)
 {
     const mask front = !l.edge | (s.centre > l.cut);
+    const real w = sample_share(p.own, settings);
     if (far)
-        return first_sample(w, !front, !front, frame);
-    return first_sample(w, front | !front, front, frame);
+        return first_sample(w, !front & !p.missing, !front, frame);
+    return first_sample(w, !p.missing, front, frame);
 }
 
 // The mean of a side's texels in the current 3x3, as one sample: a disoccluded side has hardly another.
@@ -224,8 +225,7 @@ typedef struct
 STAGE way_t begin_way(surface s, layers_t l, int far, pixel_t p, plane_in current, plane_in inverse_depth,
     plane_in motion, int x, int y, frame_t frame, settings_t settings)
 {
-    way_t way = { { s, l }, first_step(s), first_step_ahead(s),
-        begin_layer(s, l, far, sample_share(p.own, settings), frame), far };
+    way_t way = { { s, l }, first_step(s), first_step_ahead(s), begin_layer(s, l, far, p, frame, settings), far };
     if (!has_edges(l))
         return way;
     way.side = side_of(s, l, far, p.own, current, inverse_depth, motion, x, y, frame, settings);

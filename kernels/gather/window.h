@@ -25,13 +25,13 @@ STAGE int window_end(int window, int frames)
 // Squared distances of the latest samples, the current one among them, from what a window says, all channels, of light
 // as much as it counts in a mean: the edge of a highlight would outweigh all around it that a screen can show. A window
 // holds these samples itself and lies the nearer to them the fewer others it has, which is made good (leave one out).
-STAGE real window_error(gathered g, colour now, resolved window, settings_t settings)
+STAGE real window_error(gathered g, pixel_t now, resolved window, settings_t settings)
 {
     const real one = SPLAT(1.0), two = SPLAT(2.0);
-    const colour d = share_difference(to_range(window.rgb), now, settings);
+    const colour d = share_difference(to_range(window.rgb), now.own, settings);
     const real along = (d.r * g.recent.r + d.g * g.recent.g) + d.b * g.recent.b;
     const real size = (d.r * d.r + d.g * d.g) + d.b * d.b;
-    const real squares = (g.recent_squares - two * along) + (one + g.recent_count) * size;
+    const real squares = (g.recent_squares - two * along) + (own_samples(now) + g.recent_count) * size;
     const real left = one - reciprocal(greater(window.count, SPLAT(1.5)));
     return quotient(greater(squares, SPLAT(0.0)), left * left);
 }
@@ -68,11 +68,11 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
         if (ALPHA)
             g.alpha += w * (load_share(q + RING_ALPHA * plane, one) - p.alpha);
     }
-    const real whole_weight = sample_share(p.own, settings) + g.weight;
+    const real whole_weight = (p.missing ? zero : sample_share(p.own, settings)) + g.weight;
     const colour v = { p.own.r + quotient(g.sum.r, whole_weight), p.own.g + quotient(g.sum.g, whole_weight),
         p.own.b + quotient(g.sum.b, whole_weight) };
     resolved out;
-    out.count = g.count + one;
+    out.count = g.count + own_samples(p);
     out.rgb = storable_colour(from_range(v), p.own);
     out.alpha = p.alpha;
     if (ALPHA_FROM == ALPHA_FROM_BLEND)

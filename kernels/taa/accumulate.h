@@ -154,6 +154,7 @@ typedef struct
     real alpha, reactivity;
     real least_reactive, most_reactive; // of the 3x3, where temporal windows are weighed
     statistics stats; // of the 3x3
+    mask missing; // whether its own sample is, where frames are gathered from
 } pixel_t;
 
 typedef struct
@@ -273,6 +274,9 @@ STAGE resolved blend_pixel(
         weight *= difference_share(y, past_y, settings);
     if (ANTI_FLICKER == ANTI_FLICKER_CLAMP_DISTANCE)
         weight *= r.anti_flicker_factor;
+    // What counts for nothing, such as what was filled, is no history; a mean of all gives it no weight by itself.
+    if ((ACCUMULATE == ACCUMULATE_CONSTANT) | (ACCUMULATE == ACCUMULATE_ADAPTIVE))
+        weight = count > SPLAT(0.0) ? weight : SPLAT(1.0);
     if (!DISOCCLUSION_BLUR)
         weight = h.valid ? weight : SPLAT(1.0);
 
@@ -295,6 +299,25 @@ STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t
 {
     const real count = effective_samples(p, h, r, settings);
     return blend_pixel(p, h, r, rectified(h, r), sample_beside(p, h.valid, count, settings), count, settings);
+}
+
+// The result of a segment in which samples are missing. A missing sample is none: the pixel keeps its history as it is,
+// with its count, where one sample or more is in that; elsewhere it is filled, which counts for nothing.
+STAGE resolved without_missing(resolved out, history_t h, plane_in current, int x, int y, frame_t frame)
+{
+    const mask missing = sample_is_missing(current, x, y, frame), kept = h.valid & (h.count >= SPLAT(1.0));
+    const colour nothing = { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) };
+    colour v = storable_colour(from_range(h.rgb), nothing);
+    if (any_of(missing & !kept)) {
+        const colour filled = filled_colour(current, plane_size(frame), x, y, frame);
+        v = choose_colour(kept, v, storable_colour(from_range(filled), filled));
+    }
+    out.rgb = choose_colour(missing, v, out.rgb);
+    if (ALPHA_FROM == ALPHA_FROM_BLEND)
+        out.alpha = missing & kept ? h.alpha : out.alpha;
+    out.count = missing ? (kept ? lesser(h.count, h.count_limit) : SPLAT(0.0)) : out.count;
+    out.change = missing ? (kept ? h.change : SPLAT(0.0)) : out.change;
+    return out;
 }
 
 // The alpha of the history; where colour is moved into a box, clamped to the extremes of the current 3x3. A trail that

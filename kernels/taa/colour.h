@@ -183,6 +183,56 @@ STAGE void repair_colours(colour* out, int count, plane_in image, size_t plane, 
     }
 }
 
+// Fill: what stands in for a pixel whose own sample is missing and that has no history either. The mean of the nearest
+// usable texel along each of eight rays, FILL_REACH texels at most, by one over its squared distance; 0 where there is
+// none. Summed up as differences from the first, so that equal texels keep their bits. A band sees only what it holds.
+STAGE void fill_texel(scalar* filled, plane_in image, size_t plane, int x, int y, frame_t frame)
+{
+    const int above = frame.first_row - PAD_Y, below = frame.first_row + band_rows(frame) + PAD_Y,
+              top = above > 0 ? above : 0, bottom = below < frame.height ? below : frame.height;
+    float first[3] = { 0.0f, 0.0f, 0.0f }, sum[3] = { 0.0f, 0.0f, 0.0f }, weight = 0.0f;
+    NO_UNROLL
+    for (int ray = 0; ray < 9; ++ray) {
+        const int right = ray % 3 - 1, down = ray / 3 - 1, length = right * right + down * down;
+        ONE_BY_ONE
+        for (int step = 1; step <= (length > 0 ? FILL_REACH : 0); ++step) {
+            const int i = x + step * right, j = y + step * down;
+            if ((i < 0) | (i >= frame.width) | (j < top) | (j >= bottom))
+                break;
+            plane_in p = image + texel_offset(frame, i, j);
+            if (texel_outside_domain(p, plane))
+                continue;
+            const float share = 1.0f / (float)(step * step * length);
+            for (int channel = 0; channel < 3; ++channel) {
+                first[channel] = weight > 0.0f ? first[channel] : p[(size_t)channel * plane];
+                sum[channel] += share * (p[(size_t)channel * plane] - first[channel]);
+            }
+            weight += share;
+            break;
+        }
+    }
+    for (int channel = 0; channel < 3; ++channel)
+        filled[channel * LANES] = weight > 0.0f ? first[channel] + sum[channel] / weight : 0.0f;
+}
+
+// The segment at (x, y) with each texel outside the domain filled, in the range that everything is compared in.
+STAGE colour filled_colour(plane_in image, size_t plane, int x, int y, frame_t frame)
+{
+    colour v = load_colour(image + texel_offset(frame, x, y), plane);
+    scalar* values = (scalar*)&v;
+    ONE_BY_ONE
+    for (int lane = 0; lane < LANES; ++lane)
+        if (x + lane < frame.width && texel_outside_domain(image + texel_offset(frame, x + lane, y), plane))
+            fill_texel(values + lane, image, plane, x + lane, y, frame);
+    return to_range(v);
+}
+
+// Where the pixel's own sample is missing: its texel is outside the domain.
+STAGE mask sample_is_missing(plane_in image, int x, int y, frame_t frame)
+{
+    return colour_outside_domain(load_colour(image + texel_offset(frame, x, y), plane_size(frame)));
+}
+
 // The colour at (x, y), repaired where need be, in the range that everything is compared in.
 STAGE colour colour_in_domain(plane_in image, size_t plane, int x, int y, frame_t frame)
 {

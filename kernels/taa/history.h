@@ -105,8 +105,8 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_in
     return sample_planes(history, previous_inverse_depth, f, wx, wy, rgb, counted, count_limit, frame);
 }
 
-// `next` holds the texels of the row below the pixel's.
-STAGE history_t sample_history(plane_in current, boxed_row next, history_in history, plane_in count,
+// `next` holds the texels of the row below the pixel's; `lacks` says that a sample of the segment is missing.
+STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, history_in history, plane_in count,
     plane_in previous_inverse_depth, motion_t m, surface s, int x, int y, frame_t frame, settings_t settings,
     row_cache* cache)
 {
@@ -124,13 +124,19 @@ STAGE history_t sample_history(plane_in current, boxed_row next, history_in hist
     h.valid = h.valid & !colour_outside_domain(h.rgb);
     mask covered = (mask)(0);
     if (REJECT == REJECT_DEPTH) {
-        h.valid = h.valid & same_surface(v.inverse_depth, s, m, settings);
+        mask same = same_surface(v.inverse_depth, s, m, settings);
+        // A sample without depth either does not say that another surface is seen.
+        if (lacks)
+            same = same | (sample_is_missing(current, x, y, frame) & (s.nearest <= SPLAT(frame.sky_inverse_depth)));
+        h.valid = h.valid & same;
         covered = partly_covered(v.inverse_depth, s, m, settings);
     }
     h.change = SPLAT(0.0);
     if (TESTS_LIGHT) {
-        const lit_t l = illumination_test(
+        lit_t l = illumination_test(
             v.count, covered, current, next, history, count, f, x, y, frame, settings, &cache->illumination);
+        if (lacks)
+            l = tested_by_drawn(l, v.count, current, x, y, frame);
         h.count = l.count;
         h.change = l.change;
     }

@@ -254,3 +254,15 @@ STAGE lit_t illumination_test(real held, mask covered, plane_in current, boxed_r
     const real by = greater(quotient(absolute(change), from), SPLAT(1.0));
     return (lit_t) { quotient(held, by * by), stored_change(change) };
 }
+
+// The result where a pixel's own sample is missing. Of its nine texels most may be so too, and stand-ins tell nothing
+// of light: unless most were drawn, the history counts for as many samples as before the test.
+STAGE lit_t tested_by_drawn(lit_t l, real held, plane_in current, int x, int y, frame_t frame)
+{
+    real drawn = SPLAT(0.0);
+    NO_UNROLL
+    for (int k = 0; k < 9; ++k)
+        drawn += sample_is_missing(current, x + k % 3 - 1, y + k / 3 - 1, frame) ? SPLAT(0.0) : SPLAT(1.0);
+    const mask untested = sample_is_missing(current, x, y, frame) & (drawn < SPLAT(5.0));
+    return (lit_t) { untested ? held : l.count, untested ? SPLAT(0.0) : l.change };
+}

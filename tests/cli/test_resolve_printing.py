@@ -43,11 +43,18 @@ def outcome(**changes: Any) -> ResolveReport:
     [
         ({}, [], []),
         ({"resolved": 4}, [], ["1 frame finished already"]),
-        ({"resolved": 2, "repaired": 1}, [], ["3 frames finished already", "1 pixel without a usable number repaired"]),
+        (
+            {"resolved": 2, "repaired": 1},
+            [],
+            ["3 frames finished already", "1 missing sample: the history stands in, or else what lies around"],
+        ),
         (
             {"repaired": 7, "saturated": 9},
             [],
-            ["7 pixels without a usable number repaired", "9 pixels saturated at 65504, the largest half"],
+            [
+                "7 missing samples: the history stands in, or else what lies around",
+                "9 pixels saturated at 65504, the largest half",
+            ],
         ),
         ({}, ["--debug", "count"], ["debug views in /out/debug"]),
         ({}, ["--preview", "a [b].mp4"], ["film a [b].mp4"]),

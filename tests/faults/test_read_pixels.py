@@ -118,17 +118,18 @@ def test_a_whole_plane(resolver: Resolver, value: str, channel: str) -> None:
 
 
 @pytest.mark.parametrize("value", ["quiet NaN", "infinity", "largest"])
-def test_a_frame_without_any_number_counts_as_black(resolver: Resolver, value: str) -> None:
-    """Nothing is left to repair from: the frame is black, opaque and at rest, to the bit, then and later."""
-    frames, black = sequence(), sequence()
+def test_a_frame_without_any_number_shows_the_history(resolver: Resolver, value: str) -> None:
+    """Whatever fills it, it is one of missing samples, of sky, opaque and at rest, to the bit, then and later."""
+    frames, lost = sequence(), sequence()
     for channel in CHANNELS:
         plane(frames[1], channel)[...] = np.uint32(POINTS[value]).view(np.float32)
     frames[1].colour[...] = frames[1].colour[..., :1]
     for channel, rest in {"Z": np.inf, "A": 1.0, "backward.u": np.nan, "backward.v": np.nan, "reactive": 0.0}.items():
-        plane(black[1], channel)[...] = rest
-    black[1].colour[...] = 0.0
-    for image, expected in zip(resolved(resolver, frames), resolved(resolver, black), strict=True):
+        plane(lost[1], channel)[...] = rest
+    lost[1].colour[...] = np.nan
+    for image, expected in zip(resolved(resolver, frames), resolved(resolver, lost), strict=True):
         assert np.isfinite(image).all()
+        assert (image[..., :3] > 0).mean() > 0.9
         np.testing.assert_array_equal(bits(image), bits(expected))
 
 

@@ -42,7 +42,7 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
     even, rough = tiles(shares, shape, 0, 1), tiles(shares, shape, 0, 1) < 0.5
     earlier = inverse_depth * random.choice([1.0, 1.02, 1.3], shape)
     strewn = (
-        strew(colour, random, 0.01),
+        strew(colour, random, 0.01),  # with holes, below
         strew(inverse_depth[None], random, 0.02),
         strew(motion, random, 0.02),
         strew(random.uniform(-0.2, 1.2, (1, *shape)), random, 0.02),
@@ -61,12 +61,22 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
         "history_count",
         "previous_inverse_depth",
     )
+    # Holes of a draw of their own, wider than a 3x3: of frames in the ring too, but not at the same places.
+    holes = np.random.default_rng((seed, 44))
+
+    def with_holes(planes: NDArray[np.float32]) -> NDArray[np.float32]:
+        for size in (3, 5, 9):
+            if 3 * size < min(shape):
+                top, left = (int(holes.integers(0, side - size)) for side in shape)
+                planes[:, top : top + size, left : left + size] = np.nan
+        return planes
+
     # Of each frame of the ring r, g, b, inverse depth, own motion, alpha and reactivity.
     ring = [
         plane
         for _ in range(KEPT)
         for plane in (
-            *strew(near_mean(3), random, 0.01),
+            *with_holes(strew(near_mean(3), random, 0.01)),
             *strew((inverse_depth * random.choice([1.0, 1.0, 1.02, 1.3], shape))[None], random, 0.02),
             *strew(motion + random.choice([0.0, 0.1], shape), random, 0.02),
             *strew(random.uniform(-0.2, 1.2, (1, *shape)), random, 0.02),
@@ -85,6 +95,7 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
             *random.uniform(0, 1, (1, *shape)),
         )
     ]
+    with_holes(strewn[0])
     named = {**dict(zip(names, strewn, strict=True)), "ring": np.array(ring), "windows": np.array(windows)}
     return {name: padded(planes, layout) for name, planes in named.items()}
 

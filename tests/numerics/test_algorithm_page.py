@@ -180,6 +180,7 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
         valid &= np.any([(t >= far * scale - slack) & (t <= near * scale + slack) for t in four], 0)
     taps = ((wx * wy, i - 1, j - 1) for j, wy in enumerate(spline(fy)) for i, wx in enumerate(spline(fx)))
     history = sum((w[..., None] * past(left.colour, dx, dy) for w, dx, dy in taps), np.zeros_like(colour))
+    past_colour = history
     linear = ((wx * wy, dx, dy) for dx, wx in ((0, 1 - fx), (1, fx)) for dy, wy in ((0, 1 - fy), (1, fy)))
     count = sum((w * past(left.samples, dx, dy) for w, dx, dy in linear), np.zeros_like(q))
 
@@ -207,6 +208,8 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
 
     reactivity = np.zeros_like(q) if frame.reactive is None else frame.reactive.astype(np.float64)
     limit = 1 / (1 / SAMPLE_LIMIT + RESAMPLING_PENALTY * (fx * (1 - fx) + fy * (1 - fy)))
+    lost = valid & ~np.isfinite(frame.colour).all(-1)  # samples, of pixels whose history is as long as one
+    held, kept_as_it_is = np.minimum(n, limit), np.maximum(past_colour, 0)
     n = np.minimum(n / (1 + CLIP_PENALTY * clipped), limit) * (1 - reactivity)
     soft = filtered(colour, frame.jitter_px)
     share = np.where(valid, np.minimum(1 / (n + 1), FILTER_SAMPLES / (n + 1) ** 2), 1)
@@ -219,9 +222,10 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
     now, before = (1 + reactivity * n) * bright_history, (1 - reactivity) * n * bright_sample
     blended = history + (now / (now + before))[..., None] * (sample - history)
     out = np.where(valid[..., None], blended, sample)
-    stored = np.maximum(out, np.minimum(sample, 0))
+    stored = np.where(lost[..., None], kept_as_it_is, np.maximum(out, np.minimum(sample, 0)))
     kept = np.where(valid, np.clip(change, -MOST_CHANGE, MOST_CHANGE), 0)
-    return Left(stored, np.where(valid, n + 1, 1), kept, q, frame.camera)
+    samples = np.where(lost, held, np.where(valid, n + 1, 1))
+    return Left(stored, samples, kept, q, frame.camera)
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)

@@ -9,6 +9,7 @@ import numpy as np
 from cltaa.camera import is_still
 from cltaa.frame import Frame
 from cltaa.io.display import encoded
+from cltaa.io.pixel_statistics import missing_lines, missing_samples
 from cltaa.lab.check.hypotheses import DOUBTFUL, Finding
 from cltaa.lab.check.registration import Vector
 from cltaa.printable import counted
@@ -56,9 +57,11 @@ def check_channels(frames: Sequence[Frame], *, has_camera: bool, has_depth: bool
 
 def _channels(frames: Sequence[Frame], has_camera: bool, has_depth: bool) -> Iterator[Finding]:
     colour = np.stack([frame.colour for frame in frames])
-    wrong = float((~np.isfinite(colour)).mean())
-    if wrong:
-        yield _channel("colour-not-finite", wrong > 0.001, f"{wrong:.2%} of colour is NaN or infinite", "colour")
+    missing = [lost for frame in frames if (lost := missing_samples(frame.colour, frame.index))]
+    if missing:
+        wrong = sum(each.pixels for each in missing) / sum(frame.width * frame.height for frame in frames)
+        text = "; ".join(missing_lines(missing))
+        yield _channel("colour-not-finite", wrong > 0.001, text, "colour")
     if np.isfinite(colour).any() and np.nanmin(colour) == np.nanmax(colour):
         yield _channel("colour-constant", True, f"every value is {np.nanmin(colour):g}", "colour")
     if len(frames) > 1 and all(np.array_equal(frame.colour, frames[0].colour) for frame in frames[1:]):

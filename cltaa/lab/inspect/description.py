@@ -14,7 +14,7 @@ from cltaa.inputs.roles import file_sets, shown_name
 from cltaa.io.exr_frame import frame_planes
 from cltaa.io.names import Named, Selection, selection_of
 from cltaa.io.numbered import OnBreak, Problems, check_size, ranges
-from cltaa.io.pixel_statistics import ChannelStatistics, pixel_problems
+from cltaa.io.pixel_statistics import ChannelStatistics, Missing, missing_lines, missing_samples, pixel_problems
 
 
 class Description(msgspec.Struct, kw_only=True):
@@ -79,13 +79,14 @@ def describe_input(
         return Description(folder=str(place), problems=[*wrong.lines, str(error)])
     found = _described(place, intake)
     _check_sizes(intake, wrong)
+    lost = list[Missing]()
     if pixels:
-        _look(found, ForeignSequence(place.folder, intake, sorted(intake.declared)), wrong, advance)
+        lost = _look(found, ForeignSequence(place.folder, intake, sorted(intake.declared)), wrong, advance)
         alpha = found.statistics.get("A", ChannelStatistics())
         if alpha.lowest == alpha.highest == 1.0 and not alpha.nan + alpha.infinite:
             found.notes = [*found.notes, OPAQUE]
     missing = [f"frames missing: {ranges(intake.missing)}"] if intake.missing else []
-    found.problems = [*missing, *wrong.lines, *pixel_problems(found.statistics)]
+    found.problems = [*missing, *wrong.lines, *missing_lines(lost), *pixel_problems(found.statistics)]
     return found
 
 
@@ -124,10 +125,13 @@ def _check_sizes(intake: Intake, wrong: Problems) -> None:
 
 def _look(
     found: Description, sequence: ForeignSequence, wrong: Problems, advance: Callable[[int, int], None] | None
-) -> None:
+) -> list[Missing]:
+    lost = list[Missing]()
     for done, number in enumerate(sequence.numbers, start=1):
         try:
-            planes = frame_planes(sequence.frame(number), sequence.path(number))
+            frame = sequence.frame(number)
+            planes = frame_planes(frame, sequence.path(number))
+            lost += [missing] if (missing := missing_samples(frame.colour, number)) else []
         except CltaaError as error:
             wrong.add(number, error)
             planes = {}
@@ -136,3 +140,4 @@ def _look(
                 found.statistics.setdefault(channel, ChannelStatistics()).add(plane)
         if advance is not None:
             advance(done, found.frames)
+    return lost

@@ -24,7 +24,14 @@ from cltaa.io.exr_read import ImageHeader, read_header, read_image
 from cltaa.io.manifest import recorded_hashes
 from cltaa.io.names import Named, selection_of
 from cltaa.io.numbered import OnBreak, Problems, as_pictures, even_step, named_frames, numbered_files, one_range
-from cltaa.io.pixel_statistics import ChannelStatistics, needless_channels, pixel_problems
+from cltaa.io.pixel_statistics import (
+    ChannelStatistics,
+    Missing,
+    missing_lines,
+    missing_samples,
+    needless_channels,
+    pixel_problems,
+)
 from cltaa.io.sequence import RESOLVED, open_images
 from cltaa.lab.inspect.changes import ColourChange, DepthChange, Uncovering
 
@@ -274,7 +281,7 @@ def inspect_folder(
     recorded = _recorded(folder, result.problems) if pixels else {}
     layouts: dict[int, Layout] = {}
     headers: dict[int, FrameHeader] = {}
-    witness, wrong, pictures = Witness(), Problems(), _pictures(paths)
+    witness, wrong, pictures, missing = Witness(), Problems(), _pictures(paths), list[Missing]()
     for done, (number, path) in enumerate(sorted(paths.items()), start=1):
         try:
             header = read_header(path)
@@ -287,6 +294,8 @@ def inspect_folder(
                 channels = read_image(path, sha256=recorded.get(path.name), picture=layout.data_window)[0]
                 for channel, plane in channels.items():
                     result.statistics.setdefault(channel, ChannelStatistics()).add(plane)
+                colour = np.stack([np.asarray(channels[name], np.float32) for name in COLOUR], axis=-1)
+                missing += [lost] if (lost := missing_samples(colour, number)) else []
                 if not result.resolved_by:
                     witness.look(headers[number], channels)
         except CltaaError as error:
@@ -299,7 +308,7 @@ def inspect_folder(
     if headers:
         describe_headers(result, headers)
     describe_reference(result, folder, paths)
-    result.problems += pixel_problems(result.statistics) + needless_channels(result.statistics)
+    result.problems += missing_lines(missing) + pixel_problems(result.statistics) + needless_channels(result.statistics)
     if pixels and headers and not result.resolved_by:
         declared = next(iter(headers.values())).effects
         result.problems += witness.broken(declared)

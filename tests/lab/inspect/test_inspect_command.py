@@ -94,7 +94,10 @@ def test_pixels(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
         "zero": 0,
         "count": pixels,
     }
-    assert found["problems"] == [f"channel {name}: 1 of {pixels} values are not finite" for name in "BR"]
+    assert found["problems"] == [
+        f"frame 1: 1 of {WIDTH * HEIGHT} pixels is without a usable colour: x 5, y 4",
+        *(f"channel {name}: 1 of {pixels} values are not finite" for name in "BR"),
+    ]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,76 @@
+"""A denoiser of single frames before the resolve: Intel's Open Image Denoise, which is installed as an extra."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cltaa.core.build import Build
+from cltaa.core.planes import Layout
+from cltaa.errors import DataError, import_extra
+from cltaa.frame import Frame, Image
+from cltaa.io.exr_frame import Pixels
+from cltaa.io.pixel_statistics import missing_samples
+from cltaa.reference.colour import filled_colour
+
+DENOISERS = ("none", "oidn")
+# What a layer's name ends with that helps a denoiser, and its channels: albedo 0 to 1, normals -1 to 1.
+GUIDES = {"albedo": (("albedo",), ("RGB",)), "normal": (("normal", "normals", "n"), ("XYZ", "RGB"))}
+
+Denoise = Callable[[Frame, Mapping[str, Pixels]], Frame]
+
+
+def guides_of(channels: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """The channels of a file that guide a denoiser: ``albedo`` and ``normal`` -> three names; what is not there is left
+    out. Layers that a renderer wrote for a denoiser, which say so in their name, come first."""
+    names = set(channels)
+    layers = sorted(
+        {name.rpartition(".")[0] for name in names}, key=lambda layer: ("denois" not in layer.lower(), layer)
+    )
+    found: dict[str, tuple[str, ...]] = {}
+    for role, (words, kinds) in GUIDES.items():
+        for layer in layers:
+            last = layer.rpartition(".")[2].lower().replace("_", " ").split(" ")[-1]
+            triples = (tuple(f"{layer}.{axis}" for axis in axes) for axes in kinds)
+            triple = next((each for each in triples if names.issuperset(each)), None)
+            if last in words and triple and role not in found:
+                found[role] = triple
+    return found
+
+
+def denoiser(name: str) -> Denoise | None:
+    """What denoises a frame, from it and from the planes of its guides; None for ``none``.
+
+    Raises UsageError where the extra is not installed.
+    """
+    if name == "none":
+        return None
+    oidn: Any = import_extra("pyoidn", package="pyoidn", extra="denoise", purpose="--denoise oidn")
+
+    def denoise(frame: Frame, planes: Mapping[str, Pixels]) -> Frame:
+        colour = np.array(frame.colour, np.float32)
+        lost = missing_samples(colour, frame.index) is not None
+        guides = {
+            role: np.nan_to_num(np.stack([planes[name] for name in triple], -1).astype(np.float32))
+            for role, triple in guides_of(planes).items()
+        }
+        try:
+            cleaned = oidn.denoise(_filled(colour) if lost else colour, **guides, hdr=True)
+        except (RuntimeError, TypeError, ValueError) as error:
+            raise DataError(f"the denoiser failed: {error}", path=frame.path, frame=frame.index) from error
+        if lost:  # a missing sample stays one, for its history to stand in
+            cleaned[~np.isfinite(colour).all(-1)] = np.nan
+        return replace(frame, colour=cleaned)
+
+    return denoise
+
+
+def _filled(colour: Image) -> Image:
+    """[H, W, 3] with its missing samples filled as a resolve without history fills them."""
+    layout = Layout(colour.shape[1], colour.shape[0])
+    planes = layout.zeros(3)
+    layout.inside(planes)[:] = np.moveaxis(colour, -1, 0)
+    return np.stack(filled_colour(planes, Build(), layout), axis=-1)

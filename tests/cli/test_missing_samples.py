@@ -1,0 +1,31 @@
+"""Each frame in which samples are missing is named once, with how many and where, by what reads the pixels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltaa.cli import main
+from cltaa.io.exr_write import write_frame
+from tests.sequence_factory import HEIGHT, WIDTH, make_frame
+
+BLOCK = f"36 of {WIDTH * HEIGHT} pixels are without a usable colour: x 5 to 10, y 4 to 9"
+WHOLE = f"frame 3: all {WIDTH * HEIGHT} pixels are without a usable colour"
+
+
+@pytest.mark.parametrize("command", ["resolve {} -o {}/out --device numpy", "inspect --pixels {}", "check {}"])
+def test_each_frame_with_missing_samples_is_named_once(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = [make_frame(index, effects=None) for index in range(4)]
+    for frame in frames[1:3]:
+        frame.colour[4:10, 5:11] = np.nan
+    frames[3].colour[:] = np.nan
+    (tmp_path / "in").mkdir()
+    for frame in frames:
+        write_frame(tmp_path / "in" / f"a.{frame.index:04d}.exr", frame)
+    main(command.format(tmp_path / "in", tmp_path).split())
+    said = " ".join(capsys.readouterr().out.split())
+    assert [said.count(line) for line in (f"frames 1-2: {BLOCK}", BLOCK, WHOLE)] == [1, 1, 1]

@@ -1,0 +1,68 @@
+"""A denoiser before the resolve: what it is given, what it leaves, and what is said where it is not installed."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltaa.cli import main
+from cltaa.errors import UsageError
+from cltaa.io.exr_read import read_image
+from cltaa.io.exr_write import write_frame
+from cltaa.pipeline.denoise import denoiser, guides_of
+from tests.sequence_factory import make_frame
+
+
+@pytest.mark.parametrize(
+    ("channels", "found"),
+    [
+        (
+            "R G B Z V.Denoising_Albedo.R V.Denoising_Albedo.G V.Denoising_Albedo.B albedo.R albedo.G albedo.B",
+            {"albedo": ("V.Denoising_Albedo.R", "V.Denoising_Albedo.G", "V.Denoising_Albedo.B")},
+        ),
+        ("R G B N.X N.Y N.Z sh_normal.X", {"normal": ("N.X", "N.Y", "N.Z")}),
+        ("R G B Column.R Column.G Column.B normal.X normal.Y", {}),
+    ],
+)
+def test_guides_are_found_by_their_names(channels: str, found: dict[str, tuple[str, ...]]) -> None:
+    assert guides_of(channels.split()) == found
+
+
+def test_each_frame_is_denoised_before_the_resolve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[dict[str, Any]] = []
+
+    def halve(colour: Any, *, hdr: bool, **guides: Any) -> Any:
+        given.append({"hdr": hdr, **guides})
+        assert np.isfinite(colour).all()
+        return colour / 2
+
+    stub = ModuleType("pyoidn")
+    monkeypatch.setattr(stub, "denoise", halve, raising=False)
+    monkeypatch.setitem(sys.modules, "pyoidn", stub)
+    (tmp_path / "in").mkdir()
+    for index in range(2):
+        write_frame(tmp_path / "in" / f"a.{index:04d}.exr", make_frame(index, normal=True))
+    for name, options in (("plain", []), ("clean", ["--denoise", "oidn"])):
+        command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / name), "--device", "numpy", *options]
+        assert main([*command, "--set", "weighting=none"]) == 0
+    plain, clean = (read_image(tmp_path / name / "a.0000.exr")[0]["G"] for name in ("plain", "clean"))
+    np.testing.assert_array_equal(clean, plain / 2)
+    assert [sorted(each) for each in given] == [["hdr", "normal"]] * 2
+    # What is missing stays so, and its history stands in.
+    frame = make_frame(0)
+    frame.colour[4, 5] = np.nan
+    clean_frame = denoiser("oidn")
+    assert clean_frame is not None
+    missing = np.isnan(clean_frame(frame, {}).colour).all(-1)
+    assert np.argwhere(missing).tolist() == [[4, 5]]
+
+
+def test_without_the_extra_its_name_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyoidn", None)
+    with pytest.raises(UsageError, match=r"--denoise oidn needs pyoidn.*pip install 'cltaa\[denoise\]'"):
+        denoiser("oidn")
