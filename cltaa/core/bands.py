@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.core.backend import Buffer, storage_dtype
-from cltaa.core.buffers import Buffers
+from cltaa.core.buffers import Buffers, upload
 from cltaa.core.build import Build, edge_build
 from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.frame_checks import check_frame
@@ -25,7 +25,7 @@ from cltaa.core.parameters import HistoryKind
 from cltaa.core.passes import Passes
 from cltaa.core.planes import Layout, checked_out
 from cltaa.core.record import Past, frame_record
-from cltaa.core.resolver import Resolver, Times, one_thread, upload
+from cltaa.core.resolver import Resolver, Times, one_thread
 from cltaa.errors import UsageError
 from cltaa.frame import Frame, Image
 

@@ -9,16 +9,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from cltaa.camera import is_still
+from cltaa.camera import inverse_depth_at, is_still
 from cltaa.core.backend import Buffer, Launcher
 from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, edge_build, ring_planes, window_planes
 from cltaa.core.constants import WINDOWS
-from cltaa.core.parameters import Choices, HistoryKind, Illumination
-from cltaa.core.plan import Plan
+from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
+from cltaa.core.plan import Plan, reads_depth
 from cltaa.core.planes import BlockPool, Kind, Layout, around, flat, places
+from cltaa.core.presets import Preset
 from cltaa.core.record import Past, frame_record
 from cltaa.errors import ResourceError
-from cltaa.frame import Frame
+from cltaa.frame import Camera, Frame
 from cltaa.printable import counted
 
 KEPT_RESULTS = 2  # arrays of those that a program let go of: one that it looks at, and the next
@@ -316,3 +317,34 @@ def _ring(launcher: Launcher, shape: tuple[int, int, int], frames: int) -> Buffe
             found=error.found,
             cure="keep fewer with --set history_frames=N, or none with --preset default",
         ) from error
+
+
+# What a channel that a frame does not have would hold: no vector, all covered, nothing to distrust.
+NOTHING = {"motion": np.nan, "alpha": 1.0, "reactive": 0.0}
+
+
+def upload(frame: Frame, buffers: Buffers, steps: Steps, preset: Preset) -> None:
+    """Bring what ``steps`` and ``preset`` read onto the device; channels that the frame does not have hold nothing.
+
+    Until the device has done so nobody changes the frame; where it takes them as they lie, until the next is brought.
+    """
+    buffers.bring("current", frame.colour)
+    if reads_depth(preset.choices):
+        buffers.bring_depth(frame.depth, *_depth_rule(frame.camera, preset.settings))
+    for name, wanted in (("motion", steps.own_motion), ("alpha", steps.alpha), ("reactive", steps.reactive)):
+        channel = getattr(frame, name)
+        if wanted and channel is None:
+            size = (frame.height, frame.width, 2) if name == "motion" else (frame.height, frame.width)
+            channel = np.broadcast_to(np.float32(NOTHING[name]), size)
+        if wanted:
+            buffers.bring(name, channel)
+
+
+def _depth_rule(camera: Camera, settings: Settings) -> tuple[Kind, float, float]:
+    """What becomes of a distance, and where in inverse depth the sky begins and is taken to be."""
+    if camera.orthographic:
+        return Kind.PARALLEL, -np.inf, 0.0
+    if settings.sky_at > 0.0:
+        below, at = (inverse_depth_at(depth, camera) for depth in (settings.sky_below, settings.sky_at))
+        return Kind.PERSPECTIVE, below, at
+    return Kind.PERSPECTIVE, -np.inf, 0.0

@@ -14,9 +14,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.camera import inverse_depth_at
 from cltaa.core.backend import Buffer, Launcher, Queue, launcher_for, storage_dtype
-from cltaa.core.buffers import Buffers, FrameRing, LastRun
+from cltaa.core.buffers import Buffers, FrameRing, LastRun, upload
 from cltaa.core.build import (
     HALVES,
     Build,
@@ -32,12 +31,12 @@ from cltaa.core.frame_checks import check_frame
 from cltaa.core.kernel_source import code_sha256
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.passes import Passes
-from cltaa.core.plan import Plan, channel_steps, plan_frame, reads_depth
-from cltaa.core.planes import Kind, Layout, checked_out, empty_result, result_shape
+from cltaa.core.plan import Plan, channel_steps, plan_frame
+from cltaa.core.planes import Layout, checked_out, empty_result, result_shape
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.record import Past, frame_record
 from cltaa.errors import UsageError
-from cltaa.frame import Camera, DeviceArray, Frame, on_device, outline
+from cltaa.frame import DeviceArray, Frame, on_device, outline
 from cltaa.process import OneProcess, no_copy
 
 INSIDE = "_inside"  # the attribute that names the thread
@@ -63,37 +62,6 @@ def one_thread(method: Method) -> Method:
             state.pop(INSIDE, None)
 
     return cast(Method, alone)
-
-
-# What a channel that a frame does not have would hold: no vector, all covered, nothing to distrust.
-NOTHING = {"motion": np.nan, "alpha": 1.0, "reactive": 0.0}
-
-
-def upload(frame: Frame, buffers: Buffers, steps: Steps, preset: Preset) -> None:
-    """Bring what ``steps`` and ``preset`` read onto the device; channels that the frame does not have hold nothing.
-
-    Until the device has done so nobody changes the frame; where it takes them as they lie, until the next is brought.
-    """
-    buffers.bring("current", frame.colour)
-    if reads_depth(preset.choices):
-        buffers.bring_depth(frame.depth, *_depth_rule(frame.camera, preset.settings))
-    for name, wanted in (("motion", steps.own_motion), ("alpha", steps.alpha), ("reactive", steps.reactive)):
-        channel = getattr(frame, name)
-        if wanted and channel is None:
-            size = (frame.height, frame.width, 2) if name == "motion" else (frame.height, frame.width)
-            channel = np.broadcast_to(np.float32(NOTHING[name]), size)
-        if wanted:
-            buffers.bring(name, channel)
-
-
-def _depth_rule(camera: Camera, settings: Settings) -> tuple[Kind, float, float]:
-    """What becomes of a distance, and where in inverse depth the sky begins and is taken to be."""
-    if camera.orthographic:
-        return Kind.PARALLEL, -np.inf, 0.0
-    if settings.sky_at > 0.0:
-        below, at = (inverse_depth_at(depth, camera) for depth in (settings.sky_below, settings.sky_at))
-        return Kind.PERSPECTIVE, below, at
-    return Kind.PERSPECTIVE, -np.inf, 0.0
 
 
 CUTS_KEPT = 1024  # found cuts that a resolver remembers

@@ -72,8 +72,9 @@ def test_a_published_resolve_is_left_as_it_is() -> None:
         replace(shot(0, 1), colour=16.0 * shot(0, 1).colour),
         replace(shot(0, 1), colour=np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)),
         replace(shot(0, 1), colour=np.full((HEIGHT, WIDTH, 3), np.nan, np.float32)),
+        Frame(index=1, colour=np.random.default_rng(5).random((HEIGHT, WIDTH, 3), np.float32)),
     ],
-    ids=["grain", "pan", "exposure", "plain", "nan"],
+    ids=["grain", "pan", "exposure", "plain", "nan", "noise"],
 )
 def test_what_is_no_cut(after: Frame) -> None:
     assert not looks_cut(coarse_colours(shot(0, 0)), coarse_colours(after))
