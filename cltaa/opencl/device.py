@@ -16,7 +16,7 @@ from cltaa.core.backend import DEVICE_VARIABLE, Queue
 from cltaa.core.planes import LARGE_PAGE, bytes_in_large_pages
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
 from cltaa.opencl.cache import check_cache, filling
-from cltaa.opencl.pocl_cpu_name import known_lanes, name_unknown_cpu
+from cltaa.opencl.pocl_cpu_name import cpu_vendor, known_lanes, name_unknown_cpu
 from cltaa.opencl.shape import (
     CPU_4,
     CPU_8,
@@ -29,7 +29,7 @@ from cltaa.opencl.shape import (
 from cltaa.process import OneProcess
 
 POCL = "Portable Computing Language"  # the platform's name
-INTEL = "Intel"  # in what a device calls its vendor; the vendor's number is PoCL's own since version 4
+INTEL = "GenuineIntel"  # what a processor calls its maker; a driver's vendor may be the driver's
 FILL_BYTES = 2**30
 
 
@@ -191,7 +191,7 @@ class Device(OneProcess):
         if self.is_cpu:
             width, known = self.cl_device.native_vector_width_float, known_lanes()
             # Four lanes have been needed on x86-64 alone, where LLVM 14 gives up over eight without AVX.
-            return cpu_shape(max(width, 8) if known is None else min(width, known), self.cl_device.vendor)
+            return cpu_shape(max(width, 8) if known is None else min(width, known), cpu_vendor())
         return NVIDIA if self.cl_device.platform.name == "NVIDIA CUDA" else GPU
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Memory:
@@ -237,9 +237,9 @@ class Device(OneProcess):
 
 
 def cpu_shape(width: int, vendor: str) -> Shape:
-    """How kernels are cut up for a CPU whose registers hold ``width`` floats."""
+    """How kernels are cut up for a CPU of ``vendor``, a processor's own word, whose registers hold ``width`` floats."""
     if width >= 16:
-        return INTEL_16 if INTEL in vendor else CPU_16
+        return INTEL_16 if vendor == INTEL else CPU_16
     return CPU_8 if width >= 8 else CPU_4
 
 

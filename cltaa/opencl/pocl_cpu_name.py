@@ -97,6 +97,11 @@ def cpu_name() -> str:
     return cpu_facts().get("model name") or platform.processor() or platform.machine()
 
 
+def cpu_vendor() -> str:
+    """What the processor calls its maker, as ``GenuineIntel``; empty where that is not told."""
+    return cpu_facts().get("vendor_id", "")
+
+
 def cpu_flags() -> frozenset[str]:
     """What the CPU can do, in Linux' words; empty where that is not told."""
     return frozenset(cpu_facts().get("flags", "").split())

@@ -17,7 +17,7 @@ from cltaa.opencl.device import Device, cpu_shape
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.opencl.shape import CPU_4, CPU_8, CPU_16, INTEL_16, Shape
 
-INTEL, AMD = "GenuineIntel", "AuthenticAMD"  # as every version of PoCL has it from the CPU itself
+INTEL, AMD = "GenuineIntel", "AuthenticAMD"  # as the processor itself says
 
 
 @pytest.mark.parametrize(
@@ -36,10 +36,26 @@ def test_no_more_lanes_than_the_compiler_s_target_has(
     width: int, known: int | None, shape: Shape, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cltaa.opencl.device.known_lanes", lambda: known)
+    monkeypatch.setattr("cltaa.opencl.device.cpu_vendor", lambda: AMD)
+    assert cpu_device(native_vector_width_float=width).shape == shape
+
+
+@pytest.mark.parametrize(("processor", "shape"), [(AMD, CPU_16), (INTEL, INTEL_16)])
+@pytest.mark.parametrize("driver", ["Intel(R) Corporation", "AuthenticAMD", "The pocl project"])
+def test_the_processor_s_maker_decides_not_the_driver_s(
+    processor: str, shape: Shape, driver: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = f"processor\t: 0\nvendor_id\t: {processor}\n\nprocessor\t: 1\n"
+    monkeypatch.setattr("cltaa.opencl.pocl_cpu_name.Path.read_text", lambda *_, **__: told)
+    monkeypatch.setattr("cltaa.opencl.device.known_lanes", lambda: None)
+    assert cpu_device(native_vector_width_float=16, vendor=driver).shape == shape
+
+
+def cpu_device(**facts: object) -> Device:
     device = Device.__new__(Device)
     device.is_cpu = True
-    device.cl_device = cast(Any, SimpleNamespace(vendor=AMD, native_vector_width_float=width))
-    assert device.shape == shape
+    device.cl_device = cast(Any, SimpleNamespace(**facts))
+    return device
 
 
 def resolved(shape: Shape, storage: Storage, monkeypatch: pytest.MonkeyPatch) -> tuple[int, Image]:
