@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from threading import Lock
@@ -51,6 +51,16 @@ def source_hash(kernel: str, build: Build) -> str:
     return hashlib.sha256("\0".join([kernel, source(kernel, build), *build.flags()]).encode()).hexdigest()
 
 
+def device_flags(devices: Iterable[cl.Device]) -> tuple[str, ...]:
+    """Options that a build for these devices needs beside its own.
+
+    The literals of K are doubles cast to its precision. Clang does so too where a device has no doubles, but with a
+    warning that belongs to no group, which -Werror makes an error; the option takes it back and changes no bit.
+    """
+    doubles = all("cl_khr_fp64" in device.extensions.split() for device in devices)
+    return () if doubles else ("-cl-single-precision-constant",)
+
+
 class Kernel(OneProcess):
     """One built kernel; call ``enqueue`` with its arguments by name."""
 
@@ -60,7 +70,8 @@ class Kernel(OneProcess):
             with warnings.catch_warnings():
                 # Some drivers print remarks for every build; -Werror has made errors of the warnings among them.
                 warnings.simplefilter("ignore", cl.CompilerWarning)
-                program = cl.Program(context, source(name, build)).build(options=list(build.flags()))
+                options = [*build.flags(), *device_flags(context.devices)]
+                program = cl.Program(context, source(name, build)).build(options=options)
         except cl.RuntimeError as error:
             said = (line.strip() for line in str(error).splitlines() if not line.startswith("(options:"))  # -Werror
             reason = next((line for line in said if "error" in line), None)

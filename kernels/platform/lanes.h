@@ -101,11 +101,12 @@ typedef __global float* restrict history_out;
 #endif
 #endif
 
-// Instructions of a CPU that not every compiler has a name for.
+// Instructions of a CPU that not every compiler has a name for. Rusticl (Mesa 22.3), whose Clang does not tell what it
+// compiles for, ends the process over a reduction, for which its way through SPIR-V has no word.
 #define REDUCES 0
 #define ELEMENTWISE 0
 #if defined(__has_builtin) && LANES > 1
-#if __has_builtin(__builtin_reduce_or)
+#if __has_builtin(__builtin_reduce_or) && (defined(__x86_64__) || defined(__aarch64__) || defined(__SPIR__))
 #undef REDUCES
 #define REDUCES 1
 #endif

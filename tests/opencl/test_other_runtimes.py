@@ -1,0 +1,38 @@
+"""What other OpenCL runtimes lack, taken from the compiler at hand: the bits stay those of the oracle."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Image
+from cltaa.lab.bench.frames import Motion, make_frames
+from cltaa.opencl import program
+from cltaa.opencl.program import device_flags
+
+# Rusticl (Mesa 22.3 and 25.0) has no doubles, and a compiler that does not tell what it compiles for.
+NO_DOUBLES = "-cl-single-precision-constant"
+NO_TARGET = "#undef __x86_64__\n#undef __aarch64__\n#undef __AVX512F__\n#undef __F16C__\n"
+
+
+def resolved(device: str | None) -> Image:
+    resolver = Resolver("default", device, strict=True)
+    return [resolver.resolve(frame) for frame in make_frames(40, 24, Motion.TURN)][-1]
+
+
+def test_a_runtime_without_doubles_or_a_target_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = program.source
+    monkeypatch.setattr(program, "device_flags", lambda _: (NO_DOUBLES,))
+    monkeypatch.setattr(program, "source", lambda kernel, build: NO_TARGET + text(kernel, build))
+    assert np.array_equal(resolved(None).view(np.uint32), resolved("numpy").view(np.uint32))
+
+
+@pytest.mark.parametrize(
+    ("extensions", "flags"), [("cl_khr_fp16 cl_khr_fp64", ()), ("cl_khr_fp64_not", (NO_DOUBLES,)), ("", (NO_DOUBLES,))]
+)
+def test_literals_are_single_where_a_device_has_no_doubles(extensions: str, flags: tuple[str, ...]) -> None:
+    assert device_flags([cast(Any, SimpleNamespace(extensions=extensions))]) == flags
