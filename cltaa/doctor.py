@@ -113,7 +113,8 @@ def probe(name: str, serves: str, cure: str, *arguments: str, **environment: str
     answer = json.loads(child.stdout.splitlines()[-1])
     if isinstance(answer, str):
         return Finding(name, serves, ok=True, found=answer)
-    return Finding(name, serves, ok=bool(answer), found=f"{len(answer)} found", cure=cure, devices=answer)
+    first = f", first {answer[0]['device']} ({answer[0]['driver']})" if answer else ""
+    return Finding(name, serves, ok=bool(answer), found=f"{len(answer)} found{first}", cure=cure, devices=answer)
 
 
 def _last_line(said: str, code: int) -> str:

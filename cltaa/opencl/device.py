@@ -17,6 +17,7 @@ from cltaa.core.planes import LARGE_PAGE, bytes_in_large_pages
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
 from cltaa.opencl.cache import check_cache, filling
 from cltaa.opencl.pocl_cpu_name import cpu_vendor, known_lanes, name_unknown_cpu
+from cltaa.opencl.runtimes import POCL, preference
 from cltaa.opencl.shape import (
     CPU_4,
     CPU_8,
@@ -28,13 +29,12 @@ from cltaa.opencl.shape import (
 )
 from cltaa.process import OneProcess
 
-POCL = "Portable Computing Language"  # the platform's name
 INTEL = "GenuineIntel"  # what a processor calls its maker; a driver's vendor may be the driver's
 FILL_BYTES = 2**30
 
 
 def devices() -> list[cl.Device]:
-    """Every OpenCL device of this machine, GPUs first."""
+    """Every OpenCL device of this machine: GPUs first, then CPUs in the order of ``preference``."""
     try:
         platforms = cl.get_platforms()
     except cl.LogicError:
@@ -49,7 +49,12 @@ def devices() -> list[cl.Device]:
             for device in here:
                 name_unknown_cpu(device.int_ptr)
         found.extend(here)
-    return sorted(found, key=lambda device: device.type & cl.device_type.GPU == 0)
+    return sorted(found, key=_order)
+
+
+def _order(device: cl.Device) -> tuple[int, tuple[int, ...]]:
+    platform = device.platform
+    return (-1, ()) if device.type & cl.device_type.GPU else preference(platform.name, platform.version)
 
 
 def describe(device: cl.Device) -> str:

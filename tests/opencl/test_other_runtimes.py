@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from itertools import permutations
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+import pyopencl as cl
 import pytest
 
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Image
 from cltaa.lab.bench.frames import Motion, make_frames
-from cltaa.opencl import program
+from cltaa.opencl import device, program
 from cltaa.opencl.program import device_flags
 
 # Rusticl (Mesa 22.3 and 25.0) has no doubles, and a compiler that does not tell what it compiles for.
@@ -36,3 +38,26 @@ def test_a_runtime_without_doubles_or_a_target_changes_no_bit(monkeypatch: pytes
 )
 def test_literals_are_single_where_a_device_has_no_doubles(extensions: str, flags: tuple[str, ...]) -> None:
     assert device_flags([cast(Any, SimpleNamespace(extensions=extensions))]) == flags
+
+
+def driver(platform: str, version: str, kind: int = cl.device_type.CPU) -> Any:
+    named = SimpleNamespace(name=platform, version=version)
+    found = SimpleNamespace(name=version, platform=named, type=kind, int_ptr=0)
+    named.get_devices = lambda: [found]
+    return named
+
+
+def test_gpus_come_first_then_runtimes_in_the_order_of_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In whatever order the loader names them; a version is a number, and none is older than any."""
+    ordered = [
+        driver("NVIDIA CUDA", "OpenCL 3.0 CUDA 13.0", cl.device_type.GPU),
+        driver("Portable Computing Language", "OpenCL 3.0 PoCL 10.1  Linux"),
+        driver("Portable Computing Language", "OpenCL 3.0 PoCL 6.0  Linux"),
+        driver("Portable Computing Language", "OpenCL 3.0 PoCL HEAD"),
+        driver("Intel(R) OpenCL", "OpenCL 3.1 LINUX"),
+        driver("rusticl", "OpenCL 3.0 "),
+    ]
+    monkeypatch.setattr(device, "name_unknown_cpu", lambda _: False)
+    for given in permutations(ordered):
+        monkeypatch.setattr(cl, "get_platforms", lambda given=given: list(given))
+        assert [found.platform for found in device.devices()] == ordered
