@@ -27,7 +27,10 @@ def findings(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
 def test_the_machine_that_runs_the_tests_can_do_both() -> None:
     done = run_doctor("--json")
     assert done.returncode == 0, done.stdout
-    device = findings(done)["OpenCL devices"]["devices"][0]
+    found = findings(done)["OpenCL devices"]
+    device = found["devices"][0]
+    assert device["device"] in found["found"]
+    assert device["driver"] in found["found"]
     assert device["fp64"] is True
     assert device["compute_units"] >= 1
 
