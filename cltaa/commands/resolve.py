@@ -10,14 +10,15 @@ import click
 from cltaa.commands.options import (
     ASSIGNMENT,
     FILE_PATH,
-    FRAME_RANGE,
     LAYERS,
     MILLISECONDS,
     PRESET,
+    SOME_FRAMES,
     VIEW_LIST,
     assigned,
     chosen_effects,
     effects_option,
+    frame_range,
     input_options,
     json_option,
     one_sequence,
@@ -59,11 +60,16 @@ from cltaa.printable import counted, json_of, printable, shown
 )
 @click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")
 @effects_option
-@click.option("--frames", type=FRAME_RANGE, help="Only these frames, both included.")
+@click.option("--frames", type=SOME_FRAMES, help="Only these frames, both included, or the first N.")
 @click.option(
     "--preview",
     type=FILE_PATH,
     help="Also write the result as an MP4, as fast as captured, as framesPerSecond says, or at 24.",
+)
+@click.option(
+    "--compare",
+    type=click.Choice(["side", "wipe"]),
+    help="Of the --preview: the input beside the result, or both parted by a line that sweeps.",
 )
 @click.option("--half", is_flag=True, help="Write half-precision EXRs (values saturate at 65504).")
 @click.option("--compression", help="EXR compression that loses nothing.  [default: the input's, else zip]")
@@ -139,8 +145,9 @@ def resolve(
     look_ahead: int | None,
     device: str | None,
     effects: str,
-    frames: tuple[int, int] | None,
+    frames: int | tuple[int, int] | None,
     preview: Path | None,
+    compare: str | None,
     half: bool,
     compression: str | None,
     layers: tuple[str, ...] | None,
@@ -162,14 +169,17 @@ def resolve(
     Reading, the kernels and writing overlap, and only a few frames are in memory at a time. A run that was
     interrupted goes on where it stopped when the same command is given again, to the same bits.
     """
+    if compare is not None and preview is None:
+        raise UsageError(f"--compare {compare} is of a film", cure="name it: --preview FILE.mp4")
     # Behind --debug, which shows tracebacks alone, one may be meant for a view.
     hint = f"; --debug takes views: {', '.join(View)}" if ctx.find_root().params.get("debug") else ""
+    named = one_sequence(ctx, sequence, hint)
     source = open_input(
-        one_sequence(ctx, sequence, hint),
+        named,
         verify=verify,
         gaps=OnBreak(gaps),
         on_resize=OnBreak(on_resize),
-        frames=frames,
+        frames=frame_range(named, frames),
         **reading,
     )
     if source.notes:
@@ -197,6 +207,7 @@ def resolve(
         debug=parse_views(views),
         progress=True,
         preview=preview,
+        compare=compare,
         restart=restart,
         checkpoint_every=checkpoint,
         stopping=stop_signals(),

@@ -220,6 +220,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--effects motion", "resolve_sequence.effects", {"motion"}),
         ("--frames 3-5", "open_input.frames", (3, 5)),
         ("--preview film.mp4", "resolve_sequence.preview", Path("film.mp4")),
+        ("--preview film.mp4 --compare wipe", "resolve_sequence.compare", "wipe"),
         ("--half", "resolver_for.half", True),
         ("--half", "resolve_sequence.half", True),
         ("--compression zips", "resolve_sequence.compression", "zips"),
