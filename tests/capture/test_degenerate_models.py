@@ -85,7 +85,7 @@ MODELS: dict[str, tuple[Any, str | None]] = {
     "huge-colour.glb": (gltf(with_attribute("COLOR_0", np.full((4, 4), HUGE))), "COLOR_0 is no light"),
     "tiny.glb": (gltf(with_attribute("POSITION", SQUARE * 1e-38)), "no size that can be shown"),
     "no-faces.glb": (gltf(lambda w, p: p | {"indices": w.add(np.zeros(0), SHORT)}), "no triangles in it"),
-    "half-a-face.glb": (gltf(lambda w, p: p | {"indices": w.add([0, 1], SHORT)}), "2 corners of triangles"),
+    "half-a-face.glb": (gltf(lambda w, p: p | {"indices": w.add([0, 1], SHORT)}), "2 corners of triangles, which have 3 each"),
     "draco.glb": (gltf(lambda _, p: p | {"extensions": DRACO}), "needs the extension KHR_draco_mesh_compression"),
     "flattened.glb": (standing(scale=[1, 1, 0]), None),
     "no-turn.glb": (standing(rotation=[0, 0, 0, 0]), None),
