@@ -12,8 +12,8 @@ from rich.table import Table
 
 from cltaa.commands.options import (
     FILE_PATH,
-    FRAME_RANGE,
     METRIC_LIST,
+    SOME_FRAMES,
     STOPS,
     input_options,
     json_option,
@@ -156,7 +156,7 @@ def _video_cells(values: Values) -> list[str]:
     metavar="LIST",
     help=f"Comma-separated, or all: {', '.join(METRICS)}.",
 )
-@click.option("--frames", type=FRAME_RANGE, help="Only these frames, both included.")
+@click.option("--frames", type=SOME_FRAMES, help="Only these frames, both included, or the first N of A.")
 @click.option(
     "--stops", type=STOPS, default=0.0, show_default=True, help="Exposure before the display transform, in stops."
 )
@@ -173,7 +173,7 @@ def _video_cells(values: Values) -> list[str]:
 def compare(
     paths: tuple[Path, ...],
     metric_names: str,
-    frames: tuple[int, int] | None,
+    frames: int | tuple[int, int] | None,
     stops: float,
     heatmap: Path | None,
     in_time: bool,
@@ -204,7 +204,11 @@ def compare(
     places = tuple(map(selection_of, _sequences(paths)))
     by_word = {str(place): place for place in (places[:-1] if len(places) > 1 else places)}
     tests, reference = (*by_word.values(),), places[-1] if len(places) > 1 else None
-    comparisons = pair_up(tests, reference, frames, verify=verify, **reading)
+    chosen = frames
+    if isinstance(chosen, int):
+        numbers = pair_up(tests[:1], reference, None, verify=False, **reading)[0].test.numbers[:chosen]
+        chosen = numbers[0], numbers[-1]
+    comparisons = pair_up(tests, reference, chosen, verify=verify, **reading)
     named = dict(zip(by_word if len(tests) > 1 else ["A"], comparisons, strict=True))
     _check_alike(named, heatmap)
     if in_time:
@@ -213,7 +217,7 @@ def compare(
     _tell_reading(named, in_time)
     # Who names a single file asks for it alone.
     lacking = [
-        [] if test.alone else comparison.not_judged(frames) for test, comparison in zip(tests, comparisons, strict=True)
+        [] if test.alone else comparison.not_judged(chosen) for test, comparison in zip(tests, comparisons, strict=True)
     ]
     warnings = [_warn(*one, without, in_time, heatmap) for one, without in zip(named.items(), lacking, strict=True)]
     found = judge(comparisons, metrics, stops, in_time=in_time, heatmap=heatmap)

@@ -10,15 +10,16 @@ import click
 from cltaa.commands.options import (
     ASSIGNMENT,
     FILE_PATH,
-    FRAME_RANGE,
     LAYERS,
     MILLISECONDS,
     PRESET,
     SECONDS,
+    SOME_FRAMES,
     VIEW_LIST,
     assigned,
     chosen_effects,
     effects_option,
+    frame_range,
     input_options,
     json_option,
     one_sequence,
@@ -61,7 +62,7 @@ from cltaa.printable import counted, json_of, printable, shown
 )
 @click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")
 @effects_option
-@click.option("--frames", type=FRAME_RANGE, help="Only these frames, both included.")
+@click.option("--frames", type=SOME_FRAMES, help="Only these frames, both included, or the first N.")
 @click.option(
     "--follow",
     is_flag=True,
@@ -78,6 +79,11 @@ from cltaa.printable import counted, json_of, printable, shown
     "--preview",
     type=FILE_PATH,
     help="Also write the result as an MP4, as fast as captured, as framesPerSecond says, or at 24.",
+)
+@click.option(
+    "--compare",
+    type=click.Choice(["side", "wipe"]),
+    help="Of the --preview: the input beside the result, or both parted by a line that sweeps.",
 )
 @click.option("--half", is_flag=True, help="Write half-precision EXRs (values saturate at 65504).")
 @click.option("--compression", help="EXR compression that loses nothing.  [default: the input's, else zip]")
@@ -160,10 +166,11 @@ def resolve(
     look_ahead: int | None,
     device: str | None,
     effects: str,
-    frames: tuple[int, int] | None,
+    frames: int | tuple[int, int] | None,
     follow: bool,
     idle: float | None,
     preview: Path | None,
+    compare: str | None,
     half: bool,
     compression: str | None,
     layers: tuple[str, ...] | None,
@@ -187,15 +194,21 @@ def resolve(
     interrupted goes on where it stopped when the same command is given again, to the same bits. With --follow a file
     that is half written is waited for.
     """
+    if compare is not None and preview is None:
+        raise UsageError(f"--compare {compare} is of a film", cure="name it: --preview FILE.mp4")
     # Behind --debug, which shows tracebacks alone, one may be meant for a view.
     hint = f"; --debug takes views: {', '.join(View)}" if ctx.find_root().params.get("debug") else ""
-    reading |= {"verify": verify, "gaps": OnBreak(gaps), "on_resize": OnBreak(on_resize), "frames": frames}
     if idle is not None and not follow:
         raise UsageError("--idle ends --follow", cure="give both, or neither")
     named = one_sequence(ctx, sequence, hint)
     if follow and not isinstance(named, Path):
         cure = "name the folder, or quote the pattern, as in 'x.####.exr'"
         raise UsageError("--follow looks for files that are not there yet", found="a list of files", cure=cure)
+    if follow and isinstance(frames, int):
+        cure = f"say which: --frames 1-{frames}"
+        raise UsageError("--follow cannot tell yet which frames are the first", found=f"--frames {frames}", cure=cure)
+    chosen = frames if follow else frame_range(named, frames)
+    reading |= {"verify": verify, "gaps": OnBreak(gaps), "on_resize": OnBreak(on_resize), "frames": chosen}
     source = sequence if follow else open_input(named, **reading)
     notes = () if isinstance(source, Path) else source.notes
     if notes:
@@ -229,6 +242,7 @@ def resolve(
         reading=reading,
         preview=preview,
         denoise=denoise,
+        compare=compare,
         restart=restart,
         checkpoint_every=checkpoint,
         stopping=stop_signals(),

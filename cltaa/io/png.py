@@ -40,6 +40,17 @@ def side_by_side(
     return np.concatenate([left, gap, right], axis=1)
 
 
+def wipe(before: Image, after: Image, share: float, labels: tuple[str, str] = ("before", "after")) -> Picture:
+    """Two linear images [H, W, 3] as one picture: left of a line at ``share`` of the width the one, else the other."""
+    if before.shape != after.shape:
+        raise DataError("images differ in size", expected=list(before.shape), found=list(after.shape))
+    left, right = (label(to_picture(image), text) for image, text in zip((before, after), labels, strict=True))
+    line = round(share * before.shape[1])
+    picture = np.concatenate([left[:, :line], right[:, line:]], axis=1)
+    picture[:, max(line - 1, 0) : line + 1] = 255
+    return picture
+
+
 def label(picture: Picture, text: str) -> Picture:
     """Return a copy of a picture with ``text`` in its upper left corner, white on a dark ground."""
     from PIL import Image as Pillow

@@ -9,12 +9,14 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from fractions import Fraction
 from pathlib import Path
 from statistics import median
 from types import MappingProxyType
 from typing import Any, Literal
 
 import msgspec
+import numpy as np
 
 from cltaa.core.backend import Launcher
 from cltaa.core.bands import BAND_ROWS, BandedResolver
@@ -36,9 +38,9 @@ from cltaa.io.manifest import REFERENCE
 from cltaa.io.names import Selection
 from cltaa.io.numbered import OnBreak
 from cltaa.io.pixel_statistics import Missing
-from cltaa.io.sequence import FrameSequence, open_images
+from cltaa.io.sequence import FrameSequence, ImageSequence, open_images
 from cltaa.io.streams import InTurn, ReadAhead, Writer
-from cltaa.io.video import check_film, rate_of, write_video
+from cltaa.io.video import check_film, rate_of, write_side_by_side, write_video, write_wipe
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.pipeline.debug import DebugViews
@@ -289,6 +291,7 @@ def resolve_sequence(
     half: bool = False,
     compression: str = "zip",
     preview: Path | None = None,
+    compare: str | None = None,
     restart: bool = False,
     checkpoint_every: int = CHECKPOINT_EVERY,
     debug: tuple[View, ...] = (),
@@ -302,11 +305,12 @@ def resolve_sequence(
 
     ``effects`` overrides what the sequence declares: ``auto`` keeps it, ``all`` runs every step of the preset whatever
     the frames call for, and a set leaves out the steps and channels of all other effects. ``preview`` is an MP4 of the
-    result. A run that was cut short goes on where it stopped, to the same bits. A device that is lost is opened once
-    more. Views to ``debug`` become layers of the EXRs, and PNGs in a folder of that name. Channels of the input that
-    match one of ``layers`` are kept beside the resolved ones, and its attributes and windows always. ``denoise`` is
-    ``none``, or ``oidn`` for Intel's Open Image Denoise on each frame's colour before it is resolved. Without
-    ``progress`` nothing is shown while it runs.
+    result, with ``compare`` of the input beside it (``side``) or under a line that sweeps over it (``wipe``). A run
+    that was cut short goes on where it stopped, to the same bits. A device that is lost is opened once more. Views to
+    ``debug`` become layers of the EXRs, and PNGs in a folder of that name. Channels of the input that match one of
+    ``layers`` are kept beside the resolved ones, and its attributes and windows always. ``denoise`` is ``none``, or
+    ``oidn`` for Intel's Open Image Denoise on each frame's colour before it is resolved. Without ``progress`` nothing
+    is shown while it runs.
 
     ``stopping`` is entered for the run and tells when to stop: then the frame in work is finished, the state saved and
     KeyboardInterrupt raised. ``cltaa.interrupt.stop_signals()`` does so for SIGINT and SIGTERM; signals are left alone
@@ -345,7 +349,7 @@ def resolve_sequence(
         checkpoints = Checkpoints(output, folder.key)
         if restart:
             checkpoints.clear()
-        views = DebugViews(resolver, debug)
+        views = DebugViews(resolver, debug, len(sequence))
         files = ResolvedFiles(folder, resolver, views, undeclared=sequence.undeclared)
         run = _Run(
             sequence, files, checkpoints, resolver, effects, stop, layers, half=half, progress=progress, denoise=cleans
@@ -362,8 +366,24 @@ def resolve_sequence(
         if arrivals is None or arrivals.ended:
             checkpoints.clear()
     if preview is not None:
-        write_video(preview, open_images(_results(output, sequence), gaps=OnBreak.RESET), rate=rate)
+        _write_film(preview, sequence, open_images(_results(output, sequence), gaps=OnBreak.RESET), compare, rate)
     return report
+
+
+def _write_film(
+    path: Path, sequence: FrameSequence, results: ImageSequence, compare: str | None, rate: Fraction
+) -> None:
+    """A film of the results alone, or held against what they were resolved from."""
+    if compare is None:
+        write_video(path, results, rate=rate)
+        return
+    frames = (sequence.frame(number).colour for number in results.numbers)
+    before = (np.nan_to_num(colour, nan=0.0, posinf=0.0, neginf=0.0) for colour in frames)
+    labels = "input", "resolved"
+    if compare == "side":
+        write_side_by_side(path, before, results, labels=labels, rate=rate)
+    else:
+        write_wipe(path, before, results, labels=labels, rate=rate)
 
 
 def _results(output: Path, sequence: FrameSequence) -> Selection:

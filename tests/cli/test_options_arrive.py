@@ -224,6 +224,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--follow --frames 3-5", "arrivals_of.reading.frames", (3, 5)),
         ("--follow --idle 7s", "arrivals_of.idle", 7.0),
         ("--preview film.mp4", "resolve_sequence.preview", Path("film.mp4")),
+        ("--preview film.mp4 --compare wipe", "resolve_sequence.compare", "wipe"),
         ("--half", "resolver_for.half", True),
         ("--half", "resolve_sequence.half", True),
         ("--compression zips", "resolve_sequence.compression", "zips"),
