@@ -445,7 +445,8 @@ class _Run:
 
     def follow(self, arrivals: Arrivals, compression: str, checkpoint_every: int) -> None:
         """Go on with what arrives behind the sequence, and save the state where more may come."""
-        shown = shown_progress("following") if self._progress else nullcontext(lambda _done, _total: None)
+        shows = self._progress and not arrivals.ended
+        shown = shown_progress("following") if shows else nullcontext(lambda _done, _total: None)
         self._progress = False  # of each part
         with shown as advance:
             advance(self._frames, arrivals.count or self._frames + 1)
