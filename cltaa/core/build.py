@@ -66,6 +66,7 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     clip_penalty: bool = True
     box_scale_by_motion: bool = True
     disocclusion_blur: bool = True
+    first_samples: bool = True
 
     @classmethod
     def of(cls, settings: Settings) -> Terms:
@@ -75,6 +76,7 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
             clip_penalty=settings.clip_penalty != 0.0,
             box_scale_by_motion=settings.box_scale_static != settings.box_scale_moving,
             disocclusion_blur=settings.disocclusion_blur != 0.0,
+            first_samples=settings.first_samples != 1.0,
         )
 
 

@@ -19,6 +19,15 @@ from cltaa.reference.rectify import Rectification
 from cltaa.reference.sampling import count_limit_of
 
 
+def grown_count(count: Array, blend_boost: Array, build: Build) -> Array:
+    """The count with one sample more; of ``standing`` anew where a pixel moves, and ten more where it does not."""
+    one = number(1.0, count)
+    if build.choices.accumulate is Accumulate.STANDING:
+        return np.where(blend_boost > number(0.0, count), one, count + constant("STANDING_GAIN", count))
+    grown: Array = count + one
+    return grown
+
+
 def sample_weight(count: Array, blend_boost: Array, build: Build, settings: Record) -> Array:
     """Weight of the current sample beside ``count`` earlier ones."""
     least = number(settings["blend_weight"], count)
@@ -27,6 +36,9 @@ def sample_weight(count: Array, blend_boost: Array, build: Build, settings: Reco
     if build.choices.accumulate is Accumulate.ADAPTIVE:
         adaptive: Array = least + blend_boost * (number(settings["moving_weight"], count) - least)
         return adaptive
+    if build.choices.accumulate is Accumulate.STANDING:
+        grown = grown_count(count, blend_boost, build)
+        return limit(number(1.0, count) / grown, least, number(settings["moving_weight"], count))
     mean: Array = number(1.0, count) / (count + number(1.0, count))
     if build.choices.accumulate is Accumulate.COUNT:
         return mean
@@ -279,5 +291,6 @@ def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings
     alpha = p.alpha
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = np.where(h.valid, blend(h.alpha, alpha, weight), alpha)
-    samples = np.where(h.valid, count + one, one)
+    first = h.count if build.terms.first_samples else one
+    samples = np.where(h.valid, grown_count(count, r.blend_boost, build), first)
     return Resolved(stored, alpha, samples, np.where(h.valid, h.change, number(0.0, samples)))

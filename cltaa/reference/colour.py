@@ -75,6 +75,9 @@ def to_range(v: Colour, build: Build) -> Colour:
     if build.choices.tonemap is Tonemap.NONE:
         return v
     one = number(1.0, v[0])
+    if build.choices.tonemap is Tonemap.CHANNEL:
+        r, g, b = (c / (one + greater(c, number(0.0, c))) for c in v)
+        return r, g, b
     k = one / (one + peak(v))
     return v[0] * k, v[1] * k, v[2] * k
 
@@ -84,6 +87,9 @@ def from_range(v: Colour, build: Build) -> Colour:
     if build.choices.tonemap is Tonemap.NONE:
         return v
     one = number(1.0, v[0])
+    if build.choices.tonemap is Tonemap.CHANNEL:
+        r, g, b = (c / greater(one - greater(c, number(0.0, c)), constant("LEAST_HEADROOM", c)) for c in v)
+        return r, g, b
     k = one / greater(one - peak(v), constant("LEAST_HEADROOM", v[0]))
     return v[0] * k, v[1] * k, v[2] * k
 

@@ -127,6 +127,9 @@ def rectify_history(history: Colour, current: Colour, box: BoxOf, build: Build) 
 
 def blend_boost_of(m: Motion, moved: list[Array], build: Build, layout: Layout, settings: Record) -> Array:
     """The larger of two shares: motion in screens a frame, and the distance that the history was moved."""
+    if build.choices.accumulate is Accumulate.STANDING:
+        least = constant("STANDS", m.u)
+        return np.where((np.abs(m.u) < least) & (np.abs(m.v) < least), number(0.0, m.u), number(1.0, m.u))
     if build.choices.accumulate is not Accumulate.ADAPTIVE:
         return np.zeros_like(m.u)
     across, down = m.u / number(layout.width, m.u), m.v / number(layout.height, m.v)
@@ -160,7 +163,8 @@ def rectify(
 ) -> Rectification:
     """The change that rectification makes, in RGB: history inside its box keeps its bits."""
     choices = build.choices
-    moves = choices.rectify is not Rectify.NONE or choices.accumulate is Accumulate.ADAPTIVE
+    by_motion = choices.accumulate in (Accumulate.ADAPTIVE, Accumulate.STANDING)
+    moves = choices.rectify is not Rectify.NONE or by_motion
     if not moves and choices.anti_flicker is not AntiFlicker.CLAMP_DISTANCE:
         zero, one = np.zeros_like(gamma), np.ones_like(gamma)
         return Rectification((zero, zero, zero), zero, zero, one)

@@ -5,9 +5,18 @@
 #if !defined(ACCUMULATE) || !defined(WEIGHTING) || !defined(ANTI_FLICKER) || !defined(NEGATIVES)
 #error "accumulate.h needs ACCUMULATE, WEIGHTING, ANTI_FLICKER and NEGATIVES from the prelude"
 #endif
-#if !defined(ALPHA) || !defined(REACTIVE) || !defined(ALPHA_FROM) || !defined(FILTER_USE)
-#error "accumulate.h needs ALPHA, REACTIVE, ALPHA_FROM and FILTER_USE from the prelude"
+#if !defined(ALPHA) || !defined(REACTIVE) || !defined(ALPHA_FROM) || !defined(FILTER_USE) || !defined(FIRST_SAMPLES)
+#error "accumulate.h needs ALPHA, REACTIVE, ALPHA_FROM, FILTER_USE and FIRST_SAMPLES from the prelude"
 #endif
+
+// The count of a pixel with one sample more: of one that moves it begins anew, of one that stands it grows by many,
+// where the preset says so.
+STAGE real grown_count(real count, real blend_boost)
+{
+    if (ACCUMULATE == ACCUMULATE_STANDING)
+        return blend_boost > SPLAT(0.0) ? SPLAT(1.0) : count + K(STANDING_GAIN);
+    return count + K(1.0);
+}
 
 // Weight of the current sample when the history already holds `count` samples: 1 / (count + 1) for the running mean;
 // never below blend_weight for the exponential one, always that for the constant one, and between it and moving_weight
@@ -18,6 +27,9 @@ STAGE real sample_weight(real count, real blend_boost, settings_t settings)
         return SPLAT(settings.blend_weight);
     if (ACCUMULATE == ACCUMULATE_ADAPTIVE)
         return K(settings.blend_weight) + blend_boost * (K(settings.moving_weight) - K(settings.blend_weight));
+    if (ACCUMULATE == ACCUMULATE_STANDING)
+        return limit(reciprocal(grown_count(count, blend_boost)), SPLAT(settings.blend_weight),
+            SPLAT(settings.moving_weight));
     const real mean = reciprocal(count + K(1.0));
     if (ACCUMULATE == ACCUMULATE_COUNT)
         return mean;
@@ -286,7 +298,7 @@ STAGE resolved blend_pixel(
     out.alpha = p.alpha;
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
         out.alpha = h.valid ? blend(h.alpha, p.alpha, weight) : p.alpha;
-    out.count = h.valid ? count + K(1.0) : SPLAT(1.0);
+    out.count = h.valid ? grown_count(count, r.blend_boost) : (FIRST_SAMPLES ? h.count : SPLAT(1.0));
     out.change = h.valid ? h.change : SPLAT(0.0);
     return out;
 }

@@ -64,6 +64,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
     "surface_motion": ("dilation", "camera_motion", "own_motion", "orthographic"),
     "sample_history": (
         "history_filter",
+        "history_range",
         "reject",
         "exposure",
         "alpha",
