@@ -39,7 +39,7 @@ __kernel void neighbourhood_statistics_kernel(
     const row_t above = read_row(current, inverse_depth, motion, x, y - 1, frame),
                 centre = read_next_row(above, current, inverse_depth, motion, x, y, frame),
                 below = read_next_row(centre, current, inverse_depth, motion, x, y + 1, frame);
-    const statistics s = neighbourhood_statistics(above, centre, below);
+    const statistics s = neighbourhood_statistics(above, centre, below, frame);
     const colour sample = current_sample(above, centre, below, s, frame);
     plane_out p = statistics_out + texel_offset(frame, x, y);
     store_boxed(p, in_units(s.mean), plane);

@@ -93,7 +93,14 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
         float, _number("least luminance that a difference is held against", 1e-3, 1e6, "scene units", "INSIDE: 0.2")
     ] = 0.2
     filter_falloff: Annotated[
-        float, _number("falloff of the gaussian current filter", 0.0, 64.0, "1 / pixel^2", "2.29: Blackman-Harris, 3.3")
+        float,
+        _number(
+            "falloff of the gaussian current filter and of the jittered 3x3",
+            0.0,
+            64.0,
+            "1 / pixel^2",
+            "2.29: Blackman-Harris, 3.3",
+        ),
     ] = 2.29
     filter_samples: Annotated[
         float,
@@ -149,6 +156,16 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     box_scale_moving: Annotated[
         float, _number("half width of the box in motion", 0.0, 64.0, "the same", "Salvi 2016: 0.75 to 1.25")
     ] = 1.0
+    luma_scale: Annotated[
+        float, _number("times as wide the box is in its first channel (variance)", 0.0, 64.0, "1", "FSR 3.1: 1.7")
+    ] = 1.0
+    box_leak: Annotated[
+        float,
+        _number("share that a full history keeps of what lies outside its box", 0.0, 1.0, "1", "FSR 3.1's flicker"),
+    ] = 0.0
+    motion_widths: Annotated[
+        float, _number("motion_px as a share of the image's width; 0: motion_px", 0.0, 16.0, "widths a frame", "-")
+    ] = 0.0
     motion_px: Annotated[
         float, _number("motion from which box_scale_moving holds", 1e-3, 1e6, "pixels a frame", "measured")
     ] = 1.0
@@ -183,6 +200,7 @@ HOST_SETTINGS = frozenset(
         "filter_falloff",
         "history_frames",
         "look_ahead",
+        "motion_widths",
         "sky_at",
         "sky_below",
     }
@@ -210,6 +228,7 @@ class Tonemap(Choice):
 
     NONE = "none"
     PEAK = "peak", "c / (1 + max(r, g, b)), undone when the result is stored"
+    BLEND = "blend", "as peak, for the blend alone: boxes and comparisons are of light"
     CHANNEL = "channel", "c / (1 + c), each channel by itself, undone in the same way (Reinhard et al. 2002)"
 
 
@@ -277,6 +296,7 @@ class Neighbourhood(Choice):
     SQUARE = "square"
     WEIGHTED = "weighted", "the square, its mean and deviation with weights 1 2 1 both ways"
     LUMINANCE = "luminance", "the square, its mean and deviation with weights 1 / (1 + Y)"
+    JITTERED = "jittered", "the square, with weights exp(-filter_falloff d^2), d from a sample to the pixel's centre"
 
 
 class Variance(Choice):
@@ -347,6 +367,10 @@ class Accumulate(Choice):
     EXPONENTIAL = "exponential", "the same, but never below blend_weight"
     CONSTANT = "constant", "blend_weight from the second frame on"
     ADAPTIVE = "adaptive", "from blend_weight to moving_weight, by motion and by what rectification moved"
+    CAPPED = (
+        "capped",
+        "history grows with count / sample_limit until a sample has blend_weight; in motion moving_weight",
+    )
     STANDING = "standing", "moving_weight; where nothing moves 1 / count, which then grows by ten, down to blend_weight"
 
 

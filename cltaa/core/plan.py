@@ -222,7 +222,10 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
     if not frame.has_camera:
         reasons = [reason._replace(why="no camera") if reason.step == REPROJECTION else reason for reason in reasons]
     settings = preset.settings
-    if previous is None:
+    if settings.motion_widths:
+        motion_px = settings.motion_widths * frame.colour.shape[1]
+        settings = msgspec.structs.replace(settings, motion_px=motion_px)
+    if previous is None and not preset.published:
         # The blur is for pixels that appear amid others with a past.
         settings = msgspec.structs.replace(settings, disocclusion_blur=0.0)
     choices, settings, estimated = estimate(preset, settings, declared)

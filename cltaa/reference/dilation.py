@@ -44,9 +44,9 @@ def borrowed_surface(
             v=np.where(taken, v, s.v),
         )
 
-    nearest, beside, places = s.centre, 0, CORNERS
+    nearest, beside, places = s.centre, 0, list(CORNERS)
     if kind is Dilation.BESIDE:
-        nearest, beside, places = np.full_like(like, frame["sky_inverse_depth"]), -1, SQUARE
+        nearest, beside, places = np.full_like(like, frame["sky_inverse_depth"]), -1, list(SQUARE)
         s = take(s, np.ones(like.shape, bool), -1, -1)
     for dx, dy in places:
         q = depth_at(dx, dy)

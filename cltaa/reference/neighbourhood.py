@@ -208,12 +208,21 @@ class Surface(NamedTuple):
     farthest: Array
 
 
-def weighed_by_luminance(texels: Sequence[Colour], build: Build) -> tuple[list[Array], list[Array]]:
-    """Mean and deviation a channel of nine texels in the kernels' coordinates, with weights 1 / (1 + Y)."""
-    one, zero = number(1.0, texels[0][0]), np.zeros_like(texels[0][0])
+def texel_weights(texels: Sequence[Colour], build: Build, frame: Record) -> list[Any]:
+    """Weights of nine texels: 1 / (1 + Y), or by the distance of their samples from the pixel's centre."""
+    one = number(1.0, texels[0][0])
+    if build.choices.neighbourhood is Neighbourhood.JITTERED:
+        columns = number(frame["box_left"], one), one, number(frame["box_right"], one)
+        rows = number(frame["box_above"], one), one, number(frame["box_below"], one)
+        return [across * down for down in rows for across in columns]
     in_ycocg = build.choices.box_space is BoxSpace.YCOCG
-    lights = [number(0.25, t[0]) * t[0] if in_ycocg else luminance(t) for t in texels]
-    weights = [one / (one + greater(y, zero)) for y in lights]
+    lights = [number(0.25, one) * t[0] if in_ycocg else luminance(t) for t in texels]
+    return [one / (one + greater(y, number(0.0, one))) for y in lights]
+
+
+def weighed_texels(texels: Sequence[Colour], build: Build, frame: Record) -> tuple[list[Array], list[Array]]:
+    """Mean and deviation a channel of nine texels in the kernels' coordinates, each with its weight."""
+    zero, weights = np.zeros_like(texels[0][0]), texel_weights(texels, build, frame)
     total = zero
     for w in weights:
         total = total + w
@@ -230,13 +239,13 @@ def weighed_by_luminance(texels: Sequence[Colour], build: Build) -> tuple[list[A
     return means, deviations
 
 
-def neighbourhood_statistics(above: Row, centre: Row, below: Row, build: Build) -> Statistics:
+def neighbourhood_statistics(above: Row, centre: Row, below: Row, build: Build, frame: Record) -> Statistics:
     """Mean, deviation and extremes of each channel."""
     rows = zip(above.channels, centre.channels, below.channels, strict=True)
     parts = [neighbourhood_moments(a, c, b, build) for a, c, b in rows]
     mean, deviation = [m.shift + m.offset for m in parts], [deviation_of(m, build) for m in parts]
-    if build.choices.neighbourhood is Neighbourhood.LUMINANCE:
-        mean, deviation = weighed_by_luminance((*above.texels, *centre.texels, *below.texels), build)
+    if build.choices.neighbourhood in (Neighbourhood.LUMINANCE, Neighbourhood.JITTERED):
+        mean, deviation = weighed_texels((*above.texels, *centre.texels, *below.texels), build, frame)
     each = mean, deviation, [m.low for m in parts], [m.high for m in parts]
     return Statistics(*(in_units(_three(colour), build) for colour in each))
 

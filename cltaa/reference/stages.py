@@ -38,7 +38,7 @@ def neighbourhood_statistics_kernel(
 ) -> None:
     """``statistics_out`` [15, rows, stride]: mean, deviation, low and high in the box space, and the current sample."""
     rows = read_rows(current, inverse_depth, motion, build, layout, frame)
-    near = neighbourhood_statistics(*rows, build)
+    near = neighbourhood_statistics(*rows, build, frame)
     sample = current_sample(*rows, near, build, frame)
     _store(statistics_out, layout, (part for colour in (*near, sample) for part in colour))
 

@@ -18,6 +18,17 @@ STAGE real grown_count(real count, real blend_boost)
     return count + K(1.0);
 }
 
+// Beside a sample's odds o of blend_weight a history weighs count / sample_limit, 1 at most, and in motion no more than
+// where those odds make moving_weight.
+STAGE real capped_weight(real count, real blend_boost, settings_t settings)
+{
+    const real one = SPLAT(1.0), least = SPLAT(settings.blend_weight), most = SPLAT(settings.moving_weight);
+    const real odds = least / (one - least), cap = odds * (one - most) / most;
+    const real held = lesser(count / SPLAT(settings.sample_limit), one);
+    const real history = lesser(held, held + blend_boost * (cap - held));
+    return odds / (odds + history);
+}
+
 // Weight of the current sample when the history already holds `count` samples: 1 / (count + 1) for the running mean;
 // never below blend_weight for the exponential one, always that for the constant one, and between it and moving_weight
 // for the adaptive one.
@@ -27,9 +38,11 @@ STAGE real sample_weight(real count, real blend_boost, settings_t settings)
         return SPLAT(settings.blend_weight);
     if (ACCUMULATE == ACCUMULATE_ADAPTIVE)
         return K(settings.blend_weight) + blend_boost * (K(settings.moving_weight) - K(settings.blend_weight));
+    if (ACCUMULATE == ACCUMULATE_CAPPED)
+        return capped_weight(count, blend_boost, settings);
     if (ACCUMULATE == ACCUMULATE_STANDING)
-        return limit(reciprocal(grown_count(count, blend_boost)), SPLAT(settings.blend_weight),
-            SPLAT(settings.moving_weight));
+        return limit(
+            reciprocal(grown_count(count, blend_boost)), SPLAT(settings.blend_weight), SPLAT(settings.moving_weight));
     const real mean = reciprocal(count + K(1.0));
     if (ACCUMULATE == ACCUMULATE_COUNT)
         return mean;
@@ -207,7 +220,7 @@ STAGE pixel_t current_pixel(
 {
     const uint at = texel_offset(frame, x, y);
     pixel_t p;
-    p.stats = neighbourhood_statistics(above, centre, below);
+    p.stats = neighbourhood_statistics(above, centre, below, frame);
     p.filtered = current_sample(above, centre, below, p.stats, frame);
     p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? centre.centre : p.filtered;
     // In YCoCg that of the pixel's own sample is worked out already, to the bit.
@@ -258,9 +271,14 @@ STAGE real effective_samples(pixel_t p, history_t h, rectification r, settings_t
 }
 
 // The history of a pixel after rectification.
-STAGE colour rectified(history_t h, rectification r)
+STAGE colour rectified(history_t h, rectification r, settings_t settings)
 {
     const colour past = { h.rgb.r + r.change.r, h.rgb.g + r.change.g, h.rgb.b + r.change.b };
+    if (BOX_LEAK) {
+        const mask full = h.count >= SPLAT(settings.sample_limit);
+        const real share = SPLAT(1.0) - (full ? SPLAT(settings.box_leak) : SPLAT(0.0));
+        return (colour) { h.rgb.r + share * r.change.r, h.rgb.g + share * r.change.g, h.rgb.b + share * r.change.b };
+    }
     return past;
 }
 
@@ -288,11 +306,11 @@ STAGE resolved blend_pixel(
     if (!DISOCCLUSION_BLUR)
         weight = h.valid ? weight : SPLAT(1.0);
 
-    const colour mixed
-        = { blend(past.r, current.r, weight), blend(past.g, current.g, weight), blend(past.b, current.b, weight) };
+    const colour was = to_blend_range(past), now = to_blend_range(current);
+    const colour mixed = { blend(was.r, now.r, weight), blend(was.g, now.g, weight), blend(was.b, now.b, weight) };
     colour v = mixed;
     if (DISOCCLUSION_BLUR && any_of(!h.valid))
-        v = choose_colour(h.valid, mixed, disoccluded_colour(current, p.stats.mean, settings));
+        v = choose_colour(h.valid, mixed, to_blend_range(disoccluded_colour(current, p.stats.mean, settings)));
     resolved out;
     out.rgb = storable_colour(from_range(v), current);
     out.alpha = p.alpha;
@@ -306,7 +324,7 @@ STAGE resolved blend_pixel(
 STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t settings)
 {
     const real count = effective_samples(p, h, r, settings);
-    return blend_pixel(p, h, r, rectified(h, r), sample_beside(p, h.valid, count, settings), count, settings);
+    return blend_pixel(p, h, r, rectified(h, r, settings), sample_beside(p, h.valid, count, settings), count, settings);
 }
 
 // The alpha of the history; where the box is `unit`, clamped to the extremes of the current 3x3 as colour is.

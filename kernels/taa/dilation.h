@@ -3,8 +3,8 @@
 #include "taa/neighbourhood.h"
 
 // `s` with the place, depth and own motion of the texel dx, dy from the pixel at `at`, where that is `taken`.
-STAGE surface take_texel(surface s, mask taken, plane_in inverse_depth, plane_in motion, int dx, int dy, uint at,
-    frame_t frame)
+STAGE surface take_texel(
+    surface s, mask taken, plane_in inverse_depth, plane_in motion, int dx, int dy, uint at, frame_t frame)
 {
     const ptrdiff_t by = (ptrdiff_t)at + dy * (ptrdiff_t)row_stride(frame) + dx;
     s.inverse_depth = taken ? inverse_depth_or_sky(load(inverse_depth + by), frame) : s.inverse_depth;
@@ -19,13 +19,11 @@ STAGE surface take_texel(surface s, mask taken, plane_in inverse_depth, plane_in
 
 STAGE real depth_beside(plane_in inverse_depth, int dx, int dy, uint at, frame_t frame)
 {
-    return inverse_depth_or_sky(
-        load(inverse_depth + (ptrdiff_t)at + dy * (ptrdiff_t)row_stride(frame) + dx), frame);
+    return inverse_depth_or_sky(load(inverse_depth + (ptrdiff_t)at + dy * (ptrdiff_t)row_stride(frame) + dx), frame);
 }
 
 // The surface `s` of the pixel itself, or of the texel whose motion it borrows.
-STAGE surface borrowed_surface(
-    surface s, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
+STAGE surface borrowed_surface(surface s, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
 {
     const uint at = texel_offset(frame, x, y);
     if (DILATION == DILATION_CORNERS) {

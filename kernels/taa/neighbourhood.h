@@ -198,14 +198,17 @@ STAGE void weighted_channel(real* mean, real* deviation, const real* v, const re
     *deviation = square_root(spread / total);
 }
 
-STAGE void weigh_by_luminance(statistics* s, boxed_row above, boxed_row centre, boxed_row below)
+// Weights of the nine by their luminance, or by the distance of their samples from the pixel's centre.
+STAGE void weighed_texels(statistics* s, boxed_row above, boxed_row centre, boxed_row below, frame_t frame)
 {
     const boxed texels[9] = { above.left, above.own, above.right, centre.left, centre.own, centre.right, below.left,
         below.own, below.right };
+    const scalar columns[3] = { K(frame.box_left), K(1.0), K(frame.box_right) };
+    const scalar rows[3] = { K(frame.box_above), K(1.0), K(frame.box_below) };
     real a[9], b[9], c[9], w[9], total = SPLAT(0.0);
     for (int k = 0; k < 9; ++k) {
         a[k] = texels[k].a, b[k] = texels[k].b, c[k] = texels[k].c;
-        w[k] = texel_weight(texels[k]);
+        w[k] = NEIGHBOURHOOD == NEIGHBOURHOOD_LUMINANCE ? texel_weight(texels[k]) : SPLAT(columns[k % 3] * rows[k / 3]);
         total += w[k];
     }
     weighted_channel(&s->mean.a, &s->deviation.a, a, w, total);
@@ -213,7 +216,7 @@ STAGE void weigh_by_luminance(statistics* s, boxed_row above, boxed_row centre, 
     weighted_channel(&s->mean.c, &s->deviation.c, c, w, total);
 }
 
-STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below)
+STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below, frame_t frame)
 {
     const moments a = neighbourhood_moments(above.a, centre.a, below.a, centre.a_above, below.a_above);
     const moments b = neighbourhood_moments(above.b, centre.b, below.b, centre.b_above, below.b_above);
@@ -223,8 +226,8 @@ STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below
     s.deviation = (boxed) { deviation_of(a), deviation_of(b), deviation_of(c) };
     s.low = (boxed) { a.low, b.low, c.low };
     s.high = (boxed) { a.high, b.high, c.high };
-    if (NEIGHBOURHOOD == NEIGHBOURHOOD_LUMINANCE)
-        weigh_by_luminance(&s, above.texels, centre.texels, below.texels);
+    if ((NEIGHBOURHOOD == NEIGHBOURHOOD_LUMINANCE) | (NEIGHBOURHOOD == NEIGHBOURHOOD_JITTERED))
+        weighed_texels(&s, above.texels, centre.texels, below.texels, frame);
     return s;
 }
 

@@ -54,6 +54,8 @@ STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
     if (BOX == BOX_VARIANCE) {
         box.centre = s.mean;
         box.extent = (boxed) { gamma * s.deviation.a, gamma * s.deviation.b, gamma * s.deviation.c };
+        if (LUMA_SCALE)
+            box.extent.a *= K(settings.luma_scale);
         s.low = (boxed) { s.mean.a - box.extent.a, s.mean.b - box.extent.b, s.mean.c - box.extent.c };
         s.high = (boxed) { s.mean.a + box.extent.a, s.mean.b + box.extent.b, s.mean.c + box.extent.c };
     } else {
@@ -165,8 +167,8 @@ typedef struct
 {
     colour change;
     real clip_distance; // how far the first coordinate (luminance) was moved, in half extents of the box
-    real blend_boost; // 0 to 1: motion, or the distance that the history was moved, whichever is more (adaptive); 1
-                      // where it moves at all (standing)
+    real blend_boost; // 0 to 1: motion, or the distance that the history was moved, whichever is more (adaptive,
+                      // capped); 1 where it moves at all (standing)
     real anti_flicker_factor; // factor of the current sample's weight (clamp-distance)
 } rectification;
 
@@ -195,7 +197,7 @@ STAGE rectification rectify(
     colour history, colour current, statistics s, motion_t m, real gamma, frame_t frame, settings_t settings)
 {
     if ((RECTIFY == RECTIFY_NONE) & (ACCUMULATE != ACCUMULATE_ADAPTIVE) & (ACCUMULATE != ACCUMULATE_STANDING)
-        & (ANTI_FLICKER != ANTI_FLICKER_CLAMP_DISTANCE)) {
+        & (ACCUMULATE != ACCUMULATE_CAPPED) & (ANTI_FLICKER != ANTI_FLICKER_CLAMP_DISTANCE)) {
         // The code below gives the same; no compiler may assume that h - h is 0.
         const rectification nothing = { { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) }, SPLAT(0.0), SPLAT(0.0), SPLAT(1.0) };
         return nothing;
@@ -209,7 +211,7 @@ STAGE rectification rectify(
     const real least = K(settings.box_floor) * absolute(box.centre.a) + K(BOX_A * TINY);
     out.clip_distance = quotient(absolute(moved.a), greater(box.extent.a, least));
     out.blend_boost = SPLAT(0.0);
-    if (ACCUMULATE == ACCUMULATE_ADAPTIVE)
+    if ((ACCUMULATE == ACCUMULATE_ADAPTIVE) | (ACCUMULATE == ACCUMULATE_CAPPED))
         out.blend_boost = blend_boost_of(m, in_units(moved), frame, settings);
     if (ACCUMULATE == ACCUMULATE_STANDING)
         out.blend_boost = stands(m) ? SPLAT(0.0) : SPLAT(1.0);

@@ -11,7 +11,8 @@
 // tap, so that equal taps give exactly their value, and a fraction of 0 gives exactly tap 1.
 #define SIX_TAPS (HISTORY_FILTER == HISTORY_FILTER_LANCZOS_3)
 // Taps 1 and 2 are read as one pair, as a texture unit would read them: w2 is then the place between the two.
-#define FIVE_PAIRS (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5 || HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5_RAW)
+#define FIVE_PAIRS                                                                                                     \
+    (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5 || HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5_RAW)
 #define IN_PAIRS (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9 || FIVE_PAIRS)
 
 // All weights but that of tap 1, which is what is left of 1. Of Catmull-Rom's 16 taps they are those of the steps from
