@@ -73,7 +73,7 @@ def _judged(one: Round, metrics: tuple[Metric, ...], stops: float, *, cvvdp: boo
             "frames": one.numbers,
             **{key: summary[key] for key in ("mean", "video", "equal_quality_samples") if key in summary},
         }
-        if cvvdp:
+        if cvvdp and one.in_time:
             from cltaa.lab.judge.vdp import quality
 
             row["cvvdp"] = quality(comparison, one.numbers, rate_of_round(one), stops)
@@ -108,7 +108,7 @@ def _print(rows: list[Row], asked: tuple[Metric, ...], *, several: bool, cvvdp: 
         last = row["sequence"]
         moving = video_cells(row["video"]) if "video" in row else ["–"] * len(SCORES)
         cells = [*value_cells(row["mean"], asked), *moving, sample_cell(row)]
-        cells += [f"{row['cvvdp']:.2f}"] if cvvdp else []
+        cells += [f"{row['cvvdp']:.2f}" if "cvvdp" in row else "–"] if cvvdp else []
         cells += [f"{row['milliseconds']:g}" if "milliseconds" in row else "–"] if timed else []
         table.add_row(named, printable(row["entry"]), *cells)
     print_table(table)
@@ -132,7 +132,7 @@ def _means(rows: list[Row]) -> list[Row]:
         row: Row = {"sequence": f"mean of {counted(count, 'sequence')}", "entry": name, "mean": mean}
         if all("video" in one for one in of_it):
             row["video"] = {key: _mean(key, [one["video"][key] for one in of_it]) for key in of_it[0]["video"]}
-        row |= {key: _mean(key, [one[key] for one in of_it]) for key in ("cvvdp",) if key in of_it[0]}
+        row |= {key: _mean(key, [one[key] for one in of_it]) for key in ("cvvdp",) if all(key in one for one in of_it)}
         means.append(row | {key: of_it[0][key] for key in ("milliseconds",) if key in of_it[0]})
     return means
 

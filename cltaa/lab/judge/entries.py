@@ -131,7 +131,7 @@ def resolved_by_us(presets: Sequence[str], sequences: Sequence[Path]) -> Iterato
 def rounds(
     entries: Sequence[Entry], sequences: Sequence[Path], frames: FrameRange | None = None, **reading: Any
 ) -> list[Round]:
-    """Each sequence with the entries that have it, paired over the frames of the range ``frames`` that all of these have.
+    """Each sequence with the entries that have it, paired over the frames, of the range ``frames``, that all have.
 
     Raises InputMissing where they have none in common, and what ``pair_up`` does.
     """
