@@ -30,7 +30,8 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
         const pixel_t p = current_pixel(rows.above, rows.centre, rows.below, alpha, reactive, x, y, frame);
 
         // Reproject: where the nearest surface of the 3x3 was in the previous frame.
-        const surface s = nearest_surface(rows.above, rows.centre, rows.below, settings);
+        const surface s = borrowed_surface(
+            nearest_surface(rows.above, rows.centre, rows.below, settings), inverse_depth, motion, x, y, frame);
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
 
         // Sample the history there. It is not valid where the previous frame did not show that surface.

@@ -39,7 +39,7 @@ __kernel void neighbourhood_statistics_kernel(
     const row_t above = read_row(current, inverse_depth, motion, x, y - 1, frame),
                 centre = read_next_row(above, current, inverse_depth, motion, x, y, frame),
                 below = read_next_row(centre, current, inverse_depth, motion, x, y + 1, frame);
-    const statistics s = neighbourhood_statistics(above, centre, below);
+    const statistics s = neighbourhood_statistics(above, centre, below, frame);
     const colour sample = current_sample(above, centre, below, s, frame);
     plane_out p = statistics_out + texel_offset(frame, x, y);
     store_boxed(p, in_units(s.mean), plane);
@@ -58,9 +58,10 @@ __kernel void surface_motion_kernel(plane_in current, plane_in inverse_depth, pl
     if (x >= frame.width || y >= frame.height)
         return;
     const size_t plane = plane_size(frame);
-    const surface s = nearest_surface(read_row(current, inverse_depth, motion, x, y - 1, frame),
+    const surface nearest = nearest_surface(read_row(current, inverse_depth, motion, x, y - 1, frame),
         read_row(current, inverse_depth, motion, x, y, frame),
         read_row(current, inverse_depth, motion, x, y + 1, frame), settings);
+    const surface s = borrowed_surface(nearest, inverse_depth, motion, x, y, frame);
     const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
     plane_out p = motion_out + texel_offset(frame, x, y);
     store(p, m.u);

@@ -84,6 +84,7 @@ COMMANDS = {
             "cltaa.commands.compare.even_step": lambda *_: 1,
             "cltaa.commands.compare.stale_maps": lambda *_: [],
             "cltaa.commands.compare.judge": begins,
+            "cltaa.commands.compare_table.compare_table": begins,
         },
     ),
     "tune": Command(
@@ -275,6 +276,10 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--video", "judge.in_time", True),
         *frames_that_are_opened("pair_up"),
         ("--no-verify", "pair_up.verify", False),
+        ("--table --ours basic,karis", "compare_table.ours", ["basic", "karis"]),
+        ("--table --cvvdp", "compare_table.cvvdp", True),
+        ("--table --film films", "compare_table.film", Path("films")),
+        ("--table --frames 3-5", "compare_table.frames", (3, 5)),
     ],
     "tune": [
         ("--budget 7ms", "parse_goal.budget", "7ms"),
