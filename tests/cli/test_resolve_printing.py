@@ -138,6 +138,7 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
         "band_rows": 8,
         "half": True,
         "resolver": "the resolver",
+        "arrivals": None,
         "output": out,
         "effects": frozenset({Effect.CAMERA}),
         "compression": "piz",
