@@ -83,6 +83,8 @@ def test_a_film_shows_entries_ours_and_the_truth_at_twice_the_size(
     [
         (("--table", "{entry}"), 64, "no captured sequence among the folders"),
         (("--table", "{empty}", "{a}"), 66, "an entry of none of the sequences"),
+        (("--table", "{entry}", "{a}", "{twin}"), 64, "--table: two sequences are called a"),
+        (("--table", "{late}", "{a}", "--ours="), 66, "the entries of a have no frame in common"),
         (("--table", "{wrong}", "{a}"), 65, "no facts of an entry"),
         (("--table", "--heatmap", "x", "{entry}", "{a}"), 64, "--heatmap does not go with --table"),
         (("--film", "x", "{entry}", "{a}"), 64, "--film goes with --table"),
@@ -101,7 +103,14 @@ def test_what_is_no_table_is_refused(
     wrong = tmp_path / "wrong"
     (wrong / "a").mkdir(parents=True)
     (wrong / "entry.toml").write_text('milliseconds = "fast"\n')
-    places = {"entry": entry, "a": sequences[0], "empty": tmp_path / "empty", "wrong": wrong}
+    twin = write_sequence(tmp_path / "other" / "a", 1, reference=True)
+    write_sequence(tmp_path / "late" / "a", 1, first=90)
+    places = {"twin": twin, "late": tmp_path / "late"} | {
+        "entry": entry,
+        "a": sequences[0],
+        "empty": tmp_path / "empty",
+        "wrong": wrong,
+    }
     assert why in refusal(capsys, code, *(word.format(**places) for word in said))
 
 
