@@ -140,6 +140,7 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
         "effects": frozenset({Effect.CAMERA}),
         "compression": "piz",
         "preview": None,
+        "denoise": "none",
         "restart": True,
         "checkpoint_every": 3,
         "debug": (View.COUNT,),
