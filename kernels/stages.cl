@@ -1,6 +1,6 @@
 // The stages of resolve.cl one by one, for tests and debug views: each entry point reads the planes that the ones
 // before it wrote.
-#include "taa/accumulate.h"
+#include "taa/fireflies.h"
 
 STAGE boxed load_boxed(plane_in p, size_t plane)
 {
@@ -157,6 +157,9 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
     p.filtered = load_colour(statistics_in + at + 12 * plane, plane);
     p.luminance = luminance_4(p.filtered);
     p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? colour_in_domain(current, plane, x, y, frame) : p.filtered;
+    if (FIREFLIES == FIREFLIES_CLAMP)
+        p = without_firefly(p, read_boxed(current, x, y - 1, frame), read_boxed(current, x, y, frame),
+            read_boxed(current, x, y + 1, frame), h, settings);
     const resolved out = without_missing(resolve_pixel(p, h, r, settings), h, current, x, y, frame);
     store_recurrent(output, output_count, out, x, y, frame);
 }

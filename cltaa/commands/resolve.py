@@ -28,6 +28,7 @@ from cltaa.commands.options import (
 from cltaa.core.backend import launcher_for
 from cltaa.core.build import STORAGES, Storage
 from cltaa.core.debug_views import View, parse_views
+from cltaa.core.parameters import Fireflies
 from cltaa.core.presets import Preset
 from cltaa.errors import UsageError
 from cltaa.inputs.open import open_input
@@ -130,6 +131,11 @@ from cltaa.printable import counted, json_of, printable, shown
     help="Another size: refuse it, or begin a new history with it.",
 )
 @click.option(
+    "--fireflies",
+    type=click.Choice([kind.value for kind in Fireflies]),
+    help="Isolated samples far above what lies around them and their history.  [default: as the profile says]",
+)
+@click.option(
     "--denoise",
     type=click.Choice(DENOISERS),
     default="none",
@@ -181,6 +187,7 @@ def resolve(
     band_rows: int | None,
     gaps: str,
     on_resize: str,
+    fireflies: str | None,
     denoise: str,
     restart: bool,
     checkpoint: int,
@@ -241,6 +248,7 @@ def resolve(
         idle=idle,
         reading=reading,
         preview=preview,
+        fireflies=fireflies,
         denoise=denoise,
         compare=compare,
         restart=restart,

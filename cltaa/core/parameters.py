@@ -187,6 +187,19 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
         float,
         _number("luminance from which a sample's weight falls", 1e-3, 1e6, "scene units", "Karis 2014: 1; measured: 4"),
     ] = 4.0
+    firefly_threshold: Annotated[
+        float,
+        _number(
+            "luminance that a sample may have over its 3x3's second greatest or its history's",
+            1.0,
+            1e6,
+            "1",
+            "measured",
+        ),
+    ] = 5.0
+    firefly_floor: Annotated[
+        float, _number("luminance up to which no sample is a firefly", 0.0, 1e6, "scene units", "measured")
+    ] = 0.25
     sky_below: Annotated[
         float, _number("reversed depth up to which a texel counts as sky (perspective)", 0.0, 0.5, "1", "simvx: 1e-4")
     ] = 0.0
@@ -393,6 +406,13 @@ class AntiFlicker(Choice):
     CLAMP_DISTANCE = "clamp-distance", "by the distance of the history from the ends of its box (Karis 2014)"
 
 
+class Fireflies(Choice):
+    """What becomes of isolated samples far above their 3x3 and their history (history accumulated alone)."""
+
+    KEEP = "keep"
+    CLAMP = "clamp", "above firefly_threshold times what bears them out they add nothing to the history"
+
+
 class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid_unknown_fields=True):
     """Parameters that shape the code; they reach the kernels as ``#define`` lines and cost one cached build."""
 
@@ -422,6 +442,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid
     anti_flicker: AntiFlicker = AntiFlicker.NONE
     alpha_from: AlphaFrom = AlphaFrom.BLEND
     negatives: Negatives = Negatives.RAISE
+    fireflies: Fireflies = Fireflies.KEEP
 
 
 # What the host alone looks at: it does not reach the kernels' text.

@@ -25,10 +25,11 @@ from cltaa.core.debug_views import View, parse_views
 from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.plan import estimate, with_effects
 from cltaa.core.planes import pooled_memory
-from cltaa.core.presets import Preset, load_preset
+from cltaa.core.presets import Preset, Published, load_preset, override
 from cltaa.core.resolver import Resolver, Times
 from cltaa.errors import DeviceLost, ResourceError, UsageError
 from cltaa.frame import Effect, Frame, outline
+from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.open import check_declared, open_input
 from cltaa.interrupt import Stop
 from cltaa.io.atomic import atomic_path, check_creatable, owned
@@ -202,6 +203,22 @@ def resolver_for(
     return BandedResolver.beside(resolver, band_rows, in_place=True, storage=storage, **options)
 
 
+def with_fireflies(preset: Preset, sequence: FrameSequence, asked: str | None) -> Preset:
+    """``preset`` with what is ``asked`` of fireflies, or by itself with what the profile of ``sequence`` says of them.
+
+    Presets that gather, and transcriptions, keep theirs. Raises UsageError where they are asked for another.
+    """
+    gathers = preset.choices.history is not HistoryKind.ACCUMULATED
+    if asked is None:
+        profile = sequence.intake.profile.colour.fireflies if isinstance(sequence, ForeignSequence) else "keep"
+        asked = "keep" if gathers or preset.published is not Published.NO else profile
+        return preset if asked == "keep" else override(preset, {"fireflies": asked})
+    if gathers and asked == "clamp":
+        cure = "take --preset default"
+        raise UsageError(f"--fireflies clamp: preset {preset.name} gathers and keeps its fireflies", cure=cure)
+    return override(preset, {"fireflies": asked})
+
+
 def resolve_folder(
     source: str | Path | FrameSequence,
     output: str | Path,
@@ -219,6 +236,7 @@ def resolve_folder(
     progress: bool = False,
     follow: bool = False,
     idle: float | None = None,
+    fireflies: str | None = None,
     reading: Mapping[str, Any] = MappingProxyType({}),
     **options: Any,
 ) -> ResolveReport:
@@ -228,7 +246,8 @@ def resolve_folder(
     ``reading``, until none came for ``idle`` seconds, or until interrupted.
 
     ``reading`` are the arguments of ``cltaa.open`` for a ``source`` that is not opened yet: ``profile``, ``side_file``,
-    ``frames`` and others. What is given neither ``compression`` nor ``layers`` keeps those that the command keeps.
+    ``frames`` and others. ``fireflies`` is ``keep`` or ``clamp``; by itself what the preset or else the profile says.
+    What is given neither ``compression`` nor ``layers`` keeps those that the command keeps.
     ``options`` are those of ``resolve_sequence`` that are not named here. Raises what that and opening raise.
     """
     preset = load_preset(preset) if isinstance(preset, str) else preset
@@ -242,7 +261,7 @@ def resolve_folder(
     check_declared(sequence, effects)
     carried = chosen_layers(layers, sequence)
     resolver = resolver_for(
-        preset,
+        with_fireflies(preset, sequence, fireflies),
         device,
         sequence,
         band_rows,

@@ -12,6 +12,7 @@ from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel, load_shares, rectified_alpha, resolve_pixel, without_missing
 from cltaa.reference.colour import Colour, colour_in_domain, repaired_planes
 from cltaa.reference.dilation import borrowed_surface
+from cltaa.reference.fireflies import without_firefly
 from cltaa.reference.history import History, sample_history
 from cltaa.reference.neighbourhood import Statistics, Surface, current_sample, nearest_surface, neighbourhood_statistics
 from cltaa.reference.planes import read_rows, real_type, store_recurrent
@@ -136,6 +137,7 @@ def blend_kernel(
     own = colour_in_domain(current, build, layout) if few else sample
     shares = load_shares(alpha, reactive, count, build, layout)
     p = Pixel(own, sample, *shares, near, shares[1], shares[1])
+    p = without_firefly(p, current, h, build, layout, settings)
     change = Rectification((change_r, change_g, change_b), clip_distance, blend_boost, anti_flicker_factor)
     out = without_missing(resolve_pixel(p, h, change, build, settings), h, current, build, layout, settings)
     store_recurrent(out, build, layout, frame, output, output_count)

@@ -17,6 +17,7 @@ import pytest
 from cltaa.cli import root
 from cltaa.core.build import Storage
 from cltaa.core.debug_views import View
+from cltaa.core.parameters import Fireflies
 from cltaa.core.presets import load_preset
 from cltaa.io.numbered import OnBreak
 
@@ -242,6 +243,8 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--band-rows 7", "resolver_for.band_rows", 7),
         ("--gaps reset", "open_input.gaps", OnBreak("reset")),
         ("--on-resize reset", "open_input.on_resize", OnBreak("reset")),
+        ("--fireflies clamp", "resolver_for.preset.choices.fireflies", Fireflies.CLAMP),
+        ("--denoise oidn", "resolve_sequence.denoise", "oidn"),
         ("--restart", "resolve_sequence.restart", True),
         ("--checkpoint 7", "resolve_sequence.checkpoint_every", 7),
         ("--debug count", "resolve_sequence.debug", (View("count"),)),

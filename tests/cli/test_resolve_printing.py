@@ -144,6 +144,7 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
         "compression": "piz",
         "preview": None,
         "compare": None,
+        "denoise": "none",
         "restart": True,
         "checkpoint_every": 3,
         "debug": (View.COUNT,),

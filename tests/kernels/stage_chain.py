@@ -82,6 +82,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "box",
         "box_space",
         "filter_use",
+        "fireflies",
         "illumination",
         "negatives",
         "reactive",
