@@ -116,6 +116,8 @@ def preset_names() -> list[str]:
 
 def load_preset(name: str = "default") -> Preset:
     """The preset of that name, or of an earlier one; raises UsageError where there is none."""
+    if not isinstance(name, str):
+        raise UsageError("a preset is named by text", expected="as 'default'", found=repr(name))
     name = current(name, PRESETS, frozenset(preset_names()), "preset")
     if name not in (BASE, *preset_names()):
         cure = known(name, preset_names(), "presets")

@@ -17,6 +17,8 @@ from cltaa.core.presets import Preset
 from cltaa.core.record import Past
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect
+from cltaa.inputs.open import open_input
+from cltaa.io.names import Named
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.timing import Job, Samples, measure
 from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence, program_bytes
@@ -61,7 +63,7 @@ class SequencePlan(msgspec.Struct, kw_only=True):
 
 
 def plan(
-    sequence: FrameSequence,
+    sequence: FrameSequence | Named,
     preset: str | Preset = "default",
     device: str | int | Launcher | None = None,
     *,
@@ -72,13 +74,15 @@ def plan(
     layers: tuple[str, ...] | None = None,
     band_rows: int | None = None,
 ) -> SequencePlan:
-    """Say which steps of ``preset`` run on which frames of ``sequence`` and why, from its headers alone.
+    """Say which steps of ``preset`` run on which frames of ``sequence``, opened or named, and why, by its headers.
 
     With ``rounds`` each step, but of a preset that looks ahead, is also timed on ``device``, on and off in turn, on two
     frames of the sequence; 0 reads no pixels. ``storage``, ``half``, ``layers`` and ``band_rows`` are those of ``cltaa
     resolve``: they decide what memory it takes. Raises what opening the device and reading raise, and UsageError for no
     such layer.
     """
+    if not isinstance(sequence, FrameSequence):
+        sequence = open_input(sequence)
     layers = chosen_layers(layers, sequence)
     check_layers(sequence, layers)
     resolver = Resolver(preset, device, storage=storage, every_step=True)
