@@ -140,7 +140,10 @@ def parse_preset(text: str, origin: str, base: Preset) -> Preset:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise DataError(f"not TOML: {error}", path=origin) from None
     if "preset" in values:
-        base = load_preset(str(values.pop("preset")))
+        try:
+            base = load_preset(str(values.pop("preset")))
+        except UsageError as error:
+            raise UsageError(f"{origin}: {error}") from None
     said = {key: values.pop(key) for key in ("description", "jitter", "published") if key in values}
     try:
         named = msgspec.convert(msgspec.to_builtins(base) | said, Preset)
