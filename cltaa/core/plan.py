@@ -221,6 +221,9 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
     reasons = _reasons(preset, steps, camera_moves, declared, every=every)
     if not frame.has_camera:
         reasons = [reason._replace(why="no camera") if reason.step == REPROJECTION else reason for reason in reasons]
+    elif previous is None and camera_moves:
+        why = "no frame before it: the camera may move"
+        reasons = [reason._replace(why=why) if reason.step == REPROJECTION else reason for reason in reasons]
     settings = preset.settings
     if previous is None:
         # The blur is for pixels that appear amid others with a past.

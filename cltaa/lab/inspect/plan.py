@@ -90,10 +90,19 @@ def plan(
     sections: list[Section] = []
     plans: list[Plan] = []
     for number, starts, planned in _plans(sequence, resolver.preset, effects):
+        steps = [Step(name=reason.step, on=reason.on, why=reason.why) for reason in planned.reasons]
+        if (
+            plans
+            and not starts
+            and sections[-1].starts
+            and sections[-1].first == sections[-1].last
+            and _run(planned) == _run(plans[-1])
+        ):
+            # The same steps as of a first frame, and better reasons: of that one nobody knows whether the camera moved.
+            plans[-1], sections[-1].steps = plans[-1]._replace(reasons=planned.reasons), steps
         if plans and planned.reasons == plans[-1].reasons and not starts:
             sections[-1].last = number
             continue
-        steps = [Step(name=reason.step, on=reason.on, why=reason.why) for reason in planned.reasons]
         sections.append(Section(first=number, last=number, starts=starts, steps=steps))
         plans.append(planned)
     if rounds and not resolver.look_ahead:  # steps are timed one frame after another
@@ -156,6 +165,11 @@ def memory(
         staged=resolver.launcher.stages,
     )
     return of_sequence(sequence, held, layers)
+
+
+def _run(plan: Plan) -> list[bool]:
+    """Whether each step runs."""
+    return [reason.on for reason in plan.reasons]
 
 
 def _plans(sequence: FrameSequence, preset: Preset, effects: Effects) -> Iterator[tuple[int, bool, Plan]]:
