@@ -37,7 +37,7 @@ from cltaa.io.numbered import OnBreak
 from cltaa.io.preset_file import preset_of
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY
 from cltaa.pipeline.denoise import DENOISERS
-from cltaa.pipeline.run import ResolveReport, resolve_folder, stage_rows
+from cltaa.pipeline.run import COMPARISONS, ResolveReport, resolve_folder, stage_rows
 from cltaa.printable import counted, json_of, printable, shown
 
 
@@ -83,7 +83,7 @@ from cltaa.printable import counted, json_of, printable, shown
 )
 @click.option(
     "--compare",
-    type=click.Choice(["side", "wipe"]),
+    type=click.Choice(COMPARISONS),
     help="Of the --preview: the input beside the result, or both parted by a line that sweeps.",
 )
 @click.option("--half", is_flag=True, help="Write half-precision EXRs (values saturate at 65504).")

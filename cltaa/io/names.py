@@ -108,6 +108,9 @@ def selection_of(named: Named) -> Selection:
         return named
     if isinstance(named, str | Path):
         return _place(Path(named))
+    if not isinstance(named, Iterable):
+        expected = "a folder, a file, a pattern or a list of files"
+        raise UsageError("no sequence is named", expected=expected, found=repr(named))
     places = [_place(Path(one)) for one in named]
     if not places:
         raise UsageError("no file is named")

@@ -301,6 +301,9 @@ def arrivals_of(
     return Arrivals(source, others.pop("frames", None), idle, others)
 
 
+COMPARISONS = ("side", "wipe")  # of a film
+
+
 def resolve_sequence(
     sequence: FrameSequence,
     output: str | Path,
@@ -309,7 +312,7 @@ def resolve_sequence(
     effects: frozenset[Effect] | Literal["auto", "all"] = "auto",
     half: bool = False,
     compression: str = "zip",
-    preview: Path | None = None,
+    preview: str | Path | None = None,
     compare: str | None = None,
     restart: bool = False,
     checkpoint_every: int = CHECKPOINT_EVERY,
@@ -339,7 +342,13 @@ def resolve_sequence(
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
     what reading, resolving and writing raise; finished frames stay complete.
     """
-    output = Path(output)
+    output, preview = Path(output), None if preview is None else Path(preview)
+    if compare not in (None, *COMPARISONS):
+        raise UsageError("no such comparison", expected=", ".join(COMPARISONS), found=compare)
+    if compare is not None and preview is None:
+        raise UsageError(f"comparison {compare} is of a film", cure="name it: preview")
+    if checkpoint_every < 1:
+        raise UsageError("a checkpoint every so many frames", expected="1 or more", found=checkpoint_every)
     _refuse_place(output, sequence)
     check_lossless(compression)
     check_layers(sequence, layers)

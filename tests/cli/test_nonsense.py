@@ -71,6 +71,7 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq -o out --storage x", USAGE, "Invalid value for '--storage'"),
     ("resolve seq -o a.mp4 --device numpy --preview a.mp4", WRONG, "a.mp4: the film would lie where the output does"),
     ("resolve seq -o a.mp4/out --device numpy --preview a.mp4", WRONG, "a.mp4: the film would lie where the output"),
+    ("resolve seq -o out --config other.toml", WRONG, "other.toml: unknown preset nope"),
     ("resolve seq -o out --device numpy --compare side", WRONG, "--compare side is of a film; name it: --preview"),
     ("resolve seq -o out --device numpy --preview empty", OUTPUT, "empty: this is a folder"),
     ("resolve seq -o out --device numpy --preview x.gif", WRONG, "x.gif: a film is an MP4 (expected .mp4 or .m4v,"),
@@ -201,6 +202,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "pngs" / "a.0001.PNG").touch()
     (folder / "file.txt").write_text("not what you think")
     (folder / "latin.toml").write_bytes(b"# caf\xe9")
+    (folder / "other.toml").write_text('preset = "nope"')
     (folder / "large.toml").write_text("#" * 100_000)
     (folder / "deep.toml").write_text("x = " + "[" * 60_000)
     (folder / "deep.json").write_text('{"frames": ' + "[" * 100_000)
