@@ -254,7 +254,7 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
     reasons = _reasons(preset, steps, moves, declared, every=every)
     if not facts.camera:
         reasons = [reason._replace(why="no camera") if reason.step == REPROJECTION else reason for reason in reasons]
-    elif previous is None and camera_moves:
+    elif facts.first and moves:
         why = "no frame before it: the camera may move"
         reasons = [reason._replace(why=why) if reason.step == REPROJECTION else reason for reason in reasons]
     settings = preset.settings

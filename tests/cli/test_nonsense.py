@@ -38,6 +38,13 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve nowhere -o out", MISSING, "nowhere: the folder is missing"),
     ("resolve empty -o out", MISSING, "no frames"),
     ("resolve '' -o out", USAGE, "the name is empty"),
+    ("resolve seq -o out --idle 3", WRONG, "--idle ends --follow; give both, or neither"),
+    ("resolve seq -o out --follow --frames 3", WRONG, "cannot tell yet which frames are the first"),
+    (
+        "resolve seq -o out --device numpy --preset gather-8 --fireflies clamp",
+        WRONG,
+        "--fireflies clamp: preset gather-8 gathers and keeps its fireflies",
+    ),
     ("resolve seq", USAGE, "Missing option '-o'"),
     ("resolve seq -o ''", USAGE, "the name is empty"),
     ("resolve seq -o seq", WRONG, "would overwrite the sequence"),
