@@ -25,7 +25,7 @@ class Effect(StrEnum, metaclass=RenamedMembers):
     """Something in a sequence that a step of the resolve exists for.
 
     A sequence that declares its effects (EXR attribute ``cltaa:effects``, comma separated) promises that nothing else
-    happens in it; a sequence that declares none is resolved with every step on.
+    happens in it; one without that attribute gets every step that its channels and cameras call for.
     """
 
     CAMERA = "camera"  # the camera moves, turns or zooms

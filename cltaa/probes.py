@@ -25,6 +25,10 @@ from cltaa.process import configure
 FP_DENORM = 1 << 0
 FP_CORRECTLY_ROUNDED_DIVIDE_SQRT = 1 << 7
 
+# How the names of extensions begin by which a driver takes memory of Vulkan, CUDA, OpenGL and other devices, and waits
+# for it (OpenCL 3.0 Extension Specification; that of Arm).
+EXTERNAL = ("cl_khr_external_", "cl_khr_gl_", "cl_khr_egl_", "cl_arm_import_memory")
+
 # Large enough that every lane of a CPU kernel and its remainder run, small enough to cost nothing.
 WIDTH, HEIGHT = 40, 24
 
@@ -76,6 +80,7 @@ def _facts(device: Any) -> dict[str, object]:
         "fp16": "cl_khr_fp16" in extensions,
         "denormals": bool(device.single_fp_config & FP_DENORM),
         "rounded_divide": bool(device.single_fp_config & FP_CORRECTLY_ROUNDED_DIVIDE_SQRT),
+        "external_memory": sorted(name for name in extensions if name.startswith(EXTERNAL)),
     }
 
 

@@ -41,6 +41,7 @@ PRESETS = {
     "t3": "default",
     "t4": "gather-8",
     "t5": "gather-48",
+    "fsr3-native": "fsr3-like",
 }
 EFFECTS = {"uncover": "disocclusion", "shading": "illumination"}
 PUBLIC = {"Sequence": "FrameSequence", "open_sequence": "open"}  # names of the package

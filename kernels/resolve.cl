@@ -10,7 +10,7 @@
 //
 // sample_history runs the illumination-change test and the disocclusion test too, hence its arguments `current` and
 // `rows.below.texels`. extend_stored does nothing on a GPU, where extend_edges_kernel of store.cl repeats the edges.
-#include "taa/accumulate.h"
+#include "taa/fireflies.h"
 #include "schedule/window.h"
 
 __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in motion, plane_in alpha,
@@ -27,10 +27,11 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
     for (int y = column.first; y < column.end; ++y) {
         // Read: the 3x3 around the pixel, its statistics, and the pixel's own sample.
         slide_window(&rows, current, inverse_depth, motion, x, y, frame);
-        const pixel_t p = current_pixel(rows.above, rows.centre, rows.below, alpha, reactive, x, y, frame);
+        pixel_t p = current_pixel(rows.above, rows.centre, rows.below, alpha, reactive, x, y, frame);
 
         // Reproject: where the nearest surface of the 3x3 was in the previous frame.
-        const surface s = nearest_surface(rows.above, rows.centre, rows.below, settings);
+        const surface s = borrowed_surface(
+            nearest_surface(rows.above, rows.centre, rows.below, settings), inverse_depth, motion, x, y, frame);
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
 
         // Sample the history there. It is not valid where the previous frame did not show that surface.
@@ -40,6 +41,9 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
         // Rectify: move the history into the range of the 3x3.
         h.alpha = rectified_alpha(alpha, h.alpha, x, y, frame);
         const rectification r = rectify(h.rgb, p.filtered, p.stats, m, box_scale_of(m, settings), frame, settings);
+
+        // Dim fireflies, where that is asked for.
+        p = without_firefly(p, rows.above.texels, rows.centre.texels, rows.below.texels, h, settings);
 
         // Accumulate: blend the sample with the history, by the history's effective sample count.
         resolved out = resolve_pixel(p, h, r, settings);

@@ -1,6 +1,6 @@
 // The stages of resolve.cl one by one, for tests and debug views: each entry point reads the planes that the ones
 // before it wrote.
-#include "taa/accumulate.h"
+#include "taa/fireflies.h"
 
 STAGE boxed load_boxed(plane_in p, size_t plane)
 {
@@ -39,7 +39,7 @@ __kernel void neighbourhood_statistics_kernel(
     const row_t above = read_row(current, inverse_depth, motion, x, y - 1, frame),
                 centre = read_next_row(above, current, inverse_depth, motion, x, y, frame),
                 below = read_next_row(centre, current, inverse_depth, motion, x, y + 1, frame);
-    const statistics s = neighbourhood_statistics(above, centre, below);
+    const statistics s = neighbourhood_statistics(above, centre, below, frame);
     const colour sample = current_sample(above, centre, below, s, frame);
     plane_out p = statistics_out + texel_offset(frame, x, y);
     store_boxed(p, in_units(s.mean), plane);
@@ -58,9 +58,10 @@ __kernel void surface_motion_kernel(plane_in current, plane_in inverse_depth, pl
     if (x >= frame.width || y >= frame.height)
         return;
     const size_t plane = plane_size(frame);
-    const surface s = nearest_surface(read_row(current, inverse_depth, motion, x, y - 1, frame),
+    const surface nearest = nearest_surface(read_row(current, inverse_depth, motion, x, y - 1, frame),
         read_row(current, inverse_depth, motion, x, y, frame),
         read_row(current, inverse_depth, motion, x, y + 1, frame), settings);
+    const surface s = borrowed_surface(nearest, inverse_depth, motion, x, y, frame);
     const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
     plane_out p = motion_out + texel_offset(frame, x, y);
     store(p, m.u);
@@ -156,6 +157,9 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
     p.filtered = load_colour(statistics_in + at + 12 * plane, plane);
     p.luminance = luminance_4(p.filtered);
     p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? colour_in_domain(current, plane, x, y, frame) : p.filtered;
+    if (FIREFLIES == FIREFLIES_CLAMP)
+        p = without_firefly(p, read_boxed(current, x, y - 1, frame), read_boxed(current, x, y, frame),
+            read_boxed(current, x, y + 1, frame), h, settings);
     const resolved out = without_missing(resolve_pixel(p, h, r, settings), h, current, x, y, frame);
     store_recurrent(output, output_count, out, x, y, frame);
 }

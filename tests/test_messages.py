@@ -35,7 +35,6 @@ UNTESTED = {
     "a film of frames of several sizes": "to be written: --preview of --on-resize reset",
     "encoding failed: ": "only an encoder that fails says it",
     "no asset in it": "the error around it is tested",
-    "no triangles in it": "to be written: a model of points",
     " of {} vertices, POSITION of ": "the error around it is tested",
 }
 

@@ -12,35 +12,31 @@ from rich.table import Table
 
 from cltaa.commands.options import (
     FILE_PATH,
-    FRAME_RANGE,
     METRIC_LIST,
+    SOME_FRAMES,
     STOPS,
     input_options,
     json_option,
     verify_option,
 )
 from cltaa.commands.printing import print_line, print_table, three_digits
+from cltaa.commands.scores import Values, head, sample_cell, summary_of, value_cells, video_cells
 from cltaa.errors import LONGEST_VALUE, UsageError
 from cltaa.io.atomic import make_folder
 from cltaa.io.names import name_of, number_of, selection_of
 from cltaa.io.numbered import even_step, named_frames, ranges
 from cltaa.io.sequence import FrameSequence, ImageSequence
-from cltaa.lab.judge.comparison import Comparison, doubts, pair_up, truth_samples
-from cltaa.lab.judge.equal_quality import equal_quality
+from cltaa.lab.judge.comparison import Comparison, doubts, pair_up
 from cltaa.lab.judge.metrics import (
     DEFAULT_METRICS,
     METRICS,
     Metric,
-    mean,
     parse_metrics,
     versions_of,
 )
-from cltaa.lab.judge.one_pass import Found, Judged, alpha_of, judge, stale_maps
+from cltaa.lab.judge.one_pass import judge, stale_maps
 from cltaa.lab.judge.video_scores import SCORES
 from cltaa.printable import counted, json_of, printable, shown
-
-Values = Mapping[str, float]
-BOUNDS = {None: "", "at least": "≥ ", "at most": "≤ "}
 
 
 def print_one(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
@@ -49,13 +45,13 @@ def print_one(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
     table = Table()
     table.add_column("frame", justify="right")
     for metric in metrics:
-        table.add_column(_head(metric), justify="right")
+        table.add_column(head(metric), justify="right")
     for row in result["frames"]:
-        table.add_row(str(row["frame"]), *_cells(row["metrics"], metrics))
+        table.add_row(str(row["frame"]), *value_cells(row["metrics"], metrics))
     table.add_section()
-    table.add_row("mean", *_cells(result["mean"], metrics), style="bold")
+    table.add_row("mean", *value_cells(result["mean"], metrics), style="bold")
     if "mean_one_sample" in result:
-        table.add_row("one sample", *_cells(result["mean_one_sample"], metrics), style="dim")
+        table.add_row("one sample", *value_cells(result["mean_one_sample"], metrics), style="dim")
     print_table(table)
     for metric in metrics:
         print_line(f"  {metric.name}: {metric.title}", "dim")
@@ -92,14 +88,10 @@ def _print_video(result: dict[str, Any]) -> None:
         table.add_column(f"{score.name} ↓", justify="right")
     for label, name in (("A", "video"), ("one sample", "video_one_sample")):
         if name in result:
-            table.add_row(label, *_video_cells(result[name]), style="bold" if name == "video" else "dim")
+            table.add_row(label, *video_cells(result[name]), style="bold" if name == "video" else "dim")
     print_table(table)
     for score in SCORES:
         print_line(f"  {score.name}: {score.title}", "dim")
-
-
-def _cells(values: Values, metrics: tuple[Metric, ...]) -> list[str]:
-    return ["identical" if math.isinf(v) else format(v, m.form) for m in metrics for v in (values[m.name],)]
 
 
 def print_several(results: Sequence[dict[str, Any]], metrics: tuple[Metric, ...]) -> None:
@@ -110,39 +102,23 @@ def print_several(results: Sequence[dict[str, Any]], metrics: tuple[Metric, ...]
     print_line(f"{shown(first['reference'])} is the truth; means of {counted(len(first['frames']), 'frame')}")
     table = Table()
     table.add_column("")
-    for column in (*(_head(metric) for metric in metrics), *(f"{score.name} ↓" for score in scores)):
+    for column in (*(head(metric) for metric in metrics), *(f"{score.name} ↓" for score in scores)):
         table.add_column(column, justify="right")
     if single:
         table.add_column("samples ↑", justify="right")
     for result in results:
-        moving = _video_cells(result["video"]) if scores else []
-        samples = [_samples(result)] if single else []
-        table.add_row(shown(result["test"]), *_cells(result["mean"], metrics), *moving, *samples)
+        moving = video_cells(result["video"]) if scores else []
+        samples = [sample_cell(result)] if single else []
+        table.add_row(shown(result["test"]), *value_cells(result["mean"], metrics), *moving, *samples)
     if single:
         table.add_section()
-        moving = _video_cells(single["video_one_sample"]) if scores else []
-        table.add_row("one sample", *_cells(single["mean_one_sample"], metrics), *moving, "1", style="dim")
+        moving = video_cells(single["video_one_sample"]) if scores else []
+        table.add_row("one sample", *value_cells(single["mean_one_sample"], metrics), *moving, "1", style="dim")
     print_table(table)
     for measure in (*metrics, *scores):
         print_line(f"  {measure.name}: {measure.title}", "dim")
     if single:
         print_line("  samples: equal-quality samples, so many a pixel a supersampler needs for the same error", "dim")
-
-
-def _samples(result: Mapping[str, Any]) -> str:
-    """The equal-quality samples as a cell."""
-    equal = result.get("equal_quality_samples")
-    if equal is None:
-        return "–"
-    return "identical" if math.isinf(equal["samples"]) else f"{BOUNDS[equal['bound']]}{equal['samples']:.1f}"
-
-
-def _head(metric: Metric) -> str:
-    return f"{metric.name} {'↑' if metric.higher_is_better else '↓'}"
-
-
-def _video_cells(values: Values) -> list[str]:
-    return ["–" if math.isnan(v) else format(v, s.form) for s in SCORES for v in (values[s.name],)]
 
 
 @click.command()
@@ -156,7 +132,7 @@ def _video_cells(values: Values) -> list[str]:
     metavar="LIST",
     help=f"Comma-separated, or all: {', '.join(METRICS)}.",
 )
-@click.option("--frames", type=FRAME_RANGE, help="Only these frames, both included.")
+@click.option("--frames", type=SOME_FRAMES, help="Only these frames, both included, or the first N of A.")
 @click.option(
     "--stops", type=STOPS, default=0.0, show_default=True, help="Exposure before the display transform, in stops."
 )
@@ -167,16 +143,30 @@ def _video_cells(values: Values) -> list[str]:
     is_flag=True,
     help=f"Also judge A as moving pictures: {', '.join(score.name for score in SCORES)}.",
 )
+@click.option("--table", is_flag=True, help="A... are entries of a leaderboard, B... captured sequences: one table.")
+@click.option(
+    "--ours",
+    default="default,fast,gather-8",
+    show_default=True,
+    metavar="LIST",
+    help="Presets that stand beside the entries of --table; an empty list for none.",
+)
+@click.option("--cvvdp", is_flag=True, help="ColorVideoVDP too, of --table (extra vdp).")
+@click.option("--film", type=FILE_PATH, metavar="DIR", help="A film a sequence of --table, side by side at 2x.")
 @input_options
 @verify_option
 @json_option
 def compare(
     paths: tuple[Path, ...],
     metric_names: str,
-    frames: tuple[int, int] | None,
+    frames: int | tuple[int, int] | None,
     stops: float,
     heatmap: Path | None,
     in_time: bool,
+    table: bool,
+    ours: str,
+    cvvdp: bool,
+    film: Path | None,
     verify: bool,
     as_json: bool,
     **reading: Any,
@@ -196,15 +186,40 @@ def compare(
     Heat maps run from black over red and yellow to white; they show FLIP where it is among the metrics, else the
     absolute difference on the display.
 
+    --table puts results of standard sequences beside ours: each A holds a folder of frames for each B, of its name,
+    and entry.toml where it says its name, version, settings, device and milliseconds. docs/leaderboard.md tells how.
+
     Where headers or records say that A and B show different things, or that B is no truth, or where A has not all of
     the frames of B, as a resolve that was interrupted, that is said on standard error, as a warning.
     """
     asked = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*asked, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
+    if table:
+        from cltaa.commands.compare_table import compare_table
+
+        if heatmap is not None:
+            raise UsageError("--heatmap does not go with --table", cure="draw maps of one A at a time")
+        presets = [name.strip() for name in ours.split(",") if name.strip()]
+        options: dict[str, Any] = {
+            "stops": stops,
+            "cvvdp": cvvdp,
+            "film": film,
+            "as_json": as_json,
+            "frames": frames,
+            "verify": verify,
+        }
+        compare_table(paths, presets, metrics, asked, **options, **reading)
+        return
+    if cvvdp or film is not None:
+        raise UsageError(f"{'--cvvdp' if cvvdp else '--film'} goes with --table", cure="add --table")
     places = tuple(map(selection_of, _sequences(paths)))
     by_word = {str(place): place for place in (places[:-1] if len(places) > 1 else places)}
     tests, reference = (*by_word.values(),), places[-1] if len(places) > 1 else None
-    comparisons = pair_up(tests, reference, frames, verify=verify, **reading)
+    chosen = frames
+    if isinstance(chosen, int):
+        numbers = pair_up(tests[:1], reference, None, verify=False, **reading)[0].test.numbers[:chosen]
+        chosen = numbers[0], numbers[-1]
+    comparisons = pair_up(tests, reference, chosen, verify=verify, **reading)
     named = dict(zip(by_word if len(tests) > 1 else ["A"], comparisons, strict=True))
     _check_alike(named, heatmap)
     if in_time:
@@ -213,7 +228,7 @@ def compare(
     _tell_reading(named, in_time)
     # Who names a single file asks for it alone.
     lacking = [
-        [] if test.alone else comparison.not_judged(frames) for test, comparison in zip(tests, comparisons, strict=True)
+        [] if test.alone else comparison.not_judged(chosen) for test, comparison in zip(tests, comparisons, strict=True)
     ]
     warnings = [_warn(*one, without, in_time, heatmap) for one, without in zip(named.items(), lacking, strict=True)]
     found = judge(comparisons, metrics, stops, in_time=in_time, heatmap=heatmap)
@@ -222,7 +237,7 @@ def compare(
     results = [
         {"test": str(test)}
         | facts
-        | _summary(comparison, judged, found, metrics)
+        | summary_of(comparison, judged, found, metrics)
         | {"not_judged": without, "warnings": warned}
         for test, comparison, judged, without, warned in zip(
             tests, comparisons, found.tests, lacking, warnings, strict=True
@@ -329,41 +344,3 @@ def _check_followed(comparison: Comparison) -> None:
             found=f"{apart} apart",
             cure=f"say --step {apart} if each continues the last",
         )
-
-
-def _summary(comparison: Comparison, judged: Judged, found: Found, metrics: tuple[Metric, ...]) -> dict[str, Any]:
-    """What is said of one test; the single samples stand beside it unless it is they."""
-    single = None if comparison.of_itself else found.one_sample
-    rows = [
-        {"frame": number, "metrics": values}
-        for number, values in zip(comparison.test.numbers, judged.metrics, strict=True)
-    ]
-    result: dict[str, Any] = {
-        "definitions": {metric.name: metric.title for metric in metrics},
-        "mean": mean(judged.metrics),
-        "frames": rows,
-    }
-    if single is not None:
-        _add(rows, "one_sample", single.metrics)
-        result["mean_one_sample"] = mean(single.metrics)
-        mse, one_sample_mse = (result[name]["mse"] for name in ("mean", "mean_one_sample"))
-        if one_sample_mse > 0:  # a picture that one sample gets right has no such number
-            equal = equal_quality(mse, one_sample_mse, found.yardsticks, truth_samples(comparison.reference))
-            result["equal_quality_samples"] = equal._asdict()
-    if judged.alpha:
-        _add(rows, "alpha", judged.alpha)
-        result["alpha"] = alpha_of(judged)
-        if single is not None and single.alpha:
-            result["alpha_one_sample"] = alpha_of(single)
-    if judged.total is not None:
-        _add(rows, "video", judged.video)
-        result["definitions"] |= {score.name: score.title for score in SCORES}
-        result["video"] = judged.total.scores()
-        if single is not None and single.total is not None:
-            result["video_one_sample"] = single.total.scores()
-    return result
-
-
-def _add(rows: list[dict[str, Any]], name: str, values: list[dict[str, float]]) -> None:
-    for row, value in zip(rows, values, strict=True):
-        row[name] = value

@@ -65,6 +65,8 @@ def _devices(devices: list[dict[str, object]]) -> Table:
 def _cell(name: str, value: object) -> str:
     if isinstance(value, bool):
         return "[green]yes[/]" if value else "[dim]no[/]"
+    if isinstance(value, list):
+        return shown(", ".join(value) or "none")
     if name.endswith("_bytes") and isinstance(value, int):
         return f"{value / 2**30:.1f} GiB"
     return shown(str(value))

@@ -23,6 +23,7 @@ from cltaa.renamed import EFFECTS, current
 if TYPE_CHECKING:
     from cltaa.core.presets import Preset
     from cltaa.inputs.open import Reading
+    from cltaa.io.numbered import FrameRange
     from cltaa.io.sequence import FrameSequence
 
 
@@ -240,6 +241,16 @@ class _SomeFrames(_FrameRange):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         counted = re.fullmatch(DIGITS, str(value))
         return click.IntRange(min=1).convert(value, param, ctx) if counted else super().convert(value, param, ctx)
+
+
+def frame_range(named: Named, frames: int | FrameRange | None) -> FrameRange | None:
+    """The range that ``--frames`` asks for: of the first N of what is named from the first one to the N-th."""
+    if not isinstance(frames, int):
+        return frames
+    from cltaa.inputs.roles import file_sets
+
+    numbers = sorted({number for files in file_sets(named).values() for number in files})[:frames]
+    return numbers[0], numbers[-1]
 
 
 class _Names(_Tuple):

@@ -10,15 +10,16 @@ import click
 from cltaa.commands.options import (
     ASSIGNMENT,
     FILE_PATH,
-    FRAME_RANGE,
     LAYERS,
     MILLISECONDS,
     PRESET,
     SECONDS,
+    SOME_FRAMES,
     VIEW_LIST,
     assigned,
     chosen_effects,
     effects_option,
+    frame_range,
     input_options,
     json_option,
     one_sequence,
@@ -27,6 +28,7 @@ from cltaa.commands.options import (
 from cltaa.core.backend import launcher_for
 from cltaa.core.build import STORAGES, Storage
 from cltaa.core.debug_views import View, parse_views
+from cltaa.core.parameters import Fireflies
 from cltaa.core.presets import Preset
 from cltaa.errors import UsageError
 from cltaa.inputs.open import open_input
@@ -35,7 +37,7 @@ from cltaa.io.numbered import OnBreak
 from cltaa.io.preset_file import preset_of
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY
 from cltaa.pipeline.denoise import DENOISERS
-from cltaa.pipeline.run import ResolveReport, resolve_folder, stage_rows
+from cltaa.pipeline.run import COMPARISONS, ResolveReport, resolve_folder, stage_rows
 from cltaa.printable import counted, json_of, printable, shown
 
 
@@ -61,7 +63,7 @@ from cltaa.printable import counted, json_of, printable, shown
 )
 @click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")
 @effects_option
-@click.option("--frames", type=FRAME_RANGE, help="Only these frames, both included.")
+@click.option("--frames", type=SOME_FRAMES, help="Only these frames, both included, or the first N.")
 @click.option(
     "--follow",
     is_flag=True,
@@ -78,6 +80,11 @@ from cltaa.printable import counted, json_of, printable, shown
     "--preview",
     type=FILE_PATH,
     help="Also write the result as an MP4, as fast as captured, as framesPerSecond says, or at 24.",
+)
+@click.option(
+    "--compare",
+    type=click.Choice(COMPARISONS),
+    help="Of the --preview: the input beside the result, or both parted by a line that sweeps.",
 )
 @click.option("--half", is_flag=True, help="Write half-precision EXRs (values saturate at 65504).")
 @click.option("--compression", help="EXR compression that loses nothing.  [default: the input's, else zip]")
@@ -124,6 +131,11 @@ from cltaa.printable import counted, json_of, printable, shown
     help="Another size: refuse it, or begin a new history with it.",
 )
 @click.option(
+    "--fireflies",
+    type=click.Choice([kind.value for kind in Fireflies]),
+    help="Isolated samples far above what lies around them and their history.  [default: as the profile says]",
+)
+@click.option(
     "--denoise",
     type=click.Choice(DENOISERS),
     default="none",
@@ -160,10 +172,11 @@ def resolve(
     look_ahead: int | None,
     device: str | None,
     effects: str,
-    frames: tuple[int, int] | None,
+    frames: int | tuple[int, int] | None,
     follow: bool,
     idle: float | None,
     preview: Path | None,
+    compare: str | None,
     half: bool,
     compression: str | None,
     layers: tuple[str, ...] | None,
@@ -174,6 +187,7 @@ def resolve(
     band_rows: int | None,
     gaps: str,
     on_resize: str,
+    fireflies: str | None,
     denoise: str,
     restart: bool,
     checkpoint: int,
@@ -187,15 +201,21 @@ def resolve(
     interrupted goes on where it stopped when the same command is given again, to the same bits. With --follow a file
     that is half written is waited for.
     """
+    if compare is not None and preview is None:
+        raise UsageError(f"--compare {compare} is of a film", cure="name it: --preview FILE.mp4")
     # Behind --debug, which shows tracebacks alone, one may be meant for a view.
     hint = f"; --debug takes views: {', '.join(View)}" if ctx.find_root().params.get("debug") else ""
-    reading |= {"verify": verify, "gaps": OnBreak(gaps), "on_resize": OnBreak(on_resize), "frames": frames}
     if idle is not None and not follow:
         raise UsageError("--idle ends --follow", cure="give both, or neither")
     named = one_sequence(ctx, sequence, hint)
     if follow and not isinstance(named, Path):
         cure = "name the folder, or quote the pattern, as in 'x.####.exr'"
         raise UsageError("--follow looks for files that are not there yet", found="a list of files", cure=cure)
+    if follow and isinstance(frames, int):
+        cure = f"say which: --frames 1-{frames}"
+        raise UsageError("--follow cannot tell yet which frames are the first", found=f"--frames {frames}", cure=cure)
+    chosen = frames if follow else frame_range(named, frames)
+    reading |= {"verify": verify, "gaps": OnBreak(gaps), "on_resize": OnBreak(on_resize), "frames": chosen}
     source = sequence if follow else open_input(named, **reading)
     notes = () if isinstance(source, Path) else source.notes
     if notes:
@@ -228,7 +248,9 @@ def resolve(
         idle=idle,
         reading=reading,
         preview=preview,
+        fireflies=fireflies,
         denoise=denoise,
+        compare=compare,
         restart=restart,
         checkpoint_every=checkpoint,
         stopping=stop_signals(),

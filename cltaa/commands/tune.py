@@ -13,6 +13,7 @@ from cltaa.errors import UsageError
 from cltaa.inputs.open import Reading
 from cltaa.io.atomic import check_creatable
 from cltaa.io.preset_file import preset_of
+from cltaa.lab.tune.search import PRESET as AS_IT_IS
 from cltaa.lab.tune.search import Tuned, parse_goal, tune
 from cltaa.printable import counted, json_of, printable
 
@@ -61,8 +62,8 @@ def command(
 
     Every SEQUENCE is a capture with its truth, or frames of another tool with theirs in a folder reference/
     (docs/inputs.md). The outcome is measured on sequences that the search never saw, and said to over-fit where less
-    than half of the gain is left there. A search that was interrupted goes on when the same command is given again,
-    also with more --trials.
+    than half of the gain is left there. Presets are tried as they are, too. A search that was interrupted goes on when
+    the same command is given again, also with more --trials.
     """
     goal = parse_goal(budget, target, metric)
     if not checked and len(sequences) > 1:
@@ -98,6 +99,8 @@ def outcome_lines(tuned: Tuned) -> list[str]:
     if not tuned.reached:
         lines.append("the goal was not reached; this is what came nearest")
     unchanged = best.values == start.values
+    if AS_IT_IS in best.values:
+        lines.append(f"that is the preset {best.values[AS_IT_IS]} as it is; no settings that were tried are better")
     if unchanged:
         lines.append("nothing better than where it began was found; more --trials, or another --preset, may find it")
     if tuned.gain_elsewhere is None:

@@ -67,6 +67,9 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     clip_penalty: bool = True
     box_scale_by_motion: bool = True
     disocclusion_blur: bool = True
+    first_samples: bool = True
+    luma_scale: bool = True
+    box_leak: bool = True
 
     @classmethod
     def of(cls, settings: Settings) -> Terms:
@@ -76,6 +79,9 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
             clip_penalty=settings.clip_penalty != 0.0,
             box_scale_by_motion=settings.box_scale_static != settings.box_scale_moving,
             disocclusion_blur=settings.disocclusion_blur != 0.0,
+            first_samples=settings.first_samples != 1.0,
+            luma_scale=settings.luma_scale != 1.0,
+            box_leak=settings.box_leak != 0.0,
         )
 
 
@@ -179,6 +185,10 @@ FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "right_weight": ("float", "weight of the right column"),
     "above_weight": ("float", "weight of the row above"),
     "below_weight": ("float", "weight of the row below"),
+    "box_left": ("float", "weight of the left column in the jittered neighbourhood, over that of the middle one"),
+    "box_right": ("float", "weight of the right column"),
+    "box_above": ("float", "weight of the row above, over that of the middle one"),
+    "box_below": ("float", "weight of the row below"),
 }
 
 # A struct of a kernel as a 0-dimensional structured array.

@@ -36,6 +36,8 @@ CONSTANTS: Final[dict[str, Constant]] = {
         10.0,
         "1 over how far beside the reactivities of the 3x3 of now that of a sample may lie: measured (decisions/08)",
     ),
+    "STANDS": Constant(0.01, "pixels of motion along an axis below which a pixel stands (standing): Bevy's"),
+    "STANDING_GAIN": Constant(10.0, "by which the count of a pixel that stands grows a frame (standing): Bevy's"),
     "MOST_CHANGE": Constant(8.0, "most of Student's t that is kept of an illumination change"),
     "LEAST_HEADROOM": Constant(2.0**-16, "least 1 - peak when a tonemap is undone: half's largest number, 65504"),
     "ONE_THIRD": Constant(1.0 / 3.0, "mean of a row of three"),

@@ -13,8 +13,8 @@ from cltaa.frame import Frame, on_device
 
 ROWS, COLUMNS, SAMPLES = 9, 16, 8  # blocks of a picture, and samples of each along an axis
 LEAST_CORRELATION = 0.5
-# Less variance of logarithms is a picture that shows nothing: black, a fade, a plain wall. So is one whose blocks differ
-# by no more than so many times what the noise within them makes of their means.
+# Less variance of logarithms is a picture that shows nothing: black, a fade, a plain wall. So is one whose blocks
+# differ by no more than so many times what the noise within them makes of their means.
 LEAST_VARIANCE, LEAST_SIGNAL = 1e-3, 8.0
 LEAST_LIGHT, MOST_LIGHT = 2.0**-6, 2.0**13
 
@@ -24,8 +24,8 @@ Coarse = tuple[float, ...]
 def coarse_colours(frame: Frame) -> Coarse:
     """Mean logarithm of light in each of ROWS x COLUMNS blocks and three channels; () where no cut can be told.
 
-    That is where a picture shows nothing but noise, where depth and its camera or vectors refute wrong history pixel by pixel, where effects are declared, cuts
-    among them or not, and where colour lies on a device.
+    That is where a picture shows nothing but noise; where depth and its camera or vectors refute wrong history pixel by
+    pixel; where effects are declared, cuts among them or not; and where colour lies on a device.
     """
     refuted = frame.has_depth and (frame.has_camera or frame.motion is not None)
     if refuted or frame.effects is not None or on_device(frame.colour) or not any(frame.colour.strides):

@@ -33,7 +33,15 @@ class HistoryFilter(Choice):
     CATMULL_ROM = "catmull-rom", "4x4 texels"
     CATMULL_ROM_9 = "catmull-rom-9", "the same, regrouped into nine reads between texels"
     CATMULL_ROM_5 = "catmull-rom-5", "those nine without the four in the corners"
+    CATMULL_ROM_5_RAW = "catmull-rom-5-raw", "those five as they are: between texels they sum to less than 1"
     LANCZOS_3 = "lanczos-3", "6x6 texels"
+
+
+class HistoryRange(Choice):
+    """The range in which the history is read between its texels."""
+
+    LINEAR = "linear", "as light; what was read is tonemapped"
+    TONEMAPPED = "tonemapped", "each texel is tonemapped before, as where tonemapped colour is what is kept"
 
 
 class CurrentFilter(Choice):
@@ -85,7 +93,14 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
         float, _number("least luminance that a difference is held against", 1e-3, 1e6, "scene units", "INSIDE: 0.2")
     ] = 0.2
     filter_falloff: Annotated[
-        float, _number("falloff of the gaussian current filter", 0.0, 64.0, "1 / pixel^2", "2.29: Blackman-Harris, 3.3")
+        float,
+        _number(
+            "falloff of the gaussian current filter and of the jittered 3x3",
+            0.0,
+            64.0,
+            "1 / pixel^2",
+            "2.29: Blackman-Harris, 3.3",
+        ),
     ] = 2.29
     filter_samples: Annotated[
         float,
@@ -130,6 +145,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     illumination_floor: Annotated[
         float, _number("standard error added to that of the 3x3, over its luminance", 0.0, 1.0, "1", "measured")
     ] = 0.03
+    first_samples: Annotated[
+        float, _number("samples that the first image of a history counts for", 0.0, 2.0**20, "samples", "what it is: 1")
+    ] = 1.0
     resampling_penalty: Annotated[
         float, _number("loss of count per fraction f(1-f) read between texels", 0.0, 16.0, "1", "measured")
     ] = 1.5
@@ -142,6 +160,16 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     box_scale_moving: Annotated[
         float, _number("half width of the box in motion", 0.0, 64.0, "the same", "Salvi 2016: 0.75 to 1.25")
     ] = 1.0
+    luma_scale: Annotated[
+        float, _number("times as wide the box is in its first channel (variance)", 0.0, 64.0, "1", "FSR 3.1: 1.7")
+    ] = 1.0
+    box_leak: Annotated[
+        float,
+        _number("share that a full history keeps of what lies outside its box", 0.0, 1.0, "1", "FSR 3.1's flicker"),
+    ] = 0.0
+    motion_widths: Annotated[
+        float, _number("motion_px as a share of the image's width; 0: motion_px", 0.0, 16.0, "widths a frame", "-")
+    ] = 0.0
     motion_px: Annotated[
         float, _number("motion from which box_scale_moving holds", 1e-3, 1e6, "pixels a frame", "measured")
     ] = 1.0
@@ -159,6 +187,19 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
         float,
         _number("luminance from which a sample's weight falls", 1e-3, 1e6, "scene units", "Karis 2014: 1; measured: 4"),
     ] = 4.0
+    firefly_threshold: Annotated[
+        float,
+        _number(
+            "luminance that a sample may have over its 3x3's second greatest or its history's",
+            1.0,
+            1e6,
+            "1",
+            "measured",
+        ),
+    ] = 5.0
+    firefly_floor: Annotated[
+        float, _number("luminance up to which no sample is a firefly", 0.0, 1e6, "scene units", "measured")
+    ] = 0.25
     sky_below: Annotated[
         float, _number("reversed depth up to which a texel counts as sky (perspective)", 0.0, 0.5, "1", "simvx: 1e-4")
     ] = 0.0
@@ -176,6 +217,7 @@ HOST_SETTINGS = frozenset(
         "filter_falloff",
         "history_frames",
         "look_ahead",
+        "motion_widths",
         "sky_at",
         "sky_below",
     }
@@ -203,6 +245,8 @@ class Tonemap(Choice):
 
     NONE = "none"
     PEAK = "peak", "c / (1 + max(r, g, b)), undone when the result is stored"
+    BLEND = "blend", "as peak, for the blend alone: boxes and comparisons are of light"
+    CHANNEL = "channel", "c / (1 + c), each channel by itself, undone in the same way (Reinhard et al. 2002)"
 
 
 class Reproject(Choice):
@@ -268,6 +312,8 @@ class Neighbourhood(Choice):
     CROSS = "cross"
     SQUARE = "square"
     WEIGHTED = "weighted", "the square, its mean and deviation with weights 1 2 1 both ways"
+    LUMINANCE = "luminance", "the square, its mean and deviation with weights 1 / (1 + Y)"
+    JITTERED = "jittered", "the square, with weights exp(-filter_falloff d^2), d from a sample to the pixel's centre"
 
 
 class Variance(Choice):
@@ -311,6 +357,8 @@ class Dilation(Choice):
     NONE = "none", "its own"
     CLOSEST = "closest", "that of the nearest surface in its 3x3"
     EDGE = "edge", "the same, but only across a depth edge"
+    CORNERS = "corners", "that of the nearest of itself and of the texels two away along both diagonals"
+    BESIDE = "beside", "that of the texel left above the nearest surface in its 3x3; none beyond the image"
 
 
 class Illumination(Choice):
@@ -336,6 +384,11 @@ class Accumulate(Choice):
     EXPONENTIAL = "exponential", "the same, but never below blend_weight"
     CONSTANT = "constant", "blend_weight from the second frame on"
     ADAPTIVE = "adaptive", "from blend_weight to moving_weight, by motion and by what rectification moved"
+    CAPPED = (
+        "capped",
+        "history grows with count / sample_limit until a sample has blend_weight; in motion moving_weight",
+    )
+    STANDING = "standing", "moving_weight; where nothing moves 1 / count, which then grows by ten, down to blend_weight"
 
 
 class Weighting(Choice):
@@ -353,10 +406,18 @@ class AntiFlicker(Choice):
     CLAMP_DISTANCE = "clamp-distance", "by the distance of the history from the ends of its box (Karis 2014)"
 
 
+class Fireflies(Choice):
+    """What becomes of isolated samples far above their 3x3 and their history (history accumulated alone)."""
+
+    KEEP = "keep"
+    CLAMP = "clamp", "above firefly_threshold times what bears them out they add nothing to the history"
+
+
 class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid_unknown_fields=True):
     """Parameters that shape the code; they reach the kernels as ``#define`` lines and cost one cached build."""
 
     history_filter: HistoryFilter = HistoryFilter.CATMULL_ROM
+    history_range: HistoryRange = HistoryRange.LINEAR
     history: HistoryKind = HistoryKind.ACCUMULATED
     gather_fit: GatherFit = GatherFit.MEAN
     current_filter: CurrentFilter = CurrentFilter.NONE
@@ -381,6 +442,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid
     anti_flicker: AntiFlicker = AntiFlicker.NONE
     alpha_from: AlphaFrom = AlphaFrom.BLEND
     negatives: Negatives = Negatives.RAISE
+    fireflies: Fireflies = Fireflies.KEEP
 
 
 # What the host alone looks at: it does not reach the kernels' text.

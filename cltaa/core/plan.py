@@ -221,6 +221,7 @@ class Facts(NamedTuple):
     effects: frozenset[Effect] | None  # as declared
     first: bool  # at the start and after a cut
     moves: bool  # the camera, since the frame before
+    width: int  # pixels
 
 
 def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: bool = False) -> Plan:
@@ -238,6 +239,7 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
         None if frame.effects is None else frozenset(frame.effects),
         previous is None,
         previous is not None and not is_still(frame.camera, previous),
+        frame.width,
     )
     return _planned(preset, facts, every)
 
@@ -252,8 +254,13 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
     reasons = _reasons(preset, steps, moves, declared, every=every)
     if not facts.camera:
         reasons = [reason._replace(why="no camera") if reason.step == REPROJECTION else reason for reason in reasons]
+    elif facts.first and moves:
+        why = "no frame before it: the camera may move"
+        reasons = [reason._replace(why=why) if reason.step == REPROJECTION else reason for reason in reasons]
     settings = preset.settings
-    if facts.first:
+    if settings.motion_widths:
+        settings = msgspec.structs.replace(settings, motion_px=settings.motion_widths * facts.width)
+    if facts.first and not preset.published:
         # The blur is for pixels that appear amid others with a past.
         settings = msgspec.structs.replace(settings, disocclusion_blur=0.0)
     choices, settings, estimated = estimate(preset, settings, declared)

@@ -91,6 +91,10 @@ class BlockPool:
         self._lock, self._users, self._left = threading.Lock(), 0, dict[Hashable, deque[Any]]()
         self._most = most
 
+    def __reduce__(self) -> tuple[type[BlockPool], tuple[int]]:
+        """A copy begins with nothing: what is left is for those that share it."""
+        return BlockPool, (self._most,)
+
     def __enter__(self) -> None:
         """Begin to keep."""
         with self._lock:

@@ -116,6 +116,8 @@ def preset_names() -> list[str]:
 
 def load_preset(name: str = "default") -> Preset:
     """The preset of that name, or of an earlier one; raises UsageError where there is none."""
+    if not isinstance(name, str):
+        raise UsageError("a preset is named by text", expected="as 'default'", found=repr(name))
     name = current(name, PRESETS, frozenset(preset_names()), "preset")
     if name not in (BASE, *preset_names()):
         cure = known(name, preset_names(), "presets")
@@ -138,7 +140,10 @@ def parse_preset(text: str, origin: str, base: Preset) -> Preset:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise DataError(f"not TOML: {error}", path=origin) from None
     if "preset" in values:
-        base = load_preset(str(values.pop("preset")))
+        try:
+            base = load_preset(str(values.pop("preset")))
+        except UsageError as error:
+            raise UsageError(f"{origin}: {error}") from None
     said = {key: values.pop(key) for key in ("description", "jitter", "published") if key in values}
     try:
         named = msgspec.convert(msgspec.to_builtins(base) | said, Preset)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from math import exp
 from typing import NamedTuple
@@ -11,7 +12,7 @@ import numpy as np
 from cltaa.camera import displacement_rows, is_still, sky_inverse_depth
 from cltaa.core.build import FRAME_DTYPE, Record
 from cltaa.core.cuts import Coarse
-from cltaa.core.parameters import Choices, CurrentFilter, OnCameraMove, RayThrough, Settings
+from cltaa.core.parameters import Choices, CurrentFilter, Neighbourhood, OnCameraMove, RayThrough, Settings
 from cltaa.core.plan import Plan
 from cltaa.core.planes import Layout
 from cltaa.frame import Camera, Frame
@@ -80,6 +81,14 @@ class Past:
         return same_planes and same_kind and not starts_anew
 
 
+def _box_weights(jitter_px: tuple[float, float], plan: Plan | None) -> tuple[float, ...]:
+    """Weights exp(-falloff d^2) of the columns and rows beside the pixel's own over its, where the box is jittered."""
+    if plan is None or plan.choices.neighbourhood is not Neighbourhood.JITTERED:
+        return (0.0,) * 4
+    falloff = plan.settings.filter_falloff
+    return tuple(math.exp(-falloff * (1.0 + side * 2.0 * jitter)) for jitter in jitter_px for side in (-1, 1))
+
+
 def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan | None = None) -> Record:
     """The per-frame struct of the kernels for ``frame``, whose history is that of ``previous`` (None: none).
 
@@ -115,5 +124,6 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
         0,
         0,
         *weights,
+        *_box_weights(frame.jitter_px, plan),
     )
     return np.array(values, FRAME_DTYPE)

@@ -182,7 +182,8 @@ class Resolver:
 
     @one_thread
     def close(self) -> None:
-        """Free the device memory. The resolver stays usable: the next frame starts a new history."""
+        """Free the device memory and end the threads that copy arrays. The resolver stays usable: the next frame starts
+        a new history."""
         self._free()
         self._frame_ring, self.last = None, None
         self._forget()

@@ -57,7 +57,10 @@ def open_input(
 
 
 def check_declared(sequence: FrameSequence, effects: Declared) -> None:
-    """Raise UsageError where declared effects would leave out vectors that alone tell what moves."""
+    """Raise UsageError for words that are no declaration, and where declared effects would leave out vectors that alone
+    tell what moves."""
+    if isinstance(effects, str) and effects not in ("auto", "all"):
+        raise UsageError("no such declaration of effects", expected="auto, all or a set of effects", found=effects)
     without = "motion" in sequence.holds and not sequence.undeclared.isdisjoint(MATRICES)
     if not isinstance(effects, str) and Effect.MOTION not in effects and without:
         what, cure = "without matrices the vectors alone tell what moves", "declare motion too, or give --camera FILE"

@@ -78,7 +78,8 @@ class Encoding(StrEnum):
 class Colour(msgspec.Struct, frozen=True, kw_only=True):
     """Colour and what lies beside it; each entry of ``channels`` is three names, and entries are tried in order.
 
-    ``view`` is that of a picture of several, such as left and right, and of depth and vectors too.
+    ``view`` is that of a picture of several, such as left and right, and of depth and vectors too. ``fireflies`` says
+    what becomes of them where a resolve is not told: path tracers leave some.
     """
 
     channels: tuple[Names, ...] = (("R", "G", "B"),)
@@ -86,6 +87,7 @@ class Colour(msgspec.Struct, frozen=True, kw_only=True):
     reactive: tuple[str, ...] = ("reactive",)
     encoding: Encoding = Encoding.LINEAR
     view: str = ""
+    fireflies: Literal["keep", "clamp"] = "keep"
 
 
 class Depth(msgspec.Struct, frozen=True, kw_only=True):

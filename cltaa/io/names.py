@@ -98,7 +98,7 @@ Named = str | Path | Sequence[str | Path] | Selection  # a folder, a file, a pat
 
 
 def selection_of(named: Named) -> Selection:
-    """Find what ``named`` stands for: a folder, a file, a pattern (``####``, ``%04d``, ``*``) or a list of files.
+    """Find what ``named`` stands for: folder, file, pattern (``####``, ``%04d``, ``$F4``, ``*``) or list of files.
 
     What is there under that very name goes before a pattern. A name of nothing is a folder that is missing. Raises
     InputMissing for a file that is missing and a pattern that none matches, and UsageError for a list of nothing or of
@@ -108,6 +108,9 @@ def selection_of(named: Named) -> Selection:
         return named
     if isinstance(named, str | Path):
         return _place(Path(named))
+    if not isinstance(named, Iterable):
+        expected = "a folder, a file, a pattern or a list of files"
+        raise UsageError("no sequence is named", expected=expected, found=repr(named))
     places = [_place(Path(one)) for one in named]
     if not places:
         raise UsageError("no file is named")
@@ -134,13 +137,15 @@ def _place(path: Path) -> Selection:
         return Selection(path, None, words)
     folder, root = path.parent, Path(path.anchor)
     folders = sorted(root.glob(str(folder.relative_to(root)))) if has_magic(str(folder)) else [folder]
-    pattern = _pattern(path)
+    pattern, asked = _pattern(path), _asked_for(path.name)
     found: dict[Path, int | None] = {}
     for folder in folders:
         there = sorted(folder.iterdir()) if folder.is_dir() else []
         for file in (file for file in there if file.suffix in SUFFIXES and file.name[0] != "."):
             if match := pattern.fullmatch(file.name):
-                found[file] = int(match["number"]) if pattern.groups else None
+                number = int(match["number"]) if pattern.groups else None
+                if asked is None or number in asked:
+                    found[file] = number
     if not found:
         cure = f"name the folder that its frames are in: {path.parent}" if path.parent.is_dir() else "check the name"
         raise InputMissing("no file has such a name", path=path, cure=cure)
@@ -156,8 +161,12 @@ def _above(files: Iterable[Path]) -> Path:
     return folders.pop() if len(folders) == 1 else Path(commonpath(folder.absolute() for folder in folders))
 
 
-# The number of a frame as compositors write it: ``####`` or ``%04d``, and before the suffix ``@@@@``.
-COUNTED = re.compile(r"#+|%(?:0?[1-9])?d|@+(?=\.[a-z]+$)")
+# The number of a frame as compositors write it: ``####``, ``%04d`` or ``$F4``, and before the suffix ``@@@@``; before
+# it the frames that are meant, as ``1-10#`` or ``1-10x3#``.
+COUNTED = re.compile(
+    r"(?:(?P<first>-?[0-9]{1,9})-(?P<last>-?[0-9]{1,9})(?:x(?P<step>[1-9][0-9]{0,8}))?)?"
+    r"(?P<digits>#+|%(?:0?[1-9])?d|\$F[1-9]?|\$\{F[1-9]?\}|@+(?=\.[a-z]+$))"
+)
 _PARTS = re.compile(rf"(?P<number>{COUNTED.pattern})|(?P<any>\*+)|(?P<one>\?)|(?P<set>\[!?[^]]+\])")
 
 
@@ -174,7 +183,7 @@ def _pattern(path: Path) -> re.Pattern[str]:
             if not re.fullmatch(r"\.[a-z]+", text[place:]):
                 what = "the number of a frame is the last thing in its name"
                 raise UsageError(what, path=path, expected="<name>.####.exr", cure="rename the files")
-            made += rf"(?P<number>(?=.{{{_width(part['number'])},}}\.)-?[0-9]{{1,9}})"
+            made += rf"(?P<number>(?=.{{{_width(part['digits'])},}}\.)-?[0-9]{{1,9}})"
         else:
             made += ".*" if part["any"] else "." if part["one"] else part["set"].replace("[!", "[^")
     try:
@@ -183,6 +192,14 @@ def _pattern(path: Path) -> re.Pattern[str]:
         raise UsageError(f"no such pattern of names: {error}", path=path) from None
 
 
-def _width(part: str) -> int:
+def _width(digits: str) -> int:
     """The characters that a number has at least, its sign among them."""
-    return len(part) if part[0] in "#@" else int(part[1:-1] or 1)
+    return len(digits) if digits[0] in "#@" else int(digits.strip("%d$F{}") or 1)
+
+
+def _asked_for(name: str) -> range | None:
+    """The frames that a pattern names beside where their numbers stand; None for all."""
+    part = COUNTED.search(name)
+    if part is None or part["first"] is None:
+        return None
+    return range(int(part["first"]), int(part["last"]) + 1, int(part["step"] or 1))

@@ -83,6 +83,9 @@ def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) 
     """Those of the sorted frame ``numbers`` that are asked for; raises UsageError unless both ends are there."""
     if frames is None:
         return list(numbers)
+    if not (isinstance(frames, tuple | list) and len(frames) == 2):
+        expected = "the first and the last of them, as (8, 47)"
+        raise UsageError("frames that are no range", path=folder, expected=expected, found=repr(frames))
     first, last = frames
     for end in frames:
         if end not in numbers:

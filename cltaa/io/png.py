@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,9 +36,27 @@ def side_by_side(
     """Two linear images [H, W, 3] next to each other as one picture [H, 2 W + gap, 3], each with its label."""
     if before.shape != after.shape:
         raise DataError("images differ in size", expected=list(before.shape), found=list(after.shape))
-    gap = np.full((before.shape[0], GAP, 3), 255, np.uint8)
-    left, right = (label(to_picture(image, stops), text) for image, text in zip((before, after), labels, strict=True))
-    return np.concatenate([left, gap, right], axis=1)
+    return beside([to_picture(image, stops) for image in (before, after)], labels)
+
+
+def beside(pictures: Sequence[Picture], labels: Sequence[str]) -> Picture:
+    """Pictures [H, W, 3] of one height next to each other, each with its label."""
+    gap = np.full((pictures[0].shape[0], GAP, 3), 255, np.uint8)
+    row: list[Picture] = []
+    for picture, text in zip(pictures, labels, strict=True):
+        row += [*([gap] if row else []), label(picture, text)]
+    return np.concatenate(row, axis=1)
+
+
+def wipe(before: Image, after: Image, share: float, labels: tuple[str, str] = ("before", "after")) -> Picture:
+    """Two linear images [H, W, 3] as one picture: left of a line at ``share`` of the width the one, else the other."""
+    if before.shape != after.shape:
+        raise DataError("images differ in size", expected=list(before.shape), found=list(after.shape))
+    left, right = (label(to_picture(image), text) for image, text in zip((before, after), labels, strict=True))
+    line = round(share * before.shape[1])
+    picture = np.concatenate([left[:, :line], right[:, line:]], axis=1)
+    picture[:, max(line - 1, 0) : line + 1] = 255
+    return picture
 
 
 def label(picture: Picture, text: str) -> Picture:

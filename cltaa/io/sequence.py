@@ -28,6 +28,7 @@ from cltaa.io.numbered import (
     check_same_size,
     even_step,
     frame_missing,
+    no_such_frame,
     no_truth,
     numbered_files,
 )
@@ -253,7 +254,10 @@ class FrameSequence(NumberedFiles):
         )
 
     def frame(self, number: int) -> Frame:
-        """Read one frame by its number; raises DataError where header and sequence disagree."""
+        """Read one frame by its number; raises UsageError for none of its numbers, DataError where header and sequence
+        disagree."""
+        if number not in self.layouts:
+            raise no_such_frame(self.folder, number, self.numbers)
         return self.frame_and_file(number)[0]
 
     def frame_and_file(self, number: int, kept: Collection[str] = ()) -> tuple[Frame, FrameFile]:

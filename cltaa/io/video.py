@@ -15,7 +15,7 @@ from cltaa.frame import Image
 from cltaa.io.atomic import atomic_path, check_creatable
 from cltaa.io.display import Picture, to_picture
 from cltaa.io.numbered import NumberedFiles
-from cltaa.io.png import side_by_side
+from cltaa.io.png import side_by_side, wipe
 
 QUALITY = 16  # x264's constant rate factor: finer than its default of 23, whose blocks would hide what is compared
 SUFFIXES = (".mp4", ".m4v")  # players go by them
@@ -147,4 +147,23 @@ def write_side_by_side(
     with open_video(path, rate) as video:
         for left, right in zip(before, after, strict=True):
             video.add(side_by_side(left, right, labels))
+    return video.count
+
+
+WIPE_SECONDS = 4.0  # that the line takes to go over the picture and back
+
+
+def write_wipe(
+    path: Path,
+    before: Iterable[Image],
+    after: Iterable[Image],
+    *,
+    labels: tuple[str, str] = ("before", "after"),
+    rate: Fraction | int = USUAL_RATE,
+) -> int:
+    """Write one sequence over another of equal length and size, parted by a line that sweeps; errors as above."""
+    with open_video(path, rate) as video:
+        for left, right in zip(before, after, strict=True):
+            turn = 2.0 * np.pi * video.count / (WIPE_SECONDS * float(rate))
+            video.add(wipe(left, right, 0.5 - 0.5 * float(np.cos(turn)), labels))
     return video.count

@@ -23,17 +23,17 @@ COLOURS = {
     Reason.DEPTH: (255, 40, 30),
     Reason.REACTIVE: (255, 220, 0),
 }
-WHITE_DOUBLINGS = 10.0  # of the count, at which its picture is white: 1,023 samples
+MOST_SAMPLES = 1023  # at which the picture of a count is white, where the run has no fewer frames
 GREY_PX = 8.0  # motion at which its picture's red or green is three quarters of the way (tanh 1) to its end
 WHITE_CLIP = 0.5  # change of colour at which its picture is white
 
 
 class DebugViews:
-    """Looks at the frame that ``resolver`` resolved last."""
+    """Looks at the frame that ``resolver`` resolved last, of a run of so many ``frames``."""
 
-    def __init__(self, resolver: Resolver, views: Iterable[View]) -> None:
+    def __init__(self, resolver: Resolver, views: Iterable[View], frames: int = MOST_SAMPLES) -> None:
         self.views = tuple(views)
-        self._resolver = resolver
+        self._resolver, self._frames = resolver, min(frames, MOST_SAMPLES)
 
     def layers(self) -> dict[str, Image]:
         """EXR layers ``debug.*`` of the views, [H, W] float32; raises ValueError before the first frame."""
@@ -52,17 +52,20 @@ class DebugViews:
         layers = self.layers()
         make_folder(folder)
         for view in self.views:
-            write_png(folder / f"{view}.{number:04d}.png", view_picture(view, layers))
+            write_png(folder / f"{view}.{number:04d}.png", view_picture(view, layers, self._frames))
         return layers
 
 
-def view_picture(view: View, layers: dict[str, Image]) -> Picture:
-    """A view as an 8-bit picture [H, W, 3] to look at; the colours are explained in docs/debug-views.md."""
+def view_picture(view: View, layers: dict[str, Image], frames: int = MOST_SAMPLES) -> Picture:
+    """A view as an 8-bit picture [H, W, 3] to look at; the colours are explained in docs/debug-views.md.
+
+    The count is white at as many samples as the run has ``frames``.
+    """
     if view is View.REJECT:
         palette = np.array([COLOURS[reason] for reason in Reason], np.uint8)
         return palette[layers["debug.reject"].astype(np.int64)]
     if view is View.COUNT:
-        return heat(np.log2(1 + layers["debug.count"]), WHITE_DOUBLINGS)
+        return heat(np.log2(1 + layers["debug.count"]), float(np.log2(1 + frames)))
     if view is View.CLIP:
         return heat(layers["debug.clip"], WHITE_CLIP)
     with np.errstate(invalid="ignore"):

@@ -9,12 +9,14 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from fractions import Fraction
 from pathlib import Path
 from statistics import median
 from types import MappingProxyType
 from typing import Any, Literal
 
 import msgspec
+import numpy as np
 
 from cltaa.core.backend import Launcher
 from cltaa.core.bands import BAND_ROWS, BandedResolver
@@ -23,10 +25,11 @@ from cltaa.core.debug_views import View, parse_views
 from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.plan import estimate, with_effects
 from cltaa.core.planes import pooled_memory
-from cltaa.core.presets import Preset, load_preset
+from cltaa.core.presets import Preset, Published, load_preset, override
 from cltaa.core.resolver import Resolver, Times
 from cltaa.errors import DeviceLost, ResourceError, UsageError
 from cltaa.frame import Effect, Frame, outline
+from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.open import check_declared, open_input
 from cltaa.interrupt import Stop
 from cltaa.io.atomic import atomic_path, check_creatable, owned
@@ -36,9 +39,9 @@ from cltaa.io.manifest import REFERENCE
 from cltaa.io.names import Selection
 from cltaa.io.numbered import OnBreak
 from cltaa.io.pixel_statistics import Missing
-from cltaa.io.sequence import FrameSequence, open_images
+from cltaa.io.sequence import FrameSequence, ImageSequence, open_images
 from cltaa.io.streams import InTurn, ReadAhead, Writer
-from cltaa.io.video import check_film, rate_of, write_video
+from cltaa.io.video import check_film, rate_of, write_side_by_side, write_video, write_wipe
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.pipeline.debug import DebugViews
@@ -200,6 +203,22 @@ def resolver_for(
     return BandedResolver.beside(resolver, band_rows, in_place=True, storage=storage, **options)
 
 
+def with_fireflies(preset: Preset, sequence: FrameSequence, asked: str | None) -> Preset:
+    """``preset`` with what is ``asked`` of fireflies, or by itself with what the profile of ``sequence`` says of them.
+
+    Presets that gather, and transcriptions, keep theirs. Raises UsageError where they are asked for another.
+    """
+    gathers = preset.choices.history is not HistoryKind.ACCUMULATED
+    if asked is None:
+        profile = sequence.intake.profile.colour.fireflies if isinstance(sequence, ForeignSequence) else "keep"
+        asked = "keep" if gathers or preset.published is not Published.NO else profile
+        return preset if asked == "keep" else override(preset, {"fireflies": asked})
+    if gathers and asked == "clamp":
+        cure = "take --preset default"
+        raise UsageError(f"--fireflies clamp: preset {preset.name} gathers and keeps its fireflies", cure=cure)
+    return override(preset, {"fireflies": asked})
+
+
 def resolve_folder(
     source: str | Path | FrameSequence,
     output: str | Path,
@@ -217,6 +236,7 @@ def resolve_folder(
     progress: bool = False,
     follow: bool = False,
     idle: float | None = None,
+    fireflies: str | None = None,
     reading: Mapping[str, Any] = MappingProxyType({}),
     **options: Any,
 ) -> ResolveReport:
@@ -226,7 +246,8 @@ def resolve_folder(
     ``reading``, until none came for ``idle`` seconds, or until interrupted.
 
     ``reading`` are the arguments of ``cltaa.open`` for a ``source`` that is not opened yet: ``profile``, ``side_file``,
-    ``frames`` and others. What is given neither ``compression`` nor ``layers`` keeps those that the command keeps.
+    ``frames`` and others. ``fireflies`` is ``keep`` or ``clamp``; by itself what the preset or else the profile says.
+    What is given neither ``compression`` nor ``layers`` keeps those that the command keeps.
     ``options`` are those of ``resolve_sequence`` that are not named here. Raises what that and opening raise.
     """
     preset = load_preset(preset) if isinstance(preset, str) else preset
@@ -240,7 +261,7 @@ def resolve_folder(
     check_declared(sequence, effects)
     carried = chosen_layers(layers, sequence)
     resolver = resolver_for(
-        preset,
+        with_fireflies(preset, sequence, fireflies),
         device,
         sequence,
         band_rows,
@@ -280,6 +301,9 @@ def arrivals_of(
     return Arrivals(source, others.pop("frames", None), idle, others)
 
 
+COMPARISONS = ("side", "wipe")  # of a film
+
+
 def resolve_sequence(
     sequence: FrameSequence,
     output: str | Path,
@@ -288,7 +312,8 @@ def resolve_sequence(
     effects: frozenset[Effect] | Literal["auto", "all"] = "auto",
     half: bool = False,
     compression: str = "zip",
-    preview: Path | None = None,
+    preview: str | Path | None = None,
+    compare: str | None = None,
     restart: bool = False,
     checkpoint_every: int = CHECKPOINT_EVERY,
     debug: tuple[View, ...] = (),
@@ -302,11 +327,12 @@ def resolve_sequence(
 
     ``effects`` overrides what the sequence declares: ``auto`` keeps it, ``all`` runs every step of the preset whatever
     the frames call for, and a set leaves out the steps and channels of all other effects. ``preview`` is an MP4 of the
-    result. A run that was cut short goes on where it stopped, to the same bits. A device that is lost is opened once
-    more. Views to ``debug`` become layers of the EXRs, and PNGs in a folder of that name. Channels of the input that
-    match one of ``layers`` are kept beside the resolved ones, and its attributes and windows always. ``denoise`` is
-    ``none``, or ``oidn`` for Intel's Open Image Denoise on each frame's colour before it is resolved. Without
-    ``progress`` nothing is shown while it runs.
+    result, with ``compare`` of the input beside it (``side``) or under a line that sweeps over it (``wipe``). A run
+    that was cut short goes on where it stopped, to the same bits. A device that is lost is opened once more. Views to
+    ``debug`` become layers of the EXRs, and PNGs in a folder of that name. Channels of the input that match one of
+    ``layers`` are kept beside the resolved ones, and its attributes and windows always. ``denoise`` is ``none``, or
+    ``oidn`` for Intel's Open Image Denoise on each frame's colour before it is resolved. Without ``progress`` nothing
+    is shown while it runs.
 
     ``stopping`` is entered for the run and tells when to stop: then the frame in work is finished, the state saved and
     KeyboardInterrupt raised. ``cltaa.interrupt.stop_signals()`` does so for SIGINT and SIGTERM; signals are left alone
@@ -316,7 +342,13 @@ def resolve_sequence(
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
     what reading, resolving and writing raise; finished frames stay complete.
     """
-    output = Path(output)
+    output, preview = Path(output), None if preview is None else Path(preview)
+    if compare not in (None, *COMPARISONS):
+        raise UsageError("no such comparison", expected=", ".join(COMPARISONS), found=compare)
+    if compare is not None and preview is None:
+        raise UsageError(f"comparison {compare} is of a film", cure="name it: preview")
+    if checkpoint_every < 1:
+        raise UsageError("a checkpoint every so many frames", expected="1 or more", found=checkpoint_every)
     _refuse_place(output, sequence)
     check_lossless(compression)
     check_layers(sequence, layers)
@@ -345,7 +377,7 @@ def resolve_sequence(
         checkpoints = Checkpoints(output, folder.key)
         if restart:
             checkpoints.clear()
-        views = DebugViews(resolver, debug)
+        views = DebugViews(resolver, debug, len(sequence))
         files = ResolvedFiles(folder, resolver, views, undeclared=sequence.undeclared)
         run = _Run(
             sequence, files, checkpoints, resolver, effects, stop, layers, half=half, progress=progress, denoise=cleans
@@ -362,8 +394,24 @@ def resolve_sequence(
         if arrivals is None or arrivals.ended:
             checkpoints.clear()
     if preview is not None:
-        write_video(preview, open_images(_results(output, sequence), gaps=OnBreak.RESET), rate=rate)
+        _write_film(preview, sequence, open_images(_results(output, sequence), gaps=OnBreak.RESET), compare, rate)
     return report
+
+
+def _write_film(
+    path: Path, sequence: FrameSequence, results: ImageSequence, compare: str | None, rate: Fraction
+) -> None:
+    """A film of the results alone, or held against what they were resolved from."""
+    if compare is None:
+        write_video(path, results, rate=rate)
+        return
+    frames = (sequence.frame(number).colour for number in results.numbers)
+    before = (np.nan_to_num(colour, nan=0.0, posinf=0.0, neginf=0.0) for colour in frames)
+    labels = "input", "resolved"
+    if compare == "side":
+        write_side_by_side(path, before, results, labels=labels, rate=rate)
+    else:
+        write_wipe(path, before, results, labels=labels, rate=rate)
 
 
 def _results(output: Path, sequence: FrameSequence) -> Selection:
@@ -425,7 +473,8 @@ class _Run:
 
     def follow(self, arrivals: Arrivals, compression: str, checkpoint_every: int) -> None:
         """Go on with what arrives behind the sequence, and save the state where more may come."""
-        shown = shown_progress("following") if self._progress else nullcontext(lambda _done, _total: None)
+        shows = self._progress and not arrivals.ended
+        shown = shown_progress("following") if shows else nullcontext(lambda _done, _total: None)
         self._progress = False  # of each part
         with shown as advance:
             advance(self._frames, arrivals.count or self._frames + 1)

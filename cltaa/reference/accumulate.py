@@ -27,6 +27,7 @@ from cltaa.reference.colour import (
     from_range,
     luminance,
     sample_is_missing,
+    to_blend_range,
     to_box_space,
 )
 from cltaa.reference.history import History
@@ -34,6 +35,27 @@ from cltaa.reference.neighbourhood import Row, Statistics, current_sample, neigh
 from cltaa.reference.real import Array, Mask, constant, greater, lesser, limit, number, outside_domain
 from cltaa.reference.rectify import Rectification
 from cltaa.reference.sampling import count_limit_of
+
+
+def grown_count(count: Array, blend_boost: Array, build: Build) -> Array:
+    """The count with one sample more; of ``standing`` anew where a pixel moves, and ten more where it does not."""
+    one = number(1.0, count)
+    if build.choices.accumulate is Accumulate.STANDING:
+        return np.where(blend_boost > number(0.0, count), np.ones_like(count), count + constant("STANDING_GAIN", count))
+    grown: Array = count + one
+    return grown
+
+
+def capped_weight(count: Array, blend_boost: Array, settings: Record) -> Array:
+    """Weight beside a history that weighs ``count / sample_limit``, 1 at most, and in motion no more than makes
+    ``moving_weight`` of it."""
+    one, least, most = (number(v, count) for v in (1.0, settings["blend_weight"], settings["moving_weight"]))
+    odds = least / (one - least)
+    cap = odds * (one - most) / most
+    held = lesser(count / number(settings["sample_limit"], one), one)
+    history = lesser(held, held + blend_boost * (cap - held))
+    weight: Array = odds / (odds + history)
+    return weight
 
 
 def sample_weight(count: Array, blend_boost: Array, build: Build, settings: Record) -> Array:
@@ -44,6 +66,11 @@ def sample_weight(count: Array, blend_boost: Array, build: Build, settings: Reco
     if build.choices.accumulate is Accumulate.ADAPTIVE:
         adaptive: Array = least + blend_boost * (number(settings["moving_weight"], count) - least)
         return adaptive
+    if build.choices.accumulate is Accumulate.CAPPED:
+        return capped_weight(count, blend_boost, settings)
+    if build.choices.accumulate is Accumulate.STANDING:
+        grown = grown_count(count, blend_boost, build)
+        return limit(number(1.0, count) / grown, least, number(settings["moving_weight"], count))
     mean: Array = number(1.0, count) / (count + number(1.0, count))
     if build.choices.accumulate is Accumulate.COUNT:
         return mean
@@ -216,7 +243,7 @@ def current_pixel(
     frame: Record,
 ) -> Pixel:
     """Each pixel from the rows above, at and below it, and from padded planes [1, rows, stride] of shares."""
-    stats = neighbourhood_statistics(*rows, build)
+    stats = neighbourhood_statistics(*rows, build, frame)
     filtered = current_sample(*rows, stats, build, frame)
     own = rows[1].centre if build.choices.filter_use is FilterUse.FEW else filtered
     shares = load_shares(alpha, reactive, own[0], build, layout)
@@ -278,11 +305,22 @@ def fading_share(of_mean: Array, settings: Record) -> Array:
     return lesser(of_mean, number(settings["filter_samples"], of_mean) * (of_mean * of_mean))
 
 
+def rectified(h: History, r: Rectification, build: Build, settings: Record) -> Colour:
+    """The history of a pixel after rectification."""
+    change = r.change
+    if build.terms.box_leak:
+        zero, one = number(0.0, h.count), number(1.0, h.count)
+        full = h.count >= number(settings["sample_limit"], one)
+        share = one - np.where(full, number(settings["box_leak"], one), zero)
+        change = share * change[0], share * change[1], share * change[2]
+    return h.rgb[0] + change[0], h.rgb[1] + change[1], h.rgb[2] + change[2]
+
+
 def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Resolved:
     """The pixel blended with its rectified history, or begun anew where there is none."""
     count, current = effective_samples(p, h, r, build, settings), p.filtered
     one = number(1.0, h.count)
-    past = (h.rgb[0] + r.change[0], h.rgb[1] + r.change[1], h.rgb[2] + r.change[2])
+    past = rectified(h, r, build, settings)
     if build.choices.filter_use is FilterUse.FEW:
         share = np.where(h.valid, fading_share(one / (count + one), settings), one)
         current = drawn_towards(p.own, current, filtered_share(share, current, build, settings))
@@ -293,14 +331,16 @@ def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings
         weight = weight * r.anti_flicker_factor
     if build.choices.accumulate in (Accumulate.CONSTANT, Accumulate.ADAPTIVE):
         weight = np.where(count > number(0.0, count), weight, one)
-    fresh = disoccluded_colour(current, p.stats.mean, build, settings)
-    mixed = [blend(y, c, weight) for y, c in zip(past, current, strict=True)]
+    fresh = to_blend_range(disoccluded_colour(current, p.stats.mean, build, settings), build)
+    was, now = to_blend_range(past, build), to_blend_range(current, build)
+    mixed = [blend(y, c, weight) for y, c in zip(was, now, strict=True)]
     chosen = [np.where(h.valid, m, f) for m, f in zip(mixed, fresh, strict=True)]
     stored = storable_colour(from_range((chosen[0], chosen[1], chosen[2]), build), current, build)
     alpha = p.alpha
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = np.where(h.valid, blend(h.alpha, alpha, weight), alpha)
-    samples = np.where(h.valid, count + one, one)
+    first = h.count if build.terms.first_samples else one
+    samples = np.where(h.valid, grown_count(count, r.blend_boost, build), first)
     return Resolved(stored, alpha, samples, np.where(h.valid, h.change, number(0.0, samples)))
 
 

@@ -72,11 +72,25 @@ def peak(v: Colour) -> Array:
 
 def to_range(v: Colour, build: Build) -> Colour:
     """Scene-referred colour in the range in which it is compared and blended."""
-    if build.choices.tonemap is Tonemap.NONE:
+    if build.choices.tonemap in (Tonemap.NONE, Tonemap.BLEND):
         return v
+    one = number(1.0, v[0])
+    if build.choices.tonemap is Tonemap.CHANNEL:
+        r, g, b = (c / (one + greater(c, number(0.0, c))) for c in v)
+        return r, g, b
+    return peak_range(v)
+
+
+def peak_range(v: Colour) -> Colour:
+    """c / (1 + max(r, g, b))."""
     one = number(1.0, v[0])
     k = one / (one + peak(v))
     return v[0] * k, v[1] * k, v[2] * k
+
+
+def to_blend_range(v: Colour, build: Build) -> Colour:
+    """The same where the blend alone is tonemapped."""
+    return peak_range(v) if build.choices.tonemap is Tonemap.BLEND else v
 
 
 def from_range(v: Colour, build: Build) -> Colour:
@@ -84,6 +98,9 @@ def from_range(v: Colour, build: Build) -> Colour:
     if build.choices.tonemap is Tonemap.NONE:
         return v
     one = number(1.0, v[0])
+    if build.choices.tonemap is Tonemap.CHANNEL:
+        r, g, b = (c / greater(one - greater(c, number(0.0, c)), constant("LEAST_HEADROOM", c)) for c in v)
+        return r, g, b
     k = one / greater(one - peak(v), constant("LEAST_HEADROOM", v[0]))
     return v[0] * k, v[1] * k, v[2] * k
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cltaa.core.build import Build, Record
-from cltaa.core.parameters import Reject
+from cltaa.core.parameters import HistoryRange, Reject
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain, sample_is_missing
 from cltaa.reference.disocclusion import on_screen, partly_covered, same_surface
@@ -52,7 +52,12 @@ def sample_history(
     valid = on_screen(seen, layout) & np.bool_(frame["reset"] == 0)
     f = footprint_of(seen, valid, layout)
     wx, wy = history_weights(f.fx, build), history_weights(f.fy, build)
-    r, g, b = (sample_plane(history[channel], f, wx, wy, build, real) for channel in range(3))
+    planes: Any = history[:3]
+    in_range = build.choices.history_range is HistoryRange.TONEMAPPED
+    if in_range:
+        r, g, b = (plane.astype(real) for plane in planes)
+        planes = history_in_range((r, g, b), build, frame)
+    r, g, b = (sample_plane(plane, f, wx, wy, build, real) for plane in planes)
     valid &= ~colour_outside_domain((r, g, b))
     count = bilinear(sample_quad(history_count[0], f, real), f)
     covered = np.zeros_like(valid)
@@ -66,8 +71,11 @@ def sample_history(
         count, change = illumination_test(
             count, covered, current, history, history_count[1], f, build, layout, frame, settings
         )
-    rgb = history_in_range((r, g, b), build, frame)
+    rgb = (r, g, b) if in_range else history_in_range((r, g, b), build, frame)
     alpha = np.ones_like(rgb[0])
     if build.steps.alpha:
         alpha = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, r), number(1, r))
+    if build.terms.first_samples:
+        first = number(settings["first_samples"] if frame["reset"] else 1.0, count)
+        count = np.where(valid, count, first)
     return History(rgb, alpha, count, f.fx, f.fy, valid, change)

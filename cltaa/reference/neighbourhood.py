@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cltaa.core.build import Build, Record
 from cltaa.core.constants import PAD_X, PAD_Y
-from cltaa.core.parameters import Box, CurrentFilter, Dilation, Neighbourhood, Variance
+from cltaa.core.parameters import Box, BoxSpace, CurrentFilter, Dilation, Neighbourhood, Variance
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import (
     Colour,
     from_box_space,
     in_units,
+    luminance,
     to_box_space,
     to_boxed,
     to_range,
@@ -170,6 +172,7 @@ class Row(NamedTuple):
     """What the three texels of a row contribute; ``channels`` in the kernels' coordinates (``box_units``)."""
 
     channels: tuple[Moments, Moments, Moments]
+    texels: tuple[Colour, Colour, Colour]  # left, own, right, in the kernels' coordinates
     centre: Colour
     across: Colour
     nearest: Array
@@ -205,11 +208,44 @@ class Surface(NamedTuple):
     farthest: Array
 
 
-def neighbourhood_statistics(above: Row, centre: Row, below: Row, build: Build) -> Statistics:
+def texel_weights(texels: Sequence[Colour], build: Build, frame: Record) -> list[Any]:
+    """Weights of nine texels: 1 / (1 + Y), or by the distance of their samples from the pixel's centre."""
+    one = number(1.0, texels[0][0])
+    if build.choices.neighbourhood is Neighbourhood.JITTERED:
+        columns = number(frame["box_left"], one), one, number(frame["box_right"], one)
+        rows = number(frame["box_above"], one), one, number(frame["box_below"], one)
+        return [across * down for down in rows for across in columns]
+    in_ycocg = build.choices.box_space is BoxSpace.YCOCG
+    lights = [number(0.25, one) * t[0] if in_ycocg else luminance(t) for t in texels]
+    return [one / (one + greater(y, number(0.0, one))) for y in lights]
+
+
+def weighed_texels(texels: Sequence[Colour], build: Build, frame: Record) -> tuple[list[Array], list[Array]]:
+    """Mean and deviation a channel of nine texels in the kernels' coordinates, each with its weight."""
+    zero, weights = np.zeros_like(texels[0][0]), texel_weights(texels, build, frame)
+    total = zero
+    for w in weights:
+        total = total + w
+    means, deviations = [], []
+    for channel in zip(*texels, strict=True):
+        shift, spread = zero, zero
+        for w, v in zip(weights, channel, strict=True):
+            shift = shift + w * (v - channel[4])
+        mean = channel[4] + shift / total
+        for w, v in zip(weights, channel, strict=True):
+            spread = spread + w * ((v - mean) * (v - mean))
+        means.append(mean)
+        deviations.append(np.sqrt(spread / total))
+    return means, deviations
+
+
+def neighbourhood_statistics(above: Row, centre: Row, below: Row, build: Build, frame: Record) -> Statistics:
     """Mean, deviation and extremes of each channel."""
     rows = zip(above.channels, centre.channels, below.channels, strict=True)
     parts = [neighbourhood_moments(a, c, b, build) for a, c, b in rows]
     mean, deviation = [m.shift + m.offset for m in parts], [deviation_of(m, build) for m in parts]
+    if build.choices.neighbourhood in (Neighbourhood.LUMINANCE, Neighbourhood.JITTERED):
+        mean, deviation = weighed_texels((*above.texels, *centre.texels, *below.texels), build, frame)
     each = mean, deviation, [m.low for m in parts], [m.high for m in parts]
     return Statistics(*(in_units(_three(colour), build) for colour in each))
 
@@ -273,6 +309,7 @@ def read_row(
         centre_u, centre_v = (window(plane, 0) for plane in motion)
     return Row(
         (channels[0], channels[1], channels[2]),
+        (left, centre, right),
         line[1],
         weigh_line(*line, frame["left_weight"], frame["right_weight"], build),
         nearest,
@@ -296,7 +333,7 @@ def nearest_surface(above: Row, centre: Row, below: Row, build: Build, edge_tole
     own = Surface(
         zero, zero, centre.inverse_depth, centre.centre_u, centre.centre_v, centre.inverse_depth, nearest, farthest
     )
-    if build.choices.dilation is Dilation.NONE:
+    if build.choices.dilation in (Dilation.NONE, Dilation.CORNERS, Dilation.BESIDE):
         return own
     up = above.nearest > centre.nearest
     down = below.nearest > nearer

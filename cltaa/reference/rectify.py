@@ -38,10 +38,12 @@ def _three(parts: list[Array]) -> Colour:
     return parts[0], parts[1], parts[2]
 
 
-def neighbourhood_box(s: Statistics, gamma: Array, build: Build, box_floor: Any) -> BoxOf:
+def neighbourhood_box(s: Statistics, gamma: Array, build: Build, settings: Record) -> BoxOf:
     """The box of the build's kind; its extents floored where the way into it divides by them."""
     wide = [gamma * d for d in s.deviation]
     if build.choices.box is Box.VARIANCE:
+        if build.terms.luma_scale:
+            wide[0] = wide[0] * number(settings["luma_scale"], wide[0])
         centre, extent = list(s.mean), wide
         low, high = (
             [m - w for m, w in zip(s.mean, wide, strict=True)],
@@ -65,7 +67,7 @@ def neighbourhood_box(s: Statistics, gamma: Array, build: Build, box_floor: Any)
     box = BoxOf(_three(centre), _three(extent), _three(low), _three(high))
     if build.choices.rectify in (Rectify.CLIP, Rectify.ELLIPSOID):
         size = greater(np.abs(centre[0]), greater(np.abs(centre[1]), np.abs(centre[2])))
-        least = number(box_floor, size) * size + constant("TINY", size)
+        least = number(settings["box_floor"], size) * size + constant("TINY", size)
         box = box._replace(extent=_three([greater(e, least) for e in extent]))
     return box
 
@@ -127,7 +129,11 @@ def rectify_history(history: Colour, current: Colour, box: BoxOf, build: Build) 
 
 def blend_boost_of(m: Motion, moved: list[Array], build: Build, layout: Layout, settings: Record) -> Array:
     """The larger of two shares: motion in screens a frame, and the distance that the history was moved."""
-    if build.choices.accumulate is not Accumulate.ADAPTIVE:
+    if build.choices.accumulate is Accumulate.STANDING:
+        least = constant("STANDS", m.u)
+        stands = (np.abs(m.u) < least) & (np.abs(m.v) < least)
+        return np.where(stands, np.zeros_like(m.u), np.ones_like(m.u))
+    if build.choices.accumulate not in (Accumulate.ADAPTIVE, Accumulate.CAPPED):
         return np.zeros_like(m.u)
     across, down = m.u / number(layout.width, m.u), m.v / number(layout.height, m.v)
     speed = np.sqrt(across * across + down * down)
@@ -160,12 +166,13 @@ def rectify(
 ) -> Rectification:
     """The change that rectification makes, in RGB: history inside its box keeps its bits."""
     choices = build.choices
-    moves = choices.rectify is not Rectify.NONE or choices.accumulate is Accumulate.ADAPTIVE
+    by_motion = choices.accumulate in (Accumulate.ADAPTIVE, Accumulate.CAPPED, Accumulate.STANDING)
+    moves = choices.rectify is not Rectify.NONE or by_motion
     if not moves and choices.anti_flicker is not AntiFlicker.CLAMP_DISTANCE:
         zero, one = np.zeros_like(gamma), np.ones_like(gamma)
         return Rectification((zero, zero, zero), zero, zero, one)
     h = to_box_space(history, build)
-    box = neighbourhood_box(s, gamma, build, settings["box_floor"])
+    box = neighbourhood_box(s, gamma, build, settings)
     r = rectify_history(h, to_box_space(current, build), box, build)
     moved = [after - before for after, before in zip(r, h, strict=True)]
     least = number(settings["box_floor"], h[0]) * np.abs(box.centre[0]) + constant("TINY", h[0])

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Record
-from cltaa.core.parameters import OffScreen
+from cltaa.core.parameters import Dilation, OffScreen
 from cltaa.core.planes import Layout
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.real import Array, Mask, constant, number, outside_domain
@@ -54,16 +54,20 @@ def motion_from_depth(s: Surface, build: Build, layout: Layout, frame: Record) -
 def surface_motion(s: Surface, build: Build, layout: Layout, frame: Record) -> Motion:
     """The motion channel where it holds a vector, the camera's motion elsewhere."""
     m = motion_from_depth(s, build, layout, frame)
-    if not build.steps.own_motion:
-        return m
-    camera_only = outside_domain(s.u) | outside_domain(s.v)
-    return Motion(
-        np.where(camera_only, m.u, s.u),
-        np.where(camera_only, m.v, s.v),
-        np.where(camera_only, m.scale, np.ones_like(m.scale)),
-        np.where(camera_only, m.shift, np.zeros_like(m.shift)),
-        m.visible | ~camera_only,
-    )
+    if build.steps.own_motion:
+        camera_only = outside_domain(s.u) | outside_domain(s.v)
+        m = Motion(
+            np.where(camera_only, m.u, s.u),
+            np.where(camera_only, m.v, s.v),
+            np.where(camera_only, m.scale, np.ones_like(m.scale)),
+            np.where(camera_only, m.shift, np.zeros_like(m.shift)),
+            m.visible | ~camera_only,
+        )
+    if build.choices.dilation is Dilation.BESIDE:
+        (x, y), zero = pixel_grid(layout, m.u), number(0.0, m.u)
+        beyond = (x + s.x < zero) | (y + s.y < zero)
+        m = m._replace(u=np.where(beyond, zero, m.u), v=np.where(beyond, zero, m.v))
+    return m
 
 
 def _to_edge(position: Array, by: Array, last: Any) -> Array:

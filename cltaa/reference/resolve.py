@@ -7,6 +7,8 @@ from dataclasses import replace
 from cltaa.core.build import Build, Record
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import current_pixel, rectified_alpha, resolve_pixel, without_missing
+from cltaa.reference.dilation import borrowed_surface
+from cltaa.reference.fireflies import without_firefly
 from cltaa.reference.history import sample_history
 from cltaa.reference.illumination import tests_light
 from cltaa.reference.neighbourhood import nearest_surface
@@ -38,11 +40,13 @@ def resolve(
     rows = read_rows(current, inverse_depth, motion, build, layout, frame)
     p = current_pixel(rows, alpha, reactive, build, layout, frame)
     s = nearest_surface(*rows, build, settings["edge_tolerance"])
+    s = borrowed_surface(s, inverse_depth, motion, build, layout, frame)
     m = surface_motion(s, build, layout, frame)
     h = sample_history(current, history, history_count, previous_inverse_depth, m, s, build, layout, frame, settings)
     r = rectify(h.rgb, p.filtered, p.stats, m, box_scale_of(m, settings), build, layout, settings)
     if build.steps.alpha and alpha is not None:
         h = replace(h, alpha=rectified_alpha(alpha, h.alpha, build, layout))
+    p = without_firefly(p, current, h, build, layout, settings)
     out = without_missing(resolve_pixel(p, h, r, build, settings), h, current, build, layout, settings)
     store_recurrent(out, build, layout, frame, output, output_count)
     extend_stored(build, layout, output[: 3 + build.steps.alpha], output_count[: 1 + tests_light(build)])

@@ -17,7 +17,8 @@ from cltaa.reference.reprojection import Motion
 
 SIX_TAPS: Final = (HistoryFilter.LANCZOS_3,)
 
-IN_PAIRS: Final = (HistoryFilter.CATMULL_ROM_9, HistoryFilter.CATMULL_ROM_5)
+FIVE_PAIRS: Final = (HistoryFilter.CATMULL_ROM_5, HistoryFilter.CATMULL_ROM_5_RAW)
+IN_PAIRS: Final = (HistoryFilter.CATMULL_ROM_9, *FIVE_PAIRS)
 
 LANCZOS_3_REST: Final = (
     1.08880002e-9,
@@ -102,7 +103,7 @@ def weigh(p: Sequence[Array], w: Weights, build: Build) -> RowTaps:
         middle = ((p1 + w.w0 * (p1 - p0)) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p2)
     if kind is HistoryFilter.CATMULL_ROM_9:
         middle = pair + (w.w0 * (p0 - pair) + w.w3 * (p3 - pair))
-    if kind is HistoryFilter.CATMULL_ROM_5:
+    if kind in FIVE_PAIRS:
         sides = w.w0 * (p0 - pair) + w.w3 * (p3 - pair)
     if first is not None and last is not None:
         inner = (w.w0 * (p0 - p1) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p1)
@@ -110,22 +111,24 @@ def weigh(p: Sequence[Array], w: Weights, build: Build) -> RowTaps:
     return RowTaps(middle, sides)
 
 
-def without_corners(rows: Sequence[RowTaps], wx: Weights, wy: Weights) -> Array:
-    """Five of the nine pairs of Catmull-Rom, made to sum to 1 (Jimenez 2016)."""
+def without_corners(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Build) -> Array:
+    """Five of the nine pairs of Catmull-Rom, made to sum to 1 (Jimenez 2016), or left as they are."""
     r0, r1, r2, r3 = rows
     one = number(1.0, wx.w0)
     pair_x, pair_y = one - (wx.w0 + wx.w3), one - (wy.w0 + wy.w3)
     centre = r1.middle + wy.w2 * (r2.middle - r1.middle)
     sides = r1.sides + wy.w2 * (r2.sides - r1.sides)
     ends = wy.w0 * (r0.middle - centre) + wy.w3 * (r3.middle - centre)
-    value: Array = centre + (pair_y * sides + pair_x * ends) / (pair_y + pair_x * (one - pair_y))
+    total, rest = pair_y + pair_x * (one - pair_y), pair_y * sides + pair_x * ends
+    raw = build.choices.history_filter is HistoryFilter.CATMULL_ROM_5_RAW
+    value: Array = total * centre + rest if raw else centre + rest / total
     return value
 
 
 def weigh_rows(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Build) -> Array:
     """Rows weighed along y."""
-    if build.choices.history_filter is HistoryFilter.CATMULL_ROM_5:
-        return without_corners(rows, wx, wy)
+    if build.choices.history_filter in FIVE_PAIRS:
+        return without_corners(rows, wx, wy, build)
     return weigh([row.middle for row in rows], wy, build).middle
 
 

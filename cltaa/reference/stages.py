@@ -11,6 +11,8 @@ from cltaa.core.parameters import FilterUse
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel, load_shares, rectified_alpha, resolve_pixel, without_missing
 from cltaa.reference.colour import Colour, colour_in_domain, repaired_planes
+from cltaa.reference.dilation import borrowed_surface
+from cltaa.reference.fireflies import without_firefly
 from cltaa.reference.history import History, sample_history
 from cltaa.reference.neighbourhood import Statistics, Surface, current_sample, nearest_surface, neighbourhood_statistics
 from cltaa.reference.planes import read_rows, real_type, store_recurrent
@@ -37,7 +39,7 @@ def neighbourhood_statistics_kernel(
 ) -> None:
     """``statistics_out`` [15, rows, stride]: mean, deviation, low and high in the box space, and the current sample."""
     rows = read_rows(current, inverse_depth, motion, build, layout, frame)
-    near = neighbourhood_statistics(*rows, build)
+    near = neighbourhood_statistics(*rows, build, frame)
     sample = current_sample(*rows, near, build, frame)
     _store(statistics_out, layout, (part for colour in (*near, sample) for part in colour))
 
@@ -57,6 +59,7 @@ def surface_motion_kernel(
     """``motion_out`` [7, rows, stride]: u, v, scale, shift, visible, nearest and farthest inverse depth."""
     rows = read_rows(current, inverse_depth, motion, build, layout, frame)
     s = nearest_surface(*rows, build, settings["edge_tolerance"])
+    s = borrowed_surface(s, inverse_depth, motion, build, layout, frame)
     m = surface_motion(s, build, layout, frame)
     one = number(1.0, m.u)
     visible = np.where(m.visible, one, number(0.0, m.u))
@@ -134,6 +137,7 @@ def blend_kernel(
     own = colour_in_domain(current, build, layout) if few else sample
     shares = load_shares(alpha, reactive, count, build, layout)
     p = Pixel(own, sample, *shares, near, shares[1], shares[1])
+    p = without_firefly(p, current, h, build, layout, settings)
     change = Rectification((change_r, change_g, change_b), clip_distance, blend_boost, anti_flicker_factor)
     out = without_missing(resolve_pixel(p, h, change, build, settings), h, current, build, layout, settings)
     store_recurrent(out, build, layout, frame, output, output_count)

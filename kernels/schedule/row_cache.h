@@ -10,7 +10,7 @@
 
 // Where nothing moves there is no filter to keep rows for.
 #define ROW_CACHE                                                                                                      \
-    ((CAMERA_MOTION | OWN_MOTION)                                                                                      \
+    ((CAMERA_MOTION | OWN_MOTION) & (HISTORY_RANGE == HISTORY_RANGE_LINEAR)                                            \
         & ((HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM)                                                              \
             | ((LANES > 1) & (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9))))
 

@@ -5,9 +5,29 @@
 #if !defined(ACCUMULATE) || !defined(WEIGHTING) || !defined(ANTI_FLICKER) || !defined(NEGATIVES)
 #error "accumulate.h needs ACCUMULATE, WEIGHTING, ANTI_FLICKER and NEGATIVES from the prelude"
 #endif
-#if !defined(ALPHA) || !defined(REACTIVE) || !defined(ALPHA_FROM) || !defined(FILTER_USE)
-#error "accumulate.h needs ALPHA, REACTIVE, ALPHA_FROM and FILTER_USE from the prelude"
+#if !defined(ALPHA) || !defined(REACTIVE) || !defined(ALPHA_FROM) || !defined(FILTER_USE) || !defined(FIRST_SAMPLES)
+#error "accumulate.h needs ALPHA, REACTIVE, ALPHA_FROM, FILTER_USE and FIRST_SAMPLES from the prelude"
 #endif
+
+// The count of a pixel with one sample more: of one that moves it begins anew, of one that stands it grows by many,
+// where the preset says so.
+STAGE real grown_count(real count, real blend_boost)
+{
+    if (ACCUMULATE == ACCUMULATE_STANDING)
+        return blend_boost > SPLAT(0.0) ? SPLAT(1.0) : count + K(STANDING_GAIN);
+    return count + K(1.0);
+}
+
+// Beside a sample's odds o of blend_weight a history weighs count / sample_limit, 1 at most, and in motion no more than
+// where those odds make moving_weight.
+STAGE real capped_weight(real count, real blend_boost, settings_t settings)
+{
+    const real one = SPLAT(1.0), least = SPLAT(settings.blend_weight), most = SPLAT(settings.moving_weight);
+    const real odds = least / (one - least), cap = odds * (one - most) / most;
+    const real held = lesser(count / SPLAT(settings.sample_limit), one);
+    const real history = lesser(held, held + blend_boost * (cap - held));
+    return odds / (odds + history);
+}
 
 // Weight of the current sample when the history already holds `count` samples: 1 / (count + 1) for the running mean;
 // never below blend_weight for the exponential one, always that for the constant one, and between it and moving_weight
@@ -18,6 +38,11 @@ STAGE real sample_weight(real count, real blend_boost, settings_t settings)
         return SPLAT(settings.blend_weight);
     if (ACCUMULATE == ACCUMULATE_ADAPTIVE)
         return K(settings.blend_weight) + blend_boost * (K(settings.moving_weight) - K(settings.blend_weight));
+    if (ACCUMULATE == ACCUMULATE_CAPPED)
+        return capped_weight(count, blend_boost, settings);
+    if (ACCUMULATE == ACCUMULATE_STANDING)
+        return limit(
+            reciprocal(grown_count(count, blend_boost)), SPLAT(settings.blend_weight), SPLAT(settings.moving_weight));
     const real mean = reciprocal(count + K(1.0));
     if (ACCUMULATE == ACCUMULATE_COUNT)
         return mean;
@@ -196,7 +221,7 @@ STAGE pixel_t current_pixel(
 {
     const uint at = texel_offset(frame, x, y);
     pixel_t p;
-    p.stats = neighbourhood_statistics(above, centre, below);
+    p.stats = neighbourhood_statistics(above, centre, below, frame);
     p.filtered = current_sample(above, centre, below, p.stats, frame);
     p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? centre.centre : p.filtered;
     // In YCoCg that of the pixel's own sample is worked out already, to the bit.
@@ -247,9 +272,14 @@ STAGE real effective_samples(pixel_t p, history_t h, rectification r, settings_t
 }
 
 // The history of a pixel after rectification.
-STAGE colour rectified(history_t h, rectification r)
+STAGE colour rectified(history_t h, rectification r, settings_t settings)
 {
     const colour past = { h.rgb.r + r.change.r, h.rgb.g + r.change.g, h.rgb.b + r.change.b };
+    if (BOX_LEAK) {
+        const mask full = h.count >= SPLAT(settings.sample_limit);
+        const real share = SPLAT(1.0) - (full ? SPLAT(settings.box_leak) : SPLAT(0.0));
+        return (colour) { h.rgb.r + share * r.change.r, h.rgb.g + share * r.change.g, h.rgb.b + share * r.change.b };
+    }
     return past;
 }
 
@@ -280,17 +310,17 @@ STAGE resolved blend_pixel(
     if (!DISOCCLUSION_BLUR)
         weight = h.valid ? weight : SPLAT(1.0);
 
-    const colour mixed
-        = { blend(past.r, current.r, weight), blend(past.g, current.g, weight), blend(past.b, current.b, weight) };
+    const colour was = to_blend_range(past), now = to_blend_range(current);
+    const colour mixed = { blend(was.r, now.r, weight), blend(was.g, now.g, weight), blend(was.b, now.b, weight) };
     colour v = mixed;
     if (DISOCCLUSION_BLUR && any_of(!h.valid))
-        v = choose_colour(h.valid, mixed, disoccluded_colour(current, p.stats.mean, settings));
+        v = choose_colour(h.valid, mixed, to_blend_range(disoccluded_colour(current, p.stats.mean, settings)));
     resolved out;
     out.rgb = storable_colour(from_range(v), current);
     out.alpha = p.alpha;
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
         out.alpha = h.valid ? blend(h.alpha, p.alpha, weight) : p.alpha;
-    out.count = h.valid ? count + K(1.0) : SPLAT(1.0);
+    out.count = h.valid ? grown_count(count, r.blend_boost) : (FIRST_SAMPLES ? h.count : SPLAT(1.0));
     out.change = h.valid ? h.change : SPLAT(0.0);
     return out;
 }
@@ -298,7 +328,7 @@ STAGE resolved blend_pixel(
 STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t settings)
 {
     const real count = effective_samples(p, h, r, settings);
-    return blend_pixel(p, h, r, rectified(h, r), sample_beside(p, h.valid, count, settings), count, settings);
+    return blend_pixel(p, h, r, rectified(h, r, settings), sample_beside(p, h.valid, count, settings), count, settings);
 }
 
 // The result of a segment in which samples are missing. A missing sample is none: the pixel keeps its history as it is,

@@ -63,19 +63,33 @@ STAGE colour scaled(colour v, real k)
     return out;
 }
 
+// c / (1 + max(r, g, b)).
+STAGE colour peak_range(colour v) { return scaled(v, SPLAT(1.0) / (SPLAT(1.0) + peak(v))); }
+
+// Where the blend alone is tonemapped.
+STAGE colour to_blend_range(colour v) { return TONEMAP == TONEMAP_BLEND ? peak_range(v) : v; }
+
+// One channel by itself, c / (1 + c), and back (Reinhard et al. 2002); what is not light stays as it is.
+STAGE real compressed(real v) { return v / (SPLAT(1.0) + greater(v, SPLAT(0.0))); }
+STAGE real expanded(real v) { return v / greater(SPLAT(1.0) - greater(v, SPLAT(0.0)), SPLAT(LEAST_HEADROOM)); }
+
 // Scene-referred colour in the range in which it is compared and blended, and back. The way back is limited to
 // LEAST_HEADROOM of headroom: 1 - peak of a colour near white is all rounding.
 STAGE colour to_range(colour v)
 {
-    if (TONEMAP == TONEMAP_NONE)
+    if ((TONEMAP == TONEMAP_NONE) | (TONEMAP == TONEMAP_BLEND))
         return v;
-    return scaled(v, SPLAT(1.0) / (SPLAT(1.0) + peak(v)));
+    if (TONEMAP == TONEMAP_CHANNEL)
+        return (colour) { compressed(v.r), compressed(v.g), compressed(v.b) };
+    return peak_range(v);
 }
 
 STAGE colour from_range(colour v)
 {
     if (TONEMAP == TONEMAP_NONE)
         return v;
+    if (TONEMAP == TONEMAP_CHANNEL)
+        return (colour) { expanded(v.r), expanded(v.g), expanded(v.b) };
     return scaled(v, SPLAT(1.0) / greater(SPLAT(1.0) - peak(v), SPLAT(LEAST_HEADROOM)));
 }
 

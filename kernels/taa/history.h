@@ -3,8 +3,8 @@
 #include "schedule/row_cache.h"
 #include "taa/disocclusion.h"
 
-#if !defined(ALPHA) || !defined(REJECT) || !defined(ILLUMINATION)
-#error "history.h needs ALPHA, REJECT and ILLUMINATION from the prelude"
+#if !defined(ALPHA) || !defined(REJECT) || !defined(ILLUMINATION) || !defined(HISTORY_RANGE) || !defined(FIRST_SAMPLES)
+#error "history.h needs ALPHA, REJECT, ILLUMINATION, HISTORY_RANGE and FIRST_SAMPLES from the prelude"
 #endif
 
 typedef struct
@@ -15,6 +15,18 @@ typedef struct
     real count_limit; // samples that it may stand for
     mask valid;
 } history_t;
+
+// The texel at the whole part of a footprint; p is the plane of red, moved by what it is read beside.
+STAGE colour load_colour_apart(history_in p, footprint f, size_t plane, int stride)
+{
+#if LANES > 1
+    const whole steps = steps_apart(f.dx, f.dy, stride);
+    history_in q = p + f.own;
+    return (colour) { history_apart(q, steps), history_apart(q + plane, steps), history_apart(q + 2 * plane, steps) };
+#else
+    return load_history_colour(p + f.at, plane);
+#endif
+}
 
 STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, size_t plane, int stride)
 {
@@ -27,6 +39,30 @@ STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, si
         sample[i] = sample_plane(p + (size_t)i * plane, f, wx, wy, stride);
     v.r = sample[0], v.g = sample[1], v.b = sample[2];
     return v;
+}
+
+// The same of texels that are brought into the range of comparison before they are weighed, as where tonemapped colour
+// is kept. Rows and taps in loops, since nothing of ours reads so.
+STAGE colour sample_in_range(history_in p, footprint f, weights wx, weights wy, size_t plane, frame_t frame)
+{
+    const int stride = row_stride(frame);
+    real tap[3][6];
+    row_taps row[3][6];
+    NO_UNROLL
+    for (int j = SIX_TAPS ? 0 : 1; j < (SIX_TAPS ? 6 : 5); ++j) {
+        NO_UNROLL
+        for (int i = SIX_TAPS ? 0 : 1; i < (SIX_TAPS ? 6 : 5); ++i) {
+            history_in q = p + (j - 2) * (ptrdiff_t)stride + (i - 2);
+            const colour c = history_in_range(load_colour_apart(q, f, plane, stride), frame);
+            tap[0][i] = c.r, tap[1][i] = c.g, tap[2][i] = c.b;
+        }
+        for (int k = 0; k < 3; ++k)
+            row[k][j] = weigh(tap[k][0], tap[k][1], tap[k][2], tap[k][3], tap[k][4], tap[k][5], wx);
+    }
+    real v[3];
+    for (int k = 0; k < 3; ++k)
+        v[k] = weigh_rows(row[k][0], row[k][1], row[k][2], row[k][3], row[k][4], row[k][5], wx, wy);
+    return (colour) { v[0], v[1], v[2] };
 }
 
 // The planes of the previous frame at a footprint.
@@ -100,7 +136,9 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_in
             history, previous_inverse_depth, f, cache->wx, cache->wy, rgb, counted, cache->count_limit, frame);
     }
     const weights wx = history_weights(f.fx), wy = history_weights(f.fy);
-    const colour rgb = sample_colour(history, f, wx, wy, plane, row_stride(frame));
+    const colour rgb = HISTORY_RANGE == HISTORY_RANGE_TONEMAPPED
+        ? sample_in_range(history, f, wx, wy, plane, frame)
+        : sample_colour(history, f, wx, wy, plane, row_stride(frame));
     const real counted = sample_count(count, f, row_stride(frame)), count_limit = count_limit_of(f.fx, f.fy, settings);
     return sample_planes(history, previous_inverse_depth, f, wx, wy, rgb, counted, count_limit, frame);
 }
@@ -140,8 +178,11 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
         h.count = l.count;
         h.change = l.change;
     }
-    h.rgb = history_in_range(h.rgb, frame);
+    if (HISTORY_RANGE == HISTORY_RANGE_LINEAR)
+        h.rgb = history_in_range(h.rgb, frame);
     h.alpha = ALPHA ? limit(v.alpha, SPLAT(0.0), SPLAT(1.0)) : v.alpha;
+    if (FIRST_SAMPLES) // what a pixel without history begins with
+        h.count = h.valid ? h.count : SPLAT(frame.reset ? settings.first_samples : K(1.0));
     h.fx = v.fx;
     h.fy = v.fy;
     h.count_limit = v.count_limit;

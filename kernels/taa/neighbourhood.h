@@ -179,7 +179,45 @@ typedef struct
     boxed mean, deviation, low, high;
 } statistics;
 
-STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below)
+// What a texel weighs by its luminance: 1 / (1 + Y), so that one firefly widens the box of its neighbours by little
+// (Karis 2014).
+STAGE real texel_weight(boxed v)
+{
+    const real y = BOX_SPACE == BOX_SPACE_YCOCG ? K(0.25) * v.a : luminance((colour) { v.a, v.b, v.c });
+    return SPLAT(1.0) / (SPLAT(1.0) + greater(y, SPLAT(0.0)));
+}
+
+// Mean and deviation of a channel of nine texels, as squared distances from their mean.
+STAGE void weighted_channel(real* mean, real* deviation, const real* v, const real* w, real total)
+{
+    real sum = SPLAT(0.0), spread = SPLAT(0.0);
+    for (int k = 0; k < 9; ++k)
+        sum += w[k] * (v[k] - v[4]);
+    *mean = v[4] + sum / total;
+    for (int k = 0; k < 9; ++k)
+        spread += w[k] * ((v[k] - *mean) * (v[k] - *mean));
+    *deviation = square_root(spread / total);
+}
+
+// Weights of the nine by their luminance, or by the distance of their samples from the pixel's centre.
+STAGE void weighed_texels(statistics* s, boxed_row above, boxed_row centre, boxed_row below, frame_t frame)
+{
+    const boxed texels[9] = { above.left, above.own, above.right, centre.left, centre.own, centre.right, below.left,
+        below.own, below.right };
+    const scalar columns[3] = { K(frame.box_left), K(1.0), K(frame.box_right) };
+    const scalar rows[3] = { K(frame.box_above), K(1.0), K(frame.box_below) };
+    real a[9], b[9], c[9], w[9], total = SPLAT(0.0);
+    for (int k = 0; k < 9; ++k) {
+        a[k] = texels[k].a, b[k] = texels[k].b, c[k] = texels[k].c;
+        w[k] = NEIGHBOURHOOD == NEIGHBOURHOOD_LUMINANCE ? texel_weight(texels[k]) : SPLAT(columns[k % 3] * rows[k / 3]);
+        total += w[k];
+    }
+    weighted_channel(&s->mean.a, &s->deviation.a, a, w, total);
+    weighted_channel(&s->mean.b, &s->deviation.b, b, w, total);
+    weighted_channel(&s->mean.c, &s->deviation.c, c, w, total);
+}
+
+STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below, frame_t frame)
 {
     const moments a = neighbourhood_moments(above.a, centre.a, below.a, centre.a_above, below.a_above);
     const moments b = neighbourhood_moments(above.b, centre.b, below.b, centre.b_above, below.b_above);
@@ -189,6 +227,8 @@ STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below
     s.deviation = (boxed) { deviation_of(a), deviation_of(b), deviation_of(c) };
     s.low = (boxed) { a.low, b.low, c.low };
     s.high = (boxed) { a.high, b.high, c.high };
+    if ((NEIGHBOURHOOD == NEIGHBOURHOOD_LUMINANCE) | (NEIGHBOURHOOD == NEIGHBOURHOOD_JITTERED))
+        weighed_texels(&s, above.texels, centre.texels, below.texels, frame);
     return s;
 }
 
@@ -290,12 +330,15 @@ typedef struct
     real centre, nearest, farthest; // inverse depth: of the pixel itself, and the range in its 3x3
 } surface;
 
+// Where the motion is that of a texel which may lie beyond the 3x3 (dilation.h).
+#define BORROWS_BEYOND ((DILATION == DILATION_CORNERS) | (DILATION == DILATION_BESIDE))
+
 STAGE surface nearest_surface(row_t above, row_t centre, row_t below, settings_t settings)
 {
     const real nearer = greater(above.nearest, centre.nearest);
     surface s = { SPLAT(0.0), SPLAT(0.0), centre.inverse_depth, centre.centre_u, centre.centre_v, centre.inverse_depth,
         greater(below.nearest, nearer), lesser(lesser(above.farthest, below.farthest), centre.farthest) };
-    if (DILATION == DILATION_NONE)
+    if ((DILATION == DILATION_NONE) | BORROWS_BEYOND)
         return s;
     const mask up = above.nearest > centre.nearest;
     const mask down = below.nearest > nearer;

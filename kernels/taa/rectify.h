@@ -54,6 +54,8 @@ STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
     if (BOX == BOX_VARIANCE) {
         box.centre = s.mean;
         box.extent = (boxed) { gamma * s.deviation.a, gamma * s.deviation.b, gamma * s.deviation.c };
+        if (LUMA_SCALE)
+            box.extent.a *= K(settings.luma_scale);
         s.low = (boxed) { s.mean.a - box.extent.a, s.mean.b - box.extent.b, s.mean.c - box.extent.c };
         s.high = (boxed) { s.mean.a + box.extent.a, s.mean.b + box.extent.b, s.mean.c + box.extent.c };
     } else {
@@ -165,9 +167,13 @@ typedef struct
 {
     colour change;
     real clip_distance; // how far the first coordinate (luminance) was moved, in half extents of the box
-    real blend_boost; // 0 to 1: motion, or the distance that the history was moved, whichever is more (adaptive)
+    real blend_boost; // 0 to 1: motion, or the distance that the history was moved, whichever is more (adaptive,
+                      // capped); 1 where it moves at all (standing)
     real anti_flicker_factor; // factor of the current sample's weight (clamp-distance)
 } rectification;
+
+// Whether a pixel moves by less than anybody sees.
+STAGE mask stands(motion_t m) { return (absolute(m.u) < K(STANDS)) & (absolute(m.v) < K(STANDS)); }
 
 // The larger of two shares: motion in screens a frame by motion_rate, distance moved in the box space by clip_rate.
 STAGE real blend_boost_of(motion_t m, boxed moved, frame_t frame, settings_t settings)
@@ -190,8 +196,8 @@ STAGE real anti_flicker_factor_of(real history, real centre, real extent)
 STAGE rectification rectify(
     colour history, colour current, statistics s, motion_t m, real gamma, frame_t frame, settings_t settings)
 {
-    if ((RECTIFY == RECTIFY_NONE) & (ACCUMULATE != ACCUMULATE_ADAPTIVE)
-        & (ANTI_FLICKER != ANTI_FLICKER_CLAMP_DISTANCE)) {
+    if ((RECTIFY == RECTIFY_NONE) & (ACCUMULATE != ACCUMULATE_ADAPTIVE) & (ACCUMULATE != ACCUMULATE_STANDING)
+        & (ACCUMULATE != ACCUMULATE_CAPPED) & (ANTI_FLICKER != ANTI_FLICKER_CLAMP_DISTANCE)) {
         // The code below gives the same; no compiler may assume that h - h is 0.
         const rectification nothing = { { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) }, SPLAT(0.0), SPLAT(0.0), SPLAT(1.0) };
         return nothing;
@@ -204,8 +210,11 @@ STAGE rectification rectify(
     out.change = from_box_space(moved);
     const real least = K(settings.box_floor) * absolute(box.centre.a) + K(BOX_A * TINY);
     out.clip_distance = quotient(absolute(moved.a), greater(box.extent.a, least));
-    out.blend_boost
-        = ACCUMULATE == ACCUMULATE_ADAPTIVE ? blend_boost_of(m, in_units(moved), frame, settings) : SPLAT(0.0);
+    out.blend_boost = SPLAT(0.0);
+    if ((ACCUMULATE == ACCUMULATE_ADAPTIVE) | (ACCUMULATE == ACCUMULATE_CAPPED))
+        out.blend_boost = blend_boost_of(m, in_units(moved), frame, settings);
+    if (ACCUMULATE == ACCUMULATE_STANDING)
+        out.blend_boost = stands(m) ? SPLAT(0.0) : SPLAT(1.0);
     out.anti_flicker_factor = ANTI_FLICKER == ANTI_FLICKER_CLAMP_DISTANCE
         ? anti_flicker_factor_of(h.a, box.centre.a, box.extent.a)
         : SPLAT(1.0);

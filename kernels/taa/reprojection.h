@@ -1,5 +1,5 @@
 // Where a surface was in the previous frame.
-#include "taa/neighbourhood.h"
+#include "taa/dilation.h"
 
 #if !defined(CAMERA_MOTION) || !defined(OWN_MOTION) || !defined(ORTHOGRAPHIC) || !defined(OFF_SCREEN)
 #error "reprojection.h needs CAMERA_MOTION, OWN_MOTION, ORTHOGRAPHIC and OFF_SCREEN from the prelude"
@@ -53,6 +53,11 @@ STAGE motion_t surface_motion(surface s, real x, real y, frame_t frame)
         m.scale = camera_only ? m.scale : SPLAT(1.0);
         m.shift = camera_only ? m.shift : SPLAT(0.0);
         m.visible = m.visible | !camera_only;
+    }
+    if (DILATION == DILATION_BESIDE) {
+        const mask beyond = (x + s.x < SPLAT(0.0)) | (y + s.y < SPLAT(0.0));
+        m.u = beyond ? SPLAT(0.0) : m.u;
+        m.v = beyond ? SPLAT(0.0) : m.v;
     }
     return m;
 }

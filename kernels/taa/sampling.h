@@ -11,7 +11,9 @@
 // tap, so that equal taps give exactly their value, and a fraction of 0 gives exactly tap 1.
 #define SIX_TAPS (HISTORY_FILTER == HISTORY_FILTER_LANCZOS_3)
 // Taps 1 and 2 are read as one pair, as a texture unit would read them: w2 is then the place between the two.
-#define IN_PAIRS (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9 || HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5)
+#define FIVE_PAIRS                                                                                                     \
+    (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5 || HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5_RAW)
+#define IN_PAIRS (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9 || FIVE_PAIRS)
 
 // All weights but that of tap 1, which is what is left of 1. Of Catmull-Rom's 16 taps they are those of the steps from
 // tap to tap instead: w0 of that from tap 0 to 1, w2 of that from 1 to 2, w3 of that from 2 to 3.
@@ -94,7 +96,7 @@ STAGE row_taps weigh(real first, real p0, real p1, real p2, real p3, real last, 
         v.middle = ((p1 + w.w0 * (p1 - p0)) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p2);
     if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9)
         v.middle = pair + (w.w0 * (p0 - pair) + w.w3 * (p3 - pair));
-    if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5)
+    if (FIVE_PAIRS)
         v.sides = w.w0 * (p0 - pair) + w.w3 * (p3 - pair);
     if (HISTORY_FILTER == HISTORY_FILTER_LANCZOS_3) {
         const real inner = (w.w0 * (p0 - p1) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p1);
@@ -104,20 +106,21 @@ STAGE row_taps weigh(real first, real p0, real p1, real p2, real p3, real last, 
 }
 
 // Five of the nine pairs of Catmull-Rom, without the four in the corners, and what is left made to sum to 1 (Jimenez
-// 2016, Filmic SMAA): pair_x pair_y + (1 - pair_x) pair_y + pair_x (1 - pair_y).
+// 2016, Filmic SMAA), or left as it is: pair_x pair_y + (1 - pair_x) pair_y + pair_x (1 - pair_y).
 STAGE real without_corners(row_taps r0, row_taps r1, row_taps r2, row_taps r3, weights wx, weights wy)
 {
     const real one = SPLAT(1.0), pair_x = one - (wx.w0 + wx.w3), pair_y = one - (wy.w0 + wy.w3);
     const real centre = r1.middle + wy.w2 * (r2.middle - r1.middle), sides = r1.sides + wy.w2 * (r2.sides - r1.sides);
     const real ends = wy.w0 * (r0.middle - centre) + wy.w3 * (r3.middle - centre);
-    return centre + (pair_y * sides + pair_x * ends) / (pair_y + pair_x * (one - pair_y));
+    const real sum = pair_y + pair_x * (one - pair_y), rest = pair_y * sides + pair_x * ends;
+    return HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5_RAW ? sum * centre + rest : centre + rest / sum;
 }
 
 // Rows weighed along y.
 STAGE real weigh_rows(
     row_taps first, row_taps r0, row_taps r1, row_taps r2, row_taps r3, row_taps last, weights wx, weights wy)
 {
-    if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5)
+    if (FIVE_PAIRS)
         return without_corners(r0, r1, r2, r3, wx, wy);
     return weigh(first.middle, r0.middle, r1.middle, r2.middle, r3.middle, last.middle, wy).middle;
 }

@@ -57,6 +57,7 @@ def material(**keys: Any) -> Callable[[Path], None]:
 
 DRACO = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {}}}
 NAN, HUGE = float("nan"), 1e38
+HALF = "2 corners of triangles, which have 3 each"
 # A name's suffix is its format; it holds text, bytes or what writes it. None is drawn, else the line is of that.
 MODELS: dict[str, tuple[Any, str | None]] = {
     "two-sided.obj": (SHEET + WHOLE + "f 3 2 1\nf 4 3 1\n", None),
@@ -85,7 +86,7 @@ MODELS: dict[str, tuple[Any, str | None]] = {
     "huge-colour.glb": (gltf(with_attribute("COLOR_0", np.full((4, 4), HUGE))), "COLOR_0 is no light"),
     "tiny.glb": (gltf(with_attribute("POSITION", SQUARE * 1e-38)), "no size that can be shown"),
     "no-faces.glb": (gltf(lambda w, p: p | {"indices": w.add(np.zeros(0), SHORT)}), "no triangles in it"),
-    "half-a-face.glb": (gltf(lambda w, p: p | {"indices": w.add([0, 1], SHORT)}), "2 corners of triangles"),
+    "half-a-face.glb": (gltf(lambda w, p: p | {"indices": w.add([0, 1], SHORT)}), HALF),
     "draco.glb": (gltf(lambda _, p: p | {"extensions": DRACO}), "needs the extension KHR_draco_mesh_compression"),
     "flattened.glb": (standing(scale=[1, 1, 0]), None),
     "no-turn.glb": (standing(rotation=[0, 0, 0, 0]), None),

@@ -7,11 +7,13 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from cltaa import doctor
+from cltaa import doctor, probes
+from cltaa.commands.doctor import _cell
 from cltaa.opencl import cache as kernel_cache
 
 
@@ -108,3 +110,23 @@ def test_only_what_hurts_is_marked_as_such() -> None:
     egl = doctor.Finding("capture on EGL", "capture", ok=False, found="no libEGL")
     assert not doctor.Diagnosis(capture=True, resolve=False, findings=[egl]).hurts(egl)
     assert doctor.Diagnosis(capture=False, resolve=True, findings=[egl]).hurts(egl)
+
+
+@pytest.mark.parametrize(
+    ("extensions", "found", "said"),
+    [
+        (
+            "cl_khr_fp64 cl_khr_gl_sharing cl_khr_external_memory",
+            ["cl_khr_external_memory", "cl_khr_gl_sharing"],
+            "ry, c",
+        ),
+        ("cl_khr_fp64 cl_khr_global_int32_base_atomics", [], "none"),
+    ],
+)
+def test_memory_of_others_is_told_by_the_extensions_for_it(extensions: str, found: list[str], said: str) -> None:
+    platform = SimpleNamespace(name="P", version="1")
+    numbers = dict.fromkeys(("max_compute_units", "global_mem_size", "max_mem_alloc_size", "single_fp_config"), 1)
+    device = SimpleNamespace(name="D", platform=platform, opencl_c_version="1.2", extensions=extensions, **numbers)
+    facts = probes._facts(device)
+    assert facts["external_memory"] == found
+    assert said in _cell("external_memory", found)

@@ -38,6 +38,13 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve nowhere -o out", MISSING, "nowhere: the folder is missing"),
     ("resolve empty -o out", MISSING, "no frames"),
     ("resolve '' -o out", USAGE, "the name is empty"),
+    ("resolve seq -o out --idle 3", WRONG, "--idle ends --follow; give both, or neither"),
+    ("resolve seq -o out --follow --frames 3", WRONG, "cannot tell yet which frames are the first"),
+    (
+        "resolve seq -o out --device numpy --preset gather-8 --fireflies clamp",
+        WRONG,
+        "--fireflies clamp: preset gather-8 gathers and keeps its fireflies",
+    ),
     ("resolve seq", USAGE, "Missing option '-o'"),
     ("resolve seq -o ''", USAGE, "the name is empty"),
     ("resolve seq -o seq", WRONG, "would overwrite the sequence"),
@@ -60,7 +67,7 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq -o out --set =1", WRONG, "unknown key"),
     ("resolve seq -o out --frames 2-1", WRONG, "the range of frames is empty"),
     ("resolve seq -o out --frames -", USAGE, "is no range of frames, such as 8-47"),
-    ("resolve seq -o out --frames 99999999999999999999", WRONG, "no such frame (expected 0-2)"),
+    ("resolve seq -o out --frames 9-99999999999999999999", WRONG, "no such frame (expected 0-2)"),
     ("resolve seq -o out --debug rejct", WRONG, "--debug: unknown view rejct; did you mean reject?"),
     ("resolve --debug count,x seq -o out", WRONG, "unknown view x; known views: reject, count, motion, clip"),
     ("resolve seq -o out --debug foo", USAGE, "argument (foo); --debug takes views: reject, count, motion, clip; see"),
@@ -71,6 +78,8 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq -o out --storage x", USAGE, "Invalid value for '--storage'"),
     ("resolve seq -o a.mp4 --device numpy --preview a.mp4", WRONG, "a.mp4: the film would lie where the output does"),
     ("resolve seq -o a.mp4/out --device numpy --preview a.mp4", WRONG, "a.mp4: the film would lie where the output"),
+    ("resolve seq -o out --config other.toml", WRONG, "other.toml: unknown preset nope"),
+    ("resolve seq -o out --device numpy --compare side", WRONG, "--compare side is of a film; name it: --preview"),
     ("resolve seq -o out --device numpy --preview empty", OUTPUT, "empty: this is a folder"),
     ("resolve seq -o out --device numpy --preview x.gif", WRONG, "x.gif: a film is an MP4 (expected .mp4 or .m4v,"),
     ("resolve seq -o out --device numpy --preview no/x.mp4", OUTPUT, "no/x.mp4: the file cannot be created"),
@@ -200,6 +209,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "pngs" / "a.0001.PNG").touch()
     (folder / "file.txt").write_text("not what you think")
     (folder / "latin.toml").write_bytes(b"# caf\xe9")
+    (folder / "other.toml").write_text('preset = "nope"')
     (folder / "large.toml").write_text("#" * 100_000)
     (folder / "deep.toml").write_text("x = " + "[" * 60_000)
     (folder / "deep.json").write_text('{"frames": ' + "[" * 100_000)

@@ -17,6 +17,7 @@ import pytest
 from cltaa.cli import root
 from cltaa.core.build import Storage
 from cltaa.core.debug_views import View
+from cltaa.core.parameters import Fireflies
 from cltaa.core.presets import load_preset
 from cltaa.io.numbered import OnBreak
 
@@ -84,6 +85,7 @@ COMMANDS = {
             "cltaa.commands.compare.even_step": lambda *_: 1,
             "cltaa.commands.compare.stale_maps": lambda *_: [],
             "cltaa.commands.compare.judge": begins,
+            "cltaa.commands.compare_table.compare_table": begins,
         },
     ),
     "tune": Command(
@@ -224,6 +226,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--follow --frames 3-5", "arrivals_of.reading.frames", (3, 5)),
         ("--follow --idle 7s", "arrivals_of.idle", 7.0),
         ("--preview film.mp4", "resolve_sequence.preview", Path("film.mp4")),
+        ("--preview film.mp4 --compare wipe", "resolve_sequence.compare", "wipe"),
         ("--half", "resolver_for.half", True),
         ("--half", "resolve_sequence.half", True),
         ("--compression zips", "resolve_sequence.compression", "zips"),
@@ -240,6 +243,8 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--band-rows 7", "resolver_for.band_rows", 7),
         ("--gaps reset", "open_input.gaps", OnBreak("reset")),
         ("--on-resize reset", "open_input.on_resize", OnBreak("reset")),
+        ("--fireflies clamp", "resolver_for.preset.choices.fireflies", Fireflies.CLAMP),
+        ("--denoise oidn", "resolve_sequence.denoise", "oidn"),
         ("--restart", "resolve_sequence.restart", True),
         ("--checkpoint 7", "resolve_sequence.checkpoint_every", 7),
         ("--debug count", "resolve_sequence.debug", (View("count"),)),
@@ -274,6 +279,10 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--video", "judge.in_time", True),
         *frames_that_are_opened("pair_up"),
         ("--no-verify", "pair_up.verify", False),
+        ("--table --ours basic,karis", "compare_table.ours", ["basic", "karis"]),
+        ("--table --cvvdp", "compare_table.cvvdp", True),
+        ("--table --film films", "compare_table.film", Path("films")),
+        ("--table --frames 3-5", "compare_table.frames", (3, 5)),
     ],
     "tune": [
         ("--budget 7ms", "parse_goal.budget", "7ms"),

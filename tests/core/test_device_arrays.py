@@ -12,6 +12,7 @@ import pyopencl as cl
 import pyopencl.array as cl_array
 import pytest
 
+from cltaa.core import planes
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Frame
@@ -171,3 +172,14 @@ def test_what_is_elsewhere_is_refused(queue: cl.CommandQueue) -> None:
         Resolver().resolve(given)
     with pytest.raises(UsageError, match="cannot be resolved by NumPy"):
         Resolver(device="numpy").resolve(given)
+
+
+def test_results_lie_in_what_a_program_let_go_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And never where one lies that it keeps: after one kept, one looked at and one made none is mapped anew."""
+    resolver, colour, kept = Resolver("accumulate"), np.ones((600, 640, 3), np.float32), list[Any]()
+    for index in range(8):
+        if index == 4:
+            monkeypatch.setattr(planes, "_mapped", None)
+        image = resolver.resolve(Frame(index, colour * index))
+        kept += [(image, image.copy())] if index == 1 else []
+    assert np.array_equal(*kept[0])

@@ -91,6 +91,17 @@ def test_a_gap_below_0_is_named(tmp_path: Path) -> None:
         open_images(folder)
 
 
+@pytest.mark.parametrize(
+    ("pattern", "numbers"),
+    [("2-3#", [2, 3]), ("-2-1%04d", [-2, -1, 0, 1]), ("-3-9x3#", [-3, 0, 3]), ("1-9x2$F4", [1, 3])],
+)
+def test_a_pattern_may_say_which_frames(pattern: str, numbers: list[int], tmp_path: Path) -> None:
+    folder = write_numbers(tmp_path / "in", "shot.{:04d}.exr", range(-3, 5))
+    assert sorted(selection_of(folder / f"shot.{pattern}.exr").numbers.values()) == numbers
+    with pytest.raises(InputMissing, match="no file has such a name"):
+        selection_of(folder / "shot.7-9#.exr")
+
+
 def names_of(named: Named) -> list[str]:
     return [path.name for path in selection_of(named).files or ()]
 
@@ -103,6 +114,9 @@ NAMINGS: dict[str, Callable[[Path], Named]] = {
     "printf": lambda folder: folder / "synthetic.%04d.exr",
     "printf without a width": lambda folder: folder / "synthetic.%d.exr",
     "at signs": lambda folder: folder / "synthetic.@@@@.exr",
+    "houdini": lambda folder: folder / "synthetic.$F4.exr",
+    "houdini in braces": lambda folder: folder / "synthetic.${F}.exr",
+    "with its frames": lambda folder: folder / "synthetic.0-2#.exr",
     "glob": lambda folder: folder / "synth*.*.exr",
     "glob of digits": lambda folder: folder / "synthetic.000[0-9].exr",
     "glob of a folder": lambda folder: folder.parent / "i?" / "*.exr",

@@ -18,7 +18,7 @@ from cltaa.frame import Image
 from cltaa.io.display import to_picture
 from cltaa.io.exr_write import write_frame
 from cltaa.io.png import GAP
-from cltaa.io.video import open_video, rate_of, write_side_by_side, write_video
+from cltaa.io.video import open_video, rate_of, write_side_by_side, write_video, write_wipe
 from tests.sequence_factory import make_frame, write_sequence
 
 # 8-bit limited-range YCbCr has 219 steps of luma and 224 of chroma for 255 of RGB, so a flat colour is off by about
@@ -61,6 +61,14 @@ def test_index_lies_before_the_frames(tmp_path: Path) -> None:
     write_video(tmp_path / "a.mp4", [flat((0.5, 0.5, 0.5))] * 3)
     content = (tmp_path / "a.mp4").read_bytes()
     assert content.index(b"moov") < content.index(b"mdat")
+
+
+def test_a_wipe_goes_over_the_picture_and_back(tmp_path: Path) -> None:
+    """At 2 frames a second the line is at the left end, in the middle, at the right end, and in the middle again."""
+    write_wipe(tmp_path / "a.mp4", [flat((1, 0, 0))] * 8, [flat((0, 0, 1))] * 8, labels=("", ""), rate=2)
+    pictures, _ = frames_of(tmp_path / "a.mp4")
+    reds = [int((picture[-8, :, 0] > 128).sum()) for picture in pictures]
+    assert [abs(red - white) <= 4 for red, white in zip(reds, (0, 9, 32, 55, 64, 55, 32, 9), strict=True)] == [True] * 8
 
 
 def test_side_by_side(tmp_path: Path) -> None:

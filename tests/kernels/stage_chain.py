@@ -64,6 +64,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
     "surface_motion": ("dilation", "camera_motion", "own_motion", "orthographic"),
     "sample_history": (
         "history_filter",
+        "history_range",
         "reject",
         "exposure",
         "alpha",
@@ -81,6 +82,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "box",
         "box_space",
         "filter_use",
+        "fireflies",
         "illumination",
         "negatives",
         "reactive",
@@ -147,6 +149,7 @@ def hard_work(width: int = 70, height: int = 41, seed: int = 0, settings: Settin
     )
     record = frame_record(now, Past.of(before[-1]), layout)
     record["left_weight"], record["right_weight"], record["above_weight"], record["below_weight"] = 0.3, -0.05, 0.1, 0.2
+    record["box_left"], record["box_right"], record["box_above"], record["box_below"] = 0.2, 0.05, 0.03, 0.4
     past = np.array([frame_record(now, Past.of(frame), layout) for frame in reversed(before)], FRAME_DTYPE)
     # None that puts a texel's sample on the border of a neighbour's window, 0.8 off its centre, but for rounding.
     past["jitter_x"], past["jitter_y"] = np.linspace(-0.37, 0.31, KEPT), np.linspace(0.23, -0.46, KEPT)

@@ -26,7 +26,7 @@ LANES, ROWS = 8, 7
 # Each value of the first group has a build of its own. The last names there decide which work is done at all.
 GROUPS = [
     ("box", "box_space", "neighbourhood", "variance", "rectify", "history_filter", "weighting"),
-    ("current_filter", "filter_use"),
+    ("current_filter", "filter_use", "history_range"),
     ("accumulate", "anti_flicker", "negatives"),
     ("dilation", "off_screen", "ray_through", "reject"),
     ("exposure_change", "illumination", "reactive_mask", "tonemap"),

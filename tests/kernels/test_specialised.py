@@ -33,7 +33,7 @@ from cltaa.opencl.runtimes import POCL
 
 BARE = Steps(camera_motion=False, own_motion=False, orthographic=False, exposure=False, alpha=False, reactive=False)
 PLAIN = Choices(rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE, weighting=Weighting.NONE)
-IDLE = Terms(resampling_penalty=False, clip_penalty=False, box_scale_by_motion=False, disocclusion_blur=False)
+IDLE = Terms(**dict.fromkeys(Terms.__struct_fields__, False))
 LEAST = Build(choices=PLAIN, steps=BARE, terms=IDLE, lanes=8, rows=4)
 
 # Step -> (a word that only its code holds, what turns it on among steps and choices).
@@ -68,6 +68,9 @@ TERMS = {
     "clip_penalty": "K(settings.clip_penalty)",
     "box_scale_by_motion": "K(settings.box_scale_static)",
     "disocclusion_blur": "K(settings.disocclusion_blur)",
+    "first_samples": "settings.first_samples",
+    "luma_scale": "K(settings.luma_scale)",
+    "box_leak": "SPLAT(settings.box_leak)",
 }
 
 

@@ -27,6 +27,9 @@ NOTHING = {
     "clip_penalty": Settings(clip_penalty=0.0),
     "box_scale_by_motion": Settings(box_scale_static=1.25, box_scale_moving=1.25),
     "disocclusion_blur": Settings(disocclusion_blur=0.0),
+    "first_samples": Settings(first_samples=1.0),
+    "luma_scale": Settings(luma_scale=1.0),
+    "box_leak": Settings(box_leak=0.0),
 }
 
 
@@ -66,12 +69,13 @@ def test_a_size_known_when_kernels_are_built_changes_no_bit(lanes: int) -> None:
 
 
 def test_presets_call_for_the_terms_that_they_use() -> None:
-    assert Terms.of(Settings()) == Terms(box_scale_by_motion=False)
-    assert Terms.of(load_preset("default").settings) == Terms(
-        clip_penalty=False, box_scale_by_motion=False, disocclusion_blur=False
-    )
-    none = Terms(resampling_penalty=False, clip_penalty=False, box_scale_by_motion=False, disocclusion_blur=False)
+    none = Terms(**dict.fromkeys(Terms.__struct_fields__, False))
+    assert Terms.of(Settings()) == replace(none, resampling_penalty=True, clip_penalty=True, disocclusion_blur=True)
+    assert Terms.of(load_preset("default").settings) == replace(none, resampling_penalty=True)
     assert Terms.of(load_preset("fast").settings) == none
+    scaled = replace(none, box_scale_by_motion=True, disocclusion_blur=True, luma_scale=True, box_leak=True)
+    assert Terms.of(load_preset("fsr3-like").settings) == scaled
+    assert Terms.of(load_preset("bevy").settings) == replace(none, first_samples=True)
     resolver = Resolver("fast", "numpy")
     resolver.resolve(make_frame(0, width=WIDTH, height=HEIGHT))
     assert resolver.last is not None

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from cltaa.core.build import Build, Steps
+from cltaa.core.build import Build, Steps, settings_record
 from cltaa.core.constants import value
 from cltaa.core.parameters import (
     Box,
@@ -19,6 +19,7 @@ from cltaa.core.parameters import (
     HistoryKind,
     Illumination,
     Neighbourhood,
+    Settings,
 )
 from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset, override
@@ -162,7 +163,7 @@ def test_a2_no_box_is_inside_out(box: Box, neighbourhood: Neighbourhood) -> None
     s = work.layout.inside(written)
     near = Statistics((s[0], s[1], s[2]), (s[3], s[4], s[5]), (s[6], s[7], s[8]), (s[9], s[10], s[11]))
     for gamma in (0.0, 1e-6, 1.0):
-        made = neighbourhood_box(near, np.full_like(s[0], gamma), build, np.float32(0.0))
+        made = neighbourhood_box(near, np.full_like(s[0], gamma), build, settings_record(Settings(box_floor=0.0)))
         assert all((extent >= 0).all() for extent in made.extent)
 
 

@@ -137,6 +137,8 @@ def test_pictures_have_the_colours_of_the_page() -> None:
     assert view_picture(View.REJECT, {"debug.reject": reject}).tolist() == [[list(COLOURS[r]) for r in Reason]]
     still = np.zeros((1, 1), np.float32)
     assert view_picture(View.MOTION, {"debug.motion.u": still, "debug.motion.v": still}).tolist() == [[[128] * 3]]
+    few = view_picture(View.COUNT, {"debug.count": np.array([[0, 15, 2e6]], np.float32)}, 15)
+    assert few.tolist() == [[[0] * 3, [255] * 3, [255] * 3]]
     assert view_picture(View.COUNT, {"debug.count": np.array([[0, 2e6]], np.float32)}).tolist() == [
         [[0] * 3, [255] * 3]
     ]

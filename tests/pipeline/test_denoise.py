@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.errors import UsageError
+from cltaa.errors import DataError, UsageError
 from cltaa.io.exr_read import read_image
 from cltaa.io.exr_write import write_frame
 from cltaa.pipeline.denoise import denoiser, guides_of
@@ -66,3 +66,16 @@ def test_without_the_extra_its_name_is_told(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setitem(sys.modules, "pyoidn", None)
     with pytest.raises(UsageError, match=r"--denoise oidn needs pyoidn.*pip install 'cltaa\[denoise\]'"):
         denoiser("oidn")
+
+
+def test_a_denoiser_that_fails_names_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise RuntimeError("out of memory")
+
+    stub = ModuleType("pyoidn")
+    monkeypatch.setattr(stub, "denoise", fail, raising=False)
+    monkeypatch.setitem(sys.modules, "pyoidn", stub)
+    denoise = denoiser("oidn")
+    assert denoise is not None
+    with pytest.raises(DataError, match="frame 7: the denoiser failed: out of memory"):
+        denoise(make_frame(7), {})

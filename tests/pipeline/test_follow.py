@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
+from cltaa.inputs.open import open_input
 from cltaa.interrupt import Stop
 from cltaa.io.content import open_regular
 from cltaa.io.exr_header import read_outline
@@ -171,3 +172,5 @@ def test_what_only_a_finished_sequence_has_is_refused(made: Path, tmp_path: Path
     ):
         with pytest.raises(UsageError, match=said):
             resolve_folder(made / "in", tmp_path / "out", follow=True, **NUMPY, **given)
+    with pytest.raises(UsageError, match="only a folder or a pattern of files can be followed"):
+        resolve_folder(open_input(made / "in"), tmp_path / "out", follow=True, **NUMPY)

@@ -219,6 +219,8 @@ def check_folder(
     """
     side_file = None if side_file is None else Path(side_file)
     count, only = (frames, None) if isinstance(frames, int) else (None, frames)
+    if count is not None and count < 1:
+        raise UsageError("no frames to check", expected="a number of 1 or more, or (first, last)", found=count)
     place = selection_of(named)
     damaged = damaged_files(file_sets(place))
     without = {path: file.number for path, file in damaged.items()}

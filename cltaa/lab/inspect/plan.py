@@ -17,6 +17,8 @@ from cltaa.core.presets import Preset
 from cltaa.core.record import Past
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect
+from cltaa.inputs.open import open_input
+from cltaa.io.names import Named
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.timing import Job, Samples, measure
 from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence, program_bytes
@@ -61,7 +63,7 @@ class SequencePlan(msgspec.Struct, kw_only=True):
 
 
 def plan(
-    sequence: FrameSequence,
+    sequence: FrameSequence | Named,
     preset: str | Preset = "default",
     device: str | int | Launcher | None = None,
     *,
@@ -72,13 +74,15 @@ def plan(
     layers: tuple[str, ...] | None = None,
     band_rows: int | None = None,
 ) -> SequencePlan:
-    """Say which steps of ``preset`` run on which frames of ``sequence`` and why, from its headers alone.
+    """Say which steps of ``preset`` run on which frames of ``sequence``, opened or named, and why, by its headers.
 
     With ``rounds`` each step, but of a preset that looks ahead, is also timed on ``device``, on and off in turn, on two
     frames of the sequence; 0 reads no pixels. ``storage``, ``half``, ``layers`` and ``band_rows`` are those of ``cltaa
     resolve``: they decide what memory it takes. Raises what opening the device and reading raise, and UsageError for no
     such layer.
     """
+    if not isinstance(sequence, FrameSequence):
+        sequence = open_input(sequence)
     layers = chosen_layers(layers, sequence)
     check_layers(sequence, layers)
     resolver = Resolver(preset, device, storage=storage, every_step=True)
@@ -86,10 +90,19 @@ def plan(
     sections: list[Section] = []
     plans: list[Plan] = []
     for number, starts, planned in _plans(sequence, resolver.preset, effects):
+        steps = [Step(name=reason.step, on=reason.on, why=reason.why) for reason in planned.reasons]
+        if (
+            plans
+            and not starts
+            and sections[-1].starts
+            and sections[-1].first == sections[-1].last
+            and _run(planned) == _run(plans[-1])
+        ):
+            # The same steps as of a first frame, and better reasons: of that one nobody knows whether the camera moved.
+            plans[-1], sections[-1].steps = plans[-1]._replace(reasons=planned.reasons), steps
         if plans and planned.reasons == plans[-1].reasons and not starts:
             sections[-1].last = number
             continue
-        steps = [Step(name=reason.step, on=reason.on, why=reason.why) for reason in planned.reasons]
         sections.append(Section(first=number, last=number, starts=starts, steps=steps))
         plans.append(planned)
     if rounds and not resolver.look_ahead:  # steps are timed one frame after another
@@ -152,6 +165,11 @@ def memory(
         staged=resolver.launcher.stages,
     )
     return of_sequence(sequence, held, layers)
+
+
+def _run(plan: Plan) -> list[bool]:
+    """Whether each step runs."""
+    return [reason.on for reason in plan.reasons]
 
 
 def _plans(sequence: FrameSequence, preset: Preset, effects: Effects) -> Iterator[tuple[int, bool, Plan]]:

@@ -110,6 +110,7 @@ def pair_up(
     side_file: Path | None = None,
     step: int = 1,
     verify: bool = True,
+    gaps: OnBreak = OnBreak.ERROR,
     **reading: Any,
 ) -> list[Comparison]:
     """Open tests (folders, files or patterns) and their one reference (the same, or a capture that holds one).
@@ -117,12 +118,13 @@ def pair_up(
     Without a reference there is one test, a capture, and its single samples are judged against its own truth.
     ``frames`` are the first and the last frame number to take, both included; all unless given.
     ``verify`` is that of ``open_sequence``; ``reading`` are ``profile`` and ``assignments`` of ``open_input``, for what
-    another tool wrote; ``side_file`` and ``step`` are those of the capture.
+    another tool wrote; ``gaps`` says whether a test may lack frames between others; ``side_file`` and ``step`` are
+    those of the capture.
     Raises UsageError, InputMissing and DataError where they do not belong together.
     """
     against = selection_of(tests[0] if reference is None else reference)
     capture = _capture(against, verify, step, reading | {"side_file": side_file})
-    images = [open_pictures(test, verify=verify, frames=frames, **reading) for test in tests]
+    images = [open_pictures(test, verify=verify, gaps=gaps, frames=frames, **reading) for test in tests]
     truth = None if capture is None else capture.known_reference()
     if truth is None:
         if reference is None:

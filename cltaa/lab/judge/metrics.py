@@ -200,18 +200,22 @@ def named_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
 def measure(
     test: Image,
     reference: Image,
-    metrics: Iterable[Metric] | None = None,
+    metrics: Iterable[Metric | str] | None = None,
     stops: float = 0.0,
     *,
     path: Path | None = None,
     truth_path: Path | None = None,
     frame: int | None = None,
 ) -> dict[str, float]:
-    """Value of every metric (``DEFAULT_METRICS`` unless given) for one pair of images.
+    """Value of every metric (``DEFAULT_METRICS`` unless given, by name or as they are) for one pair of images.
 
-    Raises DataError for sizes that differ, for bytes and greys, and for NaN or infinity, with ``frame`` and the file's
-    path in its text.
+    Raises UsageError for an unknown metric and what is no array, DataError for sizes that differ, for bytes and greys,
+    and for NaN or infinity, with ``frame`` and the file's path in its text.
     """
+    for image in (test, reference):
+        if not isinstance(image, np.ndarray):
+            cure = "files are judged by cltaa compare"
+            raise UsageError("no image to measure", expected="an array", found=type(image).__name__, cure=cure)
     if test.shape != reference.shape:
         expected, found = list(reference.shape), list(test.shape)
         raise DataError("images differ in size", path=path, frame=frame, expected=expected, found=found)
@@ -229,8 +233,9 @@ def measure(
             what = f"NaN or infinity in {counted(bad, 'value')} of the {name}"
             raise DataError(what, path=file, frame=frame, cure="there is no error to state; look for their cause")
     if metrics is None:
-        metrics = (METRICS[name] for name in DEFAULT_METRICS)
-    return {metric.name: metric.function(test, reference, stops) for metric in metrics}
+        metrics = DEFAULT_METRICS
+    chosen = [named_metrics([metric])[0] if isinstance(metric, str) else metric for metric in metrics]
+    return {metric.name: metric.function(test, reference, stops) for metric in chosen}
 
 
 def finite(image: Image) -> Image:

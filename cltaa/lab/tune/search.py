@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import tomli_w
 
 from cltaa.core.backend import Launcher
 from cltaa.core.parameters import Choices
-from cltaa.core.presets import Preset, load_preset, override, preset_names
+from cltaa.core.presets import LADDER, Preset, load_preset, override, preset_names
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError, import_extra
 from cltaa.io.atomic import atomic_path
@@ -51,7 +51,10 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
 
 def parse_goal(budget: str | None, target: str | None, metric: str) -> Goal:
     """The goal of ``--budget 5ms`` or ``--target flip=0.02``; raises UsageError for anything else."""
-    if (budget is None) == (target is None):
+    if budget is not None and target is not None:
+        cure = "leave one out: the other is then minimised, --budget with --metric NAME"
+        raise UsageError(f"--budget {budget} and --target {target} are two goals", cure=cure)
+    if budget is None and target is None:
         raise UsageError("one of --budget and --target is needed", expected="--budget 5ms, or --target flip=0.02")
     name, _, number = (target or "").partition("=")
     text = number if target is not None else (budget or "").removesuffix("ms").strip()
@@ -93,6 +96,7 @@ RANGES: dict[str, tuple[float, float, bool]] = {
     "disocclusion_blur": (0.0, 1.0, False),
 }
 ROUNDS = 7  # of timing a candidate beside the default
+PRESET = "preset"  # key of a trial that is a preset as it is
 OVERFIT = 0.5  # share of the gain (in log) that other sequences must keep
 
 
@@ -169,18 +173,36 @@ def tune(
     for _ in track(range(trials), trials, "tuning", unit="trials"):
         asked = study.ask()
         values = _suggested(asked)
-        trial = record.replay(values)
-        if trial is None:
-            preset = override(base, values, "cltaa tune") if found else base
-            trial = Trial(values=values, error=bench.error(preset), milliseconds=bench.milliseconds(preset))
-            record.add(trial)
+        trial = _tried(bench, record, override(base, values, "cltaa tune") if found else base, values)
         study.tell(asked, goal.score(trial.error, trial.milliseconds))
         found.append(trial)
+    found += _presets_as_they_are(bench, record, base)
     tuned, preset = _judged(found, searched, checked, goal, launcher, base)
     with atomic_path(output) as temporary:
         temporary.write_text(preset_text(tuned, preset), encoding="utf-8")
     record.clear()
     return tuned
+
+
+def _presets_as_they_are(bench: Bench, record: Record, base: Preset) -> list[Trial]:
+    """A trial of each preset of the ladder, below which the search does not end."""
+    presets = [load_preset(name) for name in LADDER]
+    others = [preset for preset in presets if preset.deciding() != base.deciding()]
+    return [_tried(bench, record, preset, {PRESET: preset.name}) for preset in others]
+
+
+def _tried(bench: Bench, record: Record, preset: Preset, values: dict[str, str | float]) -> Trial:
+    """What a preset brings: as the record has it, else measured now."""
+    trial = record.replay(values)
+    if trial is None:
+        trial = Trial(values=values, error=bench.error(preset), milliseconds=bench.milliseconds(preset))
+        record.add(trial)
+    return trial
+
+
+def _preset_of(base: Preset, values: Mapping[str, str | float]) -> Preset:
+    """The preset that a trial is of."""
+    return load_preset(str(values[PRESET])) if PRESET in values else override(base, values, "cltaa tune")
 
 
 def _study(seed: int) -> Any:
@@ -200,9 +222,10 @@ def _judged(
     base: Preset,
 ) -> tuple[Tuned, Preset]:
     """The best of the trials, the first of which is ``base``, and what it brings on the sequences that are left."""
-    best = min(trials, key=lambda trial: goal.score(trial.error, trial.milliseconds))
+    kept = [trial for trial in trials if goal.reached(trial.error, trial.milliseconds)]
+    best = min(kept or trials, key=lambda trial: goal.score(trial.error, trial.milliseconds))
     start = trials[0]
-    preset = base if best is start else override(base, best.values, "cltaa tune")
+    preset = base if best is start else _preset_of(base, best.values)
     gain, elsewhere = start.error / max(best.error, 1e-30), None
     if checked:
         other = Bench(checked, goal.metric, launcher)
@@ -211,7 +234,7 @@ def _judged(
         goal=goal,
         start=start,
         best=best,
-        trials=len(trials),
+        trials=sum(PRESET not in trial.values for trial in trials),
         reached=goal.reached(best.error, best.milliseconds),
         searched_on=[sequence.folder.name for sequence in searched],
         checked_on=[sequence.folder.name for sequence in checked],

@@ -34,7 +34,7 @@ def test_every_choice_and_storage_is_a_rung() -> None:
 
 def test_what_is_published_is_measured_as_published() -> None:
     """The plan leaves nothing out of it, nor of a step from it, whatever a sequence declares."""
-    rungs = ladder(load_preset("karis"), [load_preset("default"), load_preset("fsr3-native")], full=True)
+    rungs = ladder(load_preset("karis"), [load_preset("default"), load_preset("fsr3-like")], full=True)
     own = [rung for rung in rungs if rung.name == "default"]
     assert [rung.preset.published for rung in own] == [Published.NO]
     assert {rung.preset.published for rung in rungs if rung not in own} == {Published.ENGINE}

@@ -78,12 +78,12 @@ def test_a_model_goes_by_its_file() -> None:
 
 
 def test_presets_stand_in_their_families() -> None:
-    names = ["fast", "zebra", "default", "karis", "simvx", "basic", "babylon-reproject", ONE_SAMPLE, "fsr3-native"]
+    names = ["fast", "zebra", "default", "karis", "simvx", "basic", "babylon-reproject", ONE_SAMPLE, "fsr3-like"]
     assert ordered(names) == [
         ONE_SAMPLE,
         "babylon-reproject",
         "simvx",
-        "fsr3-native",
+        "fsr3-like",
         "karis",
         "basic",
         "fast",

@@ -55,7 +55,7 @@ def test_pngs_are_judged_and_judge(capsys: pytest.CaptureFixture[str], tmp_path:
     assert [row["frame"] for row in judging["frames"]] == [1, 2]
     assert judging["mean"]["psnr"] >= rounded
     assert (
-        run_json(capsys, tmp_path / "png" / "mine_0001.png", tmp_path / "png", *asked, "--frames", "1")["mean"]["mse"]
+        run_json(capsys, tmp_path / "png" / "mine_0001.png", tmp_path / "png", *asked, "--frames", "1-1")["mean"]["mse"]
         == 0
     )
     assert main(["compare", str(tmp_path / "png"), str(capture), *asked]) == 0

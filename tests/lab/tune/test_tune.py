@@ -156,6 +156,24 @@ def test_the_search_begins_with_the_preset_as_it_is(
     assert load_config(output, load_preset()).deciding() == tried[0].deciding()
 
 
+@pytest.mark.parametrize(("budget", "best"), [("5ms", "fast"), ("9ms", "gather-8"), ("1ms", None)])
+def test_the_search_does_not_end_below_a_preset_that_fits(
+    budget: str, best: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Errors and times by name; what is tried beside presets errs by 9 in 4 ms, and a budget of 1 ms nothing keeps."""
+    known = {"fast": (3.0, 4.0), "gather-8": (1.0, 8.0), "basic": (5.0, 2.0)}
+    monkeypatch.setattr("cltaa.lab.tune.search.Bench.error", lambda _, preset: known.get(preset.name, (9.0, 4.0))[0])
+    monkeypatch.setattr("cltaa.lab.tune.search.Bench.milliseconds", lambda _, p: known.get(p.name, (9.0, 4.0))[1])
+    folder, output = write_sequence(tmp_path / "a", 2, reference=True), tmp_path / "t.toml"
+    arguments = ["tune", str(folder), "--budget", budget, "--trials", "2", "--device", "numpy", "-o", str(output)]
+    assert main(arguments) == 0
+    said = capsys.readouterr().out
+    assert ("the goal was not reached" in said) == (best is None)
+    if best is not None:
+        assert f"that is the preset {best} as it is" in said
+        assert load_config(output, load_preset()).deciding() == load_preset(best).deciding()
+
+
 def test_a_single_sequence_is_said_to_be_unchecked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_sequence(tmp_path / "a", 2, reference=True)
     arguments = ["tune", str(folder), "--target", "mse=1e-9", "--trials", "2", "--device", "numpy"]

@@ -1,0 +1,162 @@
+"""``cltaa compare --table``: any number of results of the standard sequences beside ours, in one table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.table import Table
+
+from cltaa.commands.printing import print_line, print_table
+from cltaa.commands.scores import head, sample_cell, summary_of, value_cells, video_cells
+from cltaa.io.atomic import make_folder
+from cltaa.io.numbered import FrameRange
+from cltaa.io.video import USUAL_RATE, import_av, open_video, rate_of
+from cltaa.lab.judge.entries import Entry, Round, divided, lacking, read_entry, resolved_by_us, rounds
+from cltaa.lab.judge.metrics import Metric, mean_psnr, versions_of
+from cltaa.lab.judge.one_pass import judge
+from cltaa.lab.judge.video_scores import SCORES
+from cltaa.printable import counted, json_of, printable
+
+Row = dict[str, Any]
+
+
+def compare_table(
+    paths: Sequence[Path],
+    ours: Sequence[str],
+    metrics: tuple[Metric, ...],
+    asked: tuple[Metric, ...],
+    *,
+    stops: float,
+    cvvdp: bool,
+    film: Path | None,
+    as_json: bool,
+    frames: FrameRange | None,
+    **reading: Any,
+) -> None:
+    """Judge entries and our presets ``ours`` on captured sequences, and print one table or JSON."""
+    folders, sequences = divided(paths)
+    entries = [read_entry(folder, sequences) for folder in folders]
+    if cvvdp:
+        from cltaa.lab.judge.vdp import import_cvvdp
+
+        import_cvvdp()
+    if film is not None:
+        import_av()
+        make_folder(film)
+    with resolved_by_us(ours, sequences) as own:
+        played = rounds([*entries, *own], sequences, frames, **reading)
+        rows = [row for one in played for row in _judged(one, metrics, stops, cvvdp=cvvdp)]
+        for one in played:
+            if left := lacking(one):
+                click.echo(f"cltaa: warning: not judged: {printable(left)}", err=True)
+            if film is not None:
+                write_film(film / f"{one.sequence.resolve().name}.mp4", one, stops)
+    if as_json:
+        click.echo(json_of({"table": rows, "stops": stops, "versions": versions_of(metrics)}))
+    else:
+        _print(rows, asked, several=len(sequences) > 1, cvvdp=cvvdp)
+
+
+def _judged(one: Round, metrics: tuple[Metric, ...], stops: float, *, cvvdp: bool) -> list[Row]:
+    found = judge(one.comparisons, metrics, stops, in_time=one.in_time)
+    rows = []
+    for entry, comparison, judged in zip(one.entries, one.comparisons, found.tests, strict=True):
+        summary = summary_of(comparison, judged, found, metrics)
+        row: Row = {
+            "sequence": one.sequence.resolve().name,
+            "entry": entry.name,
+            **_facts(entry),
+            "frames": one.numbers,
+            **{key: summary[key] for key in ("mean", "video", "equal_quality_samples") if key in summary},
+        }
+        if cvvdp and one.in_time:
+            from cltaa.lab.judge.vdp import quality
+
+            row["cvvdp"] = quality(comparison, one.numbers, rate_of_round(one), stops)
+        rows.append(row)
+    return rows
+
+
+def _facts(entry: Entry) -> Row:
+    facts = {name: getattr(entry.facts, name) for name in ("version", "settings", "device", "milliseconds")}
+    return {name: value for name, value in facts.items() if value not in ("", None)}
+
+
+def rate_of_round(one: Round) -> Any:
+    """Frames a second at which a sequence is shown."""
+    capture = one.comparisons[0].capture
+    return USUAL_RATE if capture is None else rate_of(capture.attributes, capture.sequence_json, capture.step)
+
+
+def _print(rows: list[Row], asked: tuple[Metric, ...], *, several: bool, cvvdp: bool) -> None:
+    table = Table()
+    table.add_column("")
+    table.add_column("")
+    timed = any("milliseconds" in row for row in rows)
+    heads = [*(head(metric) for metric in asked), *(f"{score.name} ↓" for score in SCORES), "samples ↑"]
+    for column in (*heads, *(["cvvdp ↑"] if cvvdp else []), *(["ms ↓"] if timed else [])):
+        table.add_column(column, justify="right")
+    last = ""
+    for row in [*rows, *(_means(rows) if several else [])]:
+        if last and row["sequence"] != last:
+            table.add_section()
+        named = printable(row["sequence"]) if row["sequence"] != last else ""
+        last = row["sequence"]
+        moving = video_cells(row["video"]) if "video" in row else ["–"] * len(SCORES)
+        cells = [*value_cells(row["mean"], asked), *moving, sample_cell(row)]
+        cells += [f"{row['cvvdp']:.2f}" if "cvvdp" in row else "–"] if cvvdp else []
+        cells += [f"{row['milliseconds']:g}" if "milliseconds" in row else "–"] if timed else []
+        table.add_row(named, printable(row["entry"]), *cells)
+    print_table(table)
+    for name, title in [(one.name, one.title) for one in asked] + [(one.name, one.title) for one in SCORES]:
+        print_line(f"  {name}: {title}", "dim")
+    if cvvdp:
+        from cltaa.lab.judge.vdp import TITLE
+
+        print_line(f"  {TITLE}", "dim")
+
+
+def _means(rows: list[Row]) -> list[Row]:
+    """The means over sequences of the entries that have all of them."""
+    count = len({row["sequence"] for row in rows})
+    means = []
+    for name in dict.fromkeys(row["entry"] for row in rows):
+        of_it = [row for row in rows if row["entry"] == name]
+        if len(of_it) < count:
+            continue
+        mean = {key: _mean(key, [row["mean"][key] for row in of_it]) for key in of_it[0]["mean"]}
+        row: Row = {"sequence": f"mean of {counted(count, 'sequence')}", "entry": name, "mean": mean}
+        if all("video" in one for one in of_it):
+            row["video"] = {key: _mean(key, [one["video"][key] for one in of_it]) for key in of_it[0]["video"]}
+        row |= {key: _mean(key, [one[key] for one in of_it]) for key in ("cvvdp",) if all(key in one for one in of_it)}
+        means.append(row | {key: of_it[0][key] for key in ("milliseconds",) if key in of_it[0]})
+    return means
+
+
+def _mean(name: str, values: Sequence[float]) -> float:
+    """The mean of what is a number: of PSNR by squared errors."""
+    known = [value for value in values if not math.isnan(value)]
+    if not known:
+        return math.nan
+    return mean_psnr(known) if name.startswith("psnr") else math.fsum(known) / len(known)
+
+
+MAGNIFIED = 2  # times in a film, each pixel as a square
+
+
+def write_film(path: Path, one: Round, stops: float) -> None:
+    """Write the entries of a sequence and its truth side by side as an MP4, magnified without a filter."""
+    from cltaa.io.display import to_picture
+    from cltaa.io.png import beside
+
+    first = one.comparisons[0]
+    names = [*(entry.name for entry in one.entries), "truth"]
+    images = [*(comparison.test for comparison in one.comparisons), first.reference]
+    with open_video(path, rate_of_round(one)) as video:
+        for number in one.numbers:
+            pictures = [to_picture(source.image(number)[..., :3], stops) for source in images]
+            video.add(beside([p.repeat(MAGNIFIED, 0).repeat(MAGNIFIED, 1) for p in pictures], names))

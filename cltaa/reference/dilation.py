@@ -1,0 +1,61 @@
+"""Twin of ``taa/dilation.h``: motion of texels beyond the 3x3, as two engines take it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cltaa.core.build import Build, Record
+from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.parameters import Dilation
+from cltaa.core.planes import Layout
+from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
+from cltaa.reference.real import Array, Mask, limit, number
+from cltaa.reference.reprojection import pixel_grid
+
+CORNERS = ((-2, 2), (2, 2), (-2, -2), (2, -2))
+SQUARE = tuple((dx, dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1))
+
+
+def borrowed_surface(
+    s: Surface, inverse_depth: Array, motion: Array | None, build: Build, layout: Layout, frame: Record
+) -> Surface:
+    """The surface ``s`` of each pixel itself, or of the texel whose motion it borrows, from padded planes
+    [1, rows, stride] and [2, rows, stride]."""
+    kind = build.choices.dilation
+    if kind not in (Dilation.CORNERS, Dilation.BESIDE):
+        return s
+    like = s.centre
+    moves = motion is not None and build.steps.own_motion
+
+    def there(plane: Array, dx: int, dy: int) -> Array:
+        top, left = PAD_Y + dy, PAD_X + dx
+        return plane[top : top + layout.height, left : left + layout.width].astype(like.dtype)
+
+    def depth_at(dx: int, dy: int) -> Array:
+        return inverse_depth_or_sky(there(inverse_depth[0], dx, dy), frame)
+
+    def take(s: Surface, taken: Mask, dx: int, dy: int) -> Surface:
+        u, v = (there(p, dx, dy) for p in motion) if motion is not None and moves else (s.u, s.v)
+        return s._replace(
+            inverse_depth=np.where(taken, depth_at(dx, dy), s.inverse_depth),
+            x=np.where(taken, number(dx, like), s.x),
+            y=np.where(taken, number(dy, like), s.y),
+            u=np.where(taken, u, s.u),
+            v=np.where(taken, v, s.v),
+        )
+
+    nearest, beside, places = s.centre, 0, list(CORNERS)
+    if kind is Dilation.BESIDE:
+        nearest, beside, places = np.full_like(like, frame["sky_inverse_depth"]), -1, list(SQUARE)
+        s = take(s, np.ones(like.shape, bool), -1, -1)
+    for dx, dy in places:
+        q = depth_at(dx, dy)
+        nearer = q > nearest
+        nearest = np.where(nearer, q, nearest)
+        s = take(s, nearer, dx + beside, dy + beside)
+    if kind is Dilation.BESIDE:
+        return s
+    x, y = pixel_grid(layout, like)
+    zero, one = number(0.0, like), number(1.0, like)
+    right, bottom = number(layout.width, like) - one, number(layout.height, like) - one
+    return s._replace(x=limit(x + s.x, zero, right) - x, y=limit(y + s.y, zero, bottom) - y)

@@ -1,0 +1,48 @@
+"""Twin of ``taa/fireflies.h``: isolated samples far above what lies around them, now and in the history."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cltaa.core.build import Build, Record
+from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.parameters import Fireflies
+from cltaa.core.planes import Layout
+from cltaa.reference.accumulate import Pixel
+from cltaa.reference.colour import Colour, repaired_planes, to_range
+from cltaa.reference.history import History
+from cltaa.reference.real import Array, greater, lesser, number
+
+
+def luminance_4(v: Colour) -> Array:
+    """Four times the luminance."""
+    y: Array = (v[0] + v[2]) + number(2.0, v[0]) * v[1]
+    return y
+
+
+def borne_out_sample(v: Colour, borne_out: Array, h: History, settings: Record) -> Colour:
+    """Samples, or what stands for those of more than ``firefly_threshold`` times the luminance ``borne_out``, of four
+    times which that is given: the history, or without that themselves, as bright as that."""
+    y, one = luminance_4(v), number(1.0, borne_out)
+    fly = y > number(settings["firefly_threshold"], y) * borne_out
+    k = np.where(fly, borne_out / y, one)
+    r, g, b = (np.where(fly & h.valid, past, x * k) for x, past in zip(v, h.rgb, strict=True))
+    return r, g, b
+
+
+def without_firefly(p: Pixel, current: Array, h: History, build: Build, layout: Layout, settings: Record) -> Pixel:
+    """The pixels without fireflies: samples that neither the second greatest of the eight texels around them bears out
+    nor their history; ``current`` are padded planes [3, rows, stride]."""
+    if build.choices.fireflies is Fireflies.KEEP:
+        return p
+    first = second = np.zeros_like(h.count)
+    r, g, b = repaired_planes(current, layout).astype(first.dtype)
+    y = luminance_4(to_range((r, g, b), build))
+    for j, i in ((j, i) for j in (-1, 0, 1) for i in (-1, 0, 1) if i or j):
+        there = y[PAD_Y + j : PAD_Y + j + layout.height, PAD_X + i : PAD_X + i + layout.width]
+        second = greater(second, lesser(first, there))
+        first = greater(first, there)
+    past = np.where(h.valid, luminance_4(h.rgb), np.zeros_like(second))
+    borne_out = greater(greater(second, past), number(4.0, past) * number(settings["firefly_floor"], past))
+    own, filtered = (borne_out_sample(v, borne_out, h, settings) for v in (p.own, p.filtered))
+    return p._replace(own=own, filtered=filtered)

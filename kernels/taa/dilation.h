@@ -1,0 +1,55 @@
+// Motion of texels beyond the 3x3, as two engines take it: Bevy looks at the corners of a 5x5, and Godot reads its
+// velocities one texel left of and above the nearest depth.
+#include "taa/neighbourhood.h"
+
+// `s` with the place, depth and own motion of the texel dx, dy from the pixel at `at`, where that is `taken`.
+STAGE surface take_texel(
+    surface s, mask taken, plane_in inverse_depth, plane_in motion, int dx, int dy, uint at, frame_t frame)
+{
+    const ptrdiff_t by = (ptrdiff_t)at + dy * (ptrdiff_t)row_stride(frame) + dx;
+    s.inverse_depth = taken ? inverse_depth_or_sky(load(inverse_depth + by), frame) : s.inverse_depth;
+    s.x = taken ? SPLAT(dx) : s.x;
+    s.y = taken ? SPLAT(dy) : s.y;
+    if (OWN_MOTION) {
+        s.u = taken ? load(motion + by) : s.u;
+        s.v = taken ? load(motion + by + plane_size(frame)) : s.v;
+    }
+    return s;
+}
+
+STAGE real depth_beside(plane_in inverse_depth, int dx, int dy, uint at, frame_t frame)
+{
+    return inverse_depth_or_sky(load(inverse_depth + (ptrdiff_t)at + dy * (ptrdiff_t)row_stride(frame) + dx), frame);
+}
+
+// The surface `s` of the pixel itself, or of the texel whose motion it borrows.
+STAGE surface borrowed_surface(surface s, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
+{
+    const uint at = texel_offset(frame, x, y);
+    if (DILATION == DILATION_CORNERS) {
+        real nearest = s.centre;
+        for (int k = 0; k < 4; ++k) {
+            const int dx = k & 1 ? 2 : -2, dy = k < 2 ? 2 : -2;
+            const real q = depth_beside(inverse_depth, dx, dy, at, frame);
+            const mask nearer = q > nearest;
+            nearest = nearer ? q : nearest;
+            s = take_texel(s, nearer, inverse_depth, motion, dx, dy, at, frame);
+        }
+        // A texel beyond the image repeats its edge, and moves as that does.
+        const real px = LANE_INDEX + K(x), py = SPLAT(y);
+        s.x = limit(px + s.x, SPLAT(0.0), SPLAT(frame.width) - K(1.0)) - px;
+        s.y = limit(py + s.y, SPLAT(0.0), SPLAT(frame.height) - K(1.0)) - py;
+    }
+    if (DILATION == DILATION_BESIDE) {
+        real nearest = SPLAT(frame.sky_inverse_depth);
+        s = take_texel(s, (mask)(-1), inverse_depth, motion, -1, -1, at, frame);
+        for (int k = 0; k < 9; ++k) {
+            const int dx = k % 3 - 1, dy = k / 3 - 1;
+            const real q = depth_beside(inverse_depth, dx, dy, at, frame);
+            const mask nearer = q > nearest;
+            nearest = nearer ? q : nearest;
+            s = take_texel(s, nearer, inverse_depth, motion, dx - 1, dy - 1, at, frame);
+        }
+    }
+    return s;
+}
