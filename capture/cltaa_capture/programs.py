@@ -78,7 +78,8 @@ class Program:
         slots = []
         for index in range(GL.glGetProgramiv(self._id, GL.GL_ACTIVE_UNIFORMS)):
             name, _, kind = GL.glGetActiveUniform(self._id, index)
-            slots.append((_text(name), GL.glGetUniformLocation(self._id, name), SETTERS[kind]))
+            called = _text(bytes(name)).rstrip("\0")  # bytes, or an array of them, by the version of PyOpenGL
+            slots.append((called, GL.glGetUniformLocation(self._id, called), SETTERS[kind]))
         return slots
 
     def bind(self, *layers: Uniforms) -> None:

@@ -8,7 +8,6 @@ along, so that every pixel sees the neighbours that it sees in one piece.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import replace
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -162,11 +161,6 @@ class BandedResolver(Resolver):
             return image if self._in_place else np.ascontiguousarray(image)
         out[...] = image
         return out
-
-    def _start(self, frame: Frame, *, half: bool) -> Callable[[], Any]:
-        """As ``Resolver._start``, to the end."""
-        image = self.resolve(frame, half=half)
-        return lambda: image
 
     @one_thread
     def reserve(self, width: int, height: int, *, alpha: bool, half: bool = False) -> None:

@@ -266,21 +266,8 @@ class Resolver:
         self._ended(frame, buffers)
 
     def resolve_many(self, frames: Iterable[Frame], *, half: bool = False) -> Iterator[Any]:
-        """Each of ``frames`` as ``resolve`` gives it; on a GPU a result comes back while the next frame is brought.
-
-        There a result is given when the frame behind it was taken from ``frames``. Raises as ``resolve``.
-        """
-        if self.look_ahead or not self.launcher.stages:
-            yield from self.images(frames, half=half)
-            return
-        arrives: Callable[[], Any] | None = None
-        for frame in frames:
-            before, arrives = arrives, self._start(frame, half=half)
-            if before is not None:
-                yield before()
-            del before  # with its result, while the next is waited for
-        if arrives is not None:
-            yield arrives()
+        """Each of ``frames`` as ``resolve`` gives it, in their order. Raises as ``resolve``."""
+        yield from self.images(frames, half=half)
 
     def images(self, frames: Iterable[Frame], *, half: bool = False, planar: bool = False) -> Iterator[NDArray[Any]]:
         """The image of each of ``frames``, in their order, as ``resolve`` gives it; they may come later.
@@ -370,21 +357,6 @@ class Resolver:
         self._resolved(frame, previous, build, self._buffers, image, started)
         self._latest, self._waiting = latest, waiting
         return image
-
-    @one_thread
-    def _start(self, frame: Frame, *, half: bool) -> Callable[[], Any]:
-        """Begin to resolve ``frame``, on a device with memory of its own; returns what waits for its result."""
-        self._check(frame, None)
-        previous, buffers, build = self._begun(frame)
-        out = self._place(frame, half, buffers)
-        arrives = buffers.read(self._run(frame, previous, build, buffers), out, build)
-        self._ended(frame, buffers)
-
-        def result() -> Any:
-            arrives()
-            return out
-
-        return result
 
     def _check(self, frame: Frame, out: Any) -> None:
         """Raise DataError and UsageError."""

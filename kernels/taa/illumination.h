@@ -230,8 +230,8 @@ typedef struct
 // frame and another way in the next, light that changes goes on: so what the jitter does stays small in the sum. Where
 // the surface was partly `covered`, disocclusion_t takes the place of illumination_t. `next` is the row below the
 // pixel's.
-STAGE lit_t illumination_test(real held, mask covered, plane_in current, boxed_row next, history_in history, plane_in count,
-    footprint f, int x, int y, frame_t frame, settings_t settings, illumination_cache* cache)
+STAGE lit_t illumination_test(real held, mask covered, plane_in current, boxed_row next, history_in history,
+    plane_in count, footprint f, int x, int y, frame_t frame, settings_t settings, illumination_cache* cache)
 {
     const nearest_t n = nearest_texels(f, row_stride(frame));
     if (!n.alike | (n.at != cache->nearest))
