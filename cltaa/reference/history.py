@@ -65,7 +65,8 @@ def sample_history(
         previous, tolerance = sample_quad(previous_inverse_depth[0], f, real), settings["depth_tolerance"]
         no_depth = sample_is_missing(current, layout) & (s.nearest <= number(frame["sky_inverse_depth"], s.nearest))
         valid &= same_surface(previous, s, m, tolerance) | no_depth
-        covered = partly_covered(previous, s, m, tolerance)
+        if build.steps.camera_motion or build.steps.own_motion:
+            covered = partly_covered(previous, s, m, tolerance)
     change = np.zeros_like(count)
     if tests_light(build):
         count, change = illumination_test(

@@ -167,7 +167,8 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
         if (lacks)
             same = same | (sample_is_missing(current, x, y, frame) & (s.nearest <= SPLAT(frame.sky_inverse_depth)));
         h.valid = h.valid & same;
-        covered = partly_covered(v.inverse_depth, s, m, settings);
+        if (CAMERA_MOTION | OWN_MOTION) // else it is the jitter that shows something nearer now and then
+            covered = partly_covered(v.inverse_depth, s, m, settings);
     }
     h.change = SPLAT(0.0);
     if (TESTS_LIGHT) {
