@@ -168,9 +168,13 @@ _STANDARD_FLOATS = frozenset({"pixelAspectRatio", "screenWindowWidth", "whiteLum
 def write_frame(path: str | Path, frame: Frame, *, compression: str = "zip") -> None:
     """Write one frame as a multi-channel EXR of float32 channels (``id`` uint32), atomically.
 
-    Raises DataError for a frame whose arrays, matrices or numbers are wrong, OutputError and StorageError for disks.
+    Raises UsageError for a name of another format, DataError for a frame whose arrays, matrices or numbers are wrong,
+    OutputError and StorageError for disks.
     """
     path = Path(path)
+    if path.suffix.lower() != ".exr":
+        expected, found = "a name that ends in .exr", path.suffix or "no suffix"
+        raise UsageError("frames are written as EXR", path=path, expected=expected, found=found)
     write_image(path, frame_planes(frame, path), frame_attributes(frame), compression=compression)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 import cltaa as public
 from cltaa.errors import CltaaError
-from tests.sequence_factory import write_sequence
+from tests.sequence_factory import make_frame, write_sequence
 
 cltaa: Any = public  # whose types forbid what is tried here
 LIGHT = np.ones((8, 8, 3), np.float32)
@@ -30,6 +30,7 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "no checkpoint": (lambda seq: cltaa.resolve(seq, "out", checkpoint_every=0), "a checkpoint every so many frames"),
     "preview by text": (lambda seq: cltaa.resolve(seq, "out", preview="x.gif"), "a film is an MP4"),
     "no comparison": (lambda seq: cltaa.resolve(seq, "out", compare="diagonal"), "no such comparison"),
+    "a PNG": (lambda _: cltaa.write_frame("x.png", make_frame()), "x.png: frames are written as EXR"),
     "no film": (lambda seq: cltaa.resolve(seq, "out", compare="side"), "comparison side is of a film"),
 }
 
