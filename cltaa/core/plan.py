@@ -265,7 +265,9 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
         settings = msgspec.structs.replace(settings, disocclusion_blur=0.0)
     choices, settings, estimated = estimate(preset, settings, declared)
     if not facts.depth:  # all lies as far as the sky, and there are no depth edges
-        choices = msgspec.structs.replace(choices, reject=Reject.NONE, dilation=Dilation.NONE)
+        # Motion that is read beside the nearest surface is read beside the pixel itself.
+        dilation = choices.dilation if choices.dilation is Dilation.BESIDE else Dilation.NONE
+        choices = msgspec.structs.replace(choices, reject=Reject.NONE, dilation=dilation)
         estimated = [Reason(REJECTION, False, "no depth") if why.step == REJECTION else why for why in estimated]
     return Plan(choices, settings, steps, (*reasons, *estimated))
 

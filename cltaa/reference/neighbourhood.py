@@ -246,6 +246,7 @@ def neighbourhood_statistics(above: Row, centre: Row, below: Row, build: Build, 
     mean, deviation = [m.shift + m.offset for m in parts], [deviation_of(m, build) for m in parts]
     if build.choices.neighbourhood in (Neighbourhood.LUMINANCE, Neighbourhood.JITTERED):
         mean, deviation = weighed_texels((*above.texels, *centre.texels, *below.texels), build, frame)
+        mean = [limit(value, part.low, part.high) for value, part in zip(mean, parts, strict=True)]
     each = mean, deviation, [m.low for m in parts], [m.high for m in parts]
     return Statistics(*(in_units(_three(colour), build) for colour in each))
 

@@ -71,7 +71,7 @@ STAGE colour to_blend_range(colour v) { return TONEMAP == TONEMAP_BLEND ? peak_r
 
 // One channel by itself, c / (1 + c), and back (Reinhard et al. 2002); what is not light stays as it is.
 STAGE real compressed(real v) { return v / (SPLAT(1.0) + greater(v, SPLAT(0.0))); }
-STAGE real expanded(real v) { return v / greater(SPLAT(1.0) - greater(v, SPLAT(0.0)), SPLAT(LEAST_HEADROOM)); }
+STAGE real untonemapped(real v) { return v / greater(SPLAT(1.0) - greater(v, SPLAT(0.0)), SPLAT(LEAST_HEADROOM)); }
 
 // Scene-referred colour in the range in which it is compared and blended, and back. The way back is limited to
 // LEAST_HEADROOM of headroom: 1 - peak of a colour near white is all rounding.
@@ -89,7 +89,7 @@ STAGE colour from_range(colour v)
     if (TONEMAP == TONEMAP_NONE)
         return v;
     if (TONEMAP == TONEMAP_CHANNEL)
-        return (colour) { expanded(v.r), expanded(v.g), expanded(v.b) };
+        return (colour) { untonemapped(v.r), untonemapped(v.g), untonemapped(v.b) };
     return scaled(v, SPLAT(1.0) / greater(SPLAT(1.0) - peak(v), SPLAT(LEAST_HEADROOM)));
 }
 

@@ -19,13 +19,11 @@ typedef struct
 // The texel at the whole part of a footprint; p is the plane of red, moved by what it is read beside.
 STAGE colour load_colour_apart(history_in p, footprint f, size_t plane, int stride)
 {
-#if LANES > 1
+    if (LANES == 1)
+        return load_history_colour(p + f.at, plane);
     const whole steps = steps_apart(f.dx, f.dy, stride);
     history_in q = p + f.own;
     return (colour) { history_apart(q, steps), history_apart(q + plane, steps), history_apart(q + 2 * plane, steps) };
-#else
-    return load_history_colour(p + f.at, plane);
-#endif
 }
 
 STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, size_t plane, int stride)

@@ -227,8 +227,12 @@ STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below
     s.deviation = (boxed) { deviation_of(a), deviation_of(b), deviation_of(c) };
     s.low = (boxed) { a.low, b.low, c.low };
     s.high = (boxed) { a.high, b.high, c.high };
-    if ((NEIGHBOURHOOD == NEIGHBOURHOOD_LUMINANCE) | (NEIGHBOURHOOD == NEIGHBOURHOOD_JITTERED))
+    if ((NEIGHBOURHOOD == NEIGHBOURHOOD_LUMINANCE) | (NEIGHBOURHOOD == NEIGHBOURHOOD_JITTERED)) {
         weighed_texels(&s, above.texels, centre.texels, below.texels, frame);
+        // Rounding may take a weighed mean out of what it is the mean of, and a box inside out.
+        s.mean = (boxed) { limit(s.mean.a, s.low.a, s.high.a), limit(s.mean.b, s.low.b, s.high.b),
+            limit(s.mean.c, s.low.c, s.high.c) };
+    }
     return s;
 }
 

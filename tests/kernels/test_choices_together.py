@@ -27,7 +27,7 @@ LANES, ROWS = 8, 7
 GROUPS = [
     ("box", "box_space", "neighbourhood", "variance", "rectify", "history_filter", "weighting"),
     ("current_filter", "filter_use", "history_range"),
-    ("accumulate", "anti_flicker", "negatives"),
+    ("accumulate", "anti_flicker", "fireflies", "negatives"),
     ("dilation", "off_screen", "ray_through", "reject"),
     ("exposure_change", "illumination", "reactive_mask", "tonemap"),
 ]

@@ -221,16 +221,16 @@ def test_what_the_pictures_show_is_printed_and_of_which_there_is_none(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     folder, pictures = write_sequence(tmp_path / "shot", 3, reference=True), tmp_path / "pictures"
-    asked = ["--preset", "default", "--preset", "basic", "--config", str(tmp_path / "same.toml")]
+    asked = ["--preset", "default", "--preset", "accumulate", "--config", str(tmp_path / "same.toml")]
     (tmp_path / "same.toml").write_text("")
     arguments = ["bench", "quality", "--sequence", str(folder), "--settled", "1", "--work", str(tmp_path / "work")]
     assert main([*arguments, *asked, "--device", "numpy", "--pictures", str(pictures)]) == 0
     *_, title, default, quick, same = capsys.readouterr().out.splitlines()
     assert title == f"the worst place of each preset is shown in {pictures}"
     assert default.startswith("  default: shot (given), frame ")
-    assert quick.startswith("  basic: shot (given), frame ")
+    assert quick.startswith("  accumulate: shot (given), frame ")
     assert same == "  same.toml: no picture: The same as default on every sequence."
-    assert sorted(path.name for path in pictures.iterdir()) == ["basic.png", "default.png"]
+    assert sorted(path.name for path in pictures.iterdir()) == ["accumulate.png", "default.png"]
 
 
 def test_a_file_is_judged_as_a_preset_is(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.core.backend import launcher_for
 from cltaa.core.build import Storage
+from cltaa.core.parameters import Dilation
 from cltaa.core.presets import load_preset
 from cltaa.errors import DataError, UsageError
 from cltaa.lab.bench.accuracy.budget import Candidate, Remembered, choose, path_for, remember
@@ -92,7 +93,8 @@ def test_a_measurement_is_remembered(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main([*arguments, "--rounds", "3", "--patience", "0", "--rounding-frames", "0", "--metrics", "mse"]) == 0
     capsys.readouterr()
     remembered = msgspec.json.decode(path_for(launcher_for(None).description).read_bytes(), type=Remembered)
-    assert [row.variant.name for row in remembered.candidates] == ["basic", "dilation: closest", "dilation: edge"]
+    others = [f"dilation: {word}" for word in Dilation if word is not Dilation.NONE]
+    assert [row.variant.name for row in remembered.candidates] == ["basic", *others]
     assert remembered.candidates[0].error == 1.0
     assert remembered.sequences == ["seq"]
 

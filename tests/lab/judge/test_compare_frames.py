@@ -24,7 +24,7 @@ def test_frames_that_have_a_truth_are_judged_where_others_have_none(
     said = refusal(capsys, 66, resolved, capture)
     assert f"frame {missing}: no reference for this frame" in said
     assert "choose frames that both have with --frames" in said
-    judged = run_json(capsys, resolved, capture, "--frames", "2", "--metrics", "mse", "--video")
+    judged = run_json(capsys, resolved, capture, "--frames", "2-2", "--metrics", "mse", "--video")
     assert [row["frame"] for row in judged["frames"]] == [2]
     assert judged["equal_quality_samples"]["method"] == "n^-1.5 law"
     with pytest.raises(InputMissing, match=r"the reference of this frame is missing \(found .*\); capture it again"):
