@@ -32,9 +32,9 @@ def api(preset: str, sizes: tuple[tuple[int, int], ...], device: str | None, rou
     """Time Resolver.resolve as a program calls it, in milliseconds a frame of colour and depth.
 
     "kernels" is the device's own time of a call with arrays that are there already, "device arrays" the same by the
-    clock, of several calls in a row. "host arrays" are NumPy's, in and out; "resolve_many" of as many in a row, and
-    "over one" its ratio to them. "copies" are a plain pyopencl loop that brings the same arrays to the device and a
-    result back, "pinned" the same through pinned memory, at the speed of the bus.
+    clock, of several calls in a row. "host arrays" are NumPy's, in and out. "copies" are a plain pyopencl loop that
+    brings the same arrays to the device and a result back, "pinned" the same through pinned memory, at the speed of the
+    bus.
     """
     preset_of = load_preset(preset)
     if preset_of.settings.look_ahead:
@@ -49,17 +49,11 @@ def api(preset: str, sizes: tuple[tuple[int, int], ...], device: str | None, rou
 def print_api(bench: ApiBench) -> None:
     """Print the table, and where it was measured."""
     table = Table(title=f"a call, preset {bench.preset}, {bench.rounds} rounds, milliseconds a frame")
-    times = ("kernels", "device arrays", "host arrays", "resolve_many", "copies", "pinned_copies")
-    for heading in ("size", *(name.replace("_copies", "") for name in times), "over one", "95 %"):
+    times = ("kernels", "device arrays", "host arrays", "copies", "pinned_copies")
+    for heading in ("size", *(name.replace("_copies", "") for name in times)):
         table.add_column(heading, justify="right", no_wrap=True)
     for row in bench.rows:
         found = [getattr(row, name.replace(" ", "_")).median * 1e3 for name in times]
-        ratio = row.many_over_one
-        table.add_row(
-            f"{row.width} x {row.height}",
-            *(f"{value:.3g}" for value in found),
-            f"{ratio.median:.2f}",
-            f"{ratio.low:.2f}–{ratio.high:.2f}",
-        )
+        table.add_row(f"{row.width} x {row.height}", *(f"{value:.3g}" for value in found))
     print_table(table)
     print_line(shown(bench.environment.line))

@@ -34,7 +34,7 @@ def compare_table(
     cvvdp: bool,
     film: Path | None,
     as_json: bool,
-    frames: FrameRange | None,
+    frames: int | FrameRange | None,
     **reading: Any,
 ) -> None:
     """Judge entries and our presets ``ours`` on captured sequences, and print one table or JSON."""

@@ -188,7 +188,7 @@ class _Seconds(click.FloatRange):
         number: Any = value.removesuffix("s") if isinstance(value, str) else value
         seconds = super().convert(number, param, ctx)
         if not math.isfinite(seconds):
-            self.fail("no number of seconds", param, ctx)
+            self.fail("not a number of seconds", param, ctx)
         return seconds
 
 

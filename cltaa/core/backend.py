@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import Any, Protocol, cast
 
@@ -43,12 +43,9 @@ class Exchange(Protocol):
     def receive(self, out: Any) -> Any:
         """Memory that ``pack`` fills for ``out``."""
 
-    def hand_over(self, out: Any, received: Any, done: Any) -> Callable[[], object]:
+    def hand_over(self, out: Any, received: Any, done: Any) -> None:
         """Bring what was ``received``, and packed when ``done`` happens, into ``out``, a device's in the order of its
-        queue.
-
-        Returns what waits until it is there.
-        """
+        queue."""
 
     def give_back(self) -> None:
         """Forget arrays of the host, which nothing reads any more."""

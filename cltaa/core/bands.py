@@ -146,7 +146,7 @@ class BandedResolver(Resolver):
             passes.resolve()
             self.launcher.finish()
             if half:
-                buffers.read(buffers.output, halves[band.own], build)()
+                buffers.read(buffers.output, halves[band.own], build)
             written = (buffers.output, buffers.output_count, buffers.inverse_depth)
             waiting.append(_Result(band, *(band.copied(buffer) for buffer in written)))
         for result in waiting:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
@@ -126,25 +126,17 @@ class Buffers:
     def _rows(self) -> dict[str, int]:
         return {"stride": self.layout.stride, "rows": self.layout.rows}
 
-    def read(self, image: Buffer, out: Any, build: Build) -> Callable[[], None]:
-        """Copy the result into ``out`` [H, W, 3 or 4], for an array of a device in the order of its queue.
-
-        Returns what waits until it is there.
-        """
+    def read(self, image: Buffer, out: Any, build: Build) -> None:
+        """Copy the result into ``out`` [H, W, 3 or 4], for an array of a device in the order of its queue."""
         direct = not isinstance(out, np.ndarray) or flat(out, dense=True) is not None
         into = out if direct else np.empty(out.shape, out.dtype)
         target = self._exchange.receive(into)
         height, width, planes = out.shape
         given = {"image": image, "target": target, "width": width, "height": height, "planes": planes}
         done = self._launcher.run("pack", edge_build(build), self.layout, given | self._rows() | places(into))
-        arrives = self._exchange.hand_over(into, target, done)
-
-        def wait() -> None:
-            arrives()
-            if into is not out:
-                out[...] = into
-
-        return wait
+        self._exchange.hand_over(into, target, done)
+        if into is not out:
+            out[...] = into
 
     def let_go(self) -> None:
         """Forget the channels of the last frame."""

@@ -258,16 +258,12 @@ class Resolver:
         if waits:
             self.launcher.finish()
         resolved = perf_counter()
-        buffers.read(output, out, build)()
+        buffers.read(output, out, build)
         if waits:
             self.launcher.finish()
             buffers.give_back()
         self.times = Times(uploaded - started, resolved - uploaded, perf_counter() - resolved)
         self._ended(frame, buffers)
-
-    def resolve_many(self, frames: Iterable[Frame], *, half: bool = False) -> Iterator[Any]:
-        """Each of ``frames`` as ``resolve`` gives it, in their order. Raises as ``resolve``."""
-        yield from self.images(frames, half=half)
 
     def images(self, frames: Iterable[Frame], *, half: bool = False, planar: bool = False) -> Iterator[NDArray[Any]]:
         """The image of each of ``frames``, in their order, as ``resolve`` gives it; they may come later.
@@ -305,7 +301,7 @@ class Resolver:
     def _fed(self, frame: Frame, *, half: bool, planar: bool = False) -> Iterator[NDArray[Any]]:
         check_frame(frame)
         coarse = coarse_colours(frame)
-        if self._latest is not None and self._is_cut(self._latest, frame, coarse):
+        if self._latest is not None and self._goes_on(frame) and self._is_cut(self._latest, frame, coarse):
             frame = replace(frame, cut=True)
         if not self._goes_on(frame):
             yield from self._flushed(half=half, planar=planar)
@@ -389,9 +385,8 @@ class Resolver:
         self._previous = Past.of(frame, self._coarse)
 
     def _is_cut(self, past: Past, frame: Frame, coarse: Coarse) -> bool:
-        """Whether ``frame``, which would go on from ``past``, is found to be a cut. Published resolves find none."""
-        goes_on = past.continues_in(frame, self.preset.choices) and not self.preset.published
-        if not goes_on or not looks_cut(past.coarse, coarse):
+        """Whether ``frame``, which otherwise goes on from ``past``, looks like a cut; published resolves find none."""
+        if self.preset.published or not looks_cut(past.coarse, coarse):
             return False
         self.cuts_found.append(frame.index)
         return True
@@ -479,10 +474,10 @@ class Resolver:
             cure = f"number frames one after the other, {frame.step} apart; before another sequence call reset()"
             raise UsageError(f"index is {frame.index} twice in a row, so no history could go on", cure=cure)
         self._coarse = coarse_colours(frame)
-        if previous is not None and self._is_cut(previous, frame, self._coarse):
-            previous = None
-        if previous is not None and not previous.continues_in(frame, self.preset.choices):
-            previous = None
+        if previous is not None:
+            goes_on = previous.continues_in(frame, self.preset.choices)
+            if not goes_on or self._is_cut(previous, frame, self._coarse):
+                previous = None
         self.plan = plan_frame(self.preset, frame, previous.camera if previous else None, every=self.every_step)
         return previous, self._build(self.plan)
 

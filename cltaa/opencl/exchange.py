@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from functools import cached_property, partial
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -91,24 +90,20 @@ class Staged:
                 self._moving.pop().wait()
         copiers.each(move, self._parts)
 
-    def begin_download(self, queue: cl.CommandQueue, after: cl.Event) -> None:
-        """Enqueue what brings the bytes to pinned memory ``after`` an event."""
+    def download(self, content: NDArray[np.uint8], copiers: Copiers) -> None:
+        """Fill bytes of the host with them, each piece as soon as it has come to pinned memory."""
         with device_errors(self._device):
             self._moving = [
                 cl.enqueue_copy(
-                    queue,
+                    self._device.queue,
                     self._pinned[part],
                     self.buffer,
                     src_offset=part.start,
                     is_blocking=False,
-                    wait_for=[after],
                 )
                 for part in self._parts
             ]
-            queue.flush()
-
-    def end_download(self, content: NDArray[np.uint8], copiers: Copiers) -> None:
-        """Fill bytes of the host with them, each piece as soon as it has come."""
+            self._device.queue.flush()
 
         def take(part: slice) -> None:
             with device_errors(self._device):
@@ -125,7 +120,7 @@ class Exchange(OneProcess):
     def __init__(self, device: Device) -> None:
         self._device = device
         self._lent: dict[str, Memory | Staged | Lent] = {}
-        self._spare: list[Staged] = []  # that results came through
+        self._result: Staged | None = None  # that the last one came through
         self._others: list[cl.CommandQueue] = []  # of a program, whose arrays were lent
         self._copiers = Copiers()
 
@@ -142,9 +137,11 @@ class Exchange(OneProcess):
             content = _bytes_of(array)
             lent = Memory(self._device, content.shape, np.uint8, content)
         else:
-            content, held = _bytes_of(array), self._lent.get(name)
-            lent = held if isinstance(held, Staged) and held.size == content.size else self._staged(content.size)
-            lent.upload(content, self._copiers)
+            content, staged = _bytes_of(array), self._lent.get(name)
+            if not isinstance(staged, Staged) or staged.size != content.size:
+                staged = Staged(self._device, content.size)
+            staged.upload(content, self._copiers)
+            lent = staged
         self._lent[name] = lent
         return lent
 
@@ -155,30 +152,25 @@ class Exchange(OneProcess):
         content = _bytes_of(out)
         if self._device.shares_memory:
             return Memory(self._device, content.shape, np.uint8, content, written=True)
-        fitting = next((staged for staged in self._spare if staged.size == content.size), None)
-        if fitting is None:
-            return self._staged(content.size)
-        self._spare.remove(fitting)
-        return fitting
+        if self._result is None or self._result.size != content.size:
+            self._result = Staged(self._device, content.size)
+        return self._result
 
-    def hand_over(self, out: Any, received: Memory | Staged | Lent, done: cl.Event) -> Callable[[], object]:
-        """Bring what was ``received``, and written when an event is ``done``, to ``out``: into the host's memory, or
-        before what its queue is given next.
-
-        Returns what waits until the host has it.
-        """
+    def hand_over(self, out: Any, received: Memory | Staged | Lent, done: cl.Event) -> None:
+        """Bring what was ``received``, and written when an event is ``done``, to ``out``: into the host's memory, which
+        is waited for, or before what its queue is given next."""
         if isinstance(received, Memory):
-            return partial(_seen, received)
+            with received.mapped(write=False):
+                return
+        if isinstance(received, Staged):
+            received.download(_bytes_of(out), self._copiers)
+            return
         with device_errors(self._device):
             self._device.queue.flush()
-        if isinstance(received, Staged):
-            received.begin_download(self._returns, done)
-            return partial(self._arrived, received, out)
         out.add_event(done)
         with device_errors(self._device):
             while self._others:
                 cl.enqueue_barrier(self._others.pop(), wait_for=[done])
-        return lambda: None
 
     def give_back(self) -> None:
         """Forget arrays of the host, which nothing reads any more."""
@@ -188,18 +180,6 @@ class Exchange(OneProcess):
     def close(self) -> None:
         """End the threads; the memory goes with what holds it."""
         self._copiers.close()
-
-    @cached_property
-    def _returns(self) -> cl.CommandQueue:
-        """A queue for results alone, which come back while the next frame is brought."""
-        return cl.CommandQueue(self._device.context, self._device.cl_device)
-
-    def _arrived(self, received: Staged, out: Any) -> None:
-        received.end_download(_bytes_of(out), self._copiers)
-        self._spare.append(received)
-
-    def _staged(self, size: int) -> Staged:
-        return Staged(self._device, size)
 
     def _lent_by(self, array: Any) -> Lent:
         if array.context != self._device.context:
@@ -215,11 +195,6 @@ class Exchange(OneProcess):
             if before:
                 cl.enqueue_barrier(self._device.queue, wait_for=before)
         return Lent(array.base_data)
-
-
-def _seen(memory: Memory) -> None:
-    with memory.mapped(write=False):
-        pass
 
 
 def _bytes_of(array: NDArray[Any]) -> NDArray[np.uint8]:

@@ -401,7 +401,7 @@ def resolve_sequence(
 def _write_film(
     path: Path, sequence: FrameSequence, results: ImageSequence, compare: str | None, rate: Fraction
 ) -> None:
-    """A film of the results alone, or held against what they were resolved from."""
+    """A film of the results alone, or beside what they were resolved from."""
     if compare is None:
         write_video(path, results, rate=rate)
         return

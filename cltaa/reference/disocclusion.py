@@ -8,7 +8,7 @@ import numpy as np
 
 from cltaa.core.planes import Layout
 from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.real import Mask, constant, greater, number
+from cltaa.reference.real import Array, Mask, constant, greater, number
 from cltaa.reference.reprojection import Motion, pixel_grid
 from cltaa.reference.sampling import Quad
 
@@ -24,11 +24,16 @@ def on_screen(m: Motion, layout: Layout) -> Mask:
     return near
 
 
-def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
-    """True where one of four texels of the previous inverse depth lies in the range of the current 3x3."""
+def surface_range(s: Surface, m: Motion, tolerance: Any) -> tuple[Array, Array]:
+    """Lowest and highest inverse depth of the current 3x3, seen from the previous camera and widened."""
     near, far = s.nearest * m.scale + m.shift, s.farthest * m.scale + m.shift
     slack = number(tolerance, near) * greater(np.abs(near), np.abs(far))
-    high, low = near + slack, far - slack
+    return far - slack, near + slack
+
+
+def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
+    """True where one of four texels of the previous inverse depth lies in the range of the current 3x3."""
+    low, high = surface_range(s, m, tolerance)
     matches = [(p <= high) & (p >= low) for p in previous]
     result: Mask = matches[0] | matches[1] | matches[2] | matches[3]
     return result
@@ -36,8 +41,7 @@ def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
 
 def partly_covered(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
     """True where one of four texels of the previous inverse depth is nearer than all of the current 3x3."""
-    near, far = s.nearest * m.scale + m.shift, s.farthest * m.scale + m.shift
-    high = near + number(tolerance, near) * greater(np.abs(near), np.abs(far))
+    _, high = surface_range(s, m, tolerance)
     nearer = [p > high for p in previous]
     result: Mask = nearer[0] | nearer[1] | nearer[2] | nearer[3]
     return result

@@ -31,8 +31,8 @@ def borne_out_sample(v: Colour, borne_out: Array, h: History, settings: Record) 
 
 
 def without_firefly(p: Pixel, current: Array, h: History, build: Build, layout: Layout, settings: Record) -> Pixel:
-    """The pixels without fireflies: samples that neither the second greatest of the eight texels around them bears out
-    nor their history; ``current`` are padded planes [3, rows, stride]."""
+    """The pixels without fireflies: samples far above both the second greatest of the eight texels around them and
+    their history; ``current`` are padded planes [3, rows, stride]."""
     if build.choices.fireflies is Fireflies.KEEP:
         return p
     first = second = np.zeros_like(h.count)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, cast
 
@@ -46,9 +46,8 @@ class _Exchange:
         """The same."""
         return _lent(out)
 
-    def hand_over(self, out: Any, received: Any, done: Any) -> Callable[[], object]:
+    def hand_over(self, out: Any, received: Any, done: Any) -> None:
         """It is there already."""
-        return lambda: None
 
     def give_back(self) -> None:
         """Nothing is held."""

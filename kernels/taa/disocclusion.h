@@ -14,24 +14,33 @@ STAGE mask on_screen(motion_t m, real x, real y, frame_t frame)
     return inside & (absolute(m.u) < SPLAT(MOTION_LIMIT)) & (absolute(m.v) < SPLAT(MOTION_LIMIT));
 }
 
-// The previous frame saw this surface if one of the four texels around the history position lies within the range of
-// inverse depth that the current 3x3 has, seen from the previous camera and widened by depth_tolerance. One matching
-// texel is enough: along silhouettes, and where a feature narrower than a pixel comes and goes with the jitter, some
-// texel matches.
-STAGE mask same_surface(quad previous, surface s, motion_t m, settings_t settings)
+// The range of inverse depth that the current 3x3 has, seen from the previous camera and widened by depth_tolerance.
+typedef struct
+{
+    real low, high;
+} depth_range;
+
+STAGE depth_range surface_range(surface s, motion_t m, settings_t settings)
 {
     const real near = s.nearest * m.scale + m.shift, far = s.farthest * m.scale + m.shift;
     const real slack = K(settings.depth_tolerance) * greater(absolute(near), absolute(far));
-    const real high = near + slack, low = far - slack;
-    return ((previous.p00 <= high) & (previous.p00 >= low)) | ((previous.p10 <= high) & (previous.p10 >= low))
-        | ((previous.p01 <= high) & (previous.p01 >= low)) | ((previous.p11 <= high) & (previous.p11 >= low));
+    return (depth_range) { far - slack, near + slack };
+}
+
+// The previous frame saw this surface if one of the four texels around the history position lies within its range. One
+// matching texel is enough: along silhouettes, and where a feature narrower than a pixel comes and goes with the
+// jitter, some texel matches.
+STAGE mask same_surface(quad previous, surface s, motion_t m, settings_t settings)
+{
+    const depth_range r = surface_range(s, m, settings);
+    return ((previous.p00 <= r.high) & (previous.p00 >= r.low)) | ((previous.p10 <= r.high) & (previous.p10 >= r.low))
+        | ((previous.p01 <= r.high) & (previous.p01 >= r.low)) | ((previous.p11 <= r.high) & (previous.p11 >= r.low));
 }
 
 // Whether something nearer stood in front of the surface at one of the four texels: what the history holds there may be
 // its colour.
 STAGE mask partly_covered(quad previous, surface s, motion_t m, settings_t settings)
 {
-    const real near = s.nearest * m.scale + m.shift, far = s.farthest * m.scale + m.shift;
-    const real high = near + K(settings.depth_tolerance) * greater(absolute(near), absolute(far));
+    const real high = surface_range(s, m, settings).high;
     return ((previous.p00 > high) | (previous.p10 > high)) | ((previous.p01 > high) | (previous.p11 > high));
 }

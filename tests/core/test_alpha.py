@@ -1,4 +1,4 @@
-"""Alpha goes the way of its colour: where colour leaves no trail alpha leaves none, by whatever preset."""
+"""Alpha is accumulated as its colour is: where colour leaves no trail alpha leaves none, by whatever preset."""
 
 from __future__ import annotations
 

@@ -141,7 +141,7 @@ def test_many_frames_are_as_each_of_them(own: bool, half: bool, monkeypatch: pyt
     """Though frames change their arrays as soon as the next is asked for. Where a device has memory of its own, the
     next is brought before a result is waited for."""
     launcher, order = DeviceLauncher(), list[str]()
-    for name in ("upload", "end_download"):
+    for name in ("upload", "download"):
         monkeypatch.setattr(exchange.Staged, name, noted(order, name, getattr(exchange.Staged, name)))
     launcher.device.shares_memory = launcher.shares_memory = not own
     launcher.stages = own
@@ -155,11 +155,11 @@ def test_many_frames_are_as_each_of_them(own: bool, half: bool, monkeypatch: pyt
             yield replace(frame, colour=colour)
             colour[...] = np.nan
 
-    images = list(many.resolve_many(rendered(), half=half))
+    images = list(many.images(rendered(), half=half))
     expected = [one.resolve(frame_of(index), half=half) for index in range(6)]
     assert len(images) == len({id(image) for image in images}) == 6
     assert all(np.array_equal(bits(image), bits(image2)) for image, image2 in zip(images, expected, strict=True))
-    assert order == ((["upload"] * 5 + ["end_download"]) * 6 if own else [])
+    assert order == ((["upload"] * 5 + ["download"]) * 6 if own else [])
 
 
 def test_arrays_are_let_go_of_at_the_end_of_a_frame() -> None:

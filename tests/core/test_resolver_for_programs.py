@@ -131,7 +131,7 @@ def test_every_method_refuses_a_second_thread(kind: type[Resolver]) -> None:
     for name in methods:
         vars(resolver)[INSIDE] = get_ident() + 1
         given: list[Any] = {"feed": [make_frame(0)]}.get(name, [])
-        frames = [[make_frame(0)]] if name in ("images", "resolve_many") else []
+        frames = [[make_frame(0)]] if name == "images" else []
         method = partial(getattr(kind, name), resolver, *given, *frames)
         with pytest.raises(UsageError, match="two threads use one resolver at once"):
             list(method() if frames else [method()])

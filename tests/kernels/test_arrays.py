@@ -204,7 +204,7 @@ def test_a_result_becomes_an_array(planes: int, lanes: int, storage: Storage) ->
             exchange = launcher.exchange()
             received = exchange.receive(out)
             given = {"image": image, "target": received, "planes": planes, **size_of(layout), **places(out)}
-            exchange.hand_over(out, received, launcher.run("pack", build, layout, given))()
+            exchange.hand_over(out, received, launcher.run("pack", build, layout, given))
             floats = np.moveaxis(layout.inside(content), 0, -1).astype(np.float32)
             assert np.array_equal(bits(out.copy()), bits(floats.astype(dtype)))
 

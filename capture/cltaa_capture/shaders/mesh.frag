@@ -138,7 +138,7 @@ Surface surface_of(vec4 base)
     s.to_eye = normalize(view_to_world * -view_position);
 #endif
     s.normal = normalize(gl_FrontFacing ? world_normal : -world_normal);
-    // Between vertices whose normals are opposite there is none, which is no number either.
+    // Between vertices whose normals are opposite the interpolated normal is 0, and normalised NaN.
     if (!(dot(s.normal, s.normal) > 0.5)) s.normal = s.to_eye;
     s.diffuse = base.rgb * (1.0 - metallic);
     s.f0 = mix(vec3(DIELECTRIC * material.specular), base.rgb, metallic);

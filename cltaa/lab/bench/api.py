@@ -1,7 +1,7 @@
 """``cltaa bench api``: what a call of ``Resolver.resolve`` takes, beside its kernels and beside the bus.
 
-Arrays of the device and of the host, one call after another and by ``resolve_many``; a plain pyopencl loop that copies
-the same bytes is what the way to a device and back takes at least.
+Arrays of the device and of the host; a plain pyopencl loop that copies the same bytes is what the way to a device and
+back takes at least.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from cltaa.opencl.launcher import DeviceLauncher
 
 SIZES = ((1920, 1080), (3840, 2160))
 CALLS = 8  # in a row; the time of one is an eighth of theirs
-ON_DEVICE, HOST, MANY, COPIES, PINNED = "device arrays", "host arrays", "resolve_many", "copies", "pinned copies"
+ON_DEVICE, HOST, COPIES, PINNED = "device arrays", "host arrays", "copies", "pinned copies"
 
 
 class ApiTimes(msgspec.Struct, frozen=True, kw_only=True):
@@ -36,10 +36,8 @@ class ApiTimes(msgspec.Struct, frozen=True, kw_only=True):
     kernels: Interval  # the device's own time in a call with arrays of the device
     device_arrays: Interval
     host_arrays: Interval
-    resolve_many: Interval
     copies: Interval  # of NumPy's arrays as they are
     pinned_copies: Interval  # from and to pinned memory: the speed of the bus
-    many_over_one: Interval  # resolve_many over one call after another, in the same rounds
 
 
 class ApiBench(msgspec.Struct, frozen=True, kw_only=True):
@@ -90,7 +88,6 @@ def _timed(preset: Preset, launcher: DeviceLauncher, width: int, height: int, ro
     jobs = [
         Job(ON_DEVICE, _on_device(Resolver(preset, launcher), launcher, _Rendered(replace(host, **there)), back)),
         Job(HOST, _one_by_one(Resolver(preset, launcher), _Rendered(host), out)),
-        Job(MANY, _many(Resolver(preset, launcher), _Rendered(host))),
         Job(COPIES, _times(plain.run)),
         Job(PINNED, _times(pinned.run)),
     ]
@@ -102,10 +99,8 @@ def _timed(preset: Preset, launcher: DeviceLauncher, width: int, height: int, ro
         kernels=_each(samples, ON_DEVICE, Clock.DEVICE),
         device_arrays=_each(samples, ON_DEVICE),
         host_arrays=_each(samples, HOST),
-        resolve_many=_each(samples, MANY),
         copies=_each(samples, COPIES),
         pinned_copies=_each(samples, PINNED),
-        many_over_one=samples.ratio(MANY, HOST),
     )
 
 
@@ -130,14 +125,6 @@ def _one_by_one(resolver: Resolver, rendered: _Rendered, out: Any) -> Callable[[
     def run() -> None:
         for frame in rendered.some():
             resolver.resolve(frame, out=out)
-
-    return run
-
-
-def _many(resolver: Resolver, rendered: _Rendered) -> Callable[[], None]:
-    def run() -> None:
-        for _ in resolver.resolve_many(rendered.some()):
-            pass
 
     return run
 

@@ -129,9 +129,10 @@ def resolved_by_us(presets: Sequence[str], sequences: Sequence[Path]) -> Iterato
 
 
 def rounds(
-    entries: Sequence[Entry], sequences: Sequence[Path], frames: FrameRange | None = None, **reading: Any
+    entries: Sequence[Entry], sequences: Sequence[Path], frames: int | FrameRange | None = None, **reading: Any
 ) -> list[Round]:
-    """Each sequence with the entries that have it, paired over the frames, of the range ``frames``, that all have.
+    """Each sequence with the entries that have it, paired over the frames that all have: of the range ``frames``, or
+    the first so many.
 
     Raises InputMissing where they have none in common, and what ``pair_up`` does.
     """
@@ -141,8 +142,11 @@ def rounds(
         there = [entry for entry in entries if name in entry.folders]
         files = [numbered(entry.folders[name]) for entry in there]
         shared = set(numbered(sequence / "reference")).intersection(*files)
-        first, last = frames or (min(shared, default=0), max(shared, default=0))
-        numbers = sorted(number for number in shared if first <= number <= last)
+        numbers = sorted(shared)
+        if isinstance(frames, int):
+            numbers = numbers[:frames]
+        elif frames is not None:
+            numbers = [number for number in numbers if frames[0] <= number <= frames[1]]
         if not numbers:
             have = "; ".join(f"{entry.name} {ranges(sorted(one))}" for entry, one in zip(there, files, strict=True))
             raise InputMissing(f"the entries of {name} have no frame in common", path=sequence, found=have or "none")

@@ -145,7 +145,7 @@ def test_running_again_gives_the_same(changes: dict[str, object]) -> None:
         assert resolver.last is not None
         resolver._buffers.swap()
         again = np.zeros_like(image)
-        resolver._buffers.read(resolver.last.arguments["output"], again, resolver.last.build)()
+        resolver._buffers.read(resolver.last.arguments["output"], again, resolver.last.build)
         np.testing.assert_array_equal(again, image)
         resolver._buffers.swap()
 

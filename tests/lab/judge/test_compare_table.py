@@ -62,6 +62,15 @@ def test_frames_that_one_lacks_are_judged_of_none(
     assert said.err.splitlines()[-1] == "cltaa: warning: not judged: a: 1 frame that not all have"
 
 
+@pytest.mark.parametrize(("frames", "judged"), [("2", [0, 1]), ("1-2", [1, 2])])
+def test_frames_are_the_first_ones_or_a_range(
+    capsys: pytest.CaptureFixture[str], sequences: list[Path], entry: Path, frames: str, judged: list[int]
+) -> None:
+    options = ("--json", "--ours", "", "--frames", frames, *METRICS)
+    assert main(["compare", "--table", *words(entry, sequences[0], *options)]) == 0
+    assert [row["frames"] for row in json.loads(capsys.readouterr().out)["table"]] == [judged]
+
+
 def test_a_film_shows_entries_ours_and_the_truth_at_twice_the_size(
     capsys: pytest.CaptureFixture[str], sequences: list[Path], entry: Path, tmp_path: Path
 ) -> None:
