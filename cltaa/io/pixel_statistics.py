@@ -47,12 +47,17 @@ class Missing(msgspec.Struct, kw_only=True, frozen=True):
     rows: tuple[int, int]
 
 
+def is_missing(colour: Image) -> NDArray[np.bool_]:
+    """Which pixels [H, W] of [H, W, 3] a resolve takes for none: NaN, infinite, or beyond the kernels' domain."""
+    return np.asarray((~(np.abs(colour) <= value("DOMAIN_LIMIT"))).any(axis=-1))
+
+
 def missing_samples(colour: Image, frame: int) -> Missing | None:
-    """The pixels of [H, W, 3] that a resolve takes for none: NaN, infinite, or beyond the kernels' domain."""
+    """The pixels of [H, W, 3] that are missing; None where none is."""
     limit = value("DOMAIN_LIMIT")
     if -limit <= float(colour.min()) and float(colour.max()) <= limit:  # NaN is not within, and min and max hand it on
         return None
-    missing: NDArray[np.bool_] = np.asarray((~(np.abs(colour) <= limit)).any(axis=-1))
+    missing = is_missing(colour)
     rows, columns = np.flatnonzero(missing.any(axis=1)), np.flatnonzero(missing.any(axis=0))
     return Missing(
         frame=frame,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
@@ -144,10 +144,7 @@ def write_side_by_side(
     rate: Fraction | int = USUAL_RATE,
 ) -> int:
     """Write two sequences of equal length and size next to each other, labelled; errors as above."""
-    with open_video(path, rate) as video:
-        for left, right in zip(before, after, strict=True):
-            video.add(side_by_side(left, right, labels))
-    return video.count
+    return _write_pairs(path, before, after, rate, lambda left, right, _: side_by_side(left, right, labels))
 
 
 WIPE_SECONDS = 4.0  # that the line takes to go over the picture and back
@@ -162,8 +159,22 @@ def write_wipe(
     rate: Fraction | int = USUAL_RATE,
 ) -> int:
     """Write one sequence over another of equal length and size, parted by a line that sweeps; errors as above."""
+
+    def swept(left: Image, right: Image, count: int) -> Picture:
+        turn = 2.0 * np.pi * count / (WIPE_SECONDS * float(rate))
+        return wipe(left, right, 0.5 - 0.5 * float(np.cos(turn)), labels)
+
+    return _write_pairs(path, before, after, rate, swept)
+
+
+def _write_pairs(
+    path: Path,
+    before: Iterable[Image],
+    after: Iterable[Image],
+    rate: Fraction | int,
+    drawn: Callable[[Image, Image, int], Picture],
+) -> int:
     with open_video(path, rate) as video:
         for left, right in zip(before, after, strict=True):
-            turn = 2.0 * np.pi * video.count / (WIPE_SECONDS * float(rate))
-            video.add(wipe(left, right, 0.5 - 0.5 * float(np.cos(turn)), labels))
+            video.add(drawn(left, right, video.count))
     return video.count

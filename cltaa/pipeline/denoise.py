@@ -13,7 +13,7 @@ from cltaa.core.planes import Layout
 from cltaa.errors import DataError, import_extra
 from cltaa.frame import Frame, Image
 from cltaa.io.exr_frame import Pixels
-from cltaa.io.pixel_statistics import missing_samples
+from cltaa.io.pixel_statistics import is_missing
 from cltaa.reference.colour import filled_colour
 
 DENOISERS = ("none", "oidn")
@@ -52,17 +52,16 @@ def denoiser(name: str) -> Denoise | None:
 
     def denoise(frame: Frame, planes: Mapping[str, Pixels]) -> Frame:
         colour = np.array(frame.colour, np.float32)
-        lost = missing_samples(colour, frame.index) is not None
+        lost = is_missing(colour)
         guides = {
             role: np.nan_to_num(np.stack([planes[name] for name in triple], -1).astype(np.float32))
             for role, triple in guides_of(planes).items()
         }
         try:
-            cleaned = oidn.denoise(_filled(colour) if lost else colour, **guides, hdr=True)
+            cleaned = oidn.denoise(_filled(colour) if lost.any() else colour, **guides, hdr=True)
         except (RuntimeError, TypeError, ValueError) as error:
             raise DataError(f"the denoiser failed: {error}", path=frame.path, frame=frame.index) from error
-        if lost:  # a missing sample stays one, for its history to stand in
-            cleaned[~np.isfinite(colour).all(-1)] = np.nan
+        cleaned[lost] = np.nan  # a missing sample stays one, for its history to stand in
         return replace(frame, colour=cleaned)
 
     return denoise

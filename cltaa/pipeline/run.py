@@ -118,7 +118,7 @@ class ResolveReport(msgspec.Struct, kw_only=True):
     frames: int
     resolved: int
     repaired: int
-    missing: list[Missing] = []
+    missing: list[Missing]
     opaque: int
     saturated: int
     cuts_found: list[int]

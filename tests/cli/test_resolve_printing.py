@@ -26,6 +26,7 @@ def outcome(**changes: Any) -> ResolveReport:
         "frames": 5,
         "resolved": 5,
         "repaired": 0,
+        "missing": [],
         "opaque": 0,
         "saturated": 0,
         "cuts_found": [],

@@ -55,11 +55,11 @@ def test_each_frame_is_denoised_before_the_resolve(tmp_path: Path, monkeypatch: 
     assert [sorted(each) for each in given] == [["hdr", "normal"]] * 2
     # What is missing stays so, and its history stands in.
     frame = make_frame(0)
-    frame.colour[4, 5] = np.nan
+    frame.colour[4, 5], frame.colour[2, 3, 1] = np.nan, 1e30
     clean_frame = denoiser("oidn")
     assert clean_frame is not None
     missing = np.isnan(clean_frame(frame, {}).colour).all(-1)
-    assert np.argwhere(missing).tolist() == [[4, 5]]
+    assert np.argwhere(missing).tolist() == [[2, 3], [4, 5]]
 
 
 def test_without_the_extra_its_name_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
