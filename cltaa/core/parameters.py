@@ -410,7 +410,7 @@ class Fireflies(Choice):
     """What becomes of isolated samples far above their 3x3 and their history (history accumulated alone)."""
 
     KEEP = "keep"
-    CLAMP = "clamp", "above firefly_threshold times what bears them out they add nothing to the history"
+    CLAMP = "clamp", "above firefly_threshold times the greater of both they add nothing to the history"
 
 
 class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid_unknown_fields=True):
