@@ -29,7 +29,7 @@ from cltaa.core.backend import launcher_for
 from cltaa.core.build import STORAGES, Storage
 from cltaa.core.debug_views import View, parse_views
 from cltaa.core.parameters import Fireflies
-from cltaa.core.presets import Preset
+from cltaa.core.presets import Preset, override
 from cltaa.errors import UsageError
 from cltaa.inputs.open import open_input
 from cltaa.interrupt import stop_signals
@@ -220,8 +220,6 @@ def resolve(
     notes = () if isinstance(source, Path) else source.notes
     if notes:
         click.echo("\n".join(map(printable, notes)), err=True)
-    if look_ahead is not None:
-        changes = (*changes, f"look_ahead={look_ahead}")
     declared = chosen_effects(effects)
     settings, kept = assigned(preset_of(preset, config), changes), Storage(storage)
     if budget_ms is not None:
@@ -230,6 +228,8 @@ def resolve(
         if isinstance(source, Path):
             raise UsageError("--budget-ms asks for the size of a finished sequence", cure="name a --preset to --follow")
         settings, kept = within_budget(budget_ms, device, (source.width, source.height), changes)
+    if look_ahead is not None:
+        settings = override(settings, {"look_ahead": look_ahead}, "--look-ahead")
     report = resolve_folder(
         source,
         output,

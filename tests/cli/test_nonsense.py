@@ -67,6 +67,7 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq -o out --set =1", WRONG, "unknown key"),
     ("resolve seq -o out --frames 2-1", WRONG, "the range of frames is empty"),
     ("resolve seq -o out --frames -", USAGE, "is no range of frames, such as 8-47"),
+    ("resolve seq -o out --look-ahead 99999", WRONG, "--look-ahead: look_ahead has no such value (expected 0 to 64"),
     ("resolve seq -o out --frames 9-99999999999999999999", WRONG, "no such frame (expected 0-2)"),
     ("resolve seq -o out --debug rejct", WRONG, "--debug: unknown view rejct; did you mean reject?"),
     ("resolve --debug count,x seq -o out", WRONG, "unknown view x; known views: reject, count, motion, clip"),
