@@ -32,11 +32,13 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
         real error = SPLAT(0.0);
         for (int window = 0, from = 0; window <= ALL_FRAMES; ++window) {
             const int to = window_end(window, frames);
-            gather_samples(&near, ring, past, from, to, SHORT_WINDOW, p, x, y, frame, settings);
-            if (has_edges(l))
-                gather_samples(&far, ring, past, from, to, 0, p, x, y, frame, settings);
-            out = resolve_gathered(near.sums, far.sums, l, p, m, current, x, y, frame, settings);
-            error = window_error(near.sums, p, out, settings);
+            if (!repeats(window, frames)) {
+                gather_samples(&near, ring, past, from, to, SHORT_WINDOW, p, x, y, frame, settings);
+                if (has_edges(l))
+                    gather_samples(&far, ring, past, from, to, 0, p, x, y, frame, settings);
+                out = resolve_gathered(near.sums, far.sums, l, p, m, current, x, y, frame, settings);
+                error = window_error(near.sums, p, out, settings);
+            }
             store_window(windows, window, out, error, x, y, frame);
             from = to;
         }

@@ -1,8 +1,8 @@
 // The pixel from the windows of its past that gather_windows.cl found, each as far as the texels around it bear it out.
 #include "gather/window.h"
 
-__kernel void weigh_windows_kernel(
-    plane_in windows, history_out output, plane_out output_count, const frame_t frame, const settings_t settings)
+__kernel void weigh_windows_kernel(plane_in windows, const int frames, history_out output, plane_out output_count,
+    const frame_t frame, const settings_t settings)
 {
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)
@@ -19,11 +19,13 @@ __kernel void weigh_windows_kernel(
     const real zero = SPLAT(0.0), alpha = ALPHA ? load(p + 5 * plane) : SPLAT(1.0), count = load(p + 4 * plane);
     real weight = trust(error[0], least), alpha_sum = zero, count_sum = zero;
     colour sum = { zero, zero, zero }, darkest = first;
+    drifted moved = { sum, zero };
     for (int window = 1; window < WINDOWS; ++window) {
         const real w = trust(error[window], least);
         plane_in q = window_plane(p, window, 0, frame);
         const colour v = load_colour(q, plane);
-        const drifted moved = drift_to_shortest(q, p, frame, settings);
+        if (!repeats(window, frames))
+            moved = drift_to_shortest(q, p, frame, settings);
         sum.r += w * ((v.r + moved.light.r) - first.r);
         sum.g += w * ((v.g + moved.light.g) - first.g);
         sum.b += w * ((v.b + moved.light.b) - first.b);

@@ -55,7 +55,7 @@ class Passes:
             floats = Build(lanes=build.lanes, rows=build.rows)  # as windows are, whatever the history is kept in
             planes = {"planes": WINDOWS * window_planes(build.steps), "more": 0}
             self.launcher.run("extend_edges", floats, layout, gathered | planes)
-        written = {name: arguments[name] for name in ("output", "output_count", "frame", "settings")}
+        written = {name: arguments[name] for name in ("frames", "output", "output_count", "frame", "settings")}
         self.launcher.run("weigh_windows", build, layout, windows | written)
         if build.extends:
             self._extend()

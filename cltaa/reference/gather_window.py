@@ -208,9 +208,18 @@ def effective(drifts: list[Drift]) -> list[Array]:
 
 @quiet
 def weigh_windows(
-    build: Build, layout: Layout, *, windows: Array, output: Array, output_count: Array, frame: Record, settings: Record
+    build: Build,
+    layout: Layout,
+    *,
+    windows: Array,
+    frames: int,
+    output: Array,
+    output_count: Array,
+    frame: Record,
+    settings: Record,
 ) -> None:
-    """Write each pixel from the windows of its past, padded planes [WINDOWS * WINDOW_PLANES, rows, stride]."""
+    """Write each pixel from the windows of its past, padded planes [WINDOWS * WINDOW_PLANES, rows, stride], of a ring
+    of ``frames``; a window with no more of them than the one before has drifted by as much."""
     real: Any = real_type(build)
     parts = windows.astype(real).reshape(WINDOWS, window_planes(build.steps), layout.rows, layout.stride)
     errors = [sum_around(part[3], layout) for part in parts]
@@ -220,10 +229,12 @@ def weigh_windows(
     zero, first, weight = np.zeros_like(least), layout.inside(parts[0]), trust(errors[0], least)
     alpha, darkest = first[5] if build.steps.alpha else np.ones_like(least), list(first[:3])
     sums, alphas, counts = [zero, zero, zero], zero, zero
-    for part, error in zip(parts[1:], errors[1:], strict=True):
+    channels = [0, 1, 2, 5] if build.steps.alpha else [0, 1, 2]
+    moved, ends = [zero for _ in channels], [*window_ends(frames), None]
+    for window, (part, error) in enumerate(zip(parts[1:], errors[1:], strict=True), start=1):
         w, own = trust(error, least), layout.inside(part)
-        channels = [0, 1, 2, 5] if build.steps.alpha else [0, 1, 2]
-        moved = effective(drifts_of(part[channels], parts[0][channels], build, layout, settings))
+        if ends[window] != ends[window - 1]:
+            moved = effective(drifts_of(part[channels], parts[0][channels], build, layout, settings))
         of_light = zip(sums, own[:3], moved[:3], first[:3], strict=True)
         sums = [total + w * ((v + step) - k) for total, v, step, k in of_light]
         darkest = [lesser(k, v) for k, v in zip(darkest, own[:3], strict=True)]

@@ -81,6 +81,12 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
     return out;
 }
 
+// Whether a window of the ring has no more frames than the one before it.
+STAGE int repeats(int window, int frames)
+{
+    return window > 0 && window <= ALL_FRAMES && window_end(window, frames) == window_end(window - 1, frames);
+}
+
 STAGE void store_window(plane_out windows, int window, resolved r, real error, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);
@@ -142,51 +148,11 @@ STAGE real trust(real error, real least)
     return eighth * eighth;
 }
 
-// How far light has moved in one channel since a window, around the pixel: the mean difference of the shortest window
-// from it, the variance of that mean, and what the texels show.
-typedef struct
+// Student's t of a mean difference, to whose deviation comes as little of the light as nobody sees.
+STAGE real t_of(real mean, real variance, real level)
 {
-    real mean, variance, level;
-} drift_t;
-
-// How much each texel around counts for a drift: as its light does in a mean of samples, then and now. A highlight that
-// comes or goes is no change of the light around it.
-STAGE void weigh_texels(real* weights, plane_in window, plane_in shortest, frame_t frame, settings_t settings)
-{
-    const size_t plane = plane_size(frame);
-    for (int k = 0; k < WINDOW_TEXELS; ++k) {
-        const ptrdiff_t step = window_step(k, frame);
-        weights[k] = sample_share(load_colour(window + step, plane), settings)
-            * sample_share(load_colour(shortest + step, plane), settings);
-    }
-}
-
-// Twice over the texels: beside a highlight their squares less the square of their mean would leave its rounding.
-STAGE drift_t drift_of(plane_in window, plane_in shortest, const real* weights, frame_t frame)
-{
-    real sum = SPLAT(0.0), squares = sum, level = sum, weight = sum;
-    for (int k = 0; k < WINDOW_TEXELS; ++k) {
-        const ptrdiff_t step = window_step(k, frame);
-        const real v = load(window + step);
-        sum += weights[k] * (load(shortest + step) - v);
-        level += weights[k] * absolute(v);
-        weight += weights[k];
-    }
-    const real mean = quotient(sum, weight);
-    for (int k = 0; k < WINDOW_TEXELS; ++k) {
-        const ptrdiff_t step = window_step(k, frame);
-        const real off = (load(shortest + step) - load(window + step)) - mean;
-        squares += weights[k] * (off * off);
-    }
-    const drift_t drift = { mean, quotient(squares, weight * SPLAT(WINDOW_TEXELS - 1)), quotient(level, weight) };
-    return drift;
-}
-
-// Student's t of a drift, to whose deviation comes as little of the light as nobody sees.
-STAGE real t_of(drift_t drift)
-{
-    const real error = square_root(drift.variance) + (SPLAT(DRIFT_FLOOR) * drift.level + K(TINY));
-    return quotient(absolute(drift.mean), error);
+    const real error = square_root(variance) + (SPLAT(DRIFT_FLOOR) * level + K(TINY));
+    return quotient(absolute(mean), error);
 }
 
 // What light and alpha drifted by.
@@ -196,20 +162,43 @@ typedef struct
     real alpha;
 } drifted;
 
-// The drift from a window to the shortest as far as it is not chance: 1 - (DRIFT_T / t)^2 (James and Stein), of the
-// channel of light that drifted most.
+// The drift from a window to the shortest, the mean difference of the texels around, as far as it is not chance:
+// 1 - (DRIFT_T / t)^2 (James and Stein), of the channel of light that drifted most. A texel counts as its light does in
+// a mean of samples, then and now: a highlight that comes or goes is no change of the light around it. Twice over the
+// texels: beside a highlight their squares less the square of their mean would leave its rounding.
 STAGE drifted drift_to_shortest(plane_in window, plane_in shortest, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
-    real weights[WINDOW_TEXELS];
-    weigh_texels(weights, window, shortest, frame, settings);
-    const drift_t r = drift_of(window, shortest, weights, frame),
-                  g = drift_of(window + plane, shortest + plane, weights, frame),
-                  b = drift_of(window + 2 * plane, shortest + 2 * plane, weights, frame);
-    const real t = greater(greater(t_of(r), greater(t_of(g), t_of(b))), SPLAT(DRIFT_T));
+    const real zero = SPLAT(0.0);
+    real weights[WINDOW_TEXELS], weight = zero, alpha = zero;
+    colour mean = { zero, zero, zero }, level = mean, squares = mean;
+    for (int k = 0; k < WINDOW_TEXELS; ++k) {
+        const ptrdiff_t step = window_step(k, frame);
+        const colour then = load_colour(window + step, plane), now = load_colour(shortest + step, plane);
+        const real w = sample_share(then, settings) * sample_share(now, settings);
+        mean.r += w * (now.r - then.r), level.r += w * absolute(then.r);
+        mean.g += w * (now.g - then.g), level.g += w * absolute(then.g);
+        mean.b += w * (now.b - then.b), level.b += w * absolute(then.b);
+        if (ALPHA)
+            alpha += w * (load(shortest + 5 * plane + step) - load(window + 5 * plane + step));
+        weight += w;
+        weights[k] = w;
+    }
+    mean = (colour) { quotient(mean.r, weight), quotient(mean.g, weight), quotient(mean.b, weight) };
+    for (int k = 0; k < WINDOW_TEXELS; ++k) {
+        const ptrdiff_t step = window_step(k, frame);
+        const colour then = load_colour(window + step, plane), now = load_colour(shortest + step, plane);
+        const colour off = { (now.r - then.r) - mean.r, (now.g - then.g) - mean.g, (now.b - then.b) - mean.b };
+        squares.r += weights[k] * (off.r * off.r);
+        squares.g += weights[k] * (off.g * off.g);
+        squares.b += weights[k] * (off.b * off.b);
+    }
+    const real among = weight * SPLAT(WINDOW_TEXELS - 1);
+    const real r = t_of(mean.r, quotient(squares.r, among), quotient(level.r, weight)),
+               g = t_of(mean.g, quotient(squares.g, among), quotient(level.g, weight)),
+               b = t_of(mean.b, quotient(squares.b, among), quotient(level.b, weight));
+    const real t = greater(greater(r, greater(g, b)), SPLAT(DRIFT_T));
     const real chance = quotient(SPLAT(DRIFT_T), t), sure = SPLAT(1.0) - chance * chance;
-    drifted moved = { { sure * r.mean, sure * g.mean, sure * b.mean }, SPLAT(0.0) };
-    if (ALPHA)
-        moved.alpha = sure * drift_of(window + 5 * plane, shortest + 5 * plane, weights, frame).mean;
-    return moved;
+    const colour light = { sure * mean.r, sure * mean.g, sure * mean.b };
+    return (drifted) { light, ALPHA ? sure * quotient(alpha, weight) : zero };
 }

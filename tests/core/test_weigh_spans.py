@@ -46,7 +46,8 @@ def weighed(errors: tuple[float, float, float, float]) -> float:
     frame = np.zeros((), FRAME_DTYPE)
     frame["width"], frame["height"] = WIDTH, HEIGHT
     settings = settings_record(Settings())
-    weigh_windows(build, layout, windows=windows, output=output, output_count=count, frame=frame, settings=settings)
+    planes = {"windows": windows, "output": output, "output_count": count}
+    weigh_windows(build, layout, frames=48, frame=frame, settings=settings, **planes)
     return float(layout.inside(output)[0, HEIGHT // 2, WIDTH // 2])
 
 

@@ -121,6 +121,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
     ),
     "weigh_windows": ("alpha", "storage", "weighting"),
 }
+LONG_RING = 48  # frames
 BACK = 0.2  # the nearest points of the planes lie at 0.1: the previous camera was in front of them
 UNWRITTEN = np.float32(-77.0)  # what no stage writes into a plane by itself
 ALL_STEPS = Steps(alpha=True, reactive=True)
@@ -172,6 +173,8 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     given |= {f"{name[:-4]}_in": planes for name, planes in work.planes.items() if name.endswith("_out")}
     if "windows" in work.planes:
         given["windows"] = windows_of(build.steps, work)
+    if kernel == "weigh_windows":
+        given["frames"] = LONG_RING  # each of its windows is another
     given |= {name: np.full_like(work.layout.zeros(count), UNWRITTEN) for name, count in writes(kernel, build).items()}
     names = [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
     if tests_light(build):
