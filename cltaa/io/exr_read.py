@@ -31,8 +31,7 @@ from cltaa.io.exr_frame import (
 )
 from cltaa.io.exr_header import Outline, parse_layout, read_outline
 from cltaa.io.exr_layout import OUTSIDE, Layout, Window, placed
-from cltaa.io.openexr import OpenEXR
-from cltaa.io.quiet import muted_output
+from cltaa.io.openexr import OpenEXR, muted_output
 
 
 @dataclass(frozen=True, slots=True)
