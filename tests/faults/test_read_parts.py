@@ -13,7 +13,7 @@ import OpenEXR
 import pytest
 
 from cltaa.errors import CltaaError, DataError, ResourceError
-from cltaa.inputs.parts import read_any_header, read_planes
+from cltaa.io.exr_read import read_any_header, read_planes
 from cltaa.io.exr_write import write_frame
 from cltaa.io.manifest import file_sha256
 from tests.faults.exr_surgery import Anatomy, as_part, assembled_parts, channel, window

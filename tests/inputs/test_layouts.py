@@ -14,10 +14,9 @@ from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
 from cltaa.inputs.intake import open_intake
 from cltaa.inputs.open import open_input
-from cltaa.inputs.parts import full_name, read_any_header, read_planes
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.exr_layout import Window
-from cltaa.io.exr_read import read_frame, read_image
+from cltaa.io.exr_read import full_name, read_any_header, read_frame, read_image, read_planes
 from cltaa.io.exr_write import write_image
 from cltaa.io.openexr import OpenEXR
 from cltaa.io.sequence import open_images, open_sequence
