@@ -1,4 +1,4 @@
-"""Sequences and pictures of other tools: EXR read by a profile, and PNGs of 8 bits, sRGB-encoded, with straight alpha."""
+"""Sequences and pictures of other tools: EXR read by a profile, and PNGs of 8 bits, sRGB, with straight alpha."""
 
 from __future__ import annotations
 
