@@ -344,16 +344,7 @@ class ForeignImages(ImageSequence):
     def __init__(self, sequence: ForeignSequence) -> None:
         """Take the frames of ``sequence``."""
         self.sequence = sequence
-        super().__init__(
-            sequence.folder,
-            sequence.name,
-            {number: sequence.path(number) for number in sequence.numbers},
-            verify=sequence.verify,
-            gaps=sequence.gaps,
-            on_resize=sequence.on_resize,
-            step=sequence.step,
-            layouts=sequence.layouts,
-        )
+        super().__init__(**sequence.alike())
 
     @property
     def notes(self) -> list[str]:

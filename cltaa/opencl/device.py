@@ -18,15 +18,7 @@ from cltaa.core.planes import LARGE_PAGE, bytes_in_large_pages
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
 from cltaa.opencl.cache import check_cache, filling
 from cltaa.opencl.pocl_cpu_name import cpu_vendor, known_lanes, name_unknown_cpu
-from cltaa.opencl.shape import (
-    CPU_4,
-    CPU_8,
-    CPU_16,
-    GPU,
-    INTEL_16,
-    NVIDIA,
-    Shape,
-)
+from cltaa.opencl.shape import CPU_4, CPU_8, CPU_16, GPU, INTEL_16, NVIDIA, Shape
 from cltaa.process import OneProcess
 
 POCL = "Portable Computing Language"  # the platform's name

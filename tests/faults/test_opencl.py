@@ -93,7 +93,7 @@ def copying(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("call", CALLS)
 @pytest.mark.parametrize(
-    ("stride", "turn"), [(5, 0), pytest.param(1, 0, marks=pytest.mark.big), pytest.param(1, 1, marks=pytest.mark.big)]
+    ("stride", "turn"), [(9, 0), pytest.param(1, 0, marks=pytest.mark.big), pytest.param(1, 1, marks=pytest.mark.big)]
 )
 def test_device_lost_at_the_nth_call(
     tmp_path: Path,
@@ -148,17 +148,20 @@ def test_no_memory_for_the_nth_buffer(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Buffers are touched when they are made: a lack of memory shows before the first frame, with the bytes needed."""
+    """Buffers are touched when they are made: a lack of memory shows before the first frame, with the bytes needed.
+
+    Those of the first frame one after another, and every seventh of those that each later frame asks for alike.
+    """
     copies = more is None
     if more is None:
         copying(monkeypatch)
-        more = []
+    gathers, of_the_ring = more == ["--preset", "gather-48"], False
+    more = [*(more or []), "--frames", "0-2"]
     failure = planted(cl.MemoryError, "clEnqueueFillBuffer", cl.status_code.MEM_OBJECT_ALLOCATION_FAILURE)
     real, output, at, reached, expected = getattr(cl, name), tmp_path / "out", 0, True, None
     ring = load_preset("gather-48").settings.history_frames + 1  # and the one in work
-    gathers, of_the_ring = more == ["--preset", "gather-48"], False
     while reached:
-        at += 1
+        at += 1 if at < 12 else 7
         failing = Failing(real, at, failure)
         monkeypatch.setattr(cl, name, failing)
         code = main([*arguments(on_device[0], output), *more, "--restart"])
@@ -177,9 +180,9 @@ def test_no_memory_for_the_nth_buffer(
             expected = expected or digests(output)
         assert expected is not None
         check_finished(output, expected)
-        assert gathers or expected == on_device[1]
+        assert gathers or expected.items() <= on_device[1].items()
     assert of_the_ring == gathers
-    print(f"{at - 1} buffers")
+    print(f"up to buffer {at - 1}")
     assert at > 6
 
 

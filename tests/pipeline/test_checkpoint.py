@@ -28,11 +28,10 @@ def resolved(sequence: list[Frame], **options: object) -> tuple[Resolver, list[I
 
 
 @pytest.mark.parametrize(
-    "options",
-    [{}, {"storage": Storage.HALF}, {"strict": True, "device": "numpy"}],
+    ("options", "alpha"),
+    [({}, False), ({"storage": Storage.HALF}, True), ({"strict": True, "device": "numpy"}, True)],
     ids=["float", "half", "numpy"],
 )
-@pytest.mark.parametrize("alpha", [False, True], ids=["opaque", "alpha"])
 def test_restored_resolver_gives_the_same_bits(tmp_path: Path, options: dict[str, object], alpha: bool) -> None:
     sequence = frames(6, alpha=alpha)
     _, whole = resolved(sequence, **options)
