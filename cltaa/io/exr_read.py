@@ -116,23 +116,17 @@ def read_image(
     return pixels, {name: value for name, value in attributes.items() if name not in STRUCTURAL}
 
 
-def read_header(path: Path, *, chunks: bool = True) -> ImageHeader:
-    """Read the layout and attributes of a file of one part without decoding pixels; one of many is refused.
-
-    Every chunk is known to be inside the file, unless ``chunks`` says that they are nobody's concern.
-    """
-    return _read_header(path, chunks, one=True)
+def read_header(path: Path) -> ImageHeader:
+    """Read the layout and attributes of a file of one part without decoding pixels; one of many is refused."""
+    return read_any_header(path, one=True)
 
 
-def read_any_header(path: Path, *, chunks: bool = True) -> ImageHeader:
+def read_any_header(path: Path, *, chunks: bool = True, one: bool = False) -> ImageHeader:
     """The same of a file of one part, or of many: layout over all of them, attributes of the first.
 
-    Parts of a kind that is not read are left out, and among its ``faults``. Raises InputMissing or DataError.
+    Every chunk is known to be inside the file, unless ``chunks`` says that they are nobody's concern. Parts of a kind
+    that is not read are left out, and among its ``faults``. Raises InputMissing or DataError.
     """
-    return _read_header(path, chunks, one=False)
-
-
-def _read_header(path: Path, chunks: bool, *, one: bool) -> ImageHeader:
     with open_regular(path) as file:
         outline = (checked_outline if chunks else read_outline)(path, file, one=one)
         if not outline.faults:
