@@ -64,7 +64,7 @@ def test_bands_of_any_height() -> None:
 
 @pytest.mark.parametrize("storage", [Storage.HALF_STOCHASTIC, Storage.DOUBLE])
 def test_bands_with_every_channel_and_storage(storage: Storage) -> None:
-    whole, banded = Resolver(storage=storage), BandedResolver(storage=storage, band_rows=6)
+    whole, banded = Resolver("fast", storage=storage), BandedResolver("fast", storage=storage, band_rows=6)
     for frame in frames(alpha=True, motion=True, reactive=True):
         expected = whole.resolve(frame)
         assert np.array_equal(bits(banded.resolve(copied(frame))), bits(expected))
@@ -82,7 +82,7 @@ def test_bands_in_halves() -> None:
 def test_bands_where_kernels_are_built_for_one_size(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planes of a band and of the history are of two sizes: a build that knew one would read the other wrongly."""
     monkeypatch.setattr(Device, "shape", property(lambda _: Shape(lanes=1, rows=5, group=(8, 1), one_size=True)))
-    whole, banded = Resolver(strict=True), BandedResolver(strict=True, band_rows=6)
+    whole, banded = Resolver("fast"), BandedResolver("fast", band_rows=6)
     for frame in frames()[:3]:
         expected = whole.resolve(frame)
         assert np.array_equal(bits(banded.resolve(copied(frame))), bits(expected))

@@ -108,13 +108,6 @@ def test_what_comes_into_view_is_the_current_sample() -> None:
     assert list(np.flatnonzero(fresh.all(axis=0))) == list(range(first.width - shift, first.width))
 
 
-def test_strict_device_matches_numpy_bit_for_bit() -> None:
-    device, oracle = Resolver(strict=True), Resolver(device="numpy")
-    for index in range(4):
-        frame = make_frame(index, motion=True, alpha=True, reactive=True, effects=None)
-        assert np.array_equal(bits(device.resolve(frame)), bits(oracle.resolve(frame)))
-
-
 def test_history_is_brought_to_the_exposure_of_now() -> None:
     plain = {
         "rectify": "none",

@@ -14,17 +14,20 @@ HERE = Path(__file__).parent
 PATIENCE = 300.0
 
 
-@pytest.mark.parametrize("action", ["once", "from then on"])
 @pytest.mark.parametrize(
-    ("work", "stride"),
+    ("work", "stride", "action"),
     [
-        ("short resolve", 3),
-        ("capture", 21),
-        pytest.param("resolve", 1, marks=pytest.mark.big),
-        pytest.param("capture", 1, marks=pytest.mark.big),
+        ("short resolve", 3, "once"),
+        ("short resolve", 3, "from then on"),
+        ("capture", 21, "once"),
+        *(
+            pytest.param(work, 1, action, marks=pytest.mark.big)
+            for work in ("resolve", "capture")
+            for action in ("once", "from then on")
+        ),
     ],
 )
-def test_every_call_that_can_fail(tmp_path: Path, shim: Path, work: str, action: str, stride: int) -> None:
+def test_every_call_that_can_fail(tmp_path: Path, shim: Path, work: str, stride: int, action: str) -> None:
     """The n-th open, write, flush or rename in the output folder fails, for every n (see ``failing.py``)."""
     command = [sys.executable, "-m", "tests.faults.failing", str(tmp_path), str(shim), work, action, str(stride)]
     child = subprocess.run(

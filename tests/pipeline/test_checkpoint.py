@@ -29,7 +29,11 @@ def resolved(sequence: list[Frame], **options: object) -> tuple[Resolver, list[I
 
 @pytest.mark.parametrize(
     ("options", "alpha"),
-    [({}, False), ({"storage": Storage.HALF}, True), ({"strict": True, "device": "numpy"}, True)],
+    [
+        ({"preset": "fast"}, False),
+        ({"preset": "fast", "storage": Storage.HALF}, True),
+        ({"strict": True, "device": "numpy"}, True),
+    ],
     ids=["float", "half", "numpy"],
 )
 def test_restored_resolver_gives_the_same_bits(tmp_path: Path, options: dict[str, object], alpha: bool) -> None:
