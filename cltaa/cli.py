@@ -14,9 +14,8 @@ from cltaa import __version__
 from cltaa.commands.lazy import Entry, LazyGroup
 from cltaa.core.debug_views import are_views
 from cltaa.errors import CltaaError, InternalError, ResourceError, StorageError, UsageError
-from cltaa.interrupt import Stop, ends_at_once, ignore_signals, interrupts
 from cltaa.printable import printable
-from cltaa.process import configure
+from cltaa.process import Stop, configure, ends_at_once, ignore_signals, interrupts
 
 # A module is imported when its command runs, and not to list it: ``cltaa resolve`` needs no OpenGL, ``cltaa capture``
 # no OpenCL, and ``cltaa --help`` neither.

@@ -9,12 +9,12 @@ from typing import Any
 
 from cltaa.errors import CltaaError, DataError, InputMissing
 from cltaa.inputs.open import open_input
-from cltaa.interrupt import Stop
 from cltaa.io.content import open_regular
 from cltaa.io.exr_header import checked_outline
 from cltaa.io.names import Selection, renumbered, selection_of
 from cltaa.io.numbered import FrameRange, OnBreak, files_in, frame_missing, on_break
 from cltaa.io.sequence import FrameSequence
+from cltaa.process import Stop
 
 POLL = 0.2  # seconds between two looks at a folder
 

@@ -31,7 +31,6 @@ from cltaa.errors import DeviceLost, ResourceError, UsageError
 from cltaa.frame import Effect, Frame, outline
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.open import check_declared, open_input
-from cltaa.interrupt import Stop
 from cltaa.io.atomic import atomic_path, check_creatable, owned
 from cltaa.io.content import memory_limit
 from cltaa.io.exr_layout import check_lossless
@@ -60,6 +59,7 @@ from cltaa.pipeline.output import (
     sequence_settings,
 )
 from cltaa.printable import bytes_of, counted, printable
+from cltaa.process import Stop
 from cltaa.progress import shown_progress, track
 
 CHECKED_AFTER = 2  # files, of which frames of one sequence differ little
@@ -335,7 +335,7 @@ def resolve_sequence(
     is shown while it runs.
 
     ``stopping`` is entered for the run and tells when to stop: then the frame in work is finished, the state saved and
-    KeyboardInterrupt raised. ``cltaa.interrupt.stop_signals()`` does so for SIGINT and SIGTERM; signals are left alone
+    KeyboardInterrupt raised. ``cltaa.process.stop_signals()`` does so for SIGINT and SIGTERM; signals are left alone
     without it. What follows among ``arrivals``, whose first frames are ``sequence``, is resolved as it comes.
 
     Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless
