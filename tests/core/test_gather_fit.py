@@ -25,7 +25,7 @@ def gathering(fit: str, **changes: object) -> Preset:
 
 
 @pytest.mark.parametrize(
-    ("lanes", "changes"), [(1, {}), (8, {"rectify": "none", "reject": "none", "weighting": "none"})]
+    ("lanes", "changes"), [(8, {}), (1, {"rectify": "none", "reject": "none", "weighting": "none"})]
 )
 def test_strict_kernel_is_its_twin(lanes: int, changes: dict[str, object]) -> None:
     assert (
