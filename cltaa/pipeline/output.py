@@ -179,7 +179,7 @@ class OutputFolder:
         """
         self.folder = folder
         asked = json.loads(json.dumps(settings))
-        remove_stale_temporaries(folder, owned=True)
+        remove_stale_temporaries(folder)
         if restart:
             _clear(folder)
         self.manifest = Manifest(folder)

@@ -200,7 +200,7 @@ def resolver_for(
             band_rows = 0
     if not band_rows:
         return resolver
-    return BandedResolver.beside(resolver, band_rows, in_place=True, storage=storage, **options)
+    return BandedResolver.beside(resolver, band_rows, storage=storage, **options)
 
 
 def with_fireflies(preset: Preset, sequence: FrameSequence, asked: str | None) -> Preset:
