@@ -41,7 +41,6 @@ from cltaa.io.pixel_statistics import Missing
 from cltaa.io.sequence import FrameSequence, ImageSequence, open_images
 from cltaa.io.streams import InTurn, ReadAhead, Writer
 from cltaa.io.video import check_film, rate_of, write_side_by_side, write_video, write_wipe
-from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.pipeline.debug import DebugViews
 from cltaa.pipeline.denoise import Denoise, denoiser
@@ -163,8 +162,7 @@ def of_whole(
 
 def has_bands(resolver: Resolver) -> bool:
     """True where the device and the preset of ``resolver`` can do with bands."""
-    on_device = isinstance(resolver.launcher, DeviceLauncher)
-    return on_device and resolver.preset.choices.history is HistoryKind.ACCUMULATED
+    return resolver.launcher.takes_bands and resolver.preset.choices.history is HistoryKind.ACCUMULATED
 
 
 def resolver_for(
