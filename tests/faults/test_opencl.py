@@ -136,9 +136,12 @@ def test_device_lost_at_the_nth_call(
     assert at > len(expected)
 
 
+GATHERING = ["--preset", "gather-8", "--set", "illumination=static"]
+
+
 @pytest.mark.parametrize("name", ["enqueue_fill", "Buffer"])
 @pytest.mark.parametrize(
-    "more", [[], ["--band-rows", "5"], ["--preset", "gather-48"], None], ids=["whole", "bands", "gathering", "copying"]
+    "more", [[], ["--band-rows", "5"], GATHERING, None], ids=["whole", "bands", "gathering", "copying"]
 )
 def test_no_memory_for_the_nth_buffer(
     tmp_path: Path,
@@ -155,14 +158,14 @@ def test_no_memory_for_the_nth_buffer(
     copies = more is None
     if more is None:
         copying(monkeypatch)
-    gathers, of_the_ring = more == ["--preset", "gather-48"], False
+    gathers, of_the_ring = more == GATHERING, False
     more = [*(more or []), "--frames", "0-2"]
     failure = planted(cl.MemoryError, "clEnqueueFillBuffer", cl.status_code.MEM_OBJECT_ALLOCATION_FAILURE)
     command, real, at, reached = arguments(on_device[0], tmp_path / "out"), getattr(cl, name), 0, True
     assert main([*command, *more]) == 0
     expected = digests(tmp_path / "out")
     assert gathers or expected.items() <= on_device[1].items()
-    ring = load_preset("gather-48").settings.history_frames + 1  # and the one in work
+    ring = load_preset("gather-8").settings.history_frames + 1  # and the one in work
     while reached:
         at += 1 if at < 12 else 7
         failing = Failing(real, at, failure)

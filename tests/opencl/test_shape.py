@@ -60,7 +60,7 @@ def cpu_device(**facts: object) -> Device:
 
 def resolved(shape: Shape, monkeypatch: pytest.MonkeyPatch) -> tuple[int, Image]:
     monkeypatch.setattr(Device, "shape", shape)
-    resolver = Resolver("default", DeviceLauncher(), storage=Storage.HALF)
+    resolver = Resolver("fast", DeviceLauncher(), storage=Storage.HALF)
     image = [resolver.resolve(frame) for frame in make_frames(150, 90, Motion.TURN)][-1]
     assert resolver.last is not None
     return resolver.last.build.columns_ahead, image

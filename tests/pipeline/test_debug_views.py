@@ -114,7 +114,8 @@ def test_views_agree_with_the_fused_kernel(preset: str) -> None:
 
 
 def test_a_strict_device_shows_what_numpy_shows_and_looking_changes_nothing() -> None:
-    plain, watched, oracle = Resolver(strict=True), Resolver(strict=True), Resolver("default", "numpy")
+    both = override(load_preset("fast"), {"reject": "depth"})  # to be moved into a box, and to be dropped
+    plain, watched, oracle = Resolver(both, strict=True), Resolver(both, strict=True), Resolver(both, "numpy")
     views, expected = DebugViews(watched, ALL), DebugViews(oracle, ALL)
     with pytest.raises(ValueError, match="nothing was resolved yet"):
         views.layers()
