@@ -14,10 +14,8 @@ from cltaa import __version__
 from cltaa.commands.lazy import Entry, LazyGroup
 from cltaa.core.debug_views import are_views
 from cltaa.errors import CltaaError, InternalError, ResourceError, StorageError, UsageError
-from cltaa.interrupt import Stop, ends_at_once, ignore_signals, interrupts
 from cltaa.printable import printable
-from cltaa.process import configure
-from cltaa.renamed import one_line_each
+from cltaa.process import Stop, configure, ends_at_once, ignore_signals, interrupts
 
 # A module is imported when its command runs, and not to list it: ``cltaa resolve`` needs no OpenGL, ``cltaa capture``
 # no OpenCL, and ``cltaa --help`` neither.
@@ -89,7 +87,7 @@ def _outcome(arguments: list[str]) -> int:
             stream.reconfigure(errors="backslashreplace")  # a letter that the terminal's encoding has not ends nothing
     stop = Stop()
     try:
-        with one_line_each(), interrupts(stop):
+        with interrupts(stop):
             outcome: Any = root.main(arguments, prog_name="cltaa", standalone_mode=False)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):

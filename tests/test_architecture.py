@@ -41,11 +41,11 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("commands",),
 )
 # Modules beside the packages that all of these may import, and that import none of them.
-BELOW = {"camera", "errors", "frame", "interrupt", "printable", "process", "progress", "renamed"}
+BELOW = {"camera", "errors", "frame", "printable", "process", "progress"}
 # The one arrow upwards: a resolver that is given no launcher asks for one by the name of its device.
 CHOOSES_LAUNCHER = "cltaa.core.backend"
 # The only modules that speak OpenCL.
-SPEAK_OPENCL = {f"cltaa.opencl.{name}" for name in ("copies", "device", "exchange", "program")}
+SPEAK_OPENCL = {f"cltaa.opencl.{name}" for name in ("device", "exchange", "program")}
 
 VAGUE_NAME = re.compile(r"(?i)(manager|helper|utils?$|utils?_|^common|_common|_misc|^misc)")
 AMERICAN = re.compile(r"(?i)(color|neighbor|normaliz|center)")

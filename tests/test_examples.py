@@ -1,4 +1,4 @@
-"""Each example runs, at a tiny size, and its types are right; they use public names alone and fit on a screen."""
+"""Each example runs, at a tiny size; they use public names alone and fit on a screen."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import cltaa
+from cltaa.opencl.cache import cache_folder
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 MOST_LINES = 60
@@ -34,6 +35,7 @@ def test_an_example_runs(name: str, tmp_path: Path) -> None:
         pytest.skip(f"{package} is not installed")
     command = [sys.executable, "-W", "error", str(EXAMPLES / name), *arguments]
     path = {"PYTHONPATH": str(EXAMPLES.parent), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path), "TMPDIR": str(tmp_path)}
+    path |= {"POCL_CACHE_DIR": str(cache_folder())}  # of kernels that are built already
     done = subprocess.run(command, env=path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert re.fullmatch(printed, done.stdout), done.stdout
@@ -45,10 +47,3 @@ def test_an_example_is_short_and_names_public_names_alone(name: str) -> None:
     assert len(code.splitlines()) <= MOST_LINES
     assert set(re.findall(r"\bcltaa\.(\w+)", code)) <= {*cltaa.__all__}
     assert "from cltaa" not in code
-
-
-def test_types_are_right() -> None:
-    """Of a package that is not installed nothing is known, which is no mistake of the example."""
-    command = [sys.executable, "-m", "mypy", "--strict", *map(str, sorted(EXAMPLES.glob("*.py")))]
-    done = subprocess.run(command, cwd=EXAMPLES.parent, stdout=subprocess.PIPE, text=True, check=False)
-    assert done.returncode == 0, done.stdout

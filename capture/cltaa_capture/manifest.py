@@ -117,7 +117,7 @@ class Manifest:
                 "holds EXR files of another origin", path=folder, expected=CAPTURE, cure="choose an empty folder"
             )
         for inside in self._folders():
-            remove_stale_temporaries(inside, owned=True)
+            remove_stale_temporaries(inside)
         self.save()
 
     def _folders(self) -> list[Path]:

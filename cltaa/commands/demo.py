@@ -15,7 +15,6 @@ from cltaa.commands.printing import print_line, print_table
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Image
-from cltaa.interrupt import stop_signals
 from cltaa.io.png import side_by_side, write_image_png, write_png
 from cltaa.io.sequence import ImageSequence, open_images, open_sequence
 from cltaa.io.video import import_av, write_side_by_side
@@ -23,7 +22,7 @@ from cltaa.lab.judge.equal_quality import equal_quality_samples
 from cltaa.lab.judge.metrics import METRICS, mean, measure, named_metrics
 from cltaa.pipeline.run import ResolveReport, resolve_sequence
 from cltaa.printable import counted, json_of, shown
-from cltaa.process import call_cltaa
+from cltaa.process import call_cltaa, stop_signals
 
 SETTLED = 8  # frames after which the history is full enough to be judged
 FLIP_EVERY = 8  # FLIP takes longer than the resolve, so only every so many-th frame is judged by it

@@ -32,13 +32,13 @@ from cltaa.core.parameters import Fireflies
 from cltaa.core.presets import Preset, override
 from cltaa.errors import UsageError
 from cltaa.inputs.open import open_input
-from cltaa.interrupt import stop_signals
 from cltaa.io.numbered import OnBreak
 from cltaa.io.preset_file import preset_of
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY
 from cltaa.pipeline.denoise import DENOISERS
 from cltaa.pipeline.run import COMPARISONS, ResolveReport, resolve_folder, stage_rows
 from cltaa.printable import counted, json_of, printable, shown
+from cltaa.process import stop_signals
 
 
 @click.command(

@@ -96,11 +96,11 @@ class _Whole(NamedTuple):
 class BandedResolver(Resolver):
     """A resolver that works in bands of ``band_rows`` rows, for images that do not fit into memory several times.
 
-    With ``in_place`` the arrays of a frame are used up: the image that ``resolve`` returns lies in them, and no copy
-    of them is in memory beside.
+    The arrays of a frame are used up: the image that ``resolve`` returns lies in them, and no copy of them is in memory
+    beside.
     """
 
-    def __init__(self, *arguments: Any, band_rows: int = BAND_ROWS, in_place: bool = False, **options: Any) -> None:
+    def __init__(self, *arguments: Any, band_rows: int = BAND_ROWS, **options: Any) -> None:
         super().__init__(*arguments, **options)
         if not self.launcher.takes_bands:
             raise UsageError("NumPy resolves whole images only", cure="leave --band-rows out, or name a device")
@@ -109,7 +109,7 @@ class BandedResolver(Resolver):
                 f"preset {self.preset.name} keeps frames, so it resolves whole images only",
                 cure="leave --band-rows out, or take --preset default",
             )
-        self._rows, self._in_place = band_rows, in_place
+        self._rows = band_rows
 
     @classmethod
     def beside(cls, whole: Resolver, band_rows: int, **options: Any) -> BandedResolver:
@@ -124,8 +124,6 @@ class BandedResolver(Resolver):
         check_frame(frame)
         half = half if out is None else checked_out(out, frame).dtype == np.float16
         started = perf_counter()
-        if not self._in_place:
-            frame = _copied(frame)
         previous, build = self._begin(frame)
         buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
         assert self.plan is not None
@@ -158,7 +156,7 @@ class BandedResolver(Resolver):
         if frame.alpha is not None and not half:
             image = np.concatenate([whole.colour, frame.alpha[..., None]], axis=-1)
         if out is None:
-            return image if self._in_place else np.ascontiguousarray(image)
+            return image
         out[...] = image
         return out
 
@@ -183,12 +181,6 @@ def _whole(frame: Frame, alpha: bool, counts: int) -> _Whole:
         np.empty((counts, *size), np.float32),
         frame.depth,
     )
-
-
-def _copied(frame: Frame) -> Frame:
-    """The frame with copies of those arrays that its result takes the place of."""
-    alpha = None if frame.alpha is None else frame.alpha.copy()
-    return replace(frame, colour=frame.colour.copy(), depth=frame.depth.copy(), alpha=alpha)
 
 
 def _rows(frame: Frame, rows: slice) -> Frame:

@@ -1,7 +1,4 @@
-"""Padded planes in memory: their layout, a pool of them, and images that already lie so.
-
-memory reads them where they are, and nothing is copied.
-"""
+"""Padded planes in memory: their layout, a pool of them, and images that already lie so, of which nothing is copied."""
 
 from __future__ import annotations
 

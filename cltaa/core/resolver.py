@@ -16,15 +16,7 @@ from numpy.typing import NDArray
 
 from cltaa.core.backend import Buffer, Launcher, Queue, launcher_for, storage_dtype
 from cltaa.core.buffers import Buffers, FrameRing, LastRun, upload
-from cltaa.core.build import (
-    HALVES,
-    Build,
-    Steps,
-    Storage,
-    build_of,
-    edge_build,
-    storage_of,
-)
+from cltaa.core.build import HALVES, Build, Steps, Storage, build_of, edge_build, storage_of
 from cltaa.core.cuts import Coarse, coarse_colours, looks_cut
 from cltaa.core.debug_views import parse_views
 from cltaa.core.frame_checks import check_frame

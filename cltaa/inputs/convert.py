@@ -1,4 +1,4 @@
-"""A correction that the detector found, on top of the profile by which it had read."""
+"""What a profile makes of colour, jitter, vectors, depth and matrices, and corrections of profiles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""PNGs to be judged, as any tool writes them: 8 bits a channel, sRGB-encoded, with straight alpha."""
+"""Sequences and pictures of other tools: EXR read by a profile, and PNGs of 8 bits, sRGB, with straight alpha."""
 
 from __future__ import annotations
 
@@ -19,13 +19,12 @@ from cltaa.errors import DataError
 from cltaa.frame import Camera, Effect, Frame, Image, format_effects
 from cltaa.inputs.convert import check_depth, linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, intake_lines, open_intake
-from cltaa.inputs.parts import read_any_header, read_planes
 from cltaa.inputs.profile import Encoding, Profile, load_profile, override
 from cltaa.inputs.roles import channel_missing, describe, whole_numbers
 from cltaa.io.content import open_regular
 from cltaa.io.exr_frame import COLOUR, GROUPS, MATRICES, Pixels
 from cltaa.io.exr_layout import Layout, of_region
-from cltaa.io.exr_read import FrameFile, ImageHeader
+from cltaa.io.exr_read import FrameFile, ImageHeader, read_any_header, read_planes
 from cltaa.io.manifest import file_sha256, recorded_hashes
 from cltaa.io.names import Named, Selection, name_of, number_of, selection_of
 from cltaa.io.numbered import FrameRange, OnBreak, even_step, files_in, numbered_files
@@ -345,16 +344,7 @@ class ForeignImages(ImageSequence):
     def __init__(self, sequence: ForeignSequence) -> None:
         """Take the frames of ``sequence``."""
         self.sequence = sequence
-        super().__init__(
-            sequence.folder,
-            sequence.name,
-            {number: sequence.path(number) for number in sequence.numbers},
-            verify=sequence.verify,
-            gaps=sequence.gaps,
-            on_resize=sequence.on_resize,
-            step=sequence.step,
-            layouts=sequence.layouts,
-        )
+        super().__init__(**sequence.alike())
 
     @property
     def notes(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""Files of a folder whose headers cannot be read, or that end too early: what a look at the others leaves out."""
+"""How a sequence of another tool is read, decided from its headers: profile, channels, matrices, what is missing."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ import numpy as np
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.frame import Camera, Matrix
 from cltaa.inputs.convert import Offset, jitter_px, mended_camera, standard_camera
-from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Cameras, Profile, channels_option, load_profile, option_text, override
 from cltaa.inputs.roles import (
     KEYS,
@@ -40,7 +39,7 @@ from cltaa.inputs.roles import (
 )
 from cltaa.inputs.side_file import Side, read_side_file
 from cltaa.io.exr_layout import Layout, of_region
-from cltaa.io.exr_read import ImageHeader
+from cltaa.io.exr_read import ImageHeader, read_any_header
 from cltaa.io.names import Named, Selection, renumbered, selection_of
 from cltaa.io.numbered import (
     FrameRange,

@@ -11,8 +11,8 @@ import msgspec
 
 from cltaa.errors import CltaaError, UsageError
 from cltaa.frame import Effect, format_effects, parse_effects
-from cltaa.inputs.parts import read_any_header
 from cltaa.io.exr_frame import MATRICES
+from cltaa.io.exr_read import read_any_header
 from cltaa.io.names import Named, selection_of
 from cltaa.io.numbered import OnBreak, files_in
 from cltaa.io.sequence import RESOLVED, FrameSequence, open_capture

@@ -13,7 +13,7 @@ from cltaa.errors import OutputError, StorageError, disk_space_cure
 
 LONGEST_NAME = 200  # bytes of a final name in that of its temporary file; file systems end at 255
 
-_TEMPORARY = re.compile(r"\..+\.tmp\.(\d+)", re.DOTALL)
+_TEMPORARY = re.compile(r"\..+\.tmp\.\d+", re.DOTALL)
 
 
 def make_folder(folder: Path) -> Path:
@@ -76,18 +76,11 @@ def atomic_path(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def remove_stale_temporaries(folder: Path, *, owned: bool = False) -> int:
-    """Delete what killed processes left half-written in ``folder`` and return how many files that were.
-
-    ``owned`` says that no other process writes there, so that every such file is stale, whoever has its number now.
-    """
-    count = 0
+def remove_stale_temporaries(folder: Path) -> None:
+    """Delete what killed processes left half-written in ``folder``, into which no other process writes."""
     for entry in folder.iterdir():
-        match = _TEMPORARY.fullmatch(entry.name)
-        if match and (owned or not _is_running(int(match[1]))):
+        if _TEMPORARY.fullmatch(entry.name):
             entry.unlink(missing_ok=True)
-            count += 1
-    return count
 
 
 def _temporary(path: Path) -> Path:
@@ -113,13 +106,3 @@ def _flush(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def _is_running(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:  # it is somebody else's
-        pass
-    return True

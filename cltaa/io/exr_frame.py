@@ -16,15 +16,7 @@ from numpy.typing import NDArray
 
 from cltaa.core.frame_checks import check_camera, check_numbers
 from cltaa.errors import DataError
-from cltaa.frame import (
-    Camera,
-    Effect,
-    Frame,
-    Image,
-    Matrix,
-    format_effects,
-    parse_effects,
-)
+from cltaa.frame import Camera, Effect, Frame, Image, Matrix, format_effects, parse_effects
 from cltaa.io.exr_layout import OTHER_TOOLS, Layout, of_region
 from cltaa.io.names import number_of
 from cltaa.printable import written
@@ -172,7 +164,7 @@ class FrameHeader:
         self.cut = bool(cut)
         jitter = self._numbers("cltaa:jitterPx", (2,))
         self.jitter_px = (float(jitter[0]), float(jitter[1]))
-        self.exposure = self._exposure()
+        self.exposure = self._number("cltaa:exposure", "a number", 1.0)
         check_numbers(self.jitter_px, self.exposure, path=path, frame=self.index)
         whole = Camera(
             world_to_view=np.ascontiguousarray(self._numbers("cltaa:worldToView", (4, 4)).T),
@@ -188,9 +180,6 @@ class FrameHeader:
         if not number.is_integer():
             raise self._wrong(name, "a whole number", number)
         return int(number)
-
-    def _exposure(self) -> float:
-        return self._number("cltaa:exposure", "a number", 1.0)
 
     def _number(self, name: str, expected: str, default: float) -> float:
         """A number of whatever type a writer gave it: int, float, double, or a rational as Python has it."""

@@ -225,15 +225,7 @@ def read_layout(path: Path) -> Layout:
     truncated, or is of a kind that is not read: deep, multi-part, sub-sampled, larger than 16384.
     """
     with open_regular(path) as file:
-        return parse_layout(path, file)
-
-
-def parse_layout(path: Path, file: BinaryIO) -> Layout:
-    """Do what ``read_layout`` does, for a file that is open; ``path`` is its name in messages."""
-    outline = read_outline(path, file)
-    layout = outline.layout
-    outline.check_chunks(partial(read_at, file), file_size(file))
-    return layout
+        return checked_outline(path, file, one=True).parts[0]
 
 
 class Outline(NamedTuple):
@@ -249,13 +241,6 @@ class Outline(NamedTuple):
     places: tuple[int, ...]
     faults: dict[str, DataError]
     end: int
-
-    @property
-    def layout(self) -> Layout:
-        """That of the only part; raises DataError for a file of many."""
-        if self.parts[0].part is not None:
-            raise DataError("multi-part images are not read", path=self.path, cure=OTHER_TOOLS)
-        return self.parts[0]
 
     def check_chunks(self, read_at: ReadAt, length: int) -> None:
         """Check that every chunk lies inside the file of ``length`` bytes and can hold its pixels; raises DataError.
@@ -296,10 +281,17 @@ class Outline(NamedTuple):
         return [*made, struct.pack(f"<{len(offsets)}Q", *offsets), *chunks]
 
 
-def read_outline(path: Path, file: BinaryIO) -> Outline:
-    """Parse the headers of an open file without a look at its chunks.
+def checked_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline:
+    """Parse the headers of an open file as ``read_outline`` does, and check its chunks."""
+    outline = read_outline(path, file, one=one)
+    outline.check_chunks(partial(read_at, file), file_size(file))
+    return outline
 
-    Raises DataError, also where no part can be read.
+
+def read_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline:
+    """Parse the headers of an open file without a look at its chunks; ``path`` is its name in messages.
+
+    Raises DataError, also where no part can be read, and of many parts where it is to have ``one``.
     """
     with damaged(path):
         version, headers, end = read_headers(path, file)
@@ -322,6 +314,8 @@ def read_outline(path: Path, file: BinaryIO) -> Outline:
                 part, sizes, leader = found[at]
                 tables.append(Table(path, place, sizes, part.bytes_a_pixel, part.compression, leader, behind))
             place += 8 * count
+    if one and many:
+        raise DataError("multi-part images are not read", path=path, cure=OTHER_TOOLS)
     return Outline(path, tuple(part for part, *_ in found.values()), tables, tuple(found), faults, end)
 
 

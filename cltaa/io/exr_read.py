@@ -1,4 +1,4 @@
-"""EXR files in: frames with everything a resolve needs, and plain images.
+"""EXR files in: frames with everything a resolve needs, plain images, and single channels of files of many parts.
 
 Reading checks the file (``cltaa.io.exr_header``) before OpenEXR sees it, its SHA-256
 (``cltaa.io.content``) where one is known, and the header (``cltaa.io.exr_frame``) before a number is used, so that
@@ -7,10 +7,12 @@ wrong input ends in one DataError or InputMissing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, BinaryIO, NamedTuple, cast
 
 import numpy as np
@@ -29,10 +31,11 @@ from cltaa.io.exr_frame import (
     check_float_channels,
     frame_channels,
 )
-from cltaa.io.exr_header import Outline, parse_layout, read_outline
-from cltaa.io.exr_layout import OUTSIDE, Layout, Window, placed
-from cltaa.io.openexr import OpenEXR
-from cltaa.io.quiet import muted_output
+from cltaa.io.exr_header import Outline, checked_outline, read_at, read_outline
+from cltaa.io.exr_layout import OUTSIDE, PIXEL_BYTES, Layout, Window, placed, shared_window
+from cltaa.io.openexr import OpenEXR, muted_output
+
+NOTHING_ASKED: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,14 +116,45 @@ def read_image(
     return pixels, {name: value for name, value in attributes.items() if name not in STRUCTURAL}
 
 
-def read_header(path: Path, *, chunks: bool = True) -> ImageHeader:
-    """Read a file's layout and attributes without decoding pixels.
+def read_header(path: Path) -> ImageHeader:
+    """Read the layout and attributes of a file of one part without decoding pixels; one of many is refused."""
+    return read_any_header(path, one=True)
 
-    Every chunk is known to be inside the file, unless ``chunks`` says that they are nobody's concern.
+
+def read_any_header(path: Path, *, chunks: bool = True, one: bool = False) -> ImageHeader:
+    """The same of a file of one part, or of many: layout over all of them, attributes of the first.
+
+    Every chunk is known to be inside the file, unless ``chunks`` says that they are nobody's concern. Parts of a kind
+    that is not read are left out, and among its ``faults``. Raises InputMissing or DataError.
     """
     with open_regular(path) as file:
-        layout = parse_layout(path, file) if chunks else read_outline(path, file).layout
-        return ImageHeader(layout, _open(layout, file, header_only=True)[1])
+        outline = (checked_outline if chunks else read_outline)(path, file, one=one)
+        if not outline.faults:
+            return _described(outline, file)
+        with FileCopy() as copy:
+            copy.hold(outline.extract(partial(read_at, file), range(len(outline.parts)), pixels=False))
+            return _described(outline, copy)
+
+
+def _described(outline: Outline, content: BinaryIO | FileCopy) -> ImageHeader:
+    """Layout over all parts that can be read, and the attributes of the first."""
+    parts, layout = outline.parts, outline.parts[0]
+    found = open_content(outline.path, content, len(parts), header_only=True)
+    if layout.part is not None:
+        channels, windows = dict[str, str](), dict[str, Window]()
+        for part in parts:
+            names = {name: full_name(part.part or "", name) for name in part.channels}
+            channels |= {names[name]: kind for name, kind in part.channels.items()}
+            windows |= dict.fromkeys(names.values(), part.data_window)
+        window = shared_window(parts)
+        layout = Layout(layout.path, channels, window, layout.display_window, layout.compression, windows=windows)
+    views = {
+        full_name(part.part or "", name): view
+        for part, there in zip(parts, found, strict=True)
+        if isinstance(view := there.header.get("view"), str) and view
+        for name in part.channels
+    }
+    return ImageHeader(layout, attributes_of(found[0]), views, outline.faults)
 
 
 def read_colour(path: Path, *, sha256: str | None = None, picture: Window | None = None, alpha: bool = False) -> Image:
@@ -143,9 +177,7 @@ def loaded_parts(path: Path, sha256: str | None, *, one: bool = False) -> Iterat
     ``one`` part a file of many is refused.
     """
     with open_regular(path) as file:
-        outline = read_outline(path, file)
-        if one:
-            outline.layout  # noqa: B018  which refuses them
+        outline = read_outline(path, file, one=one)
         check_memory(path, file_size(file))
         content = read_all(path, file, sha256, outline.check_chunks)
     with content:
@@ -160,10 +192,11 @@ def _shown(
     if picture is None:
         layout.refuse_outside()
     if picture is None or picture == window:
-        return layout, *decode_all(layout, content)
+        (pixels,), attributes = _decoded(path, [layout], content)
+        return layout, pixels, attributes
     shown = replace(layout, data_window=picture)
     check_memory(path, layout.decoded_bytes + content.size + shown.decoded_bytes)
-    pixels, attributes = decode_all(layout, content)
+    (pixels,), attributes = _decoded(path, [layout], content)
     made = {name: placed(plane, window, picture, OUTSIDE.get(name, 0.0)) for name, plane in pixels.items()}
     return shown, made, attributes
 
@@ -172,29 +205,29 @@ def _shown(
 def _loaded(path: Path, sha256: str | None) -> Iterator[tuple[Layout, FileCopy]]:
     """The same of a file of one part, whose pixels fit into memory."""
     with loaded_parts(path, sha256, one=True) as (outline, content):
-        layout = outline.layout
+        (layout,) = outline.parts
         # Beside the pixels stands the packed file first, and then the one channel that is being moved into the frame.
         check_memory(path, layout.decoded_bytes + max(content.size, 4 * layout.width * layout.height))
         yield layout, content
 
 
-def decode_all(layout: Layout, content: BinaryIO | FileCopy) -> tuple[dict[str, Pixels], dict[str, object]]:
-    """Let OpenEXR's module decode every channel of a file of one part; the attributes too. Raises DataError."""
-    file, attributes = _open(layout, content, header_only=False)
-    channels = {name: channel.pixels for name, channel in file.channels().items()}
-    shape = (layout.height, layout.width)
-    if set(channels) != set(layout.channels) or any(plane.shape != shape for plane in channels.values()):
-        raise DataError("the file changed while it was read", path=layout.path, cure="run again")
-    return channels, attributes
+def _decoded(
+    path: Path, parts: Sequence[Layout], content: BinaryIO | FileCopy
+) -> tuple[list[dict[str, Pixels]], dict[str, object]]:
+    """Let OpenEXR's module decode every channel of a file of these parts: it cannot do so of a few; and the attributes
+    of the first. Raises DataError."""
+    found = open_content(path, content, len(parts), header_only=False)
+    decoded = [{name: channel.pixels for name, channel in part.channels.items()} for part in found]
+    for part, planes in zip(parts, decoded, strict=True):
+        shapes = {plane.shape for plane in planes.values()}
+        if planes.keys() != part.channels.keys() or not shapes <= {(part.height, part.width)}:
+            raise DataError("the file changed while it was read", path=path, cure="run again")
+    return decoded, attributes_of(found[0])
 
 
-def _open(layout: Layout, content: BinaryIO | FileCopy, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:
-    file = open_content(layout.path, content, header_only=header_only)
-    return file, attributes_of(file)
-
-
-def open_content(path: Path, content: BinaryIO | FileCopy, *, header_only: bool) -> OpenEXR.File:
-    """Let OpenEXR decode an open file whose layout was checked; ``path`` is its name in messages. Raises DataError."""
+def open_content(path: Path, content: BinaryIO | FileCopy, count: int, *, header_only: bool) -> list[OpenEXR.Part]:
+    """Let OpenEXR decode an open file whose layout was checked, and which has ``count`` parts; ``path`` is its name in
+    messages. Raises DataError."""
     # By the name of the descriptor: the file's own need not be UTF-8, and what OpenEXR itself prints would hold it raw.
     # Not as a stream: OpenEXR's threads would take hundreds of turns a frame with the interpreter to read from one.
     name = f"/proc/self/fd/{content.fileno()}"
@@ -204,15 +237,20 @@ def open_content(path: Path, content: BinaryIO | FileCopy, *, header_only: bool)
             file = OpenEXR.File(name, separate_channels=True, header_only=header_only)
         if not file.parts:  # the module's way of saying that decoding failed
             raise DataError("the pixels are damaged", path=path, cure="write the file again")
-        file.header()  # whose texts must be UTF-8
+        parts: list[OpenEXR.Part] = file.parts
+        for part in parts:
+            part.header  # noqa: B018  whose texts must be UTF-8
     except (RuntimeError, ValueError, TypeError) as error:  # UnicodeDecodeError is a ValueError
         said = str(error).replace(name, "it")
         raise DataError(f"OpenEXR cannot read it: {said}", path=path, cure="write the file again") from error
-    return file
+    if len(parts) != count:
+        found, expected = f"{len(parts)} that can be read", f"{count} parts"
+        raise DataError("a part is damaged", path=path, expected=expected, found=found, cure="write the file again")
+    return parts
 
 
-def attributes_of(file: OpenEXR.File) -> dict[str, object]:
-    """The attributes of a file's first part by name; a double, which arrives as an array of one, as a float."""
+def attributes_of(part: OpenEXR.Part) -> dict[str, object]:
+    """The attributes of a part by name; a double, which arrives as an array of one, as a float."""
 
     def scalar(value: Any) -> object:
         if isinstance(value, float):
@@ -220,4 +258,69 @@ def attributes_of(file: OpenEXR.File) -> dict[str, object]:
         of_one = isinstance(value, np.ndarray) and value.shape == (1,) and value.dtype == np.float64
         return float(value[0]) if of_one else value
 
-    return {name: scalar(value) for name, value in file.header().items()}
+    return {name: scalar(value) for name, value in part.header.items()}
+
+
+def read_planes(
+    path: Path,
+    wanted: Container[str] | None = None,
+    *,
+    sha256: str | None = None,
+    picture: Window | None = None,
+    outside: Mapping[str, float] = NOTHING_ASKED,
+) -> dict[str, Pixels]:
+    """Read the channels [H, W] that are ``wanted``, or all, each in its own type, as they lie in the ``picture``.
+
+    By itself the picture is the data window of all parts, or the display window where they have several. Outside of its
+    part's data window a channel is 0, or what ``outside`` says of it. Names that no channel has are left out, and a
+    part of which nothing is wanted is not decoded.
+    Raises InputMissing, DataError, StorageError and ResourceError.
+    """
+    with loaded_parts(path, sha256) as (outline, content):
+        parts, window = outline.parts, picture or shared_window(outline.parts)
+        if wanted is None:
+            outline.refuse_faults()
+        places = {
+            full_name(part.part or "", name): (at, name) for at, part in enumerate(parts) for name in part.channels
+        }
+        places = {name: place for name, place in places.items() if wanted is None or name in wanted}
+        kinds = [parts[at].channels[channel] for at, channel in places.values()]
+        area = (window[2] - window[0] + 1) * (window[3] - window[1] + 1)
+        check_memory(path, content.size + area * sum(PIXEL_BYTES[kind] for kind in kinds))
+        kept = sorted({at for at, _ in places.values()})
+        layouts = [parts[at] for at in kept]
+        check_memory(path, content.size + 2 * sum(part.decoded_bytes for part in layouts))
+        decoded: dict[int, dict[str, Pixels]] = {}
+        if kept:
+            with _only(outline, content, kept) as file:
+                decoded = dict(zip(kept, _decoded(path, layouts, file)[0], strict=True))
+    return {
+        name: placed(decoded[at][channel], parts[at].data_window, window, outside.get(name, 0.0))
+        for name, (at, channel) in places.items()
+    }
+
+
+@contextmanager
+def _only(outline: Outline, content: FileCopy, kept: list[int]) -> Iterator[FileCopy]:
+    """The content of a file, or a copy of it without the parts that are not ``kept``."""
+    if len(kept) == len(outline.parts) + len(outline.faults):
+        yield content
+        return
+    with FileCopy() as copy, content.bytes() as everything:
+        copy.hold(outline.extract(lambda place, size: bytes(everything[place : place + size]), kept))
+        yield copy
+
+
+def full_name(part: str, channel: str) -> str:
+    """``part.channel``, without what of the part's name the writer put into the channel's already.
+
+    So channel ``depth.Z`` of a part ``depth.left`` is ``depth.left.Z``.
+    """
+    if not part or channel == part or channel.startswith(f"{part}."):
+        return channel
+    layer, dot, last = channel.rpartition(".")
+    return (
+        f"{part}.{last}"
+        if dot and (part.startswith(f"{layer}.") or part.endswith(f".{layer}"))
+        else f"{part}.{channel}"
+    )

@@ -16,7 +16,7 @@ from functools import cached_property
 from itertools import pairwise
 from math import gcd
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.io.exr_header import read_layout
@@ -321,16 +321,13 @@ class NumberedFiles:
 
         They show what they show among all.
         """
-        return type(self)(
-            self.folder,
-            self.name,
-            {number: self._paths[number] for number in chosen_numbers(self.numbers, (first, last), self.folder)},
-            verify=self.verify,
-            gaps=self.gaps,
-            on_resize=self.on_resize,
-            step=self.step,
-            layouts=self.layouts,
-        )
+        numbers = chosen_numbers(self.numbers, (first, last), self.folder)
+        return type(self)(**self.alike() | {"paths": {number: self._paths[number] for number in numbers}})
+
+    def alike(self) -> dict[str, Any]:
+        """The arguments that make another one of the same files."""
+        names = ("folder", "name", "verify", "gaps", "on_resize", "step", "layouts")
+        return {name: getattr(self, name) for name in names} | {"paths": self._paths}
 
 
 def as_pictures(layouts: Mapping[int, Layout], on_resize: OnBreak) -> dict[int, Layout]:

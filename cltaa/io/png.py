@@ -30,13 +30,11 @@ def write_image_png(path: Path, image: Image, stops: float = 0.0) -> None:
     write_png(path, to_picture(image, stops))
 
 
-def side_by_side(
-    before: Image, after: Image, labels: tuple[str, str] = ("before", "after"), stops: float = 0.0
-) -> Picture:
+def side_by_side(before: Image, after: Image, labels: tuple[str, str] = ("before", "after")) -> Picture:
     """Two linear images [H, W, 3] next to each other as one picture [H, 2 W + gap, 3], each with its label."""
     if before.shape != after.shape:
         raise DataError("images differ in size", expected=list(before.shape), found=list(after.shape))
-    return beside([to_picture(image, stops) for image in (before, after)], labels)
+    return beside([to_picture(image) for image in (before, after)], labels)
 
 
 def beside(pictures: Sequence[Picture], labels: Sequence[str]) -> Picture:

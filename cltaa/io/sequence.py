@@ -63,16 +63,7 @@ class ChangedImages(ImageSequence):
         layouts: Mapping[int, Layout] | None = None,
     ) -> None:
         """Take the files of ``images``; ``notes`` say how they are read, ``layouts`` what is left of each."""
-        super().__init__(
-            images.folder,
-            images.name,
-            {number: images.path(number) for number in images.numbers},
-            verify=images.verify,
-            gaps=images.gaps,
-            on_resize=images.on_resize,
-            step=images.step,
-            layouts=layouts or images.layouts,
-        )
+        super().__init__(**images.alike() | {"layouts": layouts or images.layouts})
         self._images, self._change, self._notes = images, change, notes
 
     @property

@@ -76,9 +76,7 @@ class ReadAhead(Iterator[Item]):
         """Return itself; the threads run already."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Stop the threads, whatever ended the block."""
         self.close()
 
@@ -97,9 +95,7 @@ class InTurn(Iterator[Item]):
         """Return itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Nothing is to be stopped."""
 
 

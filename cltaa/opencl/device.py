@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cached_property
@@ -17,24 +18,20 @@ from cltaa.core.planes import LARGE_PAGE, bytes_in_large_pages
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
 from cltaa.opencl.cache import check_cache, filling
 from cltaa.opencl.pocl_cpu_name import cpu_vendor, known_lanes, name_unknown_cpu
-from cltaa.opencl.runtimes import POCL, preference
-from cltaa.opencl.shape import (
-    CPU_4,
-    CPU_8,
-    CPU_16,
-    GPU,
-    INTEL_16,
-    NVIDIA,
-    Shape,
-)
+from cltaa.opencl.shape import CPU_4, CPU_8, CPU_16, GPU, INTEL_16, NVIDIA, Shape
 from cltaa.process import OneProcess
 
+POCL = "Portable Computing Language"  # the platform's name
+POCL_VERSION = re.compile(r"PoCL (\d+)\.(\d+)")
+# What comes first among CPU devices of several platforms, in the order of docs/devices.md: what has not been measured
+# stands between Intel's runtime and Rusticl.
+PREFERENCE, UNMEASURED = {POCL: 0, "Intel(R) OpenCL": 1, "rusticl": 3}, 2
 INTEL = "GenuineIntel"  # what a processor calls its maker; a driver's vendor may be the driver's
 FILL_BYTES = 2**30
 
 
 def devices() -> list[cl.Device]:
-    """Every OpenCL device of this machine: GPUs first, then CPUs in the order of ``preference``."""
+    """Every OpenCL device of this machine: GPUs first, then CPUs by ``PREFERENCE``, of PoCL the newest first."""
     try:
         platforms = cl.get_platforms()
     except cl.LogicError:
@@ -53,8 +50,11 @@ def devices() -> list[cl.Device]:
 
 
 def _order(device: cl.Device) -> tuple[int, tuple[int, ...]]:
+    if device.type & cl.device_type.GPU:
+        return -1, ()
     platform = device.platform
-    return (-1, ()) if device.type & cl.device_type.GPU else preference(platform.name, platform.version)
+    number = POCL_VERSION.search(platform.version) if platform.name == POCL else None
+    return PREFERENCE.get(platform.name, UNMEASURED), tuple(-int(part) for part in number.groups()) if number else (0,)
 
 
 def describe(device: cl.Device) -> str:

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Iterator, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from cltaa.errors import CltaaError, DataError, InputMissing
 from cltaa.inputs.open import open_input
-from cltaa.interrupt import Stop
-from cltaa.io.content import file_size, open_regular
-from cltaa.io.exr_header import read_at, read_outline
+from cltaa.io.content import open_regular
+from cltaa.io.exr_header import checked_outline
 from cltaa.io.names import Selection, renumbered, selection_of
 from cltaa.io.numbered import FrameRange, OnBreak, files_in, frame_missing, on_break
 from cltaa.io.sequence import FrameSequence
+from cltaa.process import Stop
 
 POLL = 0.2  # seconds between two looks at a folder
 
@@ -24,8 +23,7 @@ def check_whole(path: Path) -> None:
     """Raise DataError or InputMissing for an EXR file that is not all there: its writer fills in the table of chunks
     last, and a copy ends before the chunks that the table names."""
     with open_regular(path) as file:
-        outline = read_outline(path, file)
-        outline.check_chunks(partial(read_at, file), file_size(file))
+        checked_outline(path, file)
 
 
 class Arrivals:

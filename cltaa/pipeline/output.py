@@ -18,11 +18,10 @@ from cltaa.core.debug_views import View
 from cltaa.core.resolver import Resolver
 from cltaa.errors import CltaaError, DataError, UsageError
 from cltaa.frame import Frame, Image
-from cltaa.inputs.parts import read_any_header, read_planes
 from cltaa.io.atomic import remove_stale_temporaries
 from cltaa.io.exr_frame import MATRICES, Pixels, frame_attributes
 from cltaa.io.exr_layout import LOSSLESS, Layout, Windows
-from cltaa.io.exr_read import FrameFile, read_header
+from cltaa.io.exr_read import FrameFile, read_any_header, read_header, read_planes
 from cltaa.io.manifest import NAME, RESTART_CURE, Entry, Manifest, file_sha256
 from cltaa.io.pixel_statistics import Missing, is_opaque, missing_samples
 from cltaa.io.sequence import RESOLVED, FrameSequence
@@ -180,7 +179,7 @@ class OutputFolder:
         """
         self.folder = folder
         asked = json.loads(json.dumps(settings))
-        remove_stale_temporaries(folder, owned=True)
+        remove_stale_temporaries(folder)
         if restart:
             _clear(folder)
         self.manifest = Manifest(folder)

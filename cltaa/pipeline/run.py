@@ -31,7 +31,6 @@ from cltaa.errors import DeviceLost, ResourceError, UsageError
 from cltaa.frame import Effect, Frame, outline
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.open import check_declared, open_input
-from cltaa.interrupt import Stop
 from cltaa.io.atomic import atomic_path, check_creatable, owned
 from cltaa.io.content import memory_limit
 from cltaa.io.exr_layout import check_lossless
@@ -42,7 +41,6 @@ from cltaa.io.pixel_statistics import Missing
 from cltaa.io.sequence import FrameSequence, ImageSequence, open_images
 from cltaa.io.streams import InTurn, ReadAhead, Writer
 from cltaa.io.video import check_film, rate_of, write_side_by_side, write_video, write_wipe
-from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.pipeline.debug import DebugViews
 from cltaa.pipeline.denoise import Denoise, denoiser
@@ -60,6 +58,7 @@ from cltaa.pipeline.output import (
     sequence_settings,
 )
 from cltaa.printable import bytes_of, counted, printable
+from cltaa.process import Stop
 from cltaa.progress import shown_progress, track
 
 CHECKED_AFTER = 2  # files, of which frames of one sequence differ little
@@ -163,8 +162,7 @@ def of_whole(
 
 def has_bands(resolver: Resolver) -> bool:
     """True where the device and the preset of ``resolver`` can do with bands."""
-    on_device = isinstance(resolver.launcher, DeviceLauncher)
-    return on_device and resolver.preset.choices.history is HistoryKind.ACCUMULATED
+    return resolver.launcher.takes_bands and resolver.preset.choices.history is HistoryKind.ACCUMULATED
 
 
 def resolver_for(
@@ -200,7 +198,7 @@ def resolver_for(
             band_rows = 0
     if not band_rows:
         return resolver
-    return BandedResolver.beside(resolver, band_rows, in_place=True, storage=storage, **options)
+    return BandedResolver.beside(resolver, band_rows, storage=storage, **options)
 
 
 def with_fireflies(preset: Preset, sequence: FrameSequence, asked: str | None) -> Preset:
@@ -335,7 +333,7 @@ def resolve_sequence(
     is shown while it runs.
 
     ``stopping`` is entered for the run and tells when to stop: then the frame in work is finished, the state saved and
-    KeyboardInterrupt raised. ``cltaa.interrupt.stop_signals()`` does so for SIGINT and SIGTERM; signals are left alone
+    KeyboardInterrupt raised. ``cltaa.process.stop_signals()`` does so for SIGINT and SIGTERM; signals are left alone
     without it. What follows among ``arrivals``, whose first frames are ``sequence``, is resolved as it comes.
 
     Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless

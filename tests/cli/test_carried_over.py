@@ -10,8 +10,7 @@ import OpenEXR
 import pytest
 
 from cltaa.cli import main
-from cltaa.inputs.parts import read_any_header
-from cltaa.io.exr_read import read_header, read_image
+from cltaa.io.exr_read import read_any_header, read_header, read_image
 from tests.faults.exr_surgery import dissect
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import make_frame, write_sequence

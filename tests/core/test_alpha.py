@@ -15,7 +15,7 @@ from cltaa.frame import Frame, Image
 from tests.sequence_factory import make_frame
 
 WIDTH, HEIGHT, FRAMES = 48, 28, 16
-LONGER = ("gather-48", "gather-24+24")  # the same code, three times as long
+LONGER = ("gather-8", "gather-48", "gather-24+24")  # the same code as gather-8+8
 LIGHT = np.array([0.9, 0.2, 0.1], np.float32)
 
 

@@ -14,6 +14,7 @@ import pyopencl.array as cl_array
 import pytest
 
 from cltaa.core import planes
+from cltaa.core.presets import Preset, load_preset
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Frame
@@ -107,8 +108,10 @@ def copying_threads() -> list[str]:
     return [thread.name for thread in threading.enumerate() if thread.name.startswith("cltaa copy")]
 
 
-@pytest.mark.parametrize("preset", ["default", "gather-8"])
-def test_a_device_with_memory_of_its_own_gives_the_same_bits(preset: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("preset", ["default", load_preset("gather-8").replace(illumination="static")])
+def test_a_device_with_memory_of_its_own_gives_the_same_bits(
+    preset: str | Preset, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Through pinned memory, in pieces, as on a GPU; the threads that copy them end with the resolver."""
     here = Resolver(preset)
     monkeypatch.setattr(exchange, "PART", 4096)

@@ -33,7 +33,7 @@ def standing(index: int, *bright: Texel) -> Frame:
 
 @pytest.mark.parametrize("preset", ["default", "fast"])
 def test_a_firefly_adds_nothing_to_the_history(preset: str) -> None:
-    resolver = Resolver(override(load_preset(preset), CLAMP), strict=True)
+    resolver = Resolver(override(load_preset(preset), CLAMP), "numpy")
     for index in range(3):
         before = resolver.resolve(standing(index))
     assert np.array_equal(bits(resolver.resolve(standing(3, PLACE))[PLACE]), bits(before[PLACE]))
@@ -41,7 +41,7 @@ def test_a_firefly_adds_nothing_to_the_history(preset: str) -> None:
 
 def test_a_first_firefly_is_as_bright_as_the_second_brightest_around_it() -> None:
     sharp = override(load_preset(), {**CLAMP, "current_filter": "none"})
-    image = Resolver(sharp, strict=True).resolve(standing(0, PLACE))
+    image = Resolver(sharp, "numpy").resolve(standing(0, PLACE))
     around = standing(0).colour[PLACE[0] - 1 : PLACE[0] + 2, PLACE[1] - 1 : PLACE[1] + 2] @ [0.25, 0.5, 0.25]
     around[1, 1] = 0.0
     assert image[PLACE] @ [0.25, 0.5, 0.25] == pytest.approx(np.sort(around.ravel())[-2], rel=2.0**-20)
@@ -49,7 +49,7 @@ def test_a_first_firefly_is_as_bright_as_the_second_brightest_around_it() -> Non
 
 def test_what_fills_more_texels_or_frames_is_a_highlight() -> None:
     y, x = PLACE
-    keep, clamp = (Resolver(override(load_preset(), change), strict=True) for change in ({}, CLAMP))
+    keep, clamp = (Resolver(override(load_preset(), change), "numpy") for change in ({}, CLAMP))
     square = [(y, x), (y, x + 1), (y + 1, x), (y + 1, x + 1)]
     for index in range(3):
         frame = standing(index, *square)

@@ -24,11 +24,13 @@ def gathering(fit: str, **changes: object) -> Preset:
     return override(load_preset(), {"weighting": "none", "illumination": "static", **values})
 
 
-@pytest.mark.parametrize("fit", ["plane", "layers"])
-@pytest.mark.parametrize("lanes", [1, 8])
-@pytest.mark.parametrize("changes", [{}, {"rectify": "none", "reject": "none", "weighting": "none"}])
-def test_strict_kernel_is_its_twin(fit: str, lanes: int, changes: dict[str, object]) -> None:
-    assert differing({"history": "frames", "gather_fit": fit, **changes}, list(hard_frames(count=4)), lanes, 7) == 0
+@pytest.mark.parametrize(
+    ("lanes", "changes"), [(8, {}), (1, {"rectify": "none", "reject": "none", "weighting": "none"})]
+)
+def test_strict_kernel_is_its_twin(lanes: int, changes: dict[str, object]) -> None:
+    assert (
+        differing({"history": "frames", "gather_fit": "layers", **changes}, list(hard_frames(count=4)), lanes, 7) == 0
+    )
 
 
 def ramp(index: int) -> Frame:

@@ -51,7 +51,7 @@ def as_read(frame: Frame) -> Frame:
     return replace(frame, **given | {name: given[name][..., 0] for name in ("alpha", "reactive")})
 
 
-@pytest.mark.parametrize("preset", ["default", "gather-8", "gather-48"])
+@pytest.mark.parametrize("preset", ["default", "gather-48"])
 def test_what_is_read_where_it_is_becomes_what_its_copies_do(launcher: Counting, preset: str) -> None:
     """Each other frame is copied, so that one way follows the other."""
     copied, taken, mixed = (Resolver(preset, launcher, strict=True) for _ in range(3))

@@ -58,8 +58,10 @@ def test_every_image_comes_once_and_in_order(lanes_of: str | None) -> None:
     assert same([image for some in ready for image in some] + last, images(frames, looking(), lanes_of))
 
 
-@pytest.mark.parametrize("changes", [{}, {"gather_fit": "mean"}, {"gather_fit": "plane", "reject": "none"}])
-@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize(
+    ("changes", "moving"),
+    [({}, True), ({}, False), ({"gather_fit": "mean", "reject": "none"}, False)],
+)
 def test_the_strict_kernel_is_its_twin(changes: dict[str, object], moving: bool) -> None:
     frames = [sliding(index, (1.25, -0.5)) for index in range(7)] if moving else list(hard_frames(count=7))
     preset = looking(**changes)
@@ -72,13 +74,13 @@ def test_the_first_frame_with_those_ahead_is_the_last_one_of_the_sequence_backwa
     effects = frozenset({Effect.CAMERA, Effect.DISOCCLUSION, Effect.SKY})
     frames = [make_frame(index, camera=camera, effects=effects) for index, camera in enumerate(cameras)]
     backwards = [replace(frame, index=index) for index, frame in enumerate(reversed(frames))]
-    first, *_ = images(frames, looking(), strict=True)
-    *_, last = images(backwards, looking(look_ahead=0, history_frames=AHEAD), strict=True)
+    first, *_ = images(frames, looking(), "numpy")
+    *_, last = images(backwards, looking(look_ahead=0, history_frames=AHEAD), "numpy")
     assert same([first], [last])
     assert not same([first], [frames[0].colour])
 
 
-@pytest.mark.parametrize("by", [(1.0, 0.0), (1.25, -0.5), (-2.5, 1.75)])
+@pytest.mark.parametrize("by", [(1.25, -0.5), (-2.5, 1.75)])
 def test_own_motion_is_followed_ahead_as_it_is_back(by: tuple[float, float]) -> None:
     frames = [sliding(index, by) for index in range(AHEAD + 1)]
     assert all(frame.motion is not None for frame in frames)
@@ -86,8 +88,8 @@ def test_own_motion_is_followed_ahead_as_it_is_back(by: tuple[float, float]) -> 
         replace(frame, index=index, motion=-frame.motion)  # type: ignore[operator]
         for index, frame in enumerate(reversed(frames))
     ]
-    first, *_ = images(frames, looking(), strict=True)
-    *_, last = images(backwards, looking(look_ahead=0, history_frames=AHEAD), strict=True)
+    first, *_ = images(frames, looking(), "numpy")
+    *_, last = images(backwards, looking(look_ahead=0, history_frames=AHEAD), "numpy")
     assert same([first], [last])
 
 
@@ -107,7 +109,7 @@ def test_own_motion_that_turns_and_grows_closes_on_its_way_ahead() -> None:
         return replace(frame, colour=colour.astype(np.float32), depth=depth, motion=motion)
 
     frames = [disc(index) for index in range(AHEAD + 1)]
-    first, *_ = images(frames, looking(weighting="none"))
+    first, *_ = images(frames, looking(weighting="none"), "numpy")
     # The motion of a texel half a pixel off is wrong by 0.1 x 0.5 pixels in a step, so that the four steps' samples
     # stand at most 0.2 pixels from where they are taken to be, of a slope of 0.02 a pixel.
     middle = np.hypot(x, y) < 12
@@ -118,14 +120,14 @@ def test_own_motion_that_turns_and_grows_closes_on_its_way_ahead() -> None:
 def test_what_sets_out_later_is_not_taken_for_what_stands() -> None:
     still = replace(sliding(0, (0.0, 0.0)), motion=np.full((23, 37, 2), np.nan, np.float32))
     gone = [replace(sliding(index, (1.0, 0.0)), colour=still.colour + 5) for index in range(1, AHEAD + 1)]
-    first, *_ = images([still, *gone], looking(weighting="none"), strict=True)
+    first, *_ = images([still, *gone], looking(weighting="none"), "numpy")
     assert same([first], [still.colour])
 
 
 def test_a_thing_that_comes_to_rest_is_lost_ahead() -> None:
     moving = sliding(0, (1.0, 0.0))
     rests = replace(sliding(1, (0.0, 0.0)), motion=np.full((23, 37, 2), np.nan, np.float32), colour=moving.colour + 5)
-    first, *_ = images([moving, rests], looking(weighting="none"), strict=True)
+    first, *_ = images([moving, rests], looking(weighting="none"), "numpy")
     assert same([first], [moving.colour])
 
 
@@ -136,10 +138,10 @@ def test_nothing_crosses_a_break(change: dict[str, Any]) -> None:
     before = [make_frame(index) for index in range(5)]
     start = change.pop("index", 5)
     after = [make_frame(index + start, **(change if index == 0 or "cut" not in change else {})) for index in range(4)]
-    whole = images([*before, *after], looking(), strict=True)
-    assert same(whole[:5], images(before, looking(), strict=True))
+    whole = images([*before, *after], looking(), "numpy")
+    assert same(whole[:5], images(before, looking(), "numpy"))
     alone = [replace(after[0], cut=True), *after[1:]]  # as the first of a film, not of all
-    assert same(whole[5:], images(alone, looking(), strict=True))
+    assert same(whole[5:], images(alone, looking(), "numpy"))
 
 
 def test_exposure_and_alpha_ahead_are_brought_to_now() -> None:
@@ -154,14 +156,14 @@ def test_exposure_and_alpha_ahead_are_brought_to_now() -> None:
         )
         for index in range(6)
     ]
-    for index, image in enumerate(images(frames, looking(), strict=True)):
+    for index, image in enumerate(images(frames, looking(), "numpy")):
         assert (image[..., :3] == 2.0**index).all()
         assert (image[..., 3] == np.float32(0.25)).all()
 
 
 def test_what_is_declared_to_need_the_whole_past_is_resolved_so_and_comes_later() -> None:
     frames = [make_frame(index, camera=make_camera(), effects=frozenset({Effect.SKY})) for index in range(6)]
-    assert same(images(frames, looking(), strict=True), images(frames, looking(look_ahead=0), strict=True))
+    assert same(images(frames, looking(), "numpy"), images(frames, looking(look_ahead=0), "numpy"))
 
 
 def test_a_frame_that_is_wrong_leaves_those_that_wait() -> None:

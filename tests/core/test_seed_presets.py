@@ -49,12 +49,12 @@ def noise(index: int, *, own: bool, alpha: bool = False) -> Frame:
     )
 
 
-def moving_camera(index: int, *, own: bool = False) -> Frame:
-    """Smooth colours, rough depth and sky before a camera that moves; a third of the pixels may have motion too."""
+def moving_camera(index: int) -> Frame:
+    """Smooth colours, rough depth and sky before a camera that moves; a third of the pixels have motion too."""
     camera = make_camera((0.11 * index, -0.05 * index, 5.0 - 0.2 * index))
-    frame = make_frame(index, motion=own, camera=camera, effects=None)
-    if frame.motion is not None:
-        frame.motion[np.random.default_rng(index).random((HEIGHT, WIDTH)) > 1 / 3] = np.nan
+    frame = make_frame(index, motion=True, camera=camera, effects=None)
+    assert frame.motion is not None
+    frame.motion[np.random.default_rng(index).random((HEIGHT, WIDTH)) > 1 / 3] = np.nan
     return replace(frame, colour=smooth(index))
 
 
@@ -68,10 +68,8 @@ def cut_in_the_middle(index: int) -> Frame:
 
 CASES: dict[str, Callable[[int], Frame]] = {
     "still": partial(noise, own=False),
-    "own motion": partial(noise, own=True),
     "alpha": partial(noise, own=True, alpha=True),
-    "camera": moving_camera,
-    "camera and own motion": partial(moving_camera, own=True),
+    "camera and own motion": moving_camera,
     "declared still": declared_still,
     "cut": cut_in_the_middle,
 }
@@ -94,11 +92,11 @@ def test_the_oracle_is_the_article(name: str, case: str) -> None:
     assert worst_difference(name, frames, "numpy") <= TOLERANCE
 
 
-@pytest.mark.parametrize("name", sorted(SEEDS))
-def test_the_device_is_the_article(name: str) -> None:
-    for case in ("alpha", "camera"):
-        frames = [CASES[case](index) for index in range(FRAMES)]
-        assert worst_difference(name, frames, None) <= TOLERANCE, case
+@pytest.mark.parametrize(("name", "case"), [("godot", "camera and own motion"), ("vireo-source", "alpha")])
+def test_the_device_is_the_article(name: str, case: str) -> None:
+    """Of two presets: a strict build is the oracle, and a fast one lies within the bounds of tests/numerics."""
+    frames = [CASES[case](index) for index in range(FRAMES)]
+    assert worst_difference(name, frames, None) <= TOLERANCE
 
 
 # The way back from a tonemap multiplies what is rounded by the square of the light.

@@ -33,9 +33,8 @@ import cltaa.commands.resolve
 import cltaa.reference
 import cltaa_capture.cli
 from cltaa import cli
-from cltaa.interrupt import SIGNALS, ends_at_once
 from cltaa.pipeline.checkpoint import SLOTS
-from cltaa.process import configure
+from cltaa.process import SIGNALS, configure, ends_at_once
 from tests.faults.runs import RECORDS, WORK, Work, check_after_fault, check_finished, digests
 
 PRELOADED = (cltaa.commands.resolve, cltaa.reference, cltaa_capture.cli)

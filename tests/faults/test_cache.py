@@ -117,7 +117,7 @@ def test_cache_on_a_disk_that_is_full(tmp_path: Path, on_device: tuple[Path, dic
     check_finished(output, on_device[1])
 
 
-@pytest.mark.parametrize("rounds", [2, pytest.param(ROUNDS, marks=pytest.mark.big)])
+@pytest.mark.parametrize("rounds", [1, pytest.param(ROUNDS, marks=pytest.mark.big)])
 def test_processes_on_one_cold_cache(tmp_path: Path, rounds: int) -> None:
     command = [sys.executable, "-m", "tests.faults.cold_cache", str(tmp_path), str(rounds)]
     child = subprocess.run(

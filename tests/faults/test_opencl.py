@@ -93,7 +93,7 @@ def copying(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("call", CALLS)
 @pytest.mark.parametrize(
-    ("stride", "turn"), [(5, 0), pytest.param(1, 0, marks=pytest.mark.big), pytest.param(1, 1, marks=pytest.mark.big)]
+    ("stride", "turn"), [(9, 0), pytest.param(1, 0, marks=pytest.mark.big), pytest.param(1, 1, marks=pytest.mark.big)]
 )
 def test_device_lost_at_the_nth_call(
     tmp_path: Path,
@@ -136,9 +136,12 @@ def test_device_lost_at_the_nth_call(
     assert at > len(expected)
 
 
+GATHERING = ["--preset", "gather-8", "--set", "illumination=static"]
+
+
 @pytest.mark.parametrize("name", ["enqueue_fill", "Buffer"])
 @pytest.mark.parametrize(
-    "more", [[], ["--band-rows", "5"], ["--preset", "gather-48"], None], ids=["whole", "bands", "gathering", "copying"]
+    "more", [[], ["--band-rows", "5"], GATHERING, None], ids=["whole", "bands", "gathering", "copying"]
 )
 def test_no_memory_for_the_nth_buffer(
     tmp_path: Path,
@@ -148,20 +151,26 @@ def test_no_memory_for_the_nth_buffer(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Buffers are touched when they are made: a lack of memory shows before the first frame, with the bytes needed."""
+    """Buffers are touched when they are made: a lack of memory shows before the first frame, with the bytes needed.
+
+    Those of the first frame one after another, and every seventh of those that each later frame asks for alike.
+    """
     copies = more is None
     if more is None:
         copying(monkeypatch)
-        more = []
+    gathers, of_the_ring = more == GATHERING, False
+    more = [*(more or []), "--frames", "0-2"]
     failure = planted(cl.MemoryError, "clEnqueueFillBuffer", cl.status_code.MEM_OBJECT_ALLOCATION_FAILURE)
-    real, output, at, reached, expected = getattr(cl, name), tmp_path / "out", 0, True, None
-    ring = load_preset("gather-48").settings.history_frames + 1  # and the one in work
-    gathers, of_the_ring = more == ["--preset", "gather-48"], False
+    command, real, at, reached = arguments(on_device[0], tmp_path / "out"), getattr(cl, name), 0, True
+    assert main([*command, *more]) == 0
+    expected = digests(tmp_path / "out")
+    assert gathers or expected.items() <= on_device[1].items()
+    ring = load_preset("gather-8").settings.history_frames + 1  # and the one in work
     while reached:
-        at += 1
+        at += 1 if at < 12 else 7
         failing = Failing(real, at, failure)
         monkeypatch.setattr(cl, name, failing)
-        code = main([*arguments(on_device[0], output), *more, "--restart"])
+        code = main([*command, *more, "--restart"])
         monkeypatch.setattr(cl, name, real)
         said, reached = capsys.readouterr().err, failing.calls >= at
         assert code == (75 if reached else 0), said
@@ -171,15 +180,14 @@ def test_no_memory_for_the_nth_buffer(
             of_the_ring |= f"to keep {ring} frames" in said and "keep fewer with --set history_frames=N" in said
             # What is copied through the host is pinned when it is copied first: the state for the first checkpoint. A
             # channel that is read where it is takes no memory, but a buffer of its own in each frame.
-            finished = check_after_fault(output, expected) if expected else len(digests(output))
+            finished = check_after_fault(tmp_path / "out", expected)
             assert finished <= (2 if copies else 0) or (name == "Buffer" and not copies)
-            assert main([*arguments(on_device[0], output), *more]) == 0
-            expected = expected or digests(output)
-        assert expected is not None
-        check_finished(output, expected)
-        assert gathers or expected == on_device[1]
+            if not finished:  # and a run from there is one like any other
+                continue
+            assert main([*command, *more]) == 0
+        check_finished(tmp_path / "out", expected)
     assert of_the_ring == gathers
-    print(f"{at - 1} buffers")
+    print(f"up to buffer {at - 1}")
     assert at > 6
 
 

@@ -40,9 +40,9 @@ def with_channels(width: int, height: int, channels: tuple[str, ...]) -> Frame:
 COMPRESSIONS = pytest.mark.parametrize("compression", ["zip", "zips", "none", "piz"])
 
 
-def cut_off_at_every_byte(path: Path, frame: Frame, compression: str) -> None:
+def cut_off(path: Path, frame: Frame, compression: str, stride: int = 1) -> None:
     write_frame(path, frame, compression=compression)
-    for length in reversed(range(path.stat().st_size)):
+    for length in reversed(range(0, path.stat().st_size, stride)):
         os.truncate(path, length)
         with pytest.raises(DataError, match=r"a\.exr: .*(truncated|cut off|empty|not an EXR)"):
             read_frame(path)
@@ -51,7 +51,8 @@ def cut_off_at_every_byte(path: Path, frame: Frame, compression: str) -> None:
 @COMPRESSIONS
 def test_cut_off_at_every_byte(tmp_path: Path, compression: str, capfd: pytest.CaptureFixture[str]) -> None:
     """No cut is read, and OpenEXR's own words never reach the terminal."""
-    cut_off_at_every_byte(tmp_path / "a.exr", make_frame(width=5, height=17), compression)
+    stride = 1 if compression == "zip" else 7  # of the others only the chunks are other bytes
+    cut_off(tmp_path / "a.exr", make_frame(width=5, height=17), compression, stride)
     assert capfd.readouterr() == ("", "")
 
 
@@ -59,19 +60,19 @@ def test_cut_off_at_every_byte(tmp_path: Path, compression: str, capfd: pytest.C
 @pytest.mark.parametrize("channels", OTHER_CHANNELS, ids="-".join)
 @COMPRESSIONS
 def test_other_channels_cut_off_at_every_byte(tmp_path: Path, compression: str, channels: tuple[str, ...]) -> None:
-    cut_off_at_every_byte(tmp_path / "a.exr", with_channels(5, 17, channels), compression)
+    cut_off(tmp_path / "a.exr", with_channels(5, 17, channels), compression)
 
 
 @pytest.mark.parametrize(
     "channels", [(), *(pytest.param(names, marks=pytest.mark.big) for names in OTHER_CHANNELS)], ids="-".join
 )
 @COMPRESSIONS
-def test_larger_file_cut_off_at_1500_places(tmp_path: Path, compression: str, channels: tuple[str, ...]) -> None:
+def test_larger_file_cut_off(tmp_path: Path, compression: str, channels: tuple[str, ...]) -> None:
     path = tmp_path / "a.exr"
     write_frame(path, with_channels(64, 52, channels), compression=compression)
     size = path.stat().st_size
     assert size > 40_000
-    for length in np.linspace(size - 1, 0, 1500).astype(int):
+    for length in np.linspace(size - 1, 0, 300).astype(int):
         os.truncate(path, length)
         for read in (read_frame, read_header):
             with pytest.raises(DataError, match=r"a\.exr"):
@@ -113,9 +114,9 @@ def check(counts: Counter[str], compression: str, tries: int) -> None:
 
 
 @pytest.mark.parametrize("compression", ["zip", "piz", "none"])
-def test_six_thousand_damaged_files(tmp_path: Path, compression: str) -> None:
-    """Every fourth of the ways of ``reading_process.damage``: windows along the whole file, and its first bytes."""
-    check(read_damaged(tmp_path, compression, 8000, stride=4), compression, 2000)
+def test_damaged_files(tmp_path: Path, compression: str) -> None:
+    """Every tenth of the ways of ``reading_process.damage``: windows along the whole file, and its first bytes."""
+    check(read_damaged(tmp_path, compression, 8000, stride=10), compression, 800)
 
 
 @pytest.mark.big

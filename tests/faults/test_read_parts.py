@@ -13,7 +13,7 @@ import OpenEXR
 import pytest
 
 from cltaa.errors import CltaaError, DataError, ResourceError
-from cltaa.inputs.parts import read_any_header, read_planes
+from cltaa.io.exr_read import read_any_header, read_planes
 from cltaa.io.exr_write import write_frame
 from cltaa.io.manifest import file_sha256
 from tests.faults.exr_surgery import Anatomy, as_part, assembled_parts, channel, window
@@ -57,22 +57,22 @@ def test_recorded_hash_is_held_against_parts_too(tmp_path: Path, sound: Path) ->
         read_planes(path, sha256="0" * 64)
 
 
-def test_parts_cut_off_at_every_byte(tmp_path: Path) -> None:
+def test_parts_cut_off_anywhere(tmp_path: Path) -> None:
     small = tmp_path / "small.exr"
     write_frame(small, make_frame(width=5, height=17))
     path = written(tmp_path, two(small))
-    for length in reversed(range(path.stat().st_size)):
+    for length in reversed(range(0, path.stat().st_size, 5)):
         os.truncate(path, length)
         with pytest.raises(DataError, match=r"parts\.exr: .*(truncated|cut off|empty|not an EXR)"):
             read_planes(path)
 
 
 def test_damaged_parts(tmp_path: Path, sound: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """A thousand of them, in this process: the reader that they reach is the one that survives thousands elsewhere."""
+    """Hundreds of them, in this process: the reader that they reach is the one that survives thousands elsewhere."""
     path = written(tmp_path, two(sound))
     content, digest = path.read_bytes(), file_sha256(path)
     counts: Counter[str] = Counter()
-    for number in range(0, 8000, 8):
+    for number in range(0, 8000, 32):
         damaged = damage(content, 12, number)
         if damaged == content:
             continue
@@ -84,8 +84,8 @@ def test_damaged_parts(tmp_path: Path, sound: Path, capfd: pytest.CaptureFixture
             counts["refused"] += 1
         with pytest.raises(CltaaError):
             read_planes(path, sha256=digest)
-    assert sum(counts.values()) > 990
-    assert counts["refused"] > 500
+    assert sum(counts.values()) > 245
+    assert counts["refused"] > 125
     assert capfd.readouterr().out == ""
 
 

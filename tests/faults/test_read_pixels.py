@@ -145,7 +145,7 @@ def test_every_value_survives_the_file(tmp_path: Path) -> None:
         np.testing.assert_array_equal(bits(plane(back, channel)), bits(plane(frame, channel)))
 
 
-@pytest.mark.parametrize("value", POINTS)
+@pytest.mark.parametrize("value", ["signalling NaN", "-infinity", "1e+20", "65504"])
 def test_what_was_repaired_is_counted(tmp_path: Path, value: str, capsys: pytest.CaptureFixture[str]) -> None:
     """In the outcome of a resolve: pixels, not channels, and none that is a usable number."""
     frame = sequence()[0]

@@ -20,20 +20,15 @@ from cltaa.io.sequence import open_sequence
 from tests.sequence_factory import bits, make_frame, write_sequence
 
 NAMES = {
-    "spaces": " two  spaces ",
-    "a line feed": "one\ntwo",
+    "spaces, a line feed, other scripts": " two  spaces, one\ntwo фильм-映画-🎬 ",
     "home": "~",
-    "home of root": "~root",
     "no UTF-8": os.fsdecode(b"\xff\xfe\x80"),
-    "an escape sequence": "\x1b[2J\x1b]0;title\x07",
-    "markup": "[red]red[bold] [@click=x]",
+    "escape sequences and right to left": "\x1b[2J\x1b]0;title\x07\u202egpj.exe",
+    "markup and a pattern": "[red]red[bold] [@click=x] %s %d {} $HOME `id` $(id) *?",
     "an address": "http:",
     "a pipe of FFmpeg": "pipe:1",
-    "a pattern": "%s %d {} $HOME `id` $(id) *?",
-    "right to left": "\u202egpj.exe",
     "as long as can be": "n" * 255,
     "an option": "--help",
-    "letters of other scripts": "фильм-映画-🎬",
 }
 
 

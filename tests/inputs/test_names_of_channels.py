@@ -29,14 +29,12 @@ LAYERS = [
     'say "so"',
     "it's",
     "'quoted'",
-    "Ebene für Bäume",
     "レイヤー 1",
     "two  spaces",
     "[x]*",
     "back\\slash",
     "-dash --input",
     "$HOME `x` ;",
-    "A, B",
 ]
 BLENDER = {"Software": "Blender 2.83"}
 
@@ -85,7 +83,7 @@ def test_the_option_that_is_printed_takes_the_other_layer(
     assert "Combined.A" in found
 
 
-@pytest.mark.parametrize("layer", [*LAYERS, "all", "*"])
+@pytest.mark.parametrize("layer", ["Main Layer", "one, two", "[x]*", "all", "*"])
 def test_a_channel_is_kept_by_its_name(layer: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_layers(tmp_path / "in", "Z", layer)
     out, kept = tmp_path / "out", written([f"{layer}.Depth.Z"])

@@ -62,7 +62,7 @@ def write_region(folder: Path, data: tuple[int, int, int, int], display: tuple[i
 
 def resolved(folder: Path, output: Path) -> np.ndarray:
     """The last resolved colour, [H, W, 3]."""
-    resolve_sequence(open_input(folder), output, Resolver(load_preset("default")))
+    resolve_sequence(open_input(folder), output, Resolver(load_preset("default"), "numpy"))
     return colour_of(sorted(output.glob("*.exr"))[-1])
 
 

@@ -14,9 +14,8 @@ from cltaa.cli import main
 from cltaa.errors import DataError
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.open import open_input
-from cltaa.inputs.parts import read_planes
 from cltaa.io.exr_frame import Pixels
-from cltaa.io.exr_read import read_image
+from cltaa.io.exr_read import read_image, read_planes
 from tests.inputs.foreign import read, write_parts
 from tests.sequence_factory import bits
 

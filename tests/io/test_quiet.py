@@ -15,7 +15,7 @@ from rich.console import Console
 from cltaa.errors import DataError
 from cltaa.io.exr_read import read_frame
 from cltaa.io.exr_write import write_frame
-from cltaa.io.quiet import _Complaints, muted_output
+from cltaa.io.openexr import _Complaints, muted_output
 from cltaa.progress import progress_bar, track
 from tests.sequence_factory import make_frame
 
@@ -135,7 +135,7 @@ def test_progress_shows_a_name_to_the_letter(capsys: pytest.CaptureFixture[str])
 
 PRINTING = """
 import sys, threading, time
-from cltaa.io.quiet import _Complaints, muted_output
+from cltaa.io.openexr import _Complaints, muted_output
 
 class Slow:  # as a pipe whose reader is busy: other threads run while it takes the text
     def write(self, text):

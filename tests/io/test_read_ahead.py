@@ -113,9 +113,3 @@ def test_nothing_comes_after_a_failure() -> None:
             next(numbers)
         assert stream_threads() == []
         assert list(numbers) == []
-
-
-def test_threads_end_with_the_last_item() -> None:
-    numbers = ReadAhead([partial(int, number) for number in range(9)])
-    assert list(numbers) == list(range(9))
-    assert stream_threads() == []

@@ -42,13 +42,6 @@ def test_depth_of_nothing() -> None:
         Writer(0)
 
 
-def test_a_closed_writer_takes_nothing(tmp_path: Path) -> None:
-    with Writer(1) as writer:
-        pass
-    with pytest.raises(ValueError, match="the writer is closed"):
-        writer.write(tmp_path / "a.exr", {})
-
-
 SCRIPT = """
 import sys, time
 from pathlib import Path

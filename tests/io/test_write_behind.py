@@ -26,7 +26,7 @@ def test_written_images_are_complete_at_the_close(tmp_path: Path) -> None:
         assert attributes["cltaa:frame"] == number
     assert len(writer.seconds) == 6
     assert stream_threads() == []
-    with pytest.raises(ValueError, match="closed"):
+    with pytest.raises(ValueError, match="the writer is closed"):
         writer.write(tmp_path / "late.exr", image(0))
 
 
@@ -42,17 +42,6 @@ def test_planes_may_be_made_where_they_are_written(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_image(tmp_path / "0.exr")[0]["G"], image(0.5)["G"])
     assert makers
     assert makers[0].startswith("cltaa write behind")
-
-
-def test_planes_that_cannot_be_made_are_a_failure_of_the_writer(tmp_path: Path) -> None:
-    def impossible() -> dict[str, np.ndarray]:
-        raise MemoryError
-
-    writer = Writer()
-    writer.write(tmp_path / "0.exr", impossible)
-    with pytest.raises(MemoryError):
-        writer.close()
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_first_failure_is_raised_and_what_was_finished_stays(tmp_path: Path) -> None:
@@ -101,6 +90,7 @@ def test_two_images_that_fail_side_by_side_are_one_failure(tmp_path: Path) -> No
     with pytest.raises(MemoryError):
         writer.flush()
     writer.close()
+    assert list(tmp_path.iterdir()) == []
     assert stream_threads() == []
 
 

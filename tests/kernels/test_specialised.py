@@ -27,9 +27,8 @@ from cltaa.core.parameters import (
     Variance,
     Weighting,
 )
-from cltaa.opencl.device import Device, devices
+from cltaa.opencl.device import POCL, Device, devices
 from cltaa.opencl.program import source
-from cltaa.opencl.runtimes import POCL
 
 BARE = Steps(camera_motion=False, own_motion=False, orthographic=False, exposure=False, alpha=False, reactive=False)
 PLAIN = Choices(rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE, weighting=Weighting.NONE)

@@ -21,8 +21,8 @@ from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.parameters import HOST_CHOICES, HOST_SETTINGS, Choices, Rectify, Settings
 from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset
+from cltaa.opencl.device import POCL
 from cltaa.opencl.launcher import DeviceLauncher
-from cltaa.opencl.runtimes import POCL
 from cltaa.reference.colour import sample_is_missing
 from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.stage_chain import (

@@ -22,9 +22,8 @@ from cltaa.core.parameters import HistoryFilter
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Frame, Image
-from cltaa.opencl.device import devices
+from cltaa.opencl.device import POCL, devices
 from cltaa.opencl.launcher import DeviceLauncher
-from cltaa.opencl.runtimes import POCL
 from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import Planes
 from tests.kernels.stage_chain import ALL_STEPS, WRITES, chain_work, differing, run_stage

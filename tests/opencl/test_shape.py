@@ -58,19 +58,18 @@ def cpu_device(**facts: object) -> Device:
     return device
 
 
-def resolved(shape: Shape, storage: Storage, monkeypatch: pytest.MonkeyPatch) -> tuple[int, Image]:
+def resolved(shape: Shape, monkeypatch: pytest.MonkeyPatch) -> tuple[int, Image]:
     monkeypatch.setattr(Device, "shape", shape)
-    resolver = Resolver("default", DeviceLauncher(), storage=storage)
+    resolver = Resolver("fast", DeviceLauncher(), storage=Storage.HALF)
     image = [resolver.resolve(frame) for frame in make_frames(150, 90, Motion.TURN)][-1]
     assert resolver.last is not None
     return resolver.last.build.columns_ahead, image
 
 
-@pytest.mark.parametrize("storage", [Storage.FLOAT, Storage.HALF])
-def test_columns_fetched_ahead_change_no_bit(storage: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
-    near, next_one = resolved(CPU_16._replace(columns_ahead=0), storage, monkeypatch)
-    far, third = resolved(CPU_16, storage, monkeypatch)
-    _, second = resolved(CPU_16._replace(far_first=False), storage, monkeypatch)
+def test_columns_fetched_ahead_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    near, next_one = resolved(CPU_16._replace(columns_ahead=0), monkeypatch)
+    far, third = resolved(CPU_16, monkeypatch)
+    _, second = resolved(CPU_16._replace(far_first=False), monkeypatch)
     assert (near, far) == (0, CPU_16.columns_ahead)
     assert np.array_equal(next_one.view(np.uint32), third.view(np.uint32))
     assert np.array_equal(second.view(np.uint32), third.view(np.uint32))

@@ -129,9 +129,13 @@ assert np.isfinite(image).all()
 """
 
 
+# Of the levels with as many lanes the one with the fewest instructions.
+LEAST = [b"x86-64-v4", b"sandybridge", b"x86-64"]
+
+
 @needs_linux
-@pytest.mark.parametrize("level", [level for level in FLAGS if FLAGS[level] <= cpu_flags()])
-def test_the_resolve_is_built_for_every_level_that_this_cpu_has(level: bytes, tmp_path: Path) -> None:
+@pytest.mark.parametrize("level", [level for level in LEAST if FLAGS[level] <= cpu_flags()])
+def test_the_resolve_is_built_for_the_levels_that_this_cpu_has(level: bytes, tmp_path: Path) -> None:
     """LLVM ends the process where it finds no instruction for a vector."""
     environment = {**os.environ, "POCL_CACHE_DIR": str(tmp_path), "CLTAA_DEVICE": "pthread"}
     command = [sys.executable, "-c", RESOLVED_AT, level.decode()]

@@ -11,9 +11,9 @@ from cltaa_datasets.scenes import registered
 from tests.built_scenes import built
 from tests.capture.analytic_scenes import drawing
 
-WIDTH, HEIGHT = 64, 36
+WIDTH, HEIGHT = 48, 27
 FPS = 30.0
-FRAMES = range(11, 15)
+FRAMES = range(11, 14)  # 12 begins what changes every 0.4 s
 
 
 def captured(name: str) -> list[Frame]:

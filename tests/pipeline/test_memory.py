@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.core.build import Steps
+from cltaa.core.build import Steps, Storage
 from cltaa.core.planes import Layout
 from cltaa.inputs.open import open_input
 from cltaa.io.exr_frame import frame_attributes, frame_planes
 from cltaa.io.exr_write import write_image
 from cltaa.io.sequence import open_sequence
 from cltaa.io.streams import AHEAD, BEHIND
+from cltaa.lab.inspect.plan import plan
 from cltaa.pipeline import memory
-from cltaa.pipeline.memory import DevicePlanes, of_sequence
+from cltaa.pipeline.memory import DevicePlanes, Memory, of_sequence
 from cltaa.pipeline.output import carried_kinds, chosen_layers
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame
@@ -37,10 +38,8 @@ def layered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def planned(folder: Path, capsys: pytest.CaptureFixture[str], *more: str) -> dict[str, int]:
-    assert main(["inspect", str(folder), "--plan", "--device", "numpy", "--json", *more]) == 0
-    found: dict[str, int] = json.loads(capsys.readouterr().out)["memory"]
-    return found
+def planned(folder: Path, **more: Any) -> Memory:
+    return plan(folder, device="numpy", rounds=0, **more).memory
 
 
 def test_channels_that_no_frame_holds_take_no_memory(layered: Path) -> None:
@@ -49,30 +48,29 @@ def test_channels_that_no_frame_holds_take_no_memory(layered: Path) -> None:
     assert of_sequence(sequence, HELD).frames == memory.of_resolve(WIDTH, HEIGHT, "RGBZ", 0, 0, HELD).frames
 
 
-def test_layers_stay_until_their_result_is_written(layered: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_layers_stay_until_their_result_is_written(layered: Path) -> None:
     without, none, some, every = (
-        planned(layered, capsys, *more)
-        for more in ([], ["--layers", "none"], ["--layers", "mask.*,count"], ["--layers", "all"])
+        planned(layered, layers=layers) for layers in (None, ("none",), ("mask.*", "count"), ("all",))
     )
-    assert without["layers"] == none["layers"] == 0  # own files keep none by themselves
-    assert some["layers"] == (1 + BEHIND) * (2 + 4) * TEXELS
-    assert every["layers"] == (1 + BEHIND) * (4 * 4 + 4 + 2 + 4) * TEXELS  # R G B Z are decoded once more
+    assert without.layers == none.layers == 0  # own files keep none by themselves
+    assert some.layers == (1 + BEHIND) * (2 + 4) * TEXELS
+    assert every.layers == (1 + BEHIND) * (4 * 4 + 4 + 2 + 4) * TEXELS  # R G B Z are decoded once more
     blocks = 4 * 2 + 5 * BEHIND  # that are packed at a time, each of all rows here
-    assert some["packing"] - none["packing"] == blocks * (2 + 4) * TEXELS
-    assert every["packing"] - none["packing"] == blocks * (4 + 4 + 2 + 4) * TEXELS  # the result has its own R G B
-    assert every["frames"] == none["frames"]
+    assert some.packing - none.packing == blocks * (2 + 4) * TEXELS
+    assert every.packing - none.packing == blocks * (4 + 4 + 2 + 4) * TEXELS  # the result has its own R G B
+    assert every.frames == none.frames
 
 
-def test_what_decides_the_history_is_counted(layered: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_decides_the_history_is_counted(layered: Path) -> None:
     haloed = Layout(WIDTH, HEIGHT).plane
-    floats, halves = (planned(layered, capsys, *more)["device"] for more in ([], ["--storage", "half"]))
+    floats, halves = (planned(layered, storage=storage).device for storage in (Storage.FLOAT, Storage.HALF))
     assert halves - floats == -2 * 3 * 2 * haloed  # history and result
 
 
-def test_bands_that_are_asked_for_are_counted(layered: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    whole, bands = planned(layered, capsys), planned(layered, capsys, "--band-rows", "4")
-    assert bands["results"] == 4 * TEXELS  # the count of each pixel
-    assert bands["device"] < whole["device"]
+def test_bands_that_are_asked_for_are_counted(layered: Path) -> None:
+    whole, bands = planned(layered), planned(layered, band_rows=4)
+    assert bands.results == 4 * TEXELS  # the count of each pixel
+    assert bands.device < whole.device
 
 
 def test_a_layer_that_is_not_there_is_refused_by_name(layered: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -172,7 +172,7 @@ def test_each_frame_is_let_go_once_it_is_resolved(tmp_path: Path) -> None:
             held.append(self.block() is not None)
             super().release()
 
-    resolver = Holding("default", "pthread")
+    resolver = Holding("accumulate", "pthread")
     resolver.resolve(sequence.frame(0))
     gc.collect()
     assert resolver.block() is not None

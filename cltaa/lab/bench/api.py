@@ -19,7 +19,7 @@ from cltaa.frame import Frame
 from cltaa.lab.bench.environment import Environment, environment, load_average
 from cltaa.lab.bench.frames import Motion, camera_at, make_frames
 from cltaa.lab.timing import Clock, Interval, Job, Samples, device_seconds, measure
-from cltaa.opencl.copies import PlainCopies, array_on
+from cltaa.opencl.exchange import PlainCopies, array_on
 from cltaa.opencl.launcher import DeviceLauncher
 
 SIZES = ((1920, 1080), (3840, 2160))

@@ -73,7 +73,7 @@ class _Sized:
     def __init__(self, preset: Preset, device: str | None, side: int, band_rows: int) -> None:
         self.launcher = _Counting(device)
         if band_rows:
-            self._resolver: Resolver = BandedResolver(preset, self.launcher, band_rows=band_rows, in_place=True)
+            self._resolver: Resolver = BandedResolver(preset, self.launcher, band_rows=band_rows)
         else:
             self._resolver = Resolver(preset, self.launcher)
         self._frame, self.pixels = square(side), side * side

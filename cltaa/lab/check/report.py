@@ -16,10 +16,10 @@ from cltaa.frame import Frame
 from cltaa.inputs.convert import correct
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import OPAQUE, Damaged, Intake, damaged_files, intake_lines, open_with_gaps
-from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Depth, Profile, assignments_of, differences, load_profile, option_text
 from cltaa.inputs.roles import file_sets, shown_name
 from cltaa.io.exr_layout import LOSSLESS
+from cltaa.io.exr_read import read_any_header
 from cltaa.io.names import Named, selection_of
 from cltaa.io.numbered import FrameRange, Problems, ranges
 from cltaa.io.pixel_statistics import is_opaque

@@ -13,20 +13,19 @@ Every choice, in the order of the shader:
     Addressing is clamp to edge, and there is no off-screen test.
 4.  Box (``reproject-clamp`` alone): channel by channel over the 3x3 of the current image, **RGBA**, with the search
     seeded at 1 for the least and at 0 for the greatest: lo = min(1, least), hi = max(0, greatest). An HDR neighbourhood
-    all above 1 therefore has lo = 1. What a fetch beyond the border gives is undefined in the source:
-    ``border="edge"`` (default) or ``"zero"`` (robust buffer access). History is clamped to [lo, hi], alpha too.
+    all above 1 therefore has lo = 1. What a fetch beyond the border gives is undefined in the source;
+    here the texel of the edge. History is clamped to [lo, hi], alpha too.
 5.  out = history + factor (c - history) for all four channels, in linear RGBA; factor = 0.05.
 6.  factor = 1 in the first update after a reset (size, enabling, mode), and in ``disable-on-camera-move`` in every
     frame whose camera differs from that of the frame before. The output (then c) goes into the history as ever.
-7.  Reset: first frame, a gap, a change of size; a cut too unless ``obey_cuts=False`` (the source knows none).
-8.  Storage: half-float targets in the ping-pong, and UNSIGNED_BYTE by default for the pass itself:
-    ``storage="half"`` or ``"unorm8"`` rounds each output so; ``"float"`` is the default.
+7.  Reset: first frame, a gap, a change of size; a cut too (the source knows none).
+8.  Storage: half-float targets in the ping-pong, and UNSIGNED_BYTE by default for the pass itself; here nothing is
+    rounded.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 
@@ -39,7 +38,6 @@ from tests.core.transcriptions.graphics import (
     same_camera,
     square,
     starts_anew,
-    store,
     velocity_buffer,
 )
 
@@ -54,57 +52,48 @@ def jitter_px(index: int) -> tuple[float, float]:
     return -(halton(2, i) - 0.5), halton(3, i) - 0.5
 
 
-def resolve(
-    frames: Iterable[Frame],
-    mode: str,
-    *,
-    border: str = "edge",
-    obey_cuts: bool = True,
-    storage: str = "float",
-    dtype: Any = np.float64,
-) -> list[Array]:
+def resolve(frames: Iterable[Frame], mode: str) -> list[Array]:
     """The resolved images [H, W, 3 or 4] of ``frames`` in one of ``MODES``."""
     assert mode in MODES, mode
     images: list[Array] = []
     previous: Frame | None = None
     history = np.empty(0)
     for frame in frames:
-        current = with_alpha(frame, dtype)
+        current = with_alpha(frame)
         if (
             previous is None
-            or starts_anew(frame, previous, obey_cuts)
+            or starts_anew(frame, previous)
             or (mode == "disable-on-camera-move" and not same_camera(frame.camera, previous.camera))
         ):
-            output = current
+            history = current
         else:
             past = history
             if mode.startswith("reproject"):
-                past = reprojected_history(history, velocity_buffer(frame, previous, dtype))
+                past = reprojected_history(history, velocity_buffer(frame, previous))
             if mode == "reproject-clamp":
-                least, greatest = box(current, border)
+                least, greatest = box(current)
                 past = np.minimum(np.maximum(past, least), greatest)
-            output = past + (current - past) * dtype(FACTOR)
-        history = store(output, storage)
+            history = past + (current - past) * FACTOR
         images.append(history if frame.alpha is not None else history[..., :3])
         previous = frame
     return images
 
 
-def with_alpha(frame: Frame, dtype: Any) -> Array:
+def with_alpha(frame: Frame) -> Array:
     """Colour and alpha [H, W, 4]; alpha is 1 where the frame has none."""
     alpha = np.ones_like(frame.depth) if frame.alpha is None else frame.alpha
-    return np.concatenate([frame.colour, alpha[..., None]], axis=-1).astype(dtype)
+    return np.concatenate([frame.colour, alpha[..., None]], axis=-1).astype(np.float64)
 
 
 def reprojected_history(history: Array, velocity: Array) -> Array:
     """Step 3 with reprojection; ``velocity`` [H, W, 2] in pixels points to the previous position."""
-    x, y = pixel_centres(history.shape[0], history.shape[1], history.dtype.type)
+    x, y = pixel_centres(history.shape[0], history.shape[1])
     return bilinear(history, x + velocity[..., 0], y + velocity[..., 1])
 
 
-def box(current: Array, border: str) -> tuple[Array, Array]:
+def box(current: Array) -> tuple[Array, Array]:
     """Step 4: least and greatest RGBA, each [H, W, 4]."""
     least, greatest = np.ones_like(current), np.zeros_like(current)
-    for texel in square(current, border):
+    for texel in square(current):
         least, greatest = np.minimum(least, texel), np.maximum(greatest, texel)
     return least, greatest

@@ -96,11 +96,11 @@ def resolve(frames: Iterable[Frame]) -> list[Array]:
     history = confidence = np.empty(0)
     for frame in frames:
         current = tonemap(frame.colour.astype(np.float64))
-        if previous is None or starts_anew(frame, previous, True):
+        if previous is None or starts_anew(frame, previous):
             history, confidence = current, np.full(current.shape[:2], 1 / LEAST)
         else:
-            velocity = dilated(velocity_buffer(frame, previous, np.float64), frame.depth)
-            x, y = pixel_centres(frame.height, frame.width, np.float64)
+            velocity = dilated(velocity_buffer(frame, previous), frame.depth)
+            x, y = pixel_centres(frame.height, frame.width)
             x, y = x + velocity[..., 0], y + velocity[..., 1]
             confidence = np.where((np.abs(velocity) < STANDS).all(-1), confidence + 10, 1.0)
             off_screen = (x < 0) | (y < 0) | (x > frame.width) | (y > frame.height)

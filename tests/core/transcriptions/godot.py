@@ -86,11 +86,11 @@ def resolve(frames: Iterable[Frame]) -> list[Array]:
     history = count = np.empty(0)
     for frame in frames:
         current = frame.colour.astype(np.float64)
-        if previous is None or starts_anew(frame, previous, True):
+        if previous is None or starts_anew(frame, previous):
             history, count = current, np.zeros(current.shape[:2])
         else:
-            velocity = beside_nearest(velocity_buffer(frame, previous, np.float64), frame.depth)
-            x, y = pixel_centres(frame.height, frame.width, np.float64)
+            velocity = beside_nearest(velocity_buffer(frame, previous), frame.depth)
+            x, y = pixel_centres(frame.height, frame.width)
             x, y = x + velocity[..., 0], y + velocity[..., 1]
             off_screen = (x < 0) | (y < 0) | (x > frame.width) | (y > frame.height)
             now = current / (1 + current)

@@ -1,4 +1,4 @@
-"""What a graphics interface gives a shader, in plain NumPy: samplers, texel fetches, storage formats, matrices.
+"""What a graphics interface gives a shader, in plain NumPy: samplers, texel fetches, matrices.
 
 Shared by the transcriptions beside it and by nothing else; shares no code with the project's stages. Pixel positions
 are in pixels, x right, y down, texel centres at +0.5 (docs/conventions.md).
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cltaa.frame import Camera, Frame
 
-Array = NDArray[Any]  # floating point, of the type that the transcription computes in
+Array = NDArray[Any]  # float64
 
 
 def halton(base: int, index: int) -> float:
@@ -27,9 +27,9 @@ def halton(base: int, index: int) -> float:
     return result
 
 
-def pixel_centres(height: int, width: int, dtype: Any) -> tuple[Array, Array]:
+def pixel_centres(height: int, width: int) -> tuple[Array, Array]:
     """x and y of the pixel centres, each [H, W]."""
-    y, x = np.mgrid[0:height, 0:width].astype(dtype) + dtype(0.5)
+    y, x = np.mgrid[0:height, 0:width] + 0.5
     return x, y
 
 
@@ -39,15 +39,14 @@ def fetch(image: Array, column: Array, row: Array, border: str = "edge") -> Arra
     texels: Array = image[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
     if border == "zero":
         outside = (column < 0) | (column >= width) | (row < 0) | (row >= height)
-        texels = np.where(outside[..., None], texels.dtype.type(0), texels)
+        texels = np.where(outside[..., None], 0.0, texels)
     return texels
 
 
 def bilinear(image: Array, x: Array, y: Array) -> Array:
     """A LINEAR, CLAMP_TO_EDGE sampler at pixel positions x, y [H, W]."""
-    half = image.dtype.type(0.5)
-    left, top = np.floor(x - half), np.floor(y - half)
-    fx, fy = (x - half - left)[..., None], (y - half - top)[..., None]
+    left, top = np.floor(x - 0.5), np.floor(y - 0.5)
+    fx, fy = (x - 0.5 - left)[..., None], (y - 0.5 - top)[..., None]
     column, row = left.astype(np.int64), top.astype(np.int64)
     above = fetch(image, column, row) * (1 - fx) + fetch(image, column + 1, row) * fx
     below = fetch(image, column, row + 1) * (1 - fx) + fetch(image, column + 1, row + 1) * fx
@@ -55,10 +54,10 @@ def bilinear(image: Array, x: Array, y: Array) -> Array:
     return blended
 
 
-def square(image: Array, border: str = "edge") -> list[Array]:
+def square(image: Array) -> list[Array]:
     """The 3x3 neighbourhood of every pixel as nine images, x in the outer loop, y in the inner."""
     row, column = np.mgrid[0 : image.shape[0], 0 : image.shape[1]]
-    return [fetch(image, column + dx, row + dy, border) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
+    return [fetch(image, column + dx, row + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
 
 
 def rgb_to_ycocg(rgb: Array) -> Array:
@@ -73,45 +72,24 @@ def ycocg_to_rgb(ycocg: Array) -> Array:
     return np.stack([y + co - cg, y + cg, y - co - cg], axis=-1)
 
 
-def store(image: Array, storage: str) -> Array:
-    """``image`` as a render target keeps it: ``float`` (unchanged), ``half`` (RGBA16F), ``unorm8`` (R8G8B8A8_UNORM)."""
-    if storage == "half":
-        return image.astype(np.float16).astype(image.dtype)
-    if storage == "unorm8":
-        rounded: Array = np.rint(np.clip(image, 0, 1) * 255) / image.dtype.type(255)
-        return rounded
-    assert storage == "float", storage
-    return image
+def starts_anew(frame: Frame, previous: Frame) -> bool:
+    """True where there is no history: a gap in the numbers, another size, or a cut, of which no source knows."""
+    return frame.cut or frame.index != previous.index + 1 or frame.colour.shape != previous.colour.shape
 
 
-def starts_anew(frame: Frame, previous: Frame | None, obey_cuts: bool) -> bool:
-    """True where there is no history: first frame, a gap in the numbers, another size, or a cut (if obeyed)."""
-    if previous is None or frame.index != previous.index + 1 or frame.colour.shape != previous.colour.shape:
-        return True
-    return obey_cuts and frame.cut
-
-
-def resolved(
-    frames: Iterable[Frame],
-    step: Callable[[Frame, Frame, Array, Array], Array],
-    *,
-    obey_cuts: bool,
-    storage: str,
-    dtype: Any,
-) -> list[Array]:
+def resolved(frames: Iterable[Frame], step: Callable[[Frame, Frame, Array, Array], Array]) -> list[Array]:
     """The images [H, W, 3 or 4] of ``frames``: as drawn where there is no history, else what ``step`` makes of a frame,
-    the previous one, this one's colour and the history. Alpha is stored as it is."""
+    the previous one, this one's colour and the history. Alpha stays as it is."""
     images: list[Array] = []
     previous: Frame | None = None
     history = np.empty(0)
     for frame in frames:
-        current = frame.colour.astype(dtype)
-        if previous is None or starts_anew(frame, previous, obey_cuts):
-            output = current
+        current = frame.colour.astype(np.float64)
+        if previous is None or starts_anew(frame, previous):
+            history = current
         else:
-            output = step(frame, previous, current, history)
-        history = store(output, storage)
-        alpha = [] if frame.alpha is None else [store(frame.alpha.astype(dtype)[..., None], storage)]
+            history = step(frame, previous, current, history)
+        alpha = [] if frame.alpha is None else [frame.alpha[..., None]]
         images.append(np.concatenate([history, *alpha], axis=-1))
         previous = frame
     return images
@@ -145,13 +123,13 @@ def reprojected(x: Array, y: Array, z: Array, frame: Frame, previous: Frame) -> 
     return (ndc_before[..., 0] + 1) * frame.width / 2, (1 - ndc_before[..., 1]) * frame.height / 2
 
 
-def velocity_buffer(frame: Frame, previous: Frame, dtype: Any) -> Array:
+def velocity_buffer(frame: Frame, previous: Frame) -> Array:
     """The correct velocity of every pixel's own sample, ``prev_px - px`` [H, W, 2], as a G-buffer pass would write it.
 
     Where the frame has no motion (NaN, or no channel at all) it follows from depth and cameras at the sample's
     position, jitter included in where the sample lies and excluded from how far it moved. The sky lies at infinity.
     """
-    x, y = pixel_centres(frame.height, frame.width, np.float64)
+    x, y = pixel_centres(frame.height, frame.width)
     x, y = x + frame.jitter_px[0], y + frame.jitter_px[1]
     if same_camera(frame.camera, previous.camera):
         by_camera = np.zeros((frame.height, frame.width, 2))
@@ -159,8 +137,8 @@ def velocity_buffer(frame: Frame, previous: Frame, dtype: Any) -> Array:
         before_x, before_y = _at_true_depth(x, y, frame, previous)
         by_camera = np.stack([before_x - x, before_y - y], axis=-1)
     if frame.motion is None:
-        return by_camera.astype(dtype)
-    return np.where(np.isnan(frame.motion).any(-1, keepdims=True), by_camera, frame.motion).astype(dtype)
+        return by_camera
+    return np.where(np.isnan(frame.motion).any(-1, keepdims=True), by_camera, frame.motion)
 
 
 def _at_true_depth(x: Array, y: Array, frame: Frame, previous: Frame) -> tuple[Array, Array]:

@@ -22,14 +22,13 @@ Every choice, in the order of the shader:
 7.  History filter: one bilinear tap at h, CLAMP_TO_EDGE.
 8.  Rectification: a clamp, channel by channel, in YCoCg.
 9.  out = RGB(c + 0.9 (clamped - c)), the blend in YCoCg; alpha is the current one.
-10. Reset: first frame, a gap, a change of size; a cut too unless ``obey_cuts=False`` (the source has no call for it).
-11. Storage: RGBA16F. ``storage="half"`` rounds each output so; ``"float"`` is the default.
+10. Reset: first frame, a gap, a change of size; a cut too (the source has no call for it).
+11. Storage: RGBA16F; here nothing is rounded.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 
@@ -58,21 +57,18 @@ def jitter_px(index: int) -> tuple[float, float]:
     return halton(2, k) - 0.5, halton(3, k) - 0.5
 
 
-def resolve(
-    frames: Iterable[Frame], *, obey_cuts: bool = True, storage: str = "float", dtype: Any = np.float64
-) -> list[Array]:
+def resolve(frames: Iterable[Frame]) -> list[Array]:
     """The resolved images [H, W, 3 or 4] of ``frames``."""
 
     def step(frame: Frame, previous: Frame, current: Array, history: Array) -> Array:
-        x, y = history_position(frame, previous)
-        return resolve_frame(current, history, x.astype(dtype), y.astype(dtype))
+        return resolve_frame(current, history, *history_position(frame, previous))
 
-    return resolved(frames, step, obey_cuts=obey_cuts, storage=storage, dtype=dtype)
+    return resolved(frames, step)
 
 
 def history_position(frame: Frame, previous: Frame) -> tuple[Array, Array]:
     """Steps 3 and 4: pixel positions in the history, x and y [H, W]."""
-    x, y = pixel_centres(frame.height, frame.width, np.float64)
+    x, y = pixel_centres(frame.height, frame.width)
     velocity = np.full((frame.height, frame.width, 2), SENTINEL)  # NDC, y up
     if frame.motion is not None:
         has_vector = ~np.isnan(frame.motion).any(-1)
@@ -97,5 +93,5 @@ def resolve_frame(current: Array, history: Array, x: Array, y: Array) -> Array:
         least, greatest = np.minimum(least, texel), np.maximum(greatest, texel)
     off_screen = (x < 0) | (y < 0) | (x > width) | (y > height)
     clamped = np.minimum(np.maximum(rgb_to_ycocg(bilinear(history, x, y)), least), greatest)
-    blended = ycocg_to_rgb(now + (clamped - now) * now.dtype.type(HISTORY_WEIGHT))
+    blended = ycocg_to_rgb(now + (clamped - now) * HISTORY_WEIGHT)
     return np.where(off_screen[..., None], current, blended)

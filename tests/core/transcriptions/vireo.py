@@ -11,8 +11,8 @@ Every choice, in the order of the shader:
 2.  Velocity: one LINEAR tap at the pixel's centre, which is the texel itself. v = (now - before) in UV; here
     h = pixel centre + motion, the motion being the correct one of the pixel's own sample: no dilation. (The sample
     application's velocity is mirrored in y, keeps a rest of the jitter and a stale view matrix; those are faults of its
-    G-buffer pass, not of the resolve.) The application clears the velocity to 0 and draws no sky into it:
-    ``sky_velocity="zero"`` does that, ``"infinity"`` (the default) gives the sky its true motion.
+    G-buffer pass, not of the resolve.) The application clears the velocity to 0 and draws no sky into it; here
+    the sky has its true motion.
 3.  c = the raw current texel, RGBA; no reconstruction filter, no tonemap.
 4.  Off screen: if h_uv < 0 or > 1 in either axis, the output is c, alpha too; exactly 0 and 1 are inside.
 5.  History filter: Catmull-Rom at h, P = h in pixels, q = floor(P - 1/2) + 1/2, f = P - q,
@@ -27,14 +27,14 @@ Every choice, in the order of the shader:
 9.  out.rgb = c.rgb + (RGB(clamped) - c.rgb) a, in linear RGB.
 10. Alpha: the current one, never blended.
 11. Reset: none; the history starts undefined. Here the first frame, a gap and a change of size output c, and a cut does
-    too unless ``obey_cuts=False`` (the source knows no cut).
-12. Storage: the display's R8G8B8A8_UNORM. ``storage="unorm8"`` rounds each output so; ``"float"`` is the default.
+    too (the source knows no cut).
+12. Storage: the display's R8G8B8A8_UNORM; here nothing is rounded.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -77,27 +77,19 @@ def jitter_px(index: int) -> tuple[float, float]:
 def resolve(
     frames: Iterable[Frame],
     constants: Constants,
-    *,
-    sky_velocity: str = "infinity",
-    obey_cuts: bool = True,
-    storage: str = "float",
-    dtype: Any = np.float64,
 ) -> list[Array]:
     """The resolved images [H, W, 3 or 4] of ``frames``."""
 
     def step(frame: Frame, previous: Frame, current: Array, history: Array) -> Array:
-        velocity = velocity_buffer(frame, previous, dtype)
-        if sky_velocity == "zero":
-            velocity[~np.isfinite(frame.depth)] = 0
-        return resolve_frame(current, history, velocity, constants)
+        return resolve_frame(current, history, velocity_buffer(frame, previous), constants)
 
-    return resolved(frames, step, obey_cuts=obey_cuts, storage=storage, dtype=dtype)
+    return resolved(frames, step)
 
 
 def resolve_frame(current: Array, history: Array, velocity: Array, constants: Constants) -> Array:
     """Steps 4 to 9 on images [H, W, 3]; ``velocity`` [H, W, 2] in pixels points to the previous position."""
     height, width = current.shape[:2]
-    x, y = pixel_centres(height, width, current.dtype.type)
+    x, y = pixel_centres(height, width)
     x, y = x + velocity[..., 0], y + velocity[..., 1]
     off_screen = (x < 0) | (y < 0) | (x > width) | (y > height)
 

@@ -15,7 +15,7 @@ from cltaa.core.presets import load_preset
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.lab.bench.api import CALLS, bench_api
-from cltaa.opencl.copies import PlainCopies
+from cltaa.opencl.exchange import PlainCopies
 from cltaa.opencl.launcher import DeviceLauncher
 
 WAYS = ("kernels", "device_arrays", "host_arrays", "copies", "pinned_copies")
