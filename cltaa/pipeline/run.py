@@ -545,7 +545,11 @@ class _Run:
         showing = shown_progress("resolving") if self._progress else nullcontext(lambda _done, _total: None)
         with showing as advance, ThreadPoolExecutor(len(runs), "cltaa job") as pool:
             futures = [pool.submit(resolve, *each) for each in zip(self._resolvers, runs, strict=False)]
-            finished, _ = wait(futures, return_when=FIRST_EXCEPTION)
+            try:
+                finished, _ = wait(futures, return_when=FIRST_EXCEPTION)
+            except BaseException:  # an interrupt: the pool waits for its jobs
+                failed.set()
+                raise
         for future in (*finished, *futures):
             future.result()
         self._seconds["whole"] = [(time.perf_counter() - started) / len(missing)]
