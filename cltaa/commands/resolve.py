@@ -61,6 +61,14 @@ from cltaa.process import stop_signals
     metavar="N",
     help="Gather from the N frames behind each one too; for presets that keep frames.  [default: the preset's]",
 )
+@click.option(
+    "--jobs",
+    default=1,
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Resolve N parts of the sequence at once, on all devices of the same name in turn, to the same bits; for "
+    "presets that gather.  [default: 1]",
+)
 @click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")
 @effects_option
 @click.option("--frames", type=SOME_FRAMES, help="Only these frames, both included, or the first N.")
@@ -170,6 +178,7 @@ def resolve(
     config: Path | None,
     changes: tuple[str, ...],
     look_ahead: int | None,
+    jobs: int,
     device: str | None,
     effects: str,
     frames: int | tuple[int, int] | None,
@@ -249,6 +258,7 @@ def resolve(
         reading=reading,
         preview=preview,
         fireflies=fireflies,
+        jobs=jobs,
         denoise=denoise,
         compare=compare,
         restart=restart,

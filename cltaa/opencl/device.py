@@ -91,6 +91,12 @@ def choose_device(requested: str | None = None) -> cl.Device:
     return matching[0]
 
 
+def alike(device: cl.Device) -> list[str]:
+    """Indices, as ``choose_device`` takes them, of the other devices of the same description."""
+    found = enumerate(devices())
+    return [str(at) for at, each in found if each != device and describe(each) == describe(device)]
+
+
 class Memory(OneProcess):
     """A buffer on the device that the host fills or reads through ``mapped``.
 

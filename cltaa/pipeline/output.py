@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from functools import partial
@@ -332,6 +333,7 @@ class ResolvedFiles:
         self._resolver, self._debug, self._undeclared = resolver, debug, undeclared
         self._numbers: set[int] = set()
         self.sizes: list[int] = []  # bytes of each file that is finished
+        self._counting = threading.Lock()  # of jobs beside each other
         self._saturated: list[int] = []  # of each frame, from the threads that write
         self.missing: list[Missing] = []  # samples, of the frames that were written
         self.opaque = 0  # frames of those whose alpha is 1 everywhere
@@ -358,9 +360,10 @@ class ResolvedFiles:
         finish = partial(self._finish, path, read.source)
         kept, windows = read.carried.channels, read.carried.windows
         writer.write(path, lambda: {**kept, **self._channels(image), **views}, attributes, then=finish, windows=windows)
-        self._numbers.add(read.frame.index)
-        self.missing += [read.missing] if read.missing else []
-        self.opaque += read.opaque
+        with self._counting:
+            self._numbers.add(read.frame.index)
+            self.missing += [read.missing] if read.missing else []
+            self.opaque += read.opaque
 
     def _finish(self, path: Path, source: Source) -> None:
         self.folder.finish(path, source)

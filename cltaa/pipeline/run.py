@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import shutil
 import sys
+import threading
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from types import MappingProxyType
@@ -41,6 +44,7 @@ from cltaa.io.pixel_statistics import Missing
 from cltaa.io.sequence import FrameSequence, ImageSequence, open_images
 from cltaa.io.streams import InTurn, ReadAhead, Writer
 from cltaa.io.video import check_film, rate_of, write_side_by_side, write_video, write_wipe
+from cltaa.opencl.launcher import launchers
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.pipeline.debug import DebugViews
 from cltaa.pipeline.denoise import Denoise, denoiser
@@ -174,25 +178,30 @@ def resolver_for(
     storage: Storage = Storage.FLOAT,
     half: bool = False,
     layers: Mapping[str, str] = NO_LAYERS,
+    beside: int = 0,
     **options: Any,
 ) -> Resolver:
     """A resolver for the frames of ``sequence``: in bands where whole ones take more memory than this machine has.
 
-    ``half`` says that halves will be written, ``layers`` are as ``of_resolve`` takes them. ``band_rows`` chooses in the
-    machine's place; 0 is whole images. Raises ResourceError where they would have to be resolved in bands and the
-    preset keeps frames, which only whole images can.
+    ``half`` says that halves will be written, ``layers`` are as ``of_resolve`` takes them, and ``beside`` how many
+    other resolvers run at the same time. ``band_rows`` chooses in the machine's place; 0 is whole images. Raises
+    ResourceError where they would have to be resolved in bands and the preset keeps frames, which only whole images
+    can.
     """
     resolver = Resolver(preset, device, storage=storage, **options)  # first: what shares its memory takes less of it
     if band_rows is None:
         whole = of_whole(sequence, resolver, half=half, layers=layers)
-        band_rows = band_rows_for(whole)
+        needed = whole.whole * (1 + beside)
+        band_rows = BAND_ROWS if needed > memory_limit() else 0
         if band_rows and preset.choices.history is not HistoryKind.ACCUMULATED:
             raise ResourceError(
                 f"{sequence.width} x {sequence.height} pixels are too many for preset {preset.name}, which "
                 "keeps frames, so it resolves whole images only",
-                expected=f"{whole.whole / 1e6:.0f} MB beside what it keeps",
+                expected=f"{needed / 1e6:.0f} MB beside what it keeps",
                 found=f"{memory_limit() / 1e6:.0f} MB of memory",
-                cure="take --preset default, which resolves them in bands, or --band-rows 0 to try all the same",
+                cure="take fewer --jobs"
+                if beside
+                else "take --preset default, which resolves them in bands, or --band-rows 0 to try all the same",
             )
         if not has_bands(resolver):
             band_rows = 0
@@ -235,6 +244,7 @@ def resolve_folder(
     follow: bool = False,
     idle: float | None = None,
     fireflies: str | None = None,
+    jobs: int = 1,
     reading: Mapping[str, Any] = MappingProxyType({}),
     **options: Any,
 ) -> ResolveReport:
@@ -243,12 +253,15 @@ def resolve_folder(
     With ``follow`` a folder that is still being written: each frame as it appears, until the last one of ``frames`` in
     ``reading``, until none came for ``idle`` seconds, or until interrupted.
 
-    ``reading`` are the arguments of ``cltaa.open`` for a ``source`` that is not opened yet: ``profile``, ``side_file``,
-    ``frames`` and others. ``fireflies`` is ``keep`` or ``clamp``; by itself what the preset or else the profile says.
+    ``jobs`` parts of the sequence are resolved at once, on all devices like the one that ``device`` names in turn, if
+    the preset gathers. ``reading`` are the arguments of ``cltaa.open`` for a ``source`` that is not opened yet:
+    ``profile``, ``side_file``, ``frames`` and others. ``fireflies`` is ``keep`` or ``clamp``; by itself what the preset
+    or else the profile says.
     What is given neither ``compression`` nor ``layers`` keeps those that the command keeps.
     ``options`` are those of ``resolve_sequence`` that are not named here. Raises what that and opening raise.
     """
     preset = load_preset(preset) if isinstance(preset, str) else preset
+    check_jobs(jobs, preset, follow=follow, debug=bool(debug))
     arrivals = arrivals_of(source, preset, idle, reading, options) if follow else None
     if arrivals is not None:
         sequence = arrivals.first()
@@ -258,20 +271,26 @@ def resolve_folder(
         sequence = open_input(source, **reading) if isinstance(source, str | Path) else source
     check_declared(sequence, effects)
     carried = chosen_layers(layers, sequence)
-    resolver = resolver_for(
-        with_fireflies(preset, sequence, fireflies),
-        device,
-        sequence,
-        band_rows,
-        strict=strict,
-        storage=storage,
-        half=half,
-        layers=carried_kinds(sequence, carried),
+    preset = with_fireflies(preset, sequence, fireflies)
+    resolver, *others = (
+        resolver_for(
+            preset,
+            launcher,
+            sequence,
+            band_rows,
+            strict=strict,
+            storage=storage,
+            half=half,
+            layers=carried_kinds(sequence, carried),
+            beside=jobs - 1,
+        )
+        for launcher in launchers(device, jobs)
     )
     return resolve_sequence(
         sequence,
         output,
         resolver,
+        others=others,
         effects=effects,
         half=half,
         compression=compression or carried_compression(sequence),
@@ -281,6 +300,20 @@ def resolve_folder(
         arrivals=arrivals,
         **options,
     )
+
+
+def check_jobs(jobs: int, preset: Preset, *, follow: bool, debug: bool) -> None:
+    """Raise UsageError where so many parts of a sequence cannot be resolved at once."""
+    if jobs < 1:
+        raise UsageError("so many parts at once", expected="1 or more", found=jobs)
+    if jobs == 1:
+        return
+    if preset.choices.history is not HistoryKind.FRAMES:
+        cure = "leave out --jobs, or take a preset that gathers, as gather-8"
+        raise UsageError(f"--jobs: preset {preset.name} resolves each frame from the result before it", cure=cure)
+    for given, option in ((follow, "--follow"), (debug, "--debug")):
+        if given:
+            raise UsageError(f"--jobs resolves no frames in turn, as {option} wants", cure="give one of the two")
 
 
 def arrivals_of(
@@ -320,6 +353,7 @@ def resolve_sequence(
     progress: bool = True,
     stopping: AbstractContextManager[Stop] | None = None,
     arrivals: Arrivals | None = None,
+    others: Sequence[Resolver] = (),
 ) -> ResolveReport:
     """Resolve every frame of ``sequence`` into ``output``, one EXR a frame under the same names.
 
@@ -334,7 +368,8 @@ def resolve_sequence(
 
     ``stopping`` is entered for the run and tells when to stop: then the frame in work is finished, the state saved and
     KeyboardInterrupt raised. ``cltaa.process.stop_signals()`` does so for SIGINT and SIGTERM; signals are left alone
-    without it. What follows among ``arrivals``, whose first frames are ``sequence``, is resolved as it comes.
+    without it. What follows among ``arrivals``, whose first frames are ``sequence``, is resolved as it comes. With
+    ``others``, which are as ``resolver`` is and gather, each resolves a part of the sequence at the same time.
 
     Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
@@ -377,13 +412,15 @@ def resolve_sequence(
             checkpoints.clear()
         views = DebugViews(resolver, debug, len(sequence))
         files = ResolvedFiles(folder, resolver, views, undeclared=sequence.undeclared)
+        resolvers = [resolver, *others]
         run = _Run(
-            sequence, files, checkpoints, resolver, effects, stop, layers, half=half, progress=progress, denoise=cleans
+            sequence, files, checkpoints, resolvers, effects, stop, layers, half=half, progress=progress, denoise=cleans
         )
         try:
             run.resolve(compression, checkpoint_every)
         except DeviceLost:
-            resolver.reopen()
+            for each in resolvers:
+                each.reopen()
             run.resolve(compression, checkpoint_every)
         if arrivals is not None:
             run.follow(arrivals, compression, checkpoint_every)
@@ -445,7 +482,7 @@ class _Run:
         sequence: FrameSequence,
         files: ResolvedFiles,
         checkpoints: Checkpoints,
-        resolver: Resolver,
+        resolvers: Sequence[Resolver],
         effects: frozenset[Effect] | Literal["auto", "all"],
         stop: Stop,
         layers: tuple[str, ...],
@@ -455,7 +492,8 @@ class _Run:
         denoise: Denoise | None,
     ) -> None:
         self._sequence, self._files, self._checkpoints = sequence, files, checkpoints
-        self._resolver, self._effects, self._stop, self._layers = resolver, effects, stop, layers
+        self._resolver, self._resolvers = resolvers[0], resolvers
+        self._effects, self._stop, self._layers = effects, stop, layers
         self._half, self._progress, self._denoise = half, progress, denoise
         self._frames = len(sequence)
         self._seconds: dict[str, list[float]] = {name: [] for name in StageTimes.__struct_fields__}
@@ -465,9 +503,55 @@ class _Run:
         missing = self._files.folder.missing(self._sequence, self._resolver.look_ahead)
         if not missing:
             return
+        if len(self._resolvers) > 1:
+            self._beside(missing, compression)
+            return
+        if self._resolver.look_ahead:
+            checkpoint_every = 0
         after, given = self._given(missing)
         part = self._sequence.select(given[0], given[-1])
-        self._through(part, after, missing, compression, checkpoint_every)
+        shown = (lambda numbers: track(numbers, len(numbers), "resolving")) if self._progress else iter
+        self._through(self._resolver, part, after, missing, compression, checkpoint_every, shown)
+
+    def _beside(self, missing: list[int], compression: str) -> None:
+        """Resolve the ``missing`` frames in as many runs of them as there are resolvers, at the same time.
+
+        Where one fails, the others end with the frame in work.
+        """
+        begins = [len(missing) * at // len(self._resolvers) for at in range(len(self._resolvers) + 1)]
+        runs = [missing[begin:end] for begin, end in pairwise(begins) if begin < end]
+        started, done, failed, lock = time.perf_counter(), 0, threading.Event(), threading.Lock()
+
+        def resolve(resolver: Resolver, wanted: list[int]) -> None:
+            def shown(numbers: list[int]) -> Iterator[int]:
+                nonlocal done
+                for number in numbers:
+                    if failed.is_set():
+                        return
+                    yield number
+                    with lock:
+                        done += number in wanted
+                        advance(done, len(missing))
+
+            try:
+                after, given = self._gathered_from(resolver, wanted)
+                part = self._sequence.select(given[0], given[-1])
+                self._through(resolver, part, after, wanted, compression, 0, shown)
+            except BaseException:
+                failed.set()
+                raise
+
+        showing = shown_progress("resolving") if self._progress else nullcontext(lambda _done, _total: None)
+        with showing as advance, ThreadPoolExecutor(len(runs), "cltaa job") as pool:
+            futures = [pool.submit(resolve, *each) for each in zip(self._resolvers, runs, strict=False)]
+            try:
+                finished, _ = wait(futures, return_when=FIRST_EXCEPTION)
+            except BaseException:  # an interrupt: the pool waits for its jobs
+                failed.set()
+                raise
+        for future in (*finished, *futures):
+            future.result()
+        self._seconds["whole"] = [(time.perf_counter() - started) / len(missing)]
 
     def follow(self, arrivals: Arrivals, compression: str, checkpoint_every: int) -> None:
         """Go on with what arrives behind the sequence, and save the state where more may come."""
@@ -479,7 +563,7 @@ class _Run:
             for part in arrivals.behind(self._stop):
                 before, self._frames = self._sequence.last, self._frames + len(part)
                 if self._stands_behind(before):
-                    self._through(part, before, [*part.numbers], compression, checkpoint_every)
+                    self._through(self._resolver, part, before, [*part.numbers], compression, checkpoint_every, iter)
                     self._sequence = part
                 else:  # nothing was missing before
                     self._sequence = arrivals.whole()
@@ -498,30 +582,39 @@ class _Run:
             return False
 
     def _through(
-        self, part: FrameSequence, after: int | None, missing: list[int], compression: str, checkpoint_every: int
+        self,
+        resolver: Resolver,
+        part: FrameSequence,
+        after: int | None,
+        missing: list[int],
+        compression: str,
+        checkpoint_every: int,
+        shown: Callable[[list[int]], Iterator[int]],
     ) -> None:
-        """Resolve ``part``, whose history goes on behind frame ``after``, and write the ``missing`` frames."""
+        """Resolve ``part``, whose history goes on behind frame ``after``, and write the ``missing`` frames.
+
+        ``shown`` passes numbers of frames on as they are resolved; ``checkpoint_every`` of 0 saves no state.
+        """
         numbers, wanted = [n for n in part.numbers if n <= missing[-1]], frozenset(missing)
         disk_space = DiskSpace(self._files.folder.folder, len(self._files.sizes) + len(missing))
         started = time.perf_counter()
-        in_turn = isinstance(self._resolver, BandedResolver)  # so large that no second image waits beside it
+        in_turn = isinstance(resolver, BandedResolver)  # so large that no second image waits beside it
         tasks = reads(part, after, self._layers, self._denoise)
         reading = InTurn(tasks) if in_turn else ReadAhead(tasks)
         with Writer(compression=compression) as writer, reading as frames:
             if after is None:
-                self._reserve(part)
-            shown = track(numbers, len(numbers), "resolving") if self._progress else numbers
+                self._reserve(resolver, part)
             waiting = deque[Read]()
-            images = self._resolver.images(self._read(frames, len(part), waiting), half=self._half, planar=not in_turn)
-            for done, (number, image) in enumerate(zip(shown, images, strict=False), start=1):
+            images = resolver.images(self._read(frames, len(part), waiting), half=self._half, planar=not in_turn)
+            for done, (number, image) in enumerate(zip(shown(numbers), images, strict=False), start=1):
                 read = waiting.popleft()
                 if number in wanted:
                     self._files.write(writer, read, image)
                     disk_space.look(self._files.sizes)
-                self._resolver.release()
-                self._note(self._resolver.times)
-                if not self._resolver.look_ahead and (self._stop.requested or done % checkpoint_every == 0):
-                    self._checkpoints.save(self._resolver)
+                resolver.release()
+                self._note(resolver.times)
+                if checkpoint_every and (self._stop.requested or done % checkpoint_every == 0):
+                    self._checkpoints.save(resolver)
                 if self._stop.requested:
                     raise KeyboardInterrupt
                 if in_turn:
@@ -533,19 +626,20 @@ class _Run:
         self._seconds["whole"].append((time.perf_counter() - started) / len(numbers))
 
     def _given(self, missing: list[int]) -> tuple[int | None, list[int]]:
-        """The frame that the resolver goes on after, and those that it has to be given for the ``missing`` ones.
+        """The frame that the resolver goes on after, and those that it has to be given for the ``missing`` ones."""
+        if self._resolver.look_ahead:
+            return self._gathered_from(self._resolver, missing)
+        after = self._checkpoints.restore(self._resolver, before=missing[0])
+        return after, [n for n in self._sequence.numbers if n <= missing[-1] and (after is None or n > after)]
 
-        A resolver that looks ahead needs no checkpoint: what it gathers are so many frames before and behind each.
-        """
-        numbers, ahead = list(self._sequence.numbers), self._resolver.look_ahead
+    def _gathered_from(self, resolver: Resolver, missing: list[int]) -> tuple[int | None, list[int]]:
+        """The same where no checkpoint is needed: what is gathered are so many frames before and behind each."""
+        numbers, ahead = list(self._sequence.numbers), resolver.look_ahead
         first, last = numbers.index(missing[0]), numbers.index(missing[-1])
-        if not ahead:
-            after = self._checkpoints.restore(self._resolver, before=missing[0])
-            return after, [n for n in numbers[: last + 1] if after is None or n > after]
-        self._resolver.reset()
+        resolver.reset()
         declared = self._sequence.effects if self._effects == "auto" else None
         declared = self._effects if isinstance(self._effects, frozenset) else declared
-        preset = self._resolver.preset
+        preset = resolver.preset
         choices, *_ = estimate(preset, preset.settings, declared)
         gathers = choices.history is HistoryKind.FRAMES  # else what is declared asks for all frames before
         begin = max(0, first - preset.settings.history_frames) if gathers else 0
@@ -560,11 +654,11 @@ class _Run:
             yield frame
             del read, frame
 
-    def _reserve(self, part: FrameSequence) -> None:
-        """Let the resolver allocate what the first frame will need, while that is decoded."""
+    def _reserve(self, resolver: Resolver, part: FrameSequence) -> None:
+        """Let a resolver allocate what the first frame will need, while that is decoded."""
         wanted = isinstance(self._effects, str) or Effect.ALPHA in self._effects
         alpha = wanted and "alpha" in part.holds
-        self._resolver.reserve(part.width, part.height, alpha=alpha, half=self._half)
+        resolver.reserve(part.width, part.height, alpha=alpha, half=self._half)
 
     def _note(self, times: Times) -> None:
         for name, seconds in times._asdict().items():
@@ -577,10 +671,10 @@ class _Run:
             frames=self._frames,
             resolved=self._files.count,
             repaired=sum(each.pixels for each in self._files.missing),
-            missing=self._files.missing,
+            missing=sorted(self._files.missing, key=lambda each: each.frame),
             opaque=self._files.opaque,
             saturated=self._files.saturated,
-            cuts_found=sorted(set(self._resolver.cuts_found)),
+            cuts_found=sorted({number for each in self._resolvers for number in each.cuts_found}),
             width=self._sequence.width,
             height=self._sequence.height,
             device=self._resolver.launcher.description,
