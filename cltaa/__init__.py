@@ -74,6 +74,10 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """Import a public name from its module when it is first used."""
     if name not in _HOMES:
+        from cltaa.renamed import PUBLIC, current
+
+        name = current(name, PUBLIC, frozenset(_HOMES), "cltaa's")
+    if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 

@@ -16,6 +16,7 @@ from cltaa.core.debug_views import are_views
 from cltaa.errors import CltaaError, InternalError, ResourceError, StorageError, UsageError
 from cltaa.printable import printable
 from cltaa.process import Stop, configure, ends_at_once, ignore_signals, interrupts
+from cltaa.renamed import one_line_each
 
 # A module is imported when its command runs, and not to list it: ``cltaa resolve`` needs no OpenGL, ``cltaa capture``
 # no OpenCL, and ``cltaa --help`` neither.
@@ -87,7 +88,7 @@ def _outcome(arguments: list[str]) -> int:
             stream.reconfigure(errors="backslashreplace")  # a letter that the terminal's encoding has not ends nothing
     stop = Stop()
     try:
-        with interrupts(stop):
+        with one_line_each(), interrupts(stop):
             outcome: Any = root.main(arguments, prog_name="cltaa", standalone_mode=False)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):

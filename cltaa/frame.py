@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.errors import DataError
+from cltaa.renamed import EFFECTS, RenamedMembers, current
 
 Image = NDArray[np.float32]
 Matrix = NDArray[np.float64]
 
 
-class Effect(StrEnum):
+class Effect(StrEnum, metaclass=RenamedMembers):
     """Something in a sequence that a step of the resolve exists for.
 
     A sequence that declares its effects (EXR attribute ``cltaa:effects``, comma separated) promises that nothing else
@@ -39,11 +40,21 @@ class Effect(StrEnum):
     ALPHA = "alpha"  # channel A
     SKY = "sky"  # directions at infinity: depth +inf
 
+    @classmethod
+    def _missing_(cls, value: object) -> Effect | None:
+        """Take the word of an earlier version."""
+        word = current(str(value), EFFECTS, cls._value2member_map_, "effect")
+        return None if word == value else cls(word)
+
 
 def parse_effects(text: str) -> frozenset[Effect]:
-    """Read the comma-separated list of an EXR header or a command line; raises ValueError for an unknown name."""
+    """Read the comma-separated list of an EXR header or a command line; raises ValueError for an unknown name.
+
+    Words of earlier versions are read without a warning: files hold them.
+    """
     names = (name.strip() for name in text.split(","))
-    return frozenset(Effect(name) for name in names if name)
+    known = Effect._value2member_map_
+    return frozenset(Effect(name if name in known else EFFECTS.get(name, name)) for name in names if name)
 
 
 def format_effects(effects: Iterable[Effect]) -> str:

@@ -41,7 +41,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("commands",),
 )
 # Modules beside the packages that all of these may import, and that import none of them.
-BELOW = {"camera", "errors", "frame", "printable", "process", "progress"}
+BELOW = {"camera", "errors", "frame", "printable", "process", "progress", "renamed"}
 # The one arrow upwards: a resolver that is given no launcher asks for one by the name of its device.
 CHOOSES_LAUNCHER = "cltaa.core.backend"
 # The only modules that speak OpenCL.

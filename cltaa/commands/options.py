@@ -18,6 +18,7 @@ from cltaa.errors import UsageError, known
 from cltaa.frame import Effect, parse_effects
 from cltaa.io.names import SUFFIXES, Named
 from cltaa.printable import names_in, printable
+from cltaa.renamed import EFFECTS, current
 
 if TYPE_CHECKING:
     from cltaa.core.presets import Preset
@@ -405,16 +406,16 @@ def chosen_effects(text: str) -> frozenset[Effect] | Literal["auto", "all"]:
     if text == "all":
         return "all"
     for name in (part.strip() for part in text.split(",")):
-        if name and name not in [*Effect]:
+        if name and current(name, EFFECTS, frozenset(Effect), "effect") not in [*Effect]:
             raise UsageError(f"--effects: unknown effect {name}", cure=known(name, ["auto", "all", *Effect], "effects"))
     return parse_effects(text)
 
 
 def assigned(preset: Preset, assignments: tuple[str, ...]) -> Preset:
     """``preset`` with what ``--set`` says, which its name tells; raises UsageError for what is no assignment."""
-    from cltaa.core.presets import override
+    from cltaa.core.presets import override, renamed
 
-    values = _values(assignments)
+    values = renamed(_values(assignments))
     if not values:
         return preset
     told = ", ".join(f"{key}={value}" for key, value in values.items())

@@ -14,6 +14,7 @@ import numpy as np
 
 from cltaa.core.parameters import Choices, Settings
 from cltaa.errors import DataError, UsageError, known
+from cltaa.renamed import KEYS, PRESETS, WORDS, current
 
 LADDER = ("accumulate", "basic", "fast", "default", "gather-8", "gather-48")  # our own, from the fastest to the best
 BASE = "plain"  # what others begin with; a preset to name in a file, not one that is listed
@@ -71,11 +72,22 @@ def allowed(key: str) -> str:
     return f"{meta.ge:g} to {meta.le:g}" + (" (whole)" if hint.__origin__ is int else "")
 
 
+def renamed(values: Mapping[str, object]) -> dict[str, object]:
+    """``values`` by the keys and words of today, where they are called by those of an earlier version."""
+    now: dict[str, object] = {}
+    for old, value in values.items():
+        key = current(old, KEYS, FIELDS, "key")
+        words = frozenset(words_of(key)) if key in FIELDS and isinstance(value, str) else frozenset[str]()
+        now[key] = current(value, WORDS.get(key, {}), words, f"{key} =") if isinstance(value, str) else value
+    return now
+
+
 def override(preset: Preset, values: Mapping[str, object], origin: str = "--set") -> Preset:
     """``preset`` with some keys replaced; text is converted to the key's type.
 
     ``origin`` names where the values came from in errors. Raises UsageError for an unknown key or a value out of range.
     """
+    values = renamed(values)
     for key in values:
         if key not in FIELDS:
             raise UsageError(f"{origin}: unknown key {key}", cure=known(key, sorted(FIELDS), "keys"))
@@ -103,9 +115,10 @@ def preset_names() -> list[str]:
 
 
 def load_preset(name: str = "default") -> Preset:
-    """The preset of that name; raises UsageError where there is none."""
+    """The preset of that name, or of an earlier one; raises UsageError where there is none."""
     if not isinstance(name, str):
         raise UsageError("a preset is named by text", expected="as 'default'", found=repr(name))
+    name = current(name, PRESETS, frozenset(preset_names()), "preset")
     if name not in (BASE, *preset_names()):
         cure = known(name, preset_names(), "presets")
         if name.endswith(".toml"):

@@ -1,0 +1,83 @@
+"""Each name of an earlier version leads to one of today. (words: frozen)"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import cltaa
+from cltaa.cli import main
+from cltaa.commands.options import chosen_effects
+from cltaa.core.presets import FIELDS, load_preset, override, preset_names, words_of
+from cltaa.frame import Effect, parse_effects
+from cltaa.io.preset_file import load_config
+from cltaa.io.sequence import open_sequence
+from cltaa.renamed import EFFECTS, KEYS, MEMBERS, PRESETS, PUBLIC, WORDS, Renamed
+from tests.sequence_factory import write_sequence
+
+
+def test_no_old_name_is_one_of_today_and_each_new_one_is() -> None:
+    assert not KEYS.keys() & FIELDS.keys()
+    assert {*KEYS.values()} <= FIELDS.keys()
+    for key, words in WORDS.items():
+        assert not words.keys() & {*words_of(key)}
+        assert {*words.values()} <= {*words_of(key)}
+    assert not PRESETS.keys() & {*preset_names()}
+    assert {*PRESETS.values()} <= {*preset_names()}
+    assert {*EFFECTS.values()} <= {*Effect}
+    assert {*MEMBERS["Effect"].values()} <= Effect.__members__.keys()
+
+
+@pytest.mark.parametrize(("old", "new"), KEYS.items())
+def test_a_key(old: str, new: str) -> None:
+    for word, now in WORDS.get(new, {"1": 1}).items():
+        with pytest.warns(Renamed) as said:
+            assert override(load_preset(), {old: word}) == override(load_preset(), {new: now})
+        assert str(said[0].message).startswith(f"key {old} is called {new} now")
+
+
+@pytest.mark.parametrize(("old", "new"), PRESETS.items())
+def test_a_preset(old: str, new: str, tmp_path: Path) -> None:
+    with pytest.warns(Renamed, match=f"^preset {old} is called {new} now"):
+        assert load_preset(old) == load_preset(new)
+    path = tmp_path / "mine.toml"
+    path.write_text(f'preset = "{old}"\n')
+    with pytest.warns(Renamed):
+        assert load_config(path, load_preset()).choices == load_preset(new).choices
+
+
+@pytest.mark.parametrize(("old", "new"), EFFECTS.items())
+def test_an_effect(old: str, new: str) -> None:
+    with pytest.warns(Renamed, match=f"^effect {old} is called {new} now"):
+        assert chosen_effects(old) == frozenset({Effect(new)})
+    assert parse_effects(f"camera,{old}") == {Effect.CAMERA, Effect(new)}
+
+
+@pytest.mark.parametrize(("old", "new"), MEMBERS["Effect"].items())
+def test_a_member(old: str, new: str) -> None:
+    with pytest.warns(Renamed):
+        assert getattr(Effect, old) is Effect[new]
+
+
+def test_effects_of_an_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cltaa.io.exr_frame.format_effects", lambda _: "camera,shading,uncover")
+    folder = write_sequence(tmp_path, 1)
+    (frame,) = open_sequence(folder)
+    assert frame.effects == frozenset({Effect.CAMERA, Effect.ILLUMINATION, Effect.DISOCCLUSION})
+
+
+def test_one_line_of_a_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_sequence(tmp_path / "in", 1)
+    command = ["resolve", str(folder), "-o", str(tmp_path / "out"), "--device", "numpy"]
+    assert main([*command, "--preset", "t2", "--set", "gamma_still=2"]) == 0
+    said = capsys.readouterr()
+    assert "preset fast with box_scale_static=2" in said.out
+    assert said.err.count("cltaa: warning: ") == 2
+    assert "key gamma_still is called box_scale_static now" in said.err
+
+
+@pytest.mark.parametrize(("old", "new"), PUBLIC.items())
+def test_a_public_name(old: str, new: str) -> None:
+    with pytest.warns(Renamed, match=f"{old} is called {new} now"):
+        assert getattr(cltaa, old) is getattr(cltaa, new)
