@@ -11,7 +11,6 @@ MEASUREMENTS = {
     "api": Entry("cltaa.commands.bench_api", "api", "Time a call from a program against its kernels and the bus."),
     "effects": Entry("cltaa.commands.bench_effects", "effects", "Measure what the plan saves."),
     "files": Entry("cltaa.commands.bench_files", "files", "Time files, and how well the stages of a resolve overlap."),
-    "growth": Entry("cltaa.commands.bench_growth", "growth", "Time a pixel from small images to large ones."),
     "kernels": Entry("cltaa.commands.bench_kernels", "kernels", "Time the kernels against the alternatives."),
     "overview": Entry("cltaa.commands.bench_accuracy", "overview", "Put reports of bench accuracy together."),
     "quality": Entry("cltaa.commands.bench_quality", "quality", "Judge presets on scenes against the truth."),

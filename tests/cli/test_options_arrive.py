@@ -160,7 +160,6 @@ COMMANDS = {
         },
     ),
     "bench api": Command("bench api", {"cltaa.commands.bench_api.bench_api": begins}),
-    "bench growth": Command("bench growth", {"cltaa.commands.bench_growth.bench_growth": begins}),
     "bench overview": Command(
         "bench overview one two -o out",
         {
@@ -390,13 +389,6 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--size 7x8", "bench_api.sizes", ((7, 8),)),
         ("--device 3", "bench_api.device", "3"),
         ("--rounds 7", "bench_api.rounds", 7),
-    ],
-    "bench growth": [
-        ("--preset basic", "bench_growth.preset.name", "basic"),
-        ("--sizes 7,8", "bench_growth.sizes", (7, 8)),
-        ("--banded-from 7", "bench_growth.banded_from", 7),
-        ("--device 3", "bench_growth.device", "3"),
-        ("--rounds 7", "bench_growth.rounds", 7),
     ],
     "bench overview": [
         ("-o elsewhere", "write_report.output", Path("elsewhere")),
