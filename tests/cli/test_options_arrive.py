@@ -85,7 +85,7 @@ COMMANDS = {
             "cltaa.commands.compare.even_step": lambda *_: 1,
             "cltaa.commands.compare.stale_maps": lambda *_: [],
             "cltaa.commands.compare.judge": begins,
-            "cltaa.commands.compare_table.compare_table": begins,
+            "cltaa.commands.compare.compare_table": begins,
         },
     ),
     "tune": Command(
@@ -144,22 +144,22 @@ COMMANDS = {
             "cltaa.commands.bench_quality.write_pages": begins,
         },
     ),
-    "bench kernels": Command("bench kernels", {"cltaa.commands.bench_kernels.bench_kernels": begins}),
+    "bench kernels": Command("bench kernels", {"cltaa.commands.bench_times.bench_kernels": begins}),
     "bench files": Command(
         "bench files seq",
-        {"cltaa.commands.bench_files.open_each": opened, "cltaa.commands.bench_files.bench_files": begins},
+        {"cltaa.commands.bench_times.open_each": opened, "cltaa.commands.bench_times.bench_files": begins},
     ),
     "bench effects": Command(
         "bench effects spinner",
         {
-            "cltaa.commands.bench_effects.check_scenes": lambda _: None,
-            "cltaa.commands.bench_effects.launcher_for": lambda device: f"launcher {device}",
-            "cltaa.commands.bench_effects.run_cltaa": lambda _: "",
-            "cltaa.commands.bench_effects.open_sequence": sequence,
-            "cltaa.commands.bench_effects.judge_effects": begins,
+            "cltaa.commands.bench_times.check_scenes": lambda _: None,
+            "cltaa.commands.bench_times.launcher_for": lambda device: f"launcher {device}",
+            "cltaa.commands.bench_times.run_cltaa": lambda _: "",
+            "cltaa.commands.bench_times.open_sequence": sequence,
+            "cltaa.commands.bench_times.judge_effects": begins,
         },
     ),
-    "bench api": Command("bench api", {"cltaa.commands.bench_api.bench_api": begins}),
+    "bench api": Command("bench api", {"cltaa.commands.bench_times.bench_api": begins}),
     "bench overview": Command(
         "bench overview one two -o out",
         {

@@ -22,7 +22,7 @@ from cltaa.lab.bench.accuracy.variants import run_task, yardstick_errors
 from cltaa.lab.bench.quality.cases import REDRAWN
 from cltaa.lab.bench.quality.judge import Cells, Judged
 from cltaa.lab.timing import timed_numbers
-from cltaa.lab.tune.record import key_of
+from cltaa.lab.tune import key_of
 from tests.inputs.foreign import frames, side_text, write_blender, write_own
 from tests.sequence_factory import write_sequence
 

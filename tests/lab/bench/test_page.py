@@ -9,8 +9,8 @@ import msgspec
 
 from cltaa.commands.bench_accuracy import chosen_variants
 from cltaa.core.presets import load_preset
-from cltaa.lab.bench.accuracy.html_page import page
 from cltaa.lab.bench.accuracy.measurement import tasks_of
+from cltaa.lab.bench.accuracy.report import page
 from cltaa.lab.bench.accuracy.results import Accuracy
 from tests.lab.bench.tiny_report import PRESET
 
