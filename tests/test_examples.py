@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import cltaa
+from cltaa.opencl.cache import cache_folder
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 MOST_LINES = 60
@@ -34,6 +35,7 @@ def test_an_example_runs(name: str, tmp_path: Path) -> None:
         pytest.skip(f"{package} is not installed")
     command = [sys.executable, "-W", "error", str(EXAMPLES / name), *arguments]
     path = {"PYTHONPATH": str(EXAMPLES.parent), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path), "TMPDIR": str(tmp_path)}
+    path |= {"POCL_CACHE_DIR": str(cache_folder())}  # of kernels that are built already
     done = subprocess.run(command, env=path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert re.fullmatch(printed, done.stdout), done.stdout

@@ -217,7 +217,10 @@ def test_frames_that_were_drawn_again_are_complete(
     )
 
 
-def test_tune_reads_by_a_profile(shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tune_reads_by_a_profile(
+    shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cltaa.lab.tune.LADDER", ("fast",))  # the others take long on NumPy
     arguments = ["tune", str(shot), "--budget", "9999ms", "--trials", "2", "--device", "numpy", "--preset", "fast"]
     arguments += ["--camera", str(shot / "camera.txt"), "-o", str(tmp_path / "t.toml"), "--json"]
     assert main(arguments) == 0
@@ -238,7 +241,8 @@ def test_what_cannot_be_read_is_told_as_resolve_tells_it(
         (["--input", "motion.channels=u v"], 64, "--input motion.channels=u v: no such channels"),
         ([], 66, "no truth to measure against"),
     ):
-        assert main(["resolve", str(folder), "-o", str(tmp_path / "out"), *options]) == (code if options else 0)
+        resolve = ["resolve", str(folder), "-o", str(tmp_path / "out"), "--device", "numpy", *options]
+        assert main(resolve) == (code if options else 0)
         expected = capsys.readouterr().err.splitlines()[-1]
         assert main(["bench", *command, str(folder), *work, *options]) == code
         said = capsys.readouterr().err.splitlines()[-1]
