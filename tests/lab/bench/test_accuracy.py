@@ -23,7 +23,18 @@ from tests.sequence_factory import make_frame, write_images, write_sequence
 
 def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path), "--only", "storage", "--rounds", "3"]
-    arguments += ["--metrics", "mse,psnr", "--rounding-frames", "2", "--patience", "0", "--pixels", "3000"]
+    arguments += [
+        "--metrics",
+        "mse,psnr",
+        "--rounding-frames",
+        "2",
+        "--patience",
+        "0",
+        "--pixels",
+        "3000",
+        "--pictured",
+        "0",
+    ]
     arguments += ["--preset", "basic"]  # whose kernels are built soonest
     assert main([*arguments, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
@@ -59,7 +70,7 @@ def test_frames_without_error_are_measured_and_read_again(tmp_path: Path, capsys
         write_images(folder / "reference", [np.zeros_like(black.colour)], name="synthetic", first=number)
     arguments = ["bench", "accuracy", str(folder), "-o", str(tmp_path / "report"), "--variant", "storage: half"]
     arguments += ["--metrics", "psnr,mse", "--rounding-frames", "0", "--rounds", "3"]
-    arguments += ["--pixels", "1", "--patience", "0", "--preset", "basic"]
+    arguments += ["--pixels", "1", "--patience", "0", "--preset", "basic", "--pictured", "0"]
     assert main(arguments) == 0
     assert main(["bench", "overview", str(tmp_path / "report"), "-o", str(tmp_path / "again")]) == 0
     capsys.readouterr()
@@ -138,7 +149,7 @@ def test_a_limit_of_time_leaves_whole_sequences_out(
 ) -> None:
     other = write_sequence(tmp_path / "other", 3, reference=True)
     options = ["-o", str(tmp_path / "out"), "--only", "reject", "--rounds", "3", "--rounding-frames", "0", "--json"]
-    options += ["--metrics", "mse", "--patience", "0", "--pixels", "1", "--preset", "basic"]
+    options += ["--metrics", "mse", "--patience", "0", "--pixels", "1", "--preset", "basic", "--pictured", "0"]
     assert main(["bench", "accuracy", str(other), *options, "--time-limit", "1e-9"]) == 75
     said = capsys.readouterr().err
     assert "no sequence has all of its errors (found 0 of 2 after " in said

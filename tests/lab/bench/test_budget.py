@@ -88,6 +88,7 @@ def test_a_measurement_is_remembered(tmp_path: Path, capsys: pytest.CaptureFixtu
     path_for(launcher_for(None).description).unlink(missing_ok=True)  # of another test, and perhaps larger
     sequence = write_sequence(tmp_path / "seq", 3, reference=True)
     arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "report"), "--pixels", "1"]
+    arguments += ["--pictured", "0"]
     arguments += ["--variant", "build: strict", "--variant", "dilation: closest"]
     arguments += ["--preset", "basic"]  # whose kernels are built soonest
     assert main([*arguments, "--rounds", "3", "--patience", "0", "--rounding-frames", "0", "--metrics", "mse"]) == 0
@@ -163,17 +164,8 @@ def test_a_measurement_by_a_score_alone_is_told_and_not_kept(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sequence = write_sequence(tmp_path / "seq", 3, reference=True)
-    arguments = [
-        "bench",
-        "accuracy",
-        str(sequence),
-        "-o",
-        str(tmp_path / "report"),
-        "--variant",
-        "basic",
-        "--preset",
-        "basic",
-    ]
+    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "report"), "--variant", "basic"]
+    arguments += ["--preset", "basic", "--pixels", "1", "--pictured", "0"]
     kept = path_for(launcher_for(None).description)
     before = kept.read_bytes() if kept.exists() else b""
     assert main([*arguments, "--rounds", "3", "--patience", "0", "--rounding-frames", "0", "--metrics", "psnr"]) == 0
