@@ -244,8 +244,8 @@ def test_answers_are_json_when_asked(
     desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(desk)
-    resolve, plan = "resolve seq -o out --device numpy", "inspect seq --plan --device numpy --preset accumulate"
-    for line in ("inspect seq", plan, "check seq", resolve, "compare out seq"):
+    resolve, plan = "resolve seq -o told --device numpy", "inspect seq --plan --device numpy --preset accumulate"
+    for line in ("inspect seq", plan, "check seq", resolve, "compare told seq"):
         main([*line.split(), "--json"])  # random numbers are no good sequence, and check and inspect say so
         said = capsys.readouterr()
         assert said.out == json_of(json.loads(said.out)) + "\n"

@@ -57,19 +57,8 @@ def with_truth(write: Any, folder: Path, made: list[Frame]) -> Path:
 
 
 def judged(capsys: pytest.CaptureFixture[str], folder: Path, work: Path, *options: str) -> Any:
-    arguments = [
-        "bench",
-        "quality",
-        "--sequence",
-        str(folder),
-        "--preset",
-        "fast",
-        "--settled",
-        "1",
-        "--work",
-        str(work),
-    ]
-    assert main([*arguments, "--device", "numpy", "--json", *options]) == 0
+    arguments = ["bench", "quality", "--sequence", str(folder), "--preset", "fast", "--settled", "1"]
+    assert main([*arguments, "--work", str(work), "--device", "numpy", "--json", *options]) == 0
     said = capsys.readouterr()
     return json.loads(said.out), said.err
 
@@ -251,19 +240,8 @@ def test_what_cannot_be_read_is_told_as_resolve_tells_it(
 
 
 def test_accuracy_in_words_and_pictures(shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = [
-        "bench",
-        "accuracy",
-        str(shot),
-        "-o",
-        str(tmp_path),
-        "--variant",
-        "basic",
-        "--preset",
-        "fast",
-        "--rounds",
-        "3",
-    ]
+    arguments = ["bench", "accuracy", str(shot), "-o", str(tmp_path), "--variant", "basic", "--preset", "fast"]
+    arguments += ["--rounds", "3"]
     arguments += ["--patience", "0", "--pixels", "1", "--rounding-frames", "1", "--camera", str(shot / "camera.txt")]
     assert main(arguments) == 0
     assert "        all │" in capsys.readouterr().out  # bits right: a first frame is not rounded
