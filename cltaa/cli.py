@@ -29,7 +29,7 @@ COMMANDS = {
     "demo": Entry("cltaa.commands.demo", "demo", "Capture a scene, resolve it and show what was gained."),
     "doctor": Entry("cltaa.commands.doctor", "doctor", "Look for what capture and resolve need on this machine."),
     "inspect": Entry("cltaa.commands.inspect", "inspect", "Say what is in a sequence."),
-    "kernels": Entry("cltaa.commands.kernels", "kernels", "List the OpenCL kernels, or print one as it is built."),
+    "kernels": Entry("cltaa.commands.presets", "kernels", "List the OpenCL kernels, or print one as it is built."),
     "presets": Entry("cltaa.commands.presets", "presets", "List the presets and what each sets."),
     "profiles": Entry("cltaa.commands.presets", "profiles", "List the reader profiles for files of other tools."),
     "raycast": Entry("cltaa_datasets.ray_cast", "raycast", "Draw a scene of formulas, which declares nothing."),

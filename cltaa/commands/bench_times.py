@@ -16,10 +16,11 @@ from cltaa.commands.options import (
     json_option,
     open_each,
     reading_options,
+    storage_option,
 )
 from cltaa.commands.printing import answer, figures, print_line, print_table, three_digits
 from cltaa.core.backend import launcher_for
-from cltaa.core.build import STORAGES, Storage
+from cltaa.core.build import Storage
 from cltaa.core.presets import load_preset
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.open import Reading
@@ -58,13 +59,7 @@ MOST_THREADS = 1024  # beyond what machines have; where the system gives none, O
     help="Camera motion: uniform, or turn (rotation with zoom, another displacement at each pixel); "
     "repeatable; both unless given.",
 )
-@click.option(
-    "--storage",
-    type=click.Choice([kind.value for kind in STORAGES]),
-    default=Storage.FLOAT.value,
-    show_default=True,
-    help="Number that the history is kept in.",
-)
+@storage_option
 @click.option("--rounds", default=31, show_default=True, type=click.IntRange(min=3), help="Rounds of all contenders.")
 @click.option("--oracle/--no-oracle", default=True, show_default=True, help="Also time the NumPy oracle, in 3 rounds.")
 @json_option

@@ -86,18 +86,8 @@ def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: s
 
 def _capture(scene: str, folder: Path, frames: int, size: tuple[int, int]) -> None:
     """Run ``cltaa capture`` in a process of its own, so that OpenGL and OpenCL never meet in one."""
-    arguments = [
-        "capture",
-        scene,
-        "-o",
-        str(folder),
-        "--frames",
-        str(frames),
-        "--size",
-        f"{size[0]}x{size[1]}",
-        "--reference",
-        str(TRUTH_SAMPLES),
-    ]
+    asked = ["--frames", str(frames), "--size", f"{size[0]}x{size[1]}", "--reference", str(TRUTH_SAMPLES)]
+    arguments = ["capture", scene, "-o", str(folder), *asked]
     begun = folder.exists()
     code = call_cltaa(arguments).returncode
     if code == UsageError.exit_code and begun:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,10 @@ from cltaa.commands.options import (
     input_options,
     json_option,
     one_sequence,
+    storage_option,
 )
 from cltaa.commands.printing import Console, answer, figures, print_line, print_table
-from cltaa.core.build import STORAGES, Storage
+from cltaa.core.build import Storage
 from cltaa.core.presets import Preset
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.open import is_own, open_input
@@ -115,13 +117,7 @@ OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_row
     metavar="KEY=VALUE",
     help="With --plan: one parameter; may be repeated.",
 )
-@click.option(
-    "--storage",
-    type=click.Choice([kind.value for kind in STORAGES]),
-    default=Storage.FLOAT.value,
-    show_default=True,
-    help="With --plan: number that the history is kept in.",
-)
+@partial(storage_option, where="With --plan: ")
 @click.option(
     "--band-rows",
     type=click.IntRange(min=0),

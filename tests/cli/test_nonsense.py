@@ -181,6 +181,7 @@ CASES: list[tuple[str, int, str]] = [
         "--commands: no compression (expected as zip or zip:half, found zip:x)",
     ),
     ("bench kernels --size 4x4", WRONG, "too small to compare images in"),
+    ("bench kernels --rounds 1", USAGE, "x>=3"),
     ("bench kernels --device numpy", WRONG, "bench kernels times OpenCL kernels"),
     ("bench accuracy seq -o out --task 9999", WRONG, "--task: no such task"),
     ("bench overview seq -o out", MISSING, "not a report"),

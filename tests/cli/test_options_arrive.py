@@ -174,8 +174,8 @@ COMMANDS = {
         "capture spinner -o out",
         {
             "cltaa_capture.costs.measure_costs": begins,
+            "cltaa_capture.sequence.capture_sequence": begins,  # first: it keeps the build_scene of then
             "cltaa_datasets.scenes.build_scene": lambda *_: "scene",
-            "cltaa_capture.sequence.capture_sequence": begins,
         },
     ),
     "kernels": Command("kernels --show resolve", {"cltaa.opencl.program.source": begins}),
