@@ -212,16 +212,6 @@ def test_what_nobody_expected_is_one_line_too(
         cli.main(["inspect", "--debug"])
 
 
-@pytest.mark.parametrize(
-    "arguments", ["inspect", "inspect --nonsense", "resolve x", "nonsense", "demo --frames x", "resolve x -o"]
-)
-def test_wrong_option_is_one_line(arguments: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(arguments.split()) == 2
-    said = capsys.readouterr()
-    assert re.fullmatch(r"cltaa: error: .*; see cltaa.* --help\n", said.err), said.err
-    assert said.out == ""
-
-
 @pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>&-"])
 def test_a_stream_that_is_closed_ends_nothing(closed: str, tmp_path: Path) -> None:
     """Nor does what is printed find its way into a file that took the stream's number."""
