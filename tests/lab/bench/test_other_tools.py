@@ -239,7 +239,10 @@ def test_what_cannot_be_read_is_told_as_resolve_tells_it(
         assert said == expected or not options
 
 
-def test_accuracy_in_words_and_pictures(shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_accuracy_in_words_and_pictures(
+    shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cltaa.lab.bench.accuracy.figures.FORMATS", ("svg",))
     arguments = ["bench", "accuracy", str(shot), "-o", str(tmp_path), "--variant", "basic", "--preset", "fast"]
     arguments += ["--rounds", "3"]
     arguments += ["--patience", "0", "--pixels", "1", "--rounding-frames", "1", "--camera", str(shot / "camera.txt")]
