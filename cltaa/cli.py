@@ -21,20 +21,30 @@ from cltaa.renamed import one_line_each
 # A module is imported when its command runs, and not to list it: ``cltaa resolve`` needs no OpenGL, ``cltaa capture``
 # no OpenCL, and ``cltaa --help`` neither.
 COMMANDS = {
-    "bench": Entry("cltaa.commands.bench", "bench", "Measure time, and what accuracy costs in it."),
+    "bench": Entry("cltaa.cli", "bench", "Measure time, and what accuracy costs in it."),
     "capture": Entry("cltaa_capture.cli", "capture", "Draw a scene as a jittered EXR sequence, and its reference."),
     "check": Entry("cltaa.commands.check", "check", "Find wrong conventions in a sequence, from its pixels."),
     "compare": Entry("cltaa.commands.compare", "compare", "Measure the error of one sequence against another."),
     "demo": Entry("cltaa.commands.demo", "demo", "Capture a scene, resolve it and show what was gained."),
     "doctor": Entry("cltaa.commands.doctor", "doctor", "Look for what capture and resolve need on this machine."),
     "inspect": Entry("cltaa.commands.inspect", "inspect", "Say what is in a sequence."),
-    "kernels": Entry("cltaa.commands.kernels", "kernels", "List the OpenCL kernels, or print one as it is built."),
+    "kernels": Entry("cltaa.commands.presets", "kernels", "List the OpenCL kernels, or print one as it is built."),
     "presets": Entry("cltaa.commands.presets", "presets", "List the presets and what each sets."),
     "profiles": Entry("cltaa.commands.presets", "profiles", "List the reader profiles for files of other tools."),
     "raycast": Entry("cltaa_datasets.ray_cast", "raycast", "Draw a scene of formulas, which declares nothing."),
     "resolve": Entry("cltaa.commands.resolve", "resolve", "Anti-alias a sequence over time."),
     "scenes": Entry("cltaa_datasets.cli", "scenes", "List the scenes that capture can draw."),
     "tune": Entry("cltaa.commands.tune", "command", "Search for the best settings within a time or an error."),
+}
+
+MEASUREMENTS = {
+    "accuracy": Entry("cltaa.commands.bench_accuracy", "accuracy", "Measure what each step of accuracy costs in time."),
+    "api": Entry("cltaa.commands.bench_times", "api", "Time a call from a program against its kernels and the bus."),
+    "effects": Entry("cltaa.commands.bench_times", "effects", "Measure what the plan saves."),
+    "files": Entry("cltaa.commands.bench_times", "files", "Time files, and how well the stages of a resolve overlap."),
+    "kernels": Entry("cltaa.commands.bench_times", "kernels", "Time the kernels against the alternatives."),
+    "overview": Entry("cltaa.commands.bench_accuracy", "overview", "Put reports of bench accuracy together."),
+    "quality": Entry("cltaa.commands.bench_quality", "quality", "Judge presets on scenes against the truth."),
 }
 
 INTERRUPTED = 130  # as shells say it: 128 and the number of SIGINT
@@ -54,6 +64,11 @@ GOES_ON = {("capture",), ("demo",), ("resolve",), ("bench", "accuracy"), ("bench
 def root(ctx: click.Context, debug: bool) -> None:
     """Capture, resolve and judge temporal anti-aliasing."""
     ctx.obj = {"debug": debug}
+
+
+@click.group(cls=LazyGroup, entries=MEASUREMENTS)
+def bench() -> None:
+    """Measure time, and what accuracy costs in it."""
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -30,12 +30,10 @@ from cltaa.io.atomic import make_folder
 from cltaa.io.preset_file import preset_of
 from cltaa.lab.bench.accuracy.budget import remember
 from cltaa.lab.bench.accuracy.figures import import_pyplot
-from cltaa.lab.bench.accuracy.html_page import page
 from cltaa.lab.bench.accuracy.ladder import Variant, ladder
-from cltaa.lab.bench.accuracy.measurement import ERRORS_SHARE, bench_accuracy, build_programs, tasks_of
-from cltaa.lab.bench.accuracy.report import falling_metrics, merged, read_report, write_report
+from cltaa.lab.bench.accuracy.measurement import ERRORS_SHARE, bench_accuracy, build_programs, cost, tasks_of
+from cltaa.lab.bench.accuracy.report import falling_metrics, merged, page, read_report, write_report
 from cltaa.lab.bench.accuracy.results import Accuracy, MeasuredSequence
-from cltaa.lab.bench.accuracy.sequence import cost
 from cltaa.lab.bench.accuracy.tasks import run_all
 from cltaa.lab.bench.accuracy.variants import Task
 from cltaa.lab.judge.metrics import parse_metrics

@@ -10,6 +10,7 @@ from typing import Any
 import click
 from rich.table import Table
 
+from cltaa.commands.compare_table import Values, compare_table, head, sample_cell, value_cells, video_cells
 from cltaa.commands.options import (
     FILE_PATH,
     METRIC_LIST,
@@ -20,7 +21,6 @@ from cltaa.commands.options import (
     verify_option,
 )
 from cltaa.commands.printing import print_line, print_table, three_digits
-from cltaa.commands.scores import Values, head, sample_cell, summary_of, value_cells, video_cells
 from cltaa.errors import LONGEST_VALUE, UsageError
 from cltaa.io.atomic import make_folder
 from cltaa.io.names import name_of, number_of, selection_of
@@ -34,7 +34,7 @@ from cltaa.lab.judge.metrics import (
     parse_metrics,
     versions_of,
 )
-from cltaa.lab.judge.one_pass import judge, stale_maps
+from cltaa.lab.judge.one_pass import judge, stale_maps, summary_of
 from cltaa.lab.judge.video_scores import SCORES
 from cltaa.printable import counted, json_of, printable, shown
 
@@ -195,8 +195,6 @@ def compare(
     asked = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*asked, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
     if table:
-        from cltaa.commands.compare_table import compare_table
-
         if heatmap is not None:
             raise UsageError("--heatmap does not go with --table", cure="draw maps of one A at a time")
         presets = [name.strip() for name in ours.split(",") if name.strip()]

@@ -1,9 +1,9 @@
-"""``cltaa compare --table``: any number of results of the standard sequences beside ours, in one table."""
+"""``cltaa compare --table``: any number of results of the standard sequences beside ours; the cells of all tables."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +11,42 @@ import click
 from rich.table import Table
 
 from cltaa.commands.printing import print_line, print_table
-from cltaa.commands.scores import head, sample_cell, summary_of, value_cells, video_cells
+from cltaa.errors import UsageError
 from cltaa.io.atomic import make_folder
 from cltaa.io.numbered import FrameRange
 from cltaa.io.video import USUAL_RATE, import_av, open_video, rate_of
 from cltaa.lab.judge.entries import Entry, Round, divided, lacking, read_entry, resolved_by_us, rounds
-from cltaa.lab.judge.metrics import Metric, mean_psnr, versions_of
-from cltaa.lab.judge.one_pass import judge
+from cltaa.lab.judge.metrics import CVVDP_TITLE, Metric, import_cvvdp, jod, mean_psnr, versions_of
+from cltaa.lab.judge.one_pass import judge, summary_of
 from cltaa.lab.judge.video_scores import SCORES
 from cltaa.printable import counted, json_of, printable
 
 Row = dict[str, Any]
+Values = Mapping[str, float]
+BOUNDS = {None: "", "at least": "≥ ", "at most": "≤ "}
+
+
+def value_cells(values: Values, metrics: tuple[Metric, ...]) -> list[str]:
+    """The metrics of a row."""
+    return ["identical" if math.isinf(v) else format(v, m.form) for m in metrics for v in (values[m.name],)]
+
+
+def sample_cell(result: Mapping[str, Any]) -> str:
+    """The equal-quality samples as a cell."""
+    equal = result.get("equal_quality_samples")
+    if equal is None:
+        return "–"
+    return "identical" if math.isinf(equal["samples"]) else f"{BOUNDS[equal['bound']]}{equal['samples']:.1f}"
+
+
+def head(metric: Metric) -> str:
+    """A metric as the head of a column."""
+    return f"{metric.name} {'↑' if metric.higher_is_better else '↓'}"
+
+
+def video_cells(values: Values) -> list[str]:
+    """The scores of moving pictures of a row."""
+    return ["–" if math.isnan(v) else format(v, s.form) for s in SCORES for v in (values[s.name],)]
 
 
 def compare_table(
@@ -41,8 +66,6 @@ def compare_table(
     folders, sequences = divided(paths)
     entries = [read_entry(folder, sequences) for folder in folders]
     if cvvdp:
-        from cltaa.lab.judge.vdp import import_cvvdp
-
         import_cvvdp()
     if film is not None:
         import_av()
@@ -74,9 +97,11 @@ def _judged(one: Round, metrics: tuple[Metric, ...], stops: float, *, cvvdp: boo
             **{key: summary[key] for key in ("mean", "video", "equal_quality_samples") if key in summary},
         }
         if cvvdp and one.in_time:
-            from cltaa.lab.judge.vdp import quality
-
-            row["cvvdp"] = quality(comparison, one.numbers, rate_of_round(one), stops)
+            if comparison.region is not None:
+                what = "--cvvdp judges whole pictures only"
+                raise UsageError(what, path=comparison.test.folder, cure="leave --cvvdp out")
+            test, truth = ([side.image(n) for n in one.numbers] for side in (comparison.test, comparison.reference))
+            row["cvvdp"] = jod(test, truth, float(rate_of_round(one)), stops)
         rows.append(row)
     return rows
 
@@ -115,9 +140,7 @@ def _print(rows: list[Row], asked: tuple[Metric, ...], *, several: bool, cvvdp: 
     for name, title in [(one.name, one.title) for one in asked] + [(one.name, one.title) for one in SCORES]:
         print_line(f"  {name}: {title}", "dim")
     if cvvdp:
-        from cltaa.lab.judge.vdp import TITLE
-
-        print_line(f"  {TITLE}", "dim")
+        print_line(f"  {CVVDP_TITLE}", "dim")
 
 
 def _means(rows: list[Row]) -> list[Row]:

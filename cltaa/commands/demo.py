@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from cltaa.commands.options import FILE_PATH, SCENE, SIZE, device_option, json_option
-from cltaa.commands.printing import print_line, print_table
+from cltaa.commands.printing import answer, print_line, print_table
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Image
@@ -21,7 +21,7 @@ from cltaa.io.video import import_av, write_side_by_side
 from cltaa.lab.judge.equal_quality import equal_quality_samples
 from cltaa.lab.judge.metrics import METRICS, mean, measure, named_metrics
 from cltaa.pipeline.run import ResolveReport, resolve_sequence
-from cltaa.printable import counted, json_of, shown
+from cltaa.printable import counted, shown
 from cltaa.process import call_cltaa, stop_signals
 
 SETTLED = 8  # frames after which the history is full enough to be judged
@@ -80,26 +80,13 @@ def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: s
     assert sequence.reference is not None
     gain = _judge(open_images(folder).select(0, frames - 1), after, sequence.reference, report)
     _show(output, open_images(folder).select(0, frames - 1), after)
-    if as_json:
-        click.echo(json_of(gain))
-    else:
-        _print(gain, report, output)
+    answer(gain, as_json, lambda gain: _print(gain, report, output))
 
 
 def _capture(scene: str, folder: Path, frames: int, size: tuple[int, int]) -> None:
     """Run ``cltaa capture`` in a process of its own, so that OpenGL and OpenCL never meet in one."""
-    arguments = [
-        "capture",
-        scene,
-        "-o",
-        str(folder),
-        "--frames",
-        str(frames),
-        "--size",
-        f"{size[0]}x{size[1]}",
-        "--reference",
-        str(TRUTH_SAMPLES),
-    ]
+    asked = ["--frames", str(frames), "--size", f"{size[0]}x{size[1]}", "--reference", str(TRUTH_SAMPLES)]
+    arguments = ["capture", scene, "-o", str(folder), *asked]
     begun = folder.exists()
     code = call_cltaa(arguments).returncode
     if code == UsageError.exit_code and begun:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,10 @@ from cltaa.commands.options import (
     input_options,
     json_option,
     one_sequence,
+    storage_option,
 )
-from cltaa.commands.printing import Console, print_line
-from cltaa.core.build import STORAGES, Storage
+from cltaa.commands.printing import Console, answer, figures, print_line, print_table
+from cltaa.core.build import Storage
 from cltaa.core.presets import Preset
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.open import is_own, open_input
@@ -35,7 +37,7 @@ from cltaa.io.sequence import FrameSequence
 from cltaa.lab.inspect.description import Description, describe_input
 from cltaa.lab.inspect.findings import Inspection, inspect_folder
 from cltaa.lab.inspect.plan import Section, SequencePlan
-from cltaa.printable import bytes_of, counted, json_of, printable, shown, written
+from cltaa.printable import bytes_of, counted, printable, shown, written
 from cltaa.progress import shown_progress
 
 
@@ -115,13 +117,7 @@ OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_row
     metavar="KEY=VALUE",
     help="With --plan: one parameter; may be repeated.",
 )
-@click.option(
-    "--storage",
-    type=click.Choice([kind.value for kind in STORAGES]),
-    default=Storage.FLOAT.value,
-    show_default=True,
-    help="With --plan: number that the history is kept in.",
-)
+@partial(storage_option, where="With --plan: ")
 @click.option(
     "--band-rows",
     type=click.IntRange(min=0),
@@ -176,12 +172,7 @@ def inspect(
             found = describe_input(place, pixels=pixels, advance=advance, **reading)
         else:
             found = inspect_folder(place, pixels=pixels, step=reading["step"], advance=advance)
-    if as_json:
-        click.echo(json_of(found))
-    elif isinstance(found, Description):
-        _print_reading(found)
-    else:
-        _print(found)
+    answer(found, as_json, _print)
     if found.problems:
         ctx.exit(DataError.exit_code)
 
@@ -204,35 +195,20 @@ def _plan(
     if source.notes:
         click.echo("\n".join(map(printable, source.notes)), err=True)
     found = plan(source, preset, device, effects=chosen_effects(effects), **resolved)
-    if as_json:
-        click.echo(json_of(found))
-    else:
-        print_plan(found)
+    answer(found, as_json, print_plan)
 
 
-def _print_reading(found: Description) -> None:
-    _print_facts(_facts_of_reading(found), found.statistics)
-    _print_problems(found.problems, looked=bool(found.statistics))
-
-
-def _print(found: Inspection) -> None:
-    _print_facts(_facts(found), found.statistics)
-    for idle in found.idle:
+def _print(found: Inspection | Description) -> None:
+    own = isinstance(found, Inspection)
+    for name, text in _facts(found) if isinstance(found, Inspection) else _facts_of_reading(found):
+        print_line(f"[dim]{name:<11}[/] {shown(text)}")  # each a line, so that the options in it can be pasted back
+    if found.statistics:
+        print_table(_statistics(found.statistics))
+    for idle in found.idle if isinstance(found, Inspection) else ():
         print_line(f"[yellow]![/] {shown(idle)}")
-    _print_problems(found.problems)
-
-
-def _print_facts(facts: list[tuple[str, str]], statistics: dict[str, ChannelStatistics]) -> None:
-    for name, text in facts:  # each a line, so that the options in it can be pasted back
-        print_line(f"[dim]{name:<11}[/] {shown(text)}")
-    if statistics:
-        Console().print(_statistics(statistics))
-
-
-def _print_problems(problems: list[str], *, looked: bool = True) -> None:
-    for problem in problems:
+    for problem in found.problems:
         print_line(f"[red]✗[/] {shown(problem)}")
-    if looked and not problems:
+    if not found.problems and (own or found.statistics):
         print_line("[green]✓[/] no problem found")
 
 
@@ -299,9 +275,7 @@ def _reference(found: Inspection) -> str:
 
 
 def _statistics(statistics: dict[str, ChannelStatistics]) -> Table:
-    table = Table("channel")
-    for heading in ("lowest", "highest", "NaN", "infinite"):
-        table.add_column(heading, justify="right")
+    table = figures(None, "channel", "lowest", "highest", "NaN", "infinite", named=True)
     for name, channel in statistics.items():
         ends = (f"{channel.lowest:.6g}", f"{channel.highest:.6g}") if channel.lowest <= channel.highest else ("–", "–")
         table.add_row(name, *ends, str(channel.nan), str(channel.infinite))

@@ -13,6 +13,7 @@ import click
 import msgspec
 from click.shell_completion import CompletionItem
 
+from cltaa.core.build import STORAGES, Storage
 from cltaa.core.frame_checks import EXPOSURE_STOPS
 from cltaa.errors import UsageError, known
 from cltaa.frame import Effect, parse_effects
@@ -326,6 +327,19 @@ step_option = click.option(
     metavar="N",
     help="Frame numbers are N apart, and motion vectors span N (docs/inputs.md).",
 )
+
+
+def storage_option(command: Command, where: str = "") -> Command:
+    """Add ``--storage``; ``where`` it counts begins its help."""
+    return click.option(
+        "--storage",
+        type=click.Choice([kind.value for kind in STORAGES]),
+        default=Storage.FLOAT.value,
+        show_default=True,
+        help=f"{where}Number that the history is kept in.",
+    )(command)
+
+
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
 
 

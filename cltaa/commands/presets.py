@@ -1,4 +1,4 @@
-"""``cltaa presets`` and ``cltaa profiles``: what comes with cltaa, what each sets, and every parameter there is."""
+"""``cltaa presets``, ``profiles`` and ``kernels``: what comes with cltaa, and every parameter there is."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 
-from cltaa.commands.options import PRESET, PROFILE, json_option
+from cltaa.commands.options import KERNEL, PRESET, PROFILE, json_option
 from cltaa.commands.printing import Console
+from cltaa.core.build import Build, Steps
+from cltaa.core.kernel_source import kernel_names
 from cltaa.core.parameters import Choices, Settings
 from cltaa.core.presets import LADDER, Preset, allowed, load_preset, preset_names
 from cltaa.errors import UsageError
@@ -155,3 +157,34 @@ def profiles(name: str | None, as_json: bool) -> None:
     for known in profile_names():
         table.add_row(known, load_profile(known).description)
     Console().print(table)
+
+
+@click.command("kernels")
+@click.option(
+    "--show", type=KERNEL, metavar="KERNEL", help="Print the whole text of a kernel, prelude and includes pasted."
+)
+@click.option(
+    "--preset", type=PRESET, default="default", show_default=True, help="Preset whose choices the prelude carries."
+)
+@click.option(
+    "--lanes", type=click.Choice(["1", "4", "8", "16"]), default="8", show_default=True, help="Pixels a work-item."
+)
+@click.option("--strict", is_flag=True, help="The strict build.")
+@json_option
+def kernels(show: str | None, preset: str, lanes: str, strict: bool, as_json: bool) -> None:
+    """List the OpenCL kernels with the hash of their text, or print one as the compiler sees it."""
+    from cltaa.opencl.program import source, source_hash
+
+    build = Build(choices=load_preset(preset).choices, steps=Steps(), lanes=int(lanes), rows=32, strict=strict)
+    if show is not None:
+        text = source(show, build)
+        told = {"kernel": show, "flags": list(build.flags()), "hash": source_hash(show, build), "text": text}
+        click.echo(json_of(told) if as_json else text, nl=as_json)
+        return
+    hashes = {name: source_hash(name, build) for name in kernel_names()}
+    if as_json:
+        click.echo(json_of({"flags": list(build.flags()), "kernels": hashes}))
+        return
+    click.echo(f"built with {' '.join(build.flags())}")
+    for name, digest in hashes.items():
+        click.echo(f"{name:26} {digest[:16]}")

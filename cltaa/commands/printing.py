@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import copy
 from functools import partial
+from typing import TypeVar
 
+import click
 from rich import console
 from rich.table import Table
+
+from cltaa.printable import json_of
+
+Found = TypeVar("Found")
 
 WIDEST = 1000  # columns; no table of ours comes near
 
@@ -23,6 +29,22 @@ def print_line(text: str, style: str | None = None) -> None:
 def three_digits(value: float) -> str:
     """A number to three digits, and one of thousands in full: no reader takes ``2.57e+03`` in at a glance."""
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+def answer(found: Found, as_json: bool, tell: Callable[[Found], object]) -> None:
+    """Print what was found as JSON, or for a reader as ``tell`` does."""
+    if as_json:
+        click.echo(json_of(found))
+    else:
+        tell(found)
+
+
+def figures(title: str | None, *headings: str, named: bool = False) -> Table:
+    """A table of figures, each whole and to the right; with ``named`` the first column is of names, to the left."""
+    table = Table(title=title)
+    for place, heading in enumerate(headings):
+        table.add_column(heading, justify="left" if named and not place else "right", no_wrap=True)
+    return table
 
 
 def print_table(table: Table) -> None:

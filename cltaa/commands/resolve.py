@@ -23,10 +23,11 @@ from cltaa.commands.options import (
     input_options,
     json_option,
     one_sequence,
+    storage_option,
     verify_option,
 )
 from cltaa.core.backend import launcher_for
-from cltaa.core.build import STORAGES, Storage
+from cltaa.core.build import Storage
 from cltaa.core.debug_views import View, parse_views
 from cltaa.core.parameters import Fireflies
 from cltaa.core.presets import Preset, override
@@ -102,13 +103,7 @@ from cltaa.process import stop_signals
     help="Channels of the input to keep beside the resolved ones: all, none, or names separated by commas, "
     "* for anything.  [default: all of other tools' files]",
 )
-@click.option(
-    "--storage",
-    type=click.Choice([kind.value for kind in STORAGES]),
-    default=Storage.FLOAT.value,
-    show_default=True,
-    help="Number that the history is kept in.",
-)
+@storage_option
 @click.option(
     "--budget-ms",
     type=MILLISECONDS,

@@ -8,14 +8,15 @@ from pathlib import Path
 import click
 
 from cltaa.commands.options import FILE_PATH, FOLDER, PRESET, json_option, measured_options, open_each
+from cltaa.commands.printing import answer
 from cltaa.core.backend import launcher_for
 from cltaa.errors import UsageError
 from cltaa.inputs.open import Reading
 from cltaa.io.atomic import check_creatable
 from cltaa.io.preset_file import preset_of
-from cltaa.lab.tune.search import PRESET as AS_IT_IS
-from cltaa.lab.tune.search import Tuned, parse_goal, tune
-from cltaa.printable import counted, json_of, printable
+from cltaa.lab.tune import PRESET as AS_IT_IS
+from cltaa.lab.tune import Tuned, parse_goal, tune
+from cltaa.printable import counted, printable
 
 
 @click.command("tune")
@@ -82,11 +83,8 @@ def command(
         seed=seed,
         output=output,
     )
-    if as_json:
-        click.echo(json_of(tuned))
-    else:
-        use = f"written to {output}; use it with: cltaa resolve --config {shlex.quote(str(output))}"
-        click.echo("\n".join(map(printable, [*outcome_lines(tuned), use])))
+    use = f"written to {output}; use it with: cltaa resolve --config {shlex.quote(str(output))}"
+    answer(tuned, as_json, lambda tuned: click.echo("\n".join(map(printable, [*outcome_lines(tuned), use]))))
 
 
 def outcome_lines(tuned: Tuned) -> list[str]:

@@ -4,32 +4,22 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
 from cltaa import doctor, probes
+from cltaa.cli import main
 from cltaa.commands.doctor import _cell
 from cltaa.opencl import cache as kernel_cache
 
 
-def run_doctor(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "cltaa.cli", "doctor", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | environment)
-
-
-def findings(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
-    return {finding["name"]: finding for finding in json.loads(done.stdout)["findings"]}
-
-
-def test_the_machine_that_runs_the_tests_can_do_both() -> None:
-    done = run_doctor("--json")
-    assert done.returncode == 0, done.stdout
-    found = findings(done)["OpenCL devices"]
+def test_the_machine_that_runs_the_tests_can_do_both(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "--json"]) == 0
+    findings = {finding["name"]: finding for finding in json.loads(capsys.readouterr().out)["findings"]}
+    found = findings["OpenCL devices"]
     device = found["devices"][0]
     assert device["device"] in found["found"]
     assert device["driver"] in found["found"]
@@ -37,18 +27,21 @@ def test_the_machine_that_runs_the_tests_can_do_both() -> None:
     assert device["compute_units"] >= 1
 
 
-def test_without_a_linker_the_driver_may_abort_and_doctor_goes_on(tmp_path: Path) -> None:
+def test_without_a_linker_the_driver_may_abort_and_doctor_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     # PoCL calls ld for every kernel that its cache does not hold, and ends the process where there is none.
-    done = run_doctor("--json", PATH=str(tmp_path), POCL_CACHE_DIR=str(tmp_path), PYOPENCL_NO_CACHE="1")
-    assert done.returncode == 69
-    found = findings(done)
-    assert not found["linker and C files"]["ok"]
-    assert found["linker and C files"]["cure"] == doctor.LINKER_CURE
-    assert not found["resolve"]["ok"]
-    assert found["resolve"]["found"].startswith('error: unable to execute command: Executable "ld"')
-    assert found["resolve"]["found"].endswith("(ended by SIGABRT)")
-    assert found["resolve"]["cure"] == doctor.ABORT_CURE
-    assert found["capture on OSMesa"]["ok"] or found["capture on EGL"]["ok"]
+    for name, value in (("PATH", tmp_path), ("POCL_CACHE_DIR", tmp_path), ("PYOPENCL_NO_CACHE", 1)):
+        monkeypatch.setenv(name, str(value))
+    linker, resolve = doctor.look_at_linker(), doctor.look_at_resolve()
+    assert (linker.ok, linker.cure) == (False, doctor.LINKER_CURE)
+    assert (resolve.ok, resolve.cure) == (False, doctor.ABORT_CURE)
+    assert resolve.found.startswith('error: unable to execute command: Executable "ld"')
+    assert resolve.found.endswith("(ended by SIGABRT)")
+    looked = doctor.Diagnosis(capture=True, resolve=False, findings=[linker, resolve])
+    monkeypatch.setattr("cltaa.commands.doctor.diagnose", lambda: looked)
+    assert main(["doctor", "--json"]) == 69
+    assert len(json.loads(capsys.readouterr().out)["findings"]) == 2
 
 
 @pytest.mark.parametrize(
@@ -90,6 +83,7 @@ def test_of_a_driver_that_dies_the_line_that_tells_why() -> None:
 
 def test_where_only_what_is_kept_ends_the_process_it_is_to_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stand_in = f"import os\nif os.environ['POCL_CACHE_DIR'] == {str(tmp_path)!r}: os.abort()\n"
+    stand_in += "os.write(1, b'\"resolved\"\\n')\nos._exit(0)\n"
     (tmp_path / "sitecustomize.py").write_text(stand_in)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
     monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))

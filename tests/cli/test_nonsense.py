@@ -148,7 +148,7 @@ CASES: list[tuple[str, int, str]] = [
     ("tune seq small --budget 5ms -o out.toml", MISSING, "small/reference: no truth"),
     ("bench kernels --size x", USAGE, "not WIDTHxHEIGHT"),
     ("bench quality --held-out 1,x", USAGE, "'1,x' is no list of whole numbers from 0 on"),
-    ("bench growth --sizes 0", USAGE, "from 1 on"),
+    ("bench files seq --threads 0", USAGE, "from 1 on"),
     ("capture spinner -o out --yardstick 2,1", USAGE, "from 2 on"),
     ("bench accuracy done -o out", WRONG, "done: these are results of cltaa resolve (found preset default)"),
     ("bench files done", WRONG, "done: these are results of cltaa resolve"),
@@ -181,8 +181,8 @@ CASES: list[tuple[str, int, str]] = [
         WRONG,
         "--commands: no compression (expected as zip or zip:half, found zip:x)",
     ),
-    ("bench growth --sizes ,", WRONG, "--sizes: none is named"),
     ("bench kernels --size 4x4", WRONG, "too small to compare images in"),
+    ("bench kernels --rounds 1", USAGE, "x>=3"),
     ("bench kernels --device numpy", WRONG, "bench kernels times OpenCL kernels"),
     ("bench accuracy seq -o out --task 9999", WRONG, "--task: no such task"),
     ("bench overview seq -o out", MISSING, "not a report"),
@@ -246,7 +246,8 @@ def test_answers_are_json_when_asked(
     desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(desk)
-    for line in ("inspect seq", "inspect seq --plan", "check seq", "resolve seq -o out", "compare out seq"):
+    resolve, plan = "resolve seq -o told --device numpy", "inspect seq --plan --device numpy --preset accumulate"
+    for line in ("inspect seq", plan, "check seq", resolve, "compare told seq"):
         main([*line.split(), "--json"])  # random numbers are no good sequence, and check and inspect say so
         said = capsys.readouterr()
         assert said.out == json_of(json.loads(said.out)) + "\n"

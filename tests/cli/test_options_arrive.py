@@ -86,7 +86,7 @@ COMMANDS = {
             "cltaa.commands.compare.even_step": lambda *_: 1,
             "cltaa.commands.compare.stale_maps": lambda *_: [],
             "cltaa.commands.compare.judge": begins,
-            "cltaa.commands.compare_table.compare_table": begins,
+            "cltaa.commands.compare.compare_table": begins,
         },
     ),
     "tune": Command(
@@ -145,23 +145,22 @@ COMMANDS = {
             "cltaa.commands.bench_quality.write_pages": begins,
         },
     ),
-    "bench kernels": Command("bench kernels", {"cltaa.commands.bench_kernels.bench_kernels": begins}),
+    "bench kernels": Command("bench kernels", {"cltaa.commands.bench_times.bench_kernels": begins}),
     "bench files": Command(
         "bench files seq",
-        {"cltaa.commands.bench_files.open_each": opened, "cltaa.commands.bench_files.bench_files": begins},
+        {"cltaa.commands.bench_times.open_each": opened, "cltaa.commands.bench_times.bench_files": begins},
     ),
     "bench effects": Command(
         "bench effects spinner",
         {
-            "cltaa.commands.bench_effects.check_scenes": lambda _: None,
-            "cltaa.commands.bench_effects.launcher_for": lambda device: f"launcher {device}",
-            "cltaa.commands.bench_effects.run_cltaa": lambda _: "",
-            "cltaa.commands.bench_effects.open_sequence": sequence,
-            "cltaa.commands.bench_effects.judge_effects": begins,
+            "cltaa.commands.bench_times.check_scenes": lambda _: None,
+            "cltaa.commands.bench_times.launcher_for": lambda device: f"launcher {device}",
+            "cltaa.commands.bench_times.run_cltaa": lambda _: "",
+            "cltaa.commands.bench_times.open_sequence": sequence,
+            "cltaa.commands.bench_times.judge_effects": begins,
         },
     ),
-    "bench api": Command("bench api", {"cltaa.commands.bench_api.bench_api": begins}),
-    "bench growth": Command("bench growth", {"cltaa.commands.bench_growth.bench_growth": begins}),
+    "bench api": Command("bench api", {"cltaa.commands.bench_times.bench_api": begins}),
     "bench overview": Command(
         "bench overview one two -o out",
         {
@@ -176,8 +175,8 @@ COMMANDS = {
         "capture spinner -o out",
         {
             "cltaa_capture.costs.measure_costs": begins,
+            "cltaa_capture.sequence.capture_sequence": begins,  # first: it keeps the build_scene of then
             "cltaa_datasets.scenes.build_scene": lambda *_: "scene",
-            "cltaa_capture.sequence.capture_sequence": begins,
         },
     ),
     "kernels": Command("kernels --show resolve", {"cltaa.opencl.program.source": begins}),
@@ -393,13 +392,6 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--size 7x8", "bench_api.sizes", ((7, 8),)),
         ("--device 3", "bench_api.device", "3"),
         ("--rounds 7", "bench_api.rounds", 7),
-    ],
-    "bench growth": [
-        ("--preset basic", "bench_growth.preset.name", "basic"),
-        ("--sizes 7,8", "bench_growth.sizes", (7, 8)),
-        ("--banded-from 7", "bench_growth.banded_from", 7),
-        ("--device 3", "bench_growth.device", "3"),
-        ("--rounds 7", "bench_growth.rounds", 7),
     ],
     "bench overview": [
         ("-o elsewhere", "write_report.output", Path("elsewhere")),

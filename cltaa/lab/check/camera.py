@@ -7,7 +7,7 @@ and coarse samples cannot hide as they hide how well pictures match.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -27,6 +27,7 @@ from cltaa.lab.check.hypotheses import (
     Change,
     Finding,
     affine_maps,
+    mistake,
     regress,
     spoken,
     sureness,
@@ -63,25 +64,17 @@ def check_structure(frames: Sequence[Frame]) -> tuple[list[Finding], Change | No
         evidence = f"last rows {row} and {clip} as read, of a camera only when {name.replace('-', ' ')}"
         if alike:
             evidence += f"; or {', '.join(alike)}, under which the pictures match about as well"
-        finding = Finding(
-            name=f"camera-{name}",
-            mistake=True,
-            confidence=0.95,
-            what=what,
-            evidence=evidence,
-            fix={"camera": fix},
-        )
-        return [finding], MEANINGS[name].change
+        return [mistake(f"camera-{name}", what, evidence, 0.95, fix)], MEANINGS[name].change
     evidence = f"frame {wrong[0].index}: neither as read nor transposed, inverted or flipped"
-    what = "the matrices are no camera"
-    return [Finding(name="camera-wrong", mistake=True, confidence=0.95, what=what, evidence=evidence)], None
+    return [mistake("camera-wrong", "the matrices are no camera", evidence, 0.95)], None
 
 
 def _mismatch(frames: Sequence[Frame], change: Change) -> float:
     """How badly frames match under other matrices; 0 where the camera stands, and any of them do."""
     size = frames[0].width, frames[0].height  # no vectors are looked at
     shot = Shot([replace(frame, camera=change(frame.camera)) for frame in frames], size)
-    return float(np.mean([camera_residual(pair, pair.camera_motion()) for pair in moving_pairs(shot)] or [0.0]))
+    pairs = moving_pairs(shot)
+    return float(residuals(pairs).mean()) if pairs else 0.0
 
 
 def check_projection_jitter(shot: Shot) -> list[Finding]:
@@ -103,9 +96,7 @@ def check_projection_jitter(shot: Shot) -> list[Finding]:
         if shot.frames[0].camera.view_to_clip[1, 1] > 0.0:
             return []
         name, (what, fix) = "y-flipped", MEANINGS["y-flipped"]
-    return [
-        Finding(name=f"camera-{name}", mistake=True, confidence=0.98, what=what, evidence=evidence, fix={"camera": fix})
-    ]
+    return [mistake(f"camera-{name}", what, evidence, 0.98, fix)]
 
 
 def check_travel(shot: Shot) -> list[Finding]:
@@ -113,22 +104,19 @@ def check_travel(shot: Shot) -> list[Finding]:
     pairs = moving_pairs(shot)
     if len(pairs) < 2 or not shot.has_camera:
         return []
-    declared = np.array([camera_residual(pair, pair.camera_motion()) for pair in pairs])
+    declared = residuals(pairs)
     able = {name: meant for name, meant in MEANINGS.items() if all(sound(f, meant.change) for f in shot.frames)}
     candidates = dict(_late(shot, pairs))
     if able:
         few = screened(pairs)
-        best = min(able, key=lambda name: _under(few, able[name].change).mean())
-        candidates[best] = (able[best].what, able[best].fix, _under(pairs, able[best].change))
+        best = min(able, key=lambda name: residuals(few, able[name].change).mean())
+        candidates[best] = (able[best].what, able[best].fix, residuals(pairs, able[best].change))
     best = min(candidates, key=lambda name: candidates[name][2].mean())
     what, fix, winner = candidates[best]
     if winner.mean() > min(CLEARLY_BETTER * declared.mean(), LARGEST_MISMATCH) or not _wins(winner, declared):
         return []
     evidence = f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, over {len(pairs)} pairs"
-    sure = sureness(declared, winner)
-    return [
-        Finding(name=f"camera-{best}", mistake=True, confidence=sure, what=what, evidence=evidence, fix={"camera": fix})
-    ]
+    return [mistake(f"camera-{best}", what, evidence, sureness(declared, winner), fix)]
 
 
 def screened(pairs: Sequence[Pair]) -> Sequence[Pair]:
@@ -136,11 +124,9 @@ def screened(pairs: Sequence[Pair]) -> Sequence[Pair]:
     return pairs[:: max(1, len(pairs) // 3)]
 
 
-def _under(pairs: Sequence[Pair], change: Change) -> Vector:
-    """How badly each pair matches with its cameras changed so."""
-    return np.array(
-        [camera_residual(p, p.camera_motion(change(p.frame.camera), change(p.previous.camera))) for p in pairs]
-    )
+def residuals(pairs: Sequence[Pair], change: Change = lambda camera: camera, scale: float = 1.0) -> Vector:
+    """How badly each pair matches with its cameras changed so, and where depth is ``scale`` times what it says."""
+    return np.array([camera_residual(pair, pair.motion_under(change, scale)) for pair in pairs])
 
 
 def _late(shot: Shot, pairs: Sequence[Pair]) -> Iterator[tuple[str, tuple[str, dict[str, object], Vector]]]:
@@ -251,16 +237,8 @@ def check_zeroes(shot: Shot) -> list[Finding]:
         sure = max(sure, 0.9 if share == 1.0 else DOUBTFUL)
     evidence = f"{share:.0%} of the vectors are 0 where the camera moves by {moved:.2g} px; residual "
     evidence += f"{winner.mean():.3f} by matrices and depth, {declared.mean():.3f} as declared"
-    return [
-        Finding(
-            name="motion-zero-is-camera",
-            mistake=True,
-            confidence=sure,
-            what="the motion vectors are 0 where the camera alone moves the picture",
-            evidence=evidence,
-            fix={"motion": {"zero": "camera"}},
-        )
-    ]
+    what = "the motion vectors are 0 where the camera alone moves the picture"
+    return [mistake("motion-zero-is-camera", what, evidence, sure, {"zero": "camera"})]
 
 
 def _unmoved(pair: Pair) -> NDArray[np.bool_]:
@@ -297,8 +275,7 @@ def check_disagreement(shot: Shot) -> list[Finding]:
         f"they are {apart:.2g} px apart in the middle, of {moved:.2g}; residual {winner.mean():.3f} by matrices and "
     )
     evidence += f"depth, {declared.mean():.3f} by the vectors"
-    what = "the motion vectors are not those of matrices and depth"
-    return [Finding(name="motion-disagrees", mistake=True, confidence=sure, what=what, evidence=evidence)]
+    return [mistake("motion-disagrees", "the motion vectors are not those of matrices and depth", evidence, sure)]
 
 
 def _mismatch_at(pair: Pair, points: NDArray[np.bool_], motion: Vector) -> float:
@@ -372,10 +349,7 @@ def _sparse(pair: Pair) -> Pair:
 def _compared(pairs: Sequence[Pair], camera: str, scale: float, maps: dict[str, Affine]) -> Iterator[_Reading]:
     """How far vectors under each of ``maps`` are from the camera's motion under one reading of that."""
     change = COMBINED[camera].change
-    motions = [
-        pair.camera_motion(change(pair.frame.camera), change(pair.previous.camera), pair.inverse_depth / scale)
-        for pair in pairs
-    ]
+    motions = [pair.motion_under(change, scale) for pair in pairs]
     moved = float(np.mean([middle_length(motion) for motion in motions]))
     for name, meant in maps.items():
         vectors = [meant(pair.own) for pair in pairs]
@@ -397,20 +371,17 @@ def _findings(best: _Reading, declared: _Reading, maps: dict[str, Affine], pairs
     evidence = f"matrices and vectors of {pairs} pairs agree so, to {best.apart:.2g} px of {best.moved:.2g}, "
     evidence += f"as declared only to {declared.apart:.2g}"
     confidence = float(np.clip(1.0 - best.apart / best.moved, 0.3, 0.99))
-    made = []
+    made: list[tuple[str, str, Mapping[str, object]]] = []
     if best.camera:
         meant = COMBINED[best.camera]
-        made.append((f"camera-{best.camera}", meant.what, {"camera": meant.fix}))
+        made.append((f"camera-{best.camera}", meant.what, meant.fix))
     if best.scale != 1.0:
         what = f"depth and matrices have different units: depth times {best.scale:g} fits"
-        made.append(("depth-scaled", what, {"depth": {"scale": best.scale}}))
+        made.append(("depth-scaled", what, {"scale": best.scale}))
     if best.vectors:
         what = f"the motion vectors are {spoken(best.vectors)}"
-        made.append((f"motion-{best.vectors.replace(' ', '-')}", what, {"motion": maps[best.vectors].fix}))
-    return [
-        Finding(name=name, mistake=True, confidence=confidence, what=what, evidence=evidence, fix=fix)
-        for name, what, fix in made
-    ]
+        made.append((f"motion-{best.vectors}", what, maps[best.vectors].fix))
+    return [mistake(name, what, evidence, confidence, fix) for name, what, fix in made]
 
 
 def check_upside_down(shot: Shot) -> list[Finding]:
@@ -423,18 +394,14 @@ def check_upside_down(shot: Shot) -> list[Finding]:
     if not (shot.has_camera and clip[0, 0] > 0.0 > clip[1, 1]):
         return []
     change, pairs = MEANINGS[name].change, moving_pairs(shot)
-    turned = [pair.camera_motion(change(pair.frame.camera), change(pair.previous.camera)) for pair in pairs]
+    turned = [pair.motion_under(change) for pair in pairs]
     if pairs and all(_borne_out(pair, motion) for pair, motion in zip(pairs, turned, strict=True)):
         return []  # were the vectors turned over too, the check of these would say so
-    matched = [camera_residual(pair, pair.camera_motion()) for pair in pairs]
-    otherwise = [camera_residual(pair, motion) for pair, motion in zip(pairs, turned, strict=True)]
-    if pairs and np.mean(matched) < CLEARLY_BETTER * np.mean(otherwise):
+    if pairs and residuals(pairs).mean() < CLEARLY_BETTER * residuals(pairs, change).mean():
         return []
     what, fix = MEANINGS[name]
     evidence = f"it scales y by {clip[1, 1]:.3g} and x by {clip[0, 0]:.3g}: the world would be seen mirrored"
-    return [
-        Finding(name=f"camera-{name}", mistake=True, confidence=0.9, what=what, evidence=evidence, fix={"camera": fix})
-    ]
+    return [mistake(f"camera-{name}", what, evidence, 0.9, fix)]
 
 
 def _borne_out(pair: Pair, turned: Vector) -> bool:

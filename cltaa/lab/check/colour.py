@@ -10,7 +10,7 @@ from cltaa.camera import is_still
 from cltaa.frame import Frame
 from cltaa.io.display import encoded
 from cltaa.io.pixel_statistics import missing_lines, missing_samples
-from cltaa.lab.check.hypotheses import DOUBTFUL, Finding
+from cltaa.lab.check.hypotheses import DOUBTFUL, Finding, mistake
 from cltaa.lab.check.registration import Vector
 from cltaa.printable import counted
 
@@ -50,12 +50,8 @@ def check_colour(frames: Sequence[Frame]) -> list[Finding]:
     return []
 
 
-def check_channels(frames: Sequence[Frame], *, has_camera: bool, has_depth: bool) -> list[Finding]:
+def check_channels(frames: Sequence[Frame], *, has_camera: bool, has_depth: bool) -> Iterator[Finding]:
     """Find channels that hold one number only, or nothing that can be used."""
-    return [*_channels(frames, has_camera, has_depth)]
-
-
-def _channels(frames: Sequence[Frame], has_camera: bool, has_depth: bool) -> Iterator[Finding]:
     colour = np.stack([frame.colour for frame in frames])
     missing = [lost for frame in frames if (lost := missing_samples(frame.colour, frame.index))]
     if missing:
@@ -90,14 +86,8 @@ def _channels(frames: Sequence[Frame], has_camera: bool, has_depth: bool) -> Ite
             text = f"every vector of {counted(len(vectors), 'frame')} is ({given[0, 0]:g}, {given[0, 1]:g})"
             rests = has_camera and all(is_still(f.camera, frames[0].camera) for f in frames)
             if rests and (given[0] == HALF).all():
-                yield Finding(
-                    name="motion-centred-on-half",
-                    mistake=True,
-                    confidence=0.9,
-                    evidence=text,
-                    what="the motion vectors are around 0.5, and nothing moves",
-                    fix={"motion": {"offset": [HALF] * 2}},
-                )
+                what = "the motion vectors are around 0.5, and nothing moves"
+                yield mistake("motion-centred-on-half", what, text, 0.9, {"offset": [HALF] * 2})
             else:
                 yield _channel("motion-constant", not rests or bool(given.any()), text, "motion")
 
@@ -109,24 +99,15 @@ def _changes_declared(frames: Sequence[Frame]) -> bool:
     return moves or any(f.jitter_px != frames[0].jitter_px or not is_still(f.camera, frames[0].camera) for f in frames)
 
 
-def _channel(name: str, mistake: bool, evidence: str, channel: str) -> Finding:
+def _channel(name: str, wrong: bool, evidence: str, channel: str) -> Finding:
     what = f"{channel} carries no information" if name.endswith(("constant", "repeated")) else f"{channel} is damaged"
-    asked = not mistake and not name.endswith(
-        ("constant", "repeated")
-    )  # a few wrong numbers may be meant, and deserve no tick
+    asked = not wrong and not name.endswith(("constant", "repeated"))  # a few may be meant, and deserve no tick
     confidence = DOUBTFUL if asked else 0.99
-    return Finding(name=name, mistake=mistake, confidence=confidence, what=what, evidence=evidence, question=asked)
+    return Finding(name=name, mistake=wrong, confidence=confidence, what=what, evidence=evidence, question=asked)
 
 
 def _encoded(what: str, evidence: str, confidence: float) -> Finding:
-    return Finding(
-        name="colour-encoded",
-        mistake=True,
-        confidence=confidence,
-        what=what,
-        evidence=evidence,
-        fix={"colour": {"encoding": "srgb"}},
-    )
+    return mistake("colour-encoded", what, evidence, confidence, {"encoding": "srgb"})
 
 
 def _share_on_levels(values: Vector) -> float:
@@ -166,15 +147,13 @@ def check_exposure(frames: Sequence[Frame]) -> list[Finding]:
     declared = NEAR * np.abs(told)
     if (np.abs(told) >= LEAST_CHANGE).all():
         if (np.abs(pixels) <= declared).all():
-            return [_wrong("not-applied", "the colour was not multiplied by the exposure: leave it out", evidence)]
+            what = "the colour was not multiplied by the exposure: leave it out"
+            return [mistake("exposure-not-applied", what, evidence, 0.9)]
         if (np.abs(pixels + told) <= declared).all():
-            return [_wrong("inverted", "the colour was divided by the exposure: declare one over it", evidence)]
+            what = "the colour was divided by the exposure: declare one over it"
+            return [mistake("exposure-inverted", what, evidence, 0.9)]
     what = "the picture's brightness changes as a whole; if it is an exposure, give it to each frame with --camera FILE"
     return [Finding(name="exposure-missing", mistake=False, confidence=0.8, what=what, evidence=evidence)]
-
-
-def _wrong(name: str, what: str, evidence: str) -> Finding:
-    return Finding(name=f"exposure-{name}", mistake=True, confidence=0.9, what=what, evidence=evidence)
 
 
 def _changes(frames: Sequence[Frame]) -> Iterator[tuple[Vector, float]]:

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from cltaa.frame import Frame
 from cltaa.inputs.convert import device_planes, planes_of, ray_length
 from cltaa.inputs.profile import Depth, DepthKind
-from cltaa.lab.check.camera import CLEARLY_BETTER, LARGEST_MISMATCH, camera_residual, moving_pairs, screened
-from cltaa.lab.check.hypotheses import Finding, sureness
-from cltaa.lab.check.registration import Pair, Shot, Vector
+from cltaa.lab.check.camera import CLEARLY_BETTER, LARGEST_MISMATCH, camera_residual, moving_pairs, residuals, screened
+from cltaa.lab.check.hypotheses import Finding, mistake, sureness
+from cltaa.lab.check.registration import Shot, Vector
 
 Plane = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ def check_depth(frames: Sequence[Frame], rule: Depth = AS_DECLARED) -> list[Find
     if (finite < 0).mean() > 0.9:
         evidence = f"{(finite < 0).mean():.0%} of the depths are negative"
         what = "depth is negative in front of the camera"
-        return [_finding("depth-negative", what, evidence, 0.99, {"scale": -1.0})]
+        return [mistake("depth-negative", what, evidence, 0.99, {"scale": -1.0})]
     read = READ_AS.get(rule.kind, "reciprocal")
     shares = {kind: share for kind, share in _flat_shares(frames, depth, read).items() if share > CLEARLY_MORE}
     for kind in sorted(shares, key=lambda kind: -shares[kind])[:1]:
@@ -56,14 +56,11 @@ def check_depth(frames: Sequence[Frame], rule: Depth = AS_DECLARED) -> list[Find
         evidence += f"{1.0 - shares[kind]:.1%} as {read} depth"
         if kind == "reciprocal":
             return [_reciprocal(depth, finite, evidence, shares[kind])]
-        return [
-            _finding(
-                f"depth-{kind}", f"depth is the distance along {ALONG[kind]}", evidence, shares[kind], {"kind": kind}
-            )
-        ]
+        what = f"depth is the distance along {ALONG[kind]}"
+        return [mistake(f"depth-{kind}", what, evidence, shares[kind], {"kind": kind})]
     if read == "planar" and _looks_like_device(finite):
         evidence = f"all values within {finite.min():.4g} and {finite.max():.4g}, their middle {np.median(finite):.4g}"
-        return [_finding("depth-device", DEVICE, evidence, 0.85, {"kind": "device"})]
+        return [mistake("depth-device", DEVICE, evidence, 0.85, {"kind": "device"})]
     return []
 
 
@@ -91,28 +88,20 @@ def check_depth_scale(shot: Shot) -> list[Finding]:
     pairs = moving_pairs(shot)
     if len(pairs) < 2 or not (shot.has_depth and shot.has_camera) or shot.frames[0].camera.orthographic:
         return []
-    declared = np.array([camera_residual(pair, pair.camera_motion()) for pair in pairs])
+    declared = residuals(pairs)
     few = screened(pairs)
-    best = min(SCALES, key=lambda scale: _residuals(few, scale).mean())
-    winner = _residuals(pairs, best)
+    best = min(SCALES, key=lambda scale: residuals(few, scale=scale).mean())
+    winner = residuals(pairs, scale=best)
     if winner.mean() > min(CLEARLY_BETTER * declared.mean(), LARGEST_MISMATCH) or (winner < declared).mean() < 0.7:
         return []
     for step in STEPS:
-        tried = [(best * by, _residuals(pairs, best * by)) for by in (1 / step, step)]
+        tried = [(best * by, residuals(pairs, scale=best * by)) for by in (1 / step, step)]
         best, winner = min([(best, winner), *tried], key=lambda one: one[1].mean())
     decade = 10.0 ** round(np.log10(best))
     scale = decade if abs(best / decade - 1) < ROUND_NUMBER else float(f"{best:.2g}")
     evidence = f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, over {len(pairs)} pairs"
-    confidence = sureness(declared, winner)
     what = f"depth and matrices have different units: depth times {scale:g} fits"
-    return [_finding("depth-scaled", what, evidence, confidence, {"scale": scale})]
-
-
-def _residuals(pairs: Sequence[Pair], scale: float) -> Vector:
-    """How badly each pair matches where depth is ``scale`` times what it says."""
-    return np.array(
-        [camera_residual(pair, pair.camera_motion(inverse_depth=pair.inverse_depth / scale)) for pair in pairs]
-    )
+    return [mistake("depth-scaled", what, evidence, sureness(declared, winner), {"scale": scale})]
 
 
 def tells_kind(frames: Sequence[Frame], rule: Depth = AS_DECLARED) -> bool:
@@ -177,10 +166,9 @@ def _reciprocal(stored: Sequence[Plane], finite: Vector, evidence: str, confiden
     nearer_is_smaller = sky_at_one > sky_at_zero if max(sky_at_one, sky_at_zero) > 0.01 else bool(lower < upper)
     evidence += f"; values {finite.min():.4g} to {finite.max():.4g}"
     if bounded and nearer_is_smaller:
-        return _finding("depth-device", DEVICE, evidence, confidence, {"kind": "device"})
-    return _finding(
-        "depth-inverse", "depth is 1/Z, or a reversed device depth", evidence, confidence, {"kind": "inverse"}
-    )
+        return mistake("depth-device", DEVICE, evidence, confidence, {"kind": "device"})
+    what = "depth is 1/Z, or a reversed device depth"
+    return mistake("depth-inverse", what, evidence, confidence, {"kind": "inverse"})
 
 
 def _middle(values: Plane) -> float:
@@ -216,15 +204,9 @@ def tell_device(shot: Shot, found: Finding, rule: Depth = AS_DECLARED) -> Findin
     if reverse:
         return _reversed(found, f"residual {changed.mean():.3f} as near / Z, {plain.mean():.3f} as 1/Z")
     evidence = f"{found.evidence}; residual {changed.mean():.3f} with a clip space from 0, {plain.mean():.3f} from -1"
-    return _finding(found.name, found.what, evidence, found.confidence, {"kind": "device", "near": 1.0 / other})
+    return mistake(found.name, found.what, evidence, found.confidence, {"kind": "device", "near": 1.0 / other})
 
 
 def _reversed(found: Finding, evidence: str) -> Finding:
-    what = "depth is a reversed device depth, 1 near to 0 far"
-    return _finding(
-        "depth-device-reversed", what, f"{found.evidence}; {evidence}", found.confidence, {"kind": "device-reversed"}
-    )
-
-
-def _finding(name: str, what: str, evidence: str, confidence: float, fix: dict[str, object]) -> Finding:
-    return Finding(name=name, mistake=True, confidence=confidence, what=what, evidence=evidence, fix={"depth": fix})
+    what, evidence = "depth is a reversed device depth, 1 near to 0 far", f"{found.evidence}; {evidence}"
+    return mistake("depth-device-reversed", what, evidence, found.confidence, {"kind": "device-reversed"})

@@ -42,6 +42,12 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, mistake=False, question=True, fix={})
 
 
+def mistake(name: str, what: str, evidence: str, confidence: float, fix: Mapping[str, object] | None = None) -> Finding:
+    """A mistake in what its name begins with, as ``depth-scaled`` is one of depth; ``fix`` are keys of that section."""
+    name, mended = name.replace(" ", "-"), {} if fix is None else {name.partition("-")[0]: dict(fix)}
+    return Finding(name=name, mistake=True, confidence=confidence, what=what, evidence=evidence, fix=mended)
+
+
 SMALLEST_SPREAD = 0.05  # of the mean: pairs of one shot are never as independent as they look
 
 

@@ -28,6 +28,7 @@ from cltaa.lab.check.hypotheses import (
     left_over,
     linear_fix,
     linear_maps,
+    mistake,
     regress,
     spoken,
     sureness,
@@ -176,7 +177,7 @@ def _by_likeness(shot: Shot, likeness: Likeness) -> list[Finding] | None:
     whole = min(left for name, left in scatter.items() if not name.startswith(HALVES))
     if best.startswith("scaled") and scatter[best] > CLEARLY_SCALED * whole and sure < SURE_OF_HALF:
         sure = min(sure, DOUBTFUL)
-    return [_finding(_key(best), what, evidence, sure, fix)]
+    return [mistake(f"jitter-{best}", what, evidence, sure, fix)]
 
 
 def _plainest_smooth(scatter: Mapping[str, float]) -> str:
@@ -225,7 +226,7 @@ def _by_shifts(shot: Shot, shifts: Sequence[Fit | None]) -> list[Finding]:
     evidence = f"measured shift = [[{gain[0, 0]:.3g}, {gain[0, 1]:.3g}], [{gain[1, 0]:.3g}, {gain[1, 1]:.3g}]] x "
     evidence += f"declared change over {len(known)} pairs; {left[best]:.2f} px rms left, {as_declared:.2f} as declared"
     what, fix = _meaning(best, maps[best])
-    return [_finding(_key(best), what, evidence, _sureness(fits, declared, declared @ maps[best].T), fix)]
+    return [mistake(f"jitter-{best}", what, evidence, _sureness(fits, declared, declared @ maps[best].T), fix)]
 
 
 def _sureness(fits: Sequence[Fit], declared: Vector, winner: Vector) -> float:
@@ -265,16 +266,10 @@ def _mean(shot: Shot) -> list[Finding]:
     centre = np.where(corner, np.copysign(0.5, mean), mean)
     beyond = np.abs(offsets).max() > CENTRED_PX  # where no centred jitter of a pixel's width goes
     one_sided = (np.abs(np.sign(offsets[:, corner]).sum(0)) >= len(offsets) - 1).any()
-    return [
-        Finding(
-            name="jitter-biased",
-            mistake=True,
-            confidence=0.9 if one_sided and (beyond or not varies) else DOUBTFUL,
-            what="the jitter is not centred: the resolved picture is shifted by its mean, for good",
-            evidence=f"mean ({mean[0]:.3f}, {mean[1]:.3f}) px over {counted(len(offsets), 'frame')}",
-            fix={"jitter": {"offset": [round(float(-centre[0]), 4), round(float(-centre[1]), 4)]}},
-        )
-    ]
+    what = "the jitter is not centred: the resolved picture is shifted by its mean, for good"
+    evidence = f"mean ({mean[0]:.3f}, {mean[1]:.3f}) px over {counted(len(offsets), 'frame')}"
+    sure = 0.9 if one_sided and (beyond or not varies) else DOUBTFUL
+    return [mistake("jitter-biased", what, evidence, sure, {"offset": [round(float(-x), 4) for x in centre]})]
 
 
 def _undeclared(shot: Shot, fits: Sequence[Fit], measured: Vector, present: float) -> list[Finding]:
@@ -299,11 +294,11 @@ def _undeclared(shot: Shot, fits: Sequence[Fit], measured: Vector, present: floa
         if given:
             what = f"the picture moves on and {', '.join(given)} say so"
         name = "motion-disagrees" if given else "motion-missing"
-        return [Finding(name=name, mistake=True, confidence=sure, what=what, evidence=evidence)]
+        return [mistake(name, what, evidence, sure)]
     evidence = f"still regions move by {present:.2f} px rms between frames, first by "
     evidence += ", ".join(f"({x:.2f}, {y:.2f})" for x, y in measured[:4])
     what = "the pixels are jittered and no jitter is declared: give jitter_px of each frame with --camera FILE"
-    return [Finding(name="jitter-missing", mistake=True, confidence=sure, what=what, evidence=evidence)]
+    return [mistake("jitter-missing", what, evidence, sure)]
 
 
 def _given(shot: Shot) -> dict[str, bool]:
@@ -341,18 +336,10 @@ def _frames(delay: int) -> str:
     return f"{counted(abs(delay), 'frame')} {'later' if delay > 0 else 'earlier'}"
 
 
-def _finding(name: str, what: str, evidence: str, confidence: float, fix: dict[str, object]) -> Finding:
-    return Finding(name=name, mistake=True, confidence=confidence, what=what, evidence=evidence, fix={"jitter": fix})
-
-
 def _late(delay: int, evidence: str, confidence: float) -> Finding:
     """``delay`` is how much later the frame is that declares a frame's jitter."""
     what = f"the jitter declared for a frame is that of {_frames(-delay)}"
-    return _finding("jitter-late", what, evidence, confidence, {"delay": delay})
-
-
-def _key(best: str) -> str:
-    return "jitter-" + best.replace(" ", "-")
+    return mistake("jitter-late", what, evidence, confidence, {"delay": delay})
 
 
 def _meaning(best: str, matrix: Vector) -> tuple[str, dict[str, object]]:

@@ -23,6 +23,7 @@ from cltaa.lab.check.hypotheses import (
     affine_maps,
     linear_fix,
     linear_maps,
+    mistake,
     regress,
     spoken,
     sureness,
@@ -123,6 +124,7 @@ ALIKE = 1.1  # residuals over the least; among such the plainest is taken, as of
 LEAST_EFFECT_PX = 0.08  # a mistake that moves the vectors by less is not worth a word
 MOST_POINTS = 8000  # looked at for each of two dozen maps; more only cost time
 LEAST_PAIRS = 6  # of them four second differences are left, for two gains an axis
+JITTERED = "the vectors contain the change of jitter"
 LEAST_LEAK = 0.5  # of the change of jitter
 
 
@@ -168,12 +170,17 @@ def _plainest(residuals: Mapping[str, float]) -> str:
 
 def _effect(scenes: Sequence[Observed], meant: Affine) -> float:
     """Root mean square of what the mistake does to the vectors, in pixels."""
-    return float(np.mean([np.sqrt(((meant(scene.own) - scene.own) ** 2).sum(0).mean()) for scene in scenes]))
+    return _rms([meant(scene.own) - scene.own for scene in scenes])
+
+
+def _rms(vectors: Sequence[Vector]) -> float:
+    """Root mean square length of some vectors [2, n] of each pair, the mean over the pairs."""
+    return float(np.mean([np.sqrt((of_pair**2).sum(0).mean()) for of_pair in vectors]))
 
 
 def _stays(scenes: Sequence[Observed], meant: Affine) -> bool:
     """True where a fit that starts from the vectors that are meant stays near them."""
-    started = [scene._replace(own=meant(scene.own)) for scene in scenes]
+    started = _started(scenes, meant)
     return _is_near(fit_model(started), started, np.eye(2), None, _effect(scenes, meant))
 
 
@@ -182,13 +189,13 @@ def _borne_out(scenes: Sequence[Observed], meant: Affine) -> bool:
 
     From fractions of a picture, which say that nothing moves, it never comes so far.
     """
-    model = _from(scenes, meant)
+    model = fit_model(_started(scenes, meant))
     declared, no_leak = np.asarray(np.linalg.inv(meant.matrix), np.float64), np.zeros((2, 2))
     return model.distance(np.eye(2), no_leak) < CLEARLY_NEARER * model.distance(declared, no_leak)
 
 
-def _from(scenes: Sequence[Observed], meant: Affine) -> Model:
-    return fit_model([scene._replace(own=meant(scene.own)) for scene in scenes])
+def _started(scenes: Sequence[Observed], meant: Affine) -> list[Observed]:
+    return [scene._replace(own=meant(scene.own)) for scene in scenes]
 
 
 def _is_near(model: Model, scenes: Sequence[Observed], gain: Vector, leak: float | None, effect: float) -> bool:
@@ -197,8 +204,7 @@ def _is_near(model: Model, scenes: Sequence[Observed], gain: Vector, leak: float
     Of a ``leak`` as well, but for None. Where the vectors and the jitter do not go nothing is asked of the fit.
     """
     off = (model.gain - gain, np.zeros((2, 2)) if leak is None else model.leak - leak * np.eye(2))
-    apart = [(off[0] @ scene.own + (off[1] @ scene.jitter_change)[:, None]) ** 2 for scene in scenes]
-    return float(np.mean([np.sqrt(squared.sum(0).mean()) for squared in apart])) <= NEAR * effect
+    return _rms([off[0] @ scene.own + (off[1] @ scene.jitter_change)[:, None] for scene in scenes]) <= NEAR * effect
 
 
 def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> tuple[list[Observed], list[Observed]]:
@@ -234,16 +240,10 @@ def _score(scenes: Sequence[Observed], meant: Affine, leak: float = 0.0) -> Vect
 
 
 def _named(best: str, meant: Affine, declared: Vector, winner: Vector) -> Finding:
-    wins = int((winner < declared).sum())
-    return Finding(
-        name="motion-" + best.replace(" ", "-"),
-        mistake=True,
-        confidence=sureness(declared, winner),
-        what=f"the motion vectors are {spoken(best)}",
-        evidence=f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, better in {wins} of "
-        f"{len(declared)} pairs",
-        fix={"motion": meant.fix},
-    )
+    evidence = f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, "
+    evidence += f"better in {int((winner < declared).sum())} of {len(declared)} pairs"
+    what = f"the motion vectors are {spoken(best)}"
+    return mistake(f"motion-{best}", what, evidence, sureness(declared, winner), meant.fix)
 
 
 def _finer(scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping[str, Vector]) -> list[Finding]:
@@ -255,30 +255,17 @@ def _finer(scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping
         return []
     held = {"jittered": 1, "jittered-reversed": -1}.get(best, 0)
     matrix = np.eye(2) if held else maps[best]
-    effect = np.array([_difference(scene, matrix, bool(held)) for scene in scenes])
-    moved = float(effect.mean())
+    leaks = [scene.jitter_change[:, None] for scene in scenes]
+    moved = _rms(leaks) if held else _effect(scenes, Affine(matrix))
     if moved < LEAST_EFFECT_PX or not _is_near(model, scenes, matrix, -held or None, moved):
         return []
     fix: dict[str, object] = {"jittered": held} if held else linear_fix(matrix)
     gain, leak = model.gain.round(2).tolist(), model.leak.round(2).tolist()
     declared, winner = _score(judges, Affine(np.eye(2))), _score(judges, Affine(matrix), held)
-    return [
-        Finding(
-            name="motion-" + best.replace(" ", "-"),
-            mistake=True,
-            confidence=sureness(declared, winner),
-            what="the vectors contain the change of jitter" if held else f"the motion vectors are {spoken(best)}",
-            evidence=f"true vectors = {gain} x declared + {leak} x change of jitter, over {len(scenes)} pairs; "
-            f"residual of other pixels {winner.mean():.3f} against {declared.mean():.3f}",
-            fix={"motion": fix},
-        )
-    ]
-
-
-def _difference(scene: Observed, matrix: Vector, jittered: bool) -> float:
-    """Root mean square of what the mistake does to the vectors, in pixels."""
-    change = scene.jitter_change[:, None] if jittered else (matrix - np.eye(2)) @ scene.own
-    return float(np.sqrt((change**2).sum(0).mean()))
+    evidence = f"true vectors = {gain} x declared + {leak} x change of jitter, over {len(scenes)} pairs; "
+    evidence += f"residual of other pixels {winner.mean():.3f} against {declared.mean():.3f}"
+    what = JITTERED if held else f"the motion vectors are {spoken(best)}"
+    return [mistake(f"motion-{best}", what, evidence, sureness(declared, winner), fix)]
 
 
 def _resting_leak(shot: Shot) -> list[Finding]:
@@ -294,17 +281,11 @@ def _resting_leak(shot: Shot) -> list[Finding]:
     spread = float(np.sqrt((change**2).sum(1).mean()))
     if abs(gain) < LEAST_LEAK or fit.left > 0.5 * spread:
         return []
-    return [
-        Finding(
-            name="motion-jittered" if gain > 0 else "motion-jittered-reversed",
-            mistake=True,
-            confidence=float(np.clip(1.0 - fit.left / spread, 0.3, 0.99)),
-            what="the vectors contain the change of jitter",
-            evidence=f"resting pixels follow {gain:.2f} x the change of jitter over {len(pairs)} pairs, "
-            f"to {fit.left:.2f} px rms",
-            fix={"motion": {"jittered": 1 if gain > 0 else -1}},
-        )
-    ]
+    evidence = f"resting pixels follow {gain:.2f} x the change of jitter over {len(pairs)} pairs, "
+    evidence += f"to {fit.left:.2f} px rms"
+    name, held = ("motion-jittered", 1) if gain > 0 else ("motion-jittered-reversed", -1)
+    sure = float(np.clip(1.0 - fit.left / spread, 0.3, 0.99))
+    return [mistake(name, JITTERED, evidence, sure, {"jittered": held})]
 
 
 def _resting(pair: Pair) -> Vector:

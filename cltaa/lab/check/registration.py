@@ -216,6 +216,10 @@ class Pair:
         py = self.y + 0.5 + self.frame.jitter_px[1] - self.frame.height / 2
         return apply_displacement(moved, px, py, self.inverse_depth if inverse_depth is None else inverse_depth)
 
+    def motion_under(self, change: Callable[[Camera], Camera], scale: float = 1.0) -> Vector:
+        """``camera_motion`` with both cameras changed so, and depth ``scale`` times what it says."""
+        return self.camera_motion(change(self.frame.camera), change(self.previous.camera), self.inverse_depth / scale)
+
     def declared_motion(self) -> Vector:
         """Motion [2, n]: the channel where it holds a vector, else what cameras and depth give."""
         return np.where(np.isfinite(self.own), self.own, self.camera_motion())
@@ -244,6 +248,7 @@ class Shot:
     has_depth: bool = True
     has_jitter: bool = True
     pairs: list[Pair] = field(default_factory=list)
+    shifts: tuple[list[Fit | None], bool] | None = None  # once they were measured
 
     def __post_init__(self) -> None:
         """Prepare the pairs; a cut or a gap parts two frames."""
@@ -307,14 +312,12 @@ LARGEST_RESIDUAL = 0.6  # above it the pictures do not match and a shift means n
 
 def measure_shifts(shot: Shot) -> tuple[list[Fit | None], bool]:
     """The shift that jitter gave the picture, for each pair, and whether it was measured without the motion channel."""
-    anchors = [_anchor(pair) for pair in shot.pairs]
-    anchored = shot.has_camera and bool(anchors) and all(anchor.sum() >= LEAST_ANCHORS for anchor in anchors)
-    masks = anchors if anchored else [pair.usable for pair in shot.pairs]
-    return [_shift(pair, mask, anchored) for pair, mask in zip(shot.pairs, masks, strict=True)], anchored
-
-
-def _anchor(pair: Pair) -> Mask:
-    return pair.usable & ~pair.moving
+    if shot.shifts is None:
+        anchors = [pair.usable & ~pair.moving for pair in shot.pairs]
+        anchored = shot.has_camera and bool(anchors) and all(anchor.sum() >= LEAST_ANCHORS for anchor in anchors)
+        masks = anchors if anchored else [pair.usable for pair in shot.pairs]
+        shot.shifts = [_shift(pair, mask, anchored) for pair, mask in zip(shot.pairs, masks, strict=True)], anchored
+    return shot.shifts
 
 
 def _shift(pair: Pair, there: Mask, anchored: bool) -> Fit | None:

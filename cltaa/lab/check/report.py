@@ -34,7 +34,7 @@ from cltaa.lab.check.camera import (
 )
 from cltaa.lab.check.colour import check_channels, check_colour, check_exposure
 from cltaa.lab.check.depth import AS_DECLARED, check_depth, check_depth_scale, tell_device
-from cltaa.lab.check.hypotheses import ASKED, DOUBTFUL, Finding
+from cltaa.lab.check.hypotheses import ASKED, DOUBTFUL, Finding, mistake
 from cltaa.lab.check.jitter import check_jitter
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
 from cltaa.lab.check.registration import Shot, measure_shifts
@@ -45,11 +45,7 @@ from cltaa.progress import track
 
 def unreadable(wrong: Problems) -> list[Finding]:
     """Findings about files that cannot be read, one for each thing that is ``wrong``."""
-    evidence = "left out of all else that is found"
-    return [
-        Finding(name="file-unreadable", mistake=True, confidence=0.99, what=line, evidence=evidence)
-        for line in wrong.lines
-    ]
+    return [mistake("file-unreadable", line, "left out of all else that is found", 0.99) for line in wrong.lines]
 
 
 def check_files(intake: Intake) -> list[Finding]:
@@ -57,8 +53,7 @@ def check_files(intake: Intake) -> list[Finding]:
     found = []
     if intake.missing:
         what = f"frames are missing: {ranges(intake.missing)}; render them again, or cltaa resolve --gaps reset"
-        evidence = "the files' names"
-        found.append(Finding(name="frames-missing", mistake=True, confidence=0.99, what=what, evidence=evidence))
+        found.append(mistake("frames-missing", what, "the files' names", 0.99))
     for role in ("depth", "motion"):
         places = intake.roles.get(role, ())
         for label in {place.files for place in places}:
@@ -67,7 +62,7 @@ def check_files(intake: Intake) -> list[Finding]:
             if lossy := sorted(codecs - LOSSLESS):
                 what = f"compression {', '.join(lossy)} loses precision that {role} needs"
                 evidence = f"{role} {written(place.channel for place in places)} in {counted(len(files), 'file')}"
-                found.append(Finding(name="file-lossy", mistake=True, confidence=0.99, what=what, evidence=evidence))
+                found.append(mistake("file-lossy", what, evidence, 0.99))
         types = {intake.first[place.files].channels[place.channel] for place in places}
         if "half" in types:
             what = f"{role} is half precision: 11 bits, wrong by up to 1/2048 of its size"
@@ -98,7 +93,7 @@ def check_frames(
     A later check rests on an earlier one, so where the matrices or the depth are wrong the rest is looked at only as
     far as it does not need them.
     """
-    found = check_channels(frames, has_camera=has_camera, has_depth=has_depth)
+    found = [*check_channels(frames, has_camera=has_camera, has_depth=has_depth)]
     found += check_colour(frames) + check_exposure(frames)
     if has_camera:
         structure, mend = check_structure(frames)
@@ -234,7 +229,7 @@ def check_folder(
     base, findings = load_profile(name), list[Finding]()
     for _ in range(ROUNDS):
         known = {finding.name for finding in findings}
-        seen, shot = _look(intake, place.folder, count, wrong)
+        seen, frames_read, told = _look(intake, place.folder, count, wrong)
         found = [finding for finding in seen if finding.name not in known]
         findings += [_with_option(finding, intake.profile) for finding in found]
         mended = intake.profile
@@ -248,10 +243,10 @@ def check_folder(
     options = f"{profile_options(name, side_file, step)} {option_text(changes)}".strip()
     report = Report(
         folder=str(place),
-        frames=len(shot.frames),
+        frames=len(frames_read),
         reading=[*intake_lines(first)],
         findings=unreadable(wrong) + findings,
-        untold=untold(shot),
+        untold=untold(Shot(frames_read, **told)),
         options=options,
         profile=msgspec.to_builtins(mended),
     )
@@ -290,10 +285,12 @@ def _wrong_with(intake: Intake, damaged: Iterable[Damaged], frames: FrameRange |
     return wrong
 
 
-def _look(intake: Intake, folder: Path, count: int | None, wrong: Problems) -> tuple[list[Finding], Shot]:
-    """What files and pixels say under one reading, and the frames so read; those that cannot be are ``wrong``.
+def _look(
+    intake: Intake, folder: Path, count: int | None, wrong: Problems
+) -> tuple[list[Finding], list[Frame], dict[str, Any]]:
+    """What files and pixels say under one reading, the frames so read, and what else a Shot of them is told.
 
-    Raises DataError where none can be.
+    Those that cannot be read are ``wrong``. Raises DataError where none can be.
     """
     numbers = sorted(intake.declared)[:count]
     sequence = ForeignSequence(folder, intake, numbers, strict=False)
@@ -307,25 +304,17 @@ def _look(intake: Intake, folder: Path, count: int | None, wrong: Problems) -> t
             failed.append(error)
     if not read:
         raise failed[0]
-    known = Shot(
-        read,
-        sequence.layouts[numbers[0]].display_size,
-        has_depth="depth" in intake.roles,
-        has_camera=intake.has_camera,
-        has_jitter=intake.has_jitter,
-    )
-    found = check_frames(
-        read,
-        known.window,
-        has_depth=known.has_depth,
-        has_camera=known.has_camera,
-        has_jitter=known.has_jitter,
-        depth=intake.profile.depth,
-    )
+    told: dict[str, Any] = {
+        "window": sequence.layouts[numbers[0]].display_size,
+        "has_depth": "depth" in intake.roles,
+        "has_camera": intake.has_camera,
+        "has_jitter": intake.has_jitter,
+    }
+    found = check_frames(read, **told, depth=intake.profile.depth)
     if all(is_opaque(frame.alpha) for frame in read):
         evidence = counted(len(read), "frame")
         found.append(Finding(name="alpha-opaque", mistake=False, confidence=0.99, what=OPAQUE, evidence=evidence))
-    return check_files(intake) + found, known
+    return check_files(intake) + found, read, told
 
 
 def _with_option(finding: Finding, profile: Profile) -> Finding:

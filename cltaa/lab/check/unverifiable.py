@@ -20,6 +20,7 @@ from cltaa.lab.check.camera import (
     camera_residual,
     middle_length,
     moving_pairs,
+    residuals,
     tells_map,
 )
 from cltaa.lab.check.depth import tells_kind
@@ -74,9 +75,7 @@ def _camera(shot: Shot) -> Iterator[str]:
         return
     hidden = []
     for name, what in WHAT.items():
-        change = MEANINGS[name].change
-        wrong = [pair.camera_motion(change(pair.frame.camera), change(pair.previous.camera)) for pair in pairs]
-        if not _shows(pairs, wrong):
+        if not _shows(pairs, [pair.motion_under(MEANINGS[name].change) for pair in pairs]):
             hidden.append(what)
     both = [(one, two) for one, two in zip(shot.pairs[1:], shot.pairs, strict=False) if _moves(one) or _moves(two)]
     late = [one.camera_motion(two.frame.camera, two.previous.camera) for one, two in both]
@@ -100,7 +99,7 @@ def _shows(pairs: Sequence[Pair], wrong: Sequence[Vector]) -> bool:
     if all(_far(pair, motion) for pair, motion in zip(pairs, wrong, strict=True)):
         return True  # from the vectors that fill the picture
     chosen = slice(None, None, max(1, len(pairs) // MOST_PAIRS))
-    right = [camera_residual(pair, pair.camera_motion()) for pair in pairs[chosen]]
+    right = residuals(pairs[chosen])
     spoilt = [camera_residual(pair, motion) for pair, motion in zip(pairs[chosen], wrong[chosen], strict=True)]
     return bool(np.mean(right) <= CLEARLY_BETTER * np.mean(spoilt))
 

@@ -27,6 +27,7 @@ from cltaa.pipeline.run import band_rows_for, has_bands, of_whole
 
 ROUNDS = 9  # of timing, each of which runs every variant once
 PLANNED, EVERY = "as planned", "every step"
+CHANNELS = ("own_motion", "alpha", "reactive")  # the steps that read one
 
 Effects = frozenset[Effect] | Literal["auto", "all"]
 
@@ -199,7 +200,11 @@ def _time(
     every = resolver.plan
     assert every is not None
     variants = {PLANNED: planned, EVERY: every}
-    variants |= {step.name: toggled(planned, resolver.preset, step.name) for step in section.steps}
+    for step in section.steps:
+        variant = toggled(planned, resolver.preset, step.name)
+        # A channel that the preset never reads has no plane on the device: what its step would take is not known.
+        if all(getattr(every.steps, name) or not getattr(variant.steps, name) for name in CHANNELS):
+            variants[step.name] = variant
 
     def run(variant: Plan) -> Callable[[], None]:
         def once() -> None:
@@ -213,6 +218,8 @@ def _time(
     section.milliseconds = _milliseconds(samples, PLANNED)
     section.every_milliseconds = _milliseconds(samples, EVERY)
     for step in section.steps:
+        if step.name not in variants:
+            continue
         # The median of the paired differences, so that a load that comes and goes cancels.
         pairs = samples.seconds(step.name) - samples.seconds(PLANNED)
         step.milliseconds = float(np.median(-pairs if step.on else pairs)) * 1e3

@@ -254,3 +254,23 @@ def mean(frames: Iterable[Mapping[str, float]]) -> dict[str, float]:
         else:
             result[name] = math.fsum(values) / len(values)
     return result
+
+
+CVVDP_DISPLAY = "standard_fhd"  # 24 inch, 1920 x 1080, seen from 60 cm
+CVVDP_TITLE = f"ColorVideoVDP in JOD on {CVVDP_DISPLAY}: 10 is indistinguishable, one less is seen by 3 of 4"
+
+
+def import_cvvdp() -> Any:
+    """Import pycvvdp; raises UsageError that says what to install."""
+    return import_extra("pycvvdp", package="cvvdp", extra="vdp", purpose="--cvvdp")
+
+
+def jod(test: Sequence[Image], reference: Sequence[Image], rate: float, stops: float = 0.0) -> float:
+    """ColorVideoVDP (Mantiuk et al. 2024) of a film against its truth at ``rate`` frames a second, in JOD.
+
+    All frames are in memory at once. Raises UsageError without the extra ``vdp``.
+    """
+    films = [np.stack([to_display(image[..., :3], stops) for image in images]) for images in (test, reference)]
+    metric = import_cvvdp().cvvdp(display_name=CVVDP_DISPLAY, quiet=True)
+    found, _ = metric.predict(*(film.astype(np.float32) for film in films), dim_order="FHWC", frames_per_second=rate)
+    return float(found)

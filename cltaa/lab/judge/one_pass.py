@@ -16,9 +16,10 @@ from cltaa.io.names import name_of, number_of
 from cltaa.io.numbered import ranges
 from cltaa.io.sequence import FrameSequence, ImageSequence
 from cltaa.io.streams import ReadAhead, Task
-from cltaa.lab.judge.comparison import Comparison
+from cltaa.lab.judge.comparison import Comparison, truth_samples
+from cltaa.lab.judge.equal_quality import equal_quality
 from cltaa.lab.judge.metrics import METRICS, Metric, finite, flip_map, mean, measure
-from cltaa.lab.judge.video_scores import Sums, VideoScores
+from cltaa.lab.judge.video_scores import SCORES, Sums, VideoScores
 from cltaa.printable import printable
 from cltaa.progress import track
 
@@ -221,3 +222,41 @@ def _read_sample(capture: FrameSequence, number: int, part: Part) -> _Picture:
     frame = capture.frame(number)
     alpha = None if frame.alpha is None else finite(frame.alpha[part])
     return _Picture(finite(frame.colour[part]), capture.path(number), frame, alpha)
+
+
+def summary_of(comparison: Comparison, judged: Judged, found: Found, metrics: tuple[Metric, ...]) -> dict[str, Any]:
+    """What is said of one test; the single samples stand beside it unless it is they."""
+    single = None if comparison.of_itself else found.one_sample
+    rows = [
+        {"frame": number, "metrics": values}
+        for number, values in zip(comparison.test.numbers, judged.metrics, strict=True)
+    ]
+    result: dict[str, Any] = {
+        "definitions": {metric.name: metric.title for metric in metrics},
+        "mean": mean(judged.metrics),
+        "frames": rows,
+    }
+    if single is not None:
+        _add(rows, "one_sample", single.metrics)
+        result["mean_one_sample"] = mean(single.metrics)
+        mse, one_sample_mse = (result[name]["mse"] for name in ("mean", "mean_one_sample"))
+        if one_sample_mse > 0:  # a picture that one sample gets right has no such number
+            equal = equal_quality(mse, one_sample_mse, found.yardsticks, truth_samples(comparison.reference))
+            result["equal_quality_samples"] = equal._asdict()
+    if judged.alpha:
+        _add(rows, "alpha", judged.alpha)
+        result["alpha"] = alpha_of(judged)
+        if single is not None and single.alpha:
+            result["alpha_one_sample"] = alpha_of(single)
+    if judged.total is not None:
+        _add(rows, "video", judged.video)
+        result["definitions"] |= {score.name: score.title for score in SCORES}
+        result["video"] = judged.total.scores()
+        if single is not None and single.total is not None:
+            result["video_one_sample"] = single.total.scores()
+    return result
+
+
+def _add(rows: list[dict[str, Any]], name: str, values: list[dict[str, float]]) -> None:
+    for row, value in zip(rows, values, strict=True):
+        row[name] = value

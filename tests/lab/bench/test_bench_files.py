@@ -56,7 +56,7 @@ def test_nothing_is_deleted_within_a_time(tmp_path: Path, monkeypatch: pytest.Mo
 def test_nonsense_is_refused_before_anything_is_timed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str, value: str, code: int
 ) -> None:
-    monkeypatch.setattr("cltaa.commands.bench_files.bench_files", lambda *_, **__: pytest.fail("it timed"))
+    monkeypatch.setattr("cltaa.commands.bench_times.bench_files", lambda *_, **__: pytest.fail("it timed"))
     assert main(["bench", "files", str(write_sequence(tmp_path, 1)), option, value]) == code
 
 
@@ -128,7 +128,7 @@ def test_what_is_printed_are_the_numbers_that_were_found(
         packings=packings,
         stages=stages,
     )
-    monkeypatch.setattr("cltaa.commands.bench_files.bench_files", lambda *_, **__: found)
+    monkeypatch.setattr("cltaa.commands.bench_times.bench_files", lambda *_, **__: found)
     assert main(["bench", "files", str(write_sequence(tmp_path, 1))]) == 0
     said = capsys.readouterr().out
     rows = [[cell.strip() for cell in re.split("[│┃]", line)[1:-1]] for line in said.splitlines()]

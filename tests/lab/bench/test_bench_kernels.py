@@ -59,21 +59,6 @@ def test_a_machine_without_the_shader_is_told_so() -> None:
     assert "oracle" not in done.stdout
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "said"),
-    [
-        (("--size", "12"), 2, "not WIDTHxHEIGHT"),
-        (("--size", "40x16"), 64, "at least 17x17, found 40x16"),
-        (("--device", "numpy"), 64, "OpenCL"),
-        (("--rounds", "1"), 2, "x>=3"),
-    ],
-)
-def test_wrong_use_is_one_line(arguments: tuple[str, ...], code: int, said: str) -> None:
-    done = run(*arguments)
-    assert done.returncode == code
-    assert said in done.stderr.splitlines()[-1]
-
-
 def test_motion_is_what_it_says() -> None:
     now, before = (camera_at(index, Motion.UNIFORM, 64, 36) for index in (1, 0))
     uniform = displacement(now, before, 64, 36).rows

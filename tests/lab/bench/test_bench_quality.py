@@ -33,26 +33,7 @@ from tests.lab.bench.quality_cells import scores
 from tests.sequence_factory import make_frame, write_images, write_sequence
 
 NUMPY = NumpyLauncher()
-SMALL = [
-    "--scene",
-    "occluder",
-    "--size",
-    "64x36",
-    "--frames",
-    "5",
-    "--samples",
-    "4",
-    "--settled",
-    "1",
-    "--held-out",
-    "",
-    "--preset",
-    "default",
-    "--device",
-    "numpy",
-    "--jitter",
-    "r2:5",
-]
+SMALL = "--scene occluder --size 64x36 --frames 4 --samples 4 --settled 1 --held-out , --preset default --jitter r2:5"
 
 
 def test_presets_that_look_ahead_are_judged_on_the_frame_that_they_resolved() -> None:
@@ -72,7 +53,8 @@ def test_a_run_captures_judges_and_goes_on(
 ) -> None:
     page = tmp_path / "page.md"
     page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", encoding="utf-8")
-    arguments = ["bench", "quality", *SMALL, "--work", str(tmp_path / "work"), "--page", str(page)]
+    arguments = ["bench", "quality", *SMALL.split(), "--device", "numpy", "--work", str(tmp_path / "work")]
+    arguments += ["--page", str(page)]
     assert main([*arguments, "--pictures", str(tmp_path / "pictures"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     (row,) = found["rows"]

@@ -11,7 +11,6 @@ import pytest
 from cltaa.cli import main
 from cltaa.core.backend import launcher_for
 from cltaa.core.build import Storage
-from cltaa.core.parameters import Dilation
 from cltaa.core.presets import load_preset
 from cltaa.errors import DataError, UsageError
 from cltaa.lab.bench.accuracy.budget import Candidate, Remembered, choose, path_for, remember
@@ -88,13 +87,14 @@ def test_resolve_takes_it_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_a_measurement_is_remembered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path_for(launcher_for(None).description).unlink(missing_ok=True)  # of another test, and perhaps larger
     sequence = write_sequence(tmp_path / "seq", 3, reference=True)
-    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "report"), "--only", "build,dilation"]
+    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "report"), "--pixels", "1"]
+    arguments += ["--pictured", "0"]
+    arguments += ["--variant", "build: strict", "--variant", "dilation: closest"]
     arguments += ["--preset", "basic"]  # whose kernels are built soonest
     assert main([*arguments, "--rounds", "3", "--patience", "0", "--rounding-frames", "0", "--metrics", "mse"]) == 0
     capsys.readouterr()
     remembered = msgspec.json.decode(path_for(launcher_for(None).description).read_bytes(), type=Remembered)
-    others = [f"dilation: {word}" for word in Dilation if word is not Dilation.NONE]
-    assert [row.variant.name for row in remembered.candidates] == ["basic", *others]
+    assert [row.variant.name for row in remembered.candidates] == ["basic", "dilation: closest"]
     assert remembered.candidates[0].error == 1.0
     assert remembered.sequences == ["seq"]
 
@@ -164,17 +164,8 @@ def test_a_measurement_by_a_score_alone_is_told_and_not_kept(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sequence = write_sequence(tmp_path / "seq", 3, reference=True)
-    arguments = [
-        "bench",
-        "accuracy",
-        str(sequence),
-        "-o",
-        str(tmp_path / "report"),
-        "--variant",
-        "basic",
-        "--preset",
-        "basic",
-    ]
+    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "report"), "--variant", "basic"]
+    arguments += ["--preset", "basic", "--pixels", "1", "--pictured", "0"]
     kept = path_for(launcher_for(None).description)
     before = kept.read_bytes() if kept.exists() else b""
     assert main([*arguments, "--rounds", "3", "--patience", "0", "--rounding-frames", "0", "--metrics", "psnr"]) == 0

@@ -7,6 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from cltaa.errors import UsageError
+from cltaa.lab.bench.accuracy.tasks import run_all
+from tests.lab.bench.accuracy_tasks import task
 from tests.sequence_factory import write_sequence
 
 TASKS = 12
@@ -53,11 +58,8 @@ def test_a_killed_worker_loses_nothing(tmp_path: Path) -> None:
     assert (result["done"], result["found"], result["same"]) == (TASKS, TASKS, True)
 
 
-def test_no_scheduler_is_one_line(tmp_path: Path) -> None:
-    sequence = write_sequence(tmp_path / "seq", 1, reference=True)
-    command = [sys.executable, "-m", "cltaa.cli", "bench", "accuracy", str(sequence), "-o", str(tmp_path / "out")]
-    done = subprocess.run(
-        [*command, "--dask", "tcp://127.0.0.1:9"], capture_output=True, text=True, check=False, timeout=300
-    )
-    assert done.returncode == 64
-    assert "no Dask scheduler answers at tcp://127.0.0.1:9" in done.stderr.splitlines()[-1]
+def test_no_scheduler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cltaa.lab.bench.accuracy.tasks.DASK_PATIENCE", "0.2s")
+    waiting = [task(write_sequence(tmp_path / "seq", 1, reference=True))]
+    with pytest.raises(UsageError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
+        list(run_all(waiting, tmp_path, dask="tcp://127.0.0.1:9"))

@@ -22,7 +22,7 @@ from cltaa.lab.bench.accuracy.variants import run_task, yardstick_errors
 from cltaa.lab.bench.quality.cases import REDRAWN
 from cltaa.lab.bench.quality.judge import Cells, Judged
 from cltaa.lab.timing import timed_numbers
-from cltaa.lab.tune.record import key_of
+from cltaa.lab.tune import key_of
 from tests.inputs.foreign import frames, side_text, write_blender, write_own
 from tests.sequence_factory import write_sequence
 
@@ -57,19 +57,8 @@ def with_truth(write: Any, folder: Path, made: list[Frame]) -> Path:
 
 
 def judged(capsys: pytest.CaptureFixture[str], folder: Path, work: Path, *options: str) -> Any:
-    arguments = [
-        "bench",
-        "quality",
-        "--sequence",
-        str(folder),
-        "--preset",
-        "fast",
-        "--settled",
-        "1",
-        "--work",
-        str(work),
-    ]
-    assert main([*arguments, "--device", "numpy", "--json", *options]) == 0
+    arguments = ["bench", "quality", "--sequence", str(folder), "--preset", "fast", "--settled", "1"]
+    assert main([*arguments, "--work", str(work), "--device", "numpy", "--json", *options]) == 0
     said = capsys.readouterr()
     return json.loads(said.out), said.err
 
@@ -217,7 +206,10 @@ def test_frames_that_were_drawn_again_are_complete(
     )
 
 
-def test_tune_reads_by_a_profile(shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tune_reads_by_a_profile(
+    shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cltaa.lab.tune.LADDER", ("fast",))  # the others take long on NumPy
     arguments = ["tune", str(shot), "--budget", "9999ms", "--trials", "2", "--device", "numpy", "--preset", "fast"]
     arguments += ["--camera", str(shot / "camera.txt"), "-o", str(tmp_path / "t.toml"), "--json"]
     assert main(arguments) == 0
@@ -238,7 +230,8 @@ def test_what_cannot_be_read_is_told_as_resolve_tells_it(
         (["--input", "motion.channels=u v"], 64, "--input motion.channels=u v: no such channels"),
         ([], 66, "no truth to measure against"),
     ):
-        assert main(["resolve", str(folder), "-o", str(tmp_path / "out"), *options]) == (code if options else 0)
+        resolve = ["resolve", str(folder), "-o", str(tmp_path / "out"), "--device", "numpy", *options]
+        assert main(resolve) == (code if options else 0)
         expected = capsys.readouterr().err.splitlines()[-1]
         assert main(["bench", *command, str(folder), *work, *options]) == code
         said = capsys.readouterr().err.splitlines()[-1]
@@ -246,20 +239,12 @@ def test_what_cannot_be_read_is_told_as_resolve_tells_it(
         assert said == expected or not options
 
 
-def test_accuracy_in_words_and_pictures(shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = [
-        "bench",
-        "accuracy",
-        str(shot),
-        "-o",
-        str(tmp_path),
-        "--variant",
-        "basic",
-        "--preset",
-        "fast",
-        "--rounds",
-        "3",
-    ]
+def test_accuracy_in_words_and_pictures(
+    shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cltaa.lab.bench.accuracy.figures.FORMATS", ("svg",))
+    arguments = ["bench", "accuracy", str(shot), "-o", str(tmp_path), "--variant", "basic", "--preset", "fast"]
+    arguments += ["--rounds", "3"]
     arguments += ["--patience", "0", "--pixels", "1", "--rounding-frames", "1", "--camera", str(shot / "camera.txt")]
     assert main(arguments) == 0
     assert "        all │" in capsys.readouterr().out  # bits right: a first frame is not rounded

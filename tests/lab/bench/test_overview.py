@@ -22,6 +22,12 @@ from cltaa.lab.timing import Interval
 VARIANTS = ladder(load_preset())[:3]
 
 
+@pytest.fixture
+def svg_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each figure once."""
+    monkeypatch.setattr("cltaa.lab.bench.accuracy.figures.FORMATS", ("svg",))
+
+
 def at(value: float) -> Interval:
     return Interval(median=value, low=0.99 * value, high=1.01 * value)
 
@@ -108,11 +114,12 @@ def test_a_sequence_without_error_counts_for_nothing() -> None:
 
 def test_the_figure_is_drawn_for_several_sequences_alone(tmp_path: Path) -> None:
     one, two = sequence("one", (1.0, 4.0, 0.5)), sequence("two", (0.0, 2.0, 1.0))
-    assert "overview.png" not in {path.name for path in write_plots(accuracy(one), tmp_path)}
-    assert {"overview.png", "overview.svg"} <= {path.name for path in write_plots(accuracy(one, two), tmp_path)}
+    assert not list(write_plots(accuracy(one), tmp_path, 0))
+    assert [path.name for path in write_plots(accuracy(one, two), tmp_path, 0)] == ["overview.svg", "overview.png"]
     assert (tmp_path / "overview.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.usefixtures("svg_alone")
 @pytest.mark.parametrize("metric", ["mse", "psnr"])
 @pytest.mark.parametrize("wrong", [0, 1, 3])
 def test_what_errs_nowhere_has_no_place_on_a_plot(tmp_path: Path, metric: str, wrong: int) -> None:
@@ -124,28 +131,27 @@ def test_what_errs_nowhere_has_no_place_on_a_plot(tmp_path: Path, metric: str, w
         for place, cell in enumerate(one.cells)
     ]
     result = msgspec.structs.replace(accuracy(msgspec.structs.replace(one, cells=cells)), metrics=[metric])
-    assert len(list(write_plots(result, tmp_path))) == 4
+    assert len(list(write_plots(result, tmp_path))) == 2
     figure = front_figure(pyplot, result.sequences[0], metric, 0.1)
     assert len(figure.axes[0].containers) == wrong
     pyplot.close(figure)
 
 
+@pytest.mark.usefixtures("svg_alone")
 def test_a_report_keeps_nothing_of_the_one_before(tmp_path: Path) -> None:
     one, two = sequence("one", (1.0, 4.0, 0.5)), sequence("two", (0.0, 2.0, 1.0))
+    (tmp_path / "index.html").touch()
+    write_report(accuracy(one), tmp_path)
+    assert (tmp_path / "index.html").exists()  # a page that no report left
     write_report(accuracy(one, two), tmp_path, pages={"index.html": "one, two"})
     assert (tmp_path / "overview.md").is_file()
     (tmp_path / "notes.md").touch()
     write_report(accuracy(two), tmp_path)
-    names = {f"{kind}-two.{suffix}" for kind in ("front", "steps") for suffix in ("png", "svg")}
+    names = {"front-two.svg", "steps-two.svg"}
     assert {path.name for path in tmp_path.iterdir()} == names | {"accuracy.json", "accuracy.csv", "notes.md"}
 
 
-def test_a_page_that_no_report_left_is_kept(tmp_path: Path) -> None:
-    (tmp_path / "index.html").touch()
-    write_report(accuracy(sequence("one", (1.0, 4.0, 0.5))), tmp_path)
-    assert (tmp_path / "index.html").exists()
-
-
+@pytest.mark.usefixtures("svg_alone")
 def test_reports_of_one_device_become_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     one, two = accuracy(sequence("one", (1.0, 4.0, 0.5))), accuracy(sequence("two", (2.0, 2.0, 1.0)))
     folders = [report(tmp_path / name, result) for name, result in (("a", one), ("b", two))]
@@ -154,7 +160,7 @@ def test_reports_of_one_device_become_one(tmp_path: Path, capsys: pytest.Capture
     assert text == table(accuracy(*one.sequences, *two.sequences), ["mse"])
     assert text == (tmp_path / "both" / "overview.md").read_text()
     assert [measured.name for measured in read_report(tmp_path / "both").sequences] == ["one", "two"]
-    assert {"overview.png", "accuracy.csv", "front-two.svg"} <= {path.name for path in (tmp_path / "both").iterdir()}
+    assert {"overview.svg", "accuracy.csv", "front-two.svg"} <= {path.name for path in (tmp_path / "both").iterdir()}
     assert main(["bench", "overview", *folders, "-o", str(tmp_path / "few"), "--pictured", "1"]) == 0
     fronts = {path.name for path in (tmp_path / "few").glob("front-*.svg")}
     assert fronts == {"front-one.svg"}

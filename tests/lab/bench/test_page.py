@@ -7,12 +7,9 @@ from pathlib import Path
 
 import msgspec
 
-from cltaa.commands.bench_accuracy import chosen_variants
-from cltaa.core.presets import load_preset
-from cltaa.lab.bench.accuracy.html_page import page
 from cltaa.lab.bench.accuracy.measurement import tasks_of
+from cltaa.lab.bench.accuracy.report import page
 from cltaa.lab.bench.accuracy.results import Accuracy
-from tests.lab.bench.tiny_report import PRESET
 
 
 def test_only_as_many_sequences_as_asked_for_have_frames_in_it(report: Path) -> None:
@@ -39,11 +36,9 @@ def test_it_asks_nothing_of_the_network(report: Path) -> None:
 
 def test_no_name_can_end_the_script(report: Path) -> None:
     result = msgspec.json.decode((report / "accuracy.json").read_bytes(), type=Accuracy)
-    folder = report.parent / "seq"
     nasty = "<!--<script></script><script>window.broken = 1</script>"
     measured = msgspec.structs.replace(result.sequences[0], effects=nasty)
-    variants = chosen_variants(load_preset(PRESET), ("arithmetic", "build"), full=False)
-    tasks = tasks_of([folder], variants, None, ("mse", "flip"), 2)
+    tasks = tasks_of([report.parent / "seq"], result.variants, None, ("mse", "flip"), 2)
     text = page(msgspec.structs.replace(result, sequences=[measured]), tasks, report)
     assert text.count("</script") == 2
     assert r"\u003c!--\u003cscript>\u003c/script>" in text

@@ -29,9 +29,9 @@ def built(launcher: DeviceLauncher) -> set[Program]:
     return {Program(kernel=kernel, build=build) for kernel, build in launcher._kernels}
 
 
-@pytest.mark.parametrize("one_size", [False, True])
+@pytest.mark.parametrize(("one_size", "presets"), [(False, ["accumulate"]), (True, ["accumulate", "gather-48"])])
 def test_what_is_built_first_is_all_that_is_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one_size: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one_size: bool, presets: list[str]
 ) -> None:
     shape = Shape(lanes=1, rows=5, group=(8, 1), one_size=one_size)
     monkeypatch.setattr(Device, "shape", property(lambda _: shape))
@@ -42,7 +42,7 @@ def test_what_is_built_first_is_all_that_is_run(
             number, camera=camera, effects=frozenset(), motion=one_size, alpha=one_size, reactive=one_size
         )
         write_frame(folder / f"synthetic.{number:04d}.exr", frame)
-    every = [task(folder, choices=load_preset(name).choices) for name in ("accumulate", "gather-48")]
+    every = [task(folder, choices=load_preset(name).choices) for name in presets]
     planned = programs_of(every, DeviceLauncher(None), 3000)
     run = set[Program]()
     for each in every:
@@ -81,25 +81,25 @@ def test_a_program_of_many_sequences_is_built_once(
 @pytest.mark.parametrize("preset", ["gather-8", "gather-48"])
 def test_what_is_timed_gathers_from_as_many_frames_as_it_keeps(preset: str) -> None:
     few = override(load_preset(preset), {"history_frames": 3})
-    *_, frame, last = hard_frames(count=5)
-    _, image = resolve_job("job", Resolver(few), [frame, last])
-    resolver = Resolver(few)
+    *_, frame, last = hard_frames(24, 14, count=5)
+    _, image = resolve_job("job", Resolver(few, "numpy"), [frame, last])
+    resolver = Resolver(few, "numpy")
     for ago in (3, 2, 1, 0):
         resolver.resolve(dataclasses.replace(frame, index=frame.index - ago))
     assert (bits(image) == bits(resolver.resolve(last))).all()
-    fresh = Resolver(few)
+    fresh = Resolver(few, "numpy")
     fresh.resolve(frame)
     assert (bits(image) != bits(fresh.resolve(last))).any()
 
 
 def test_what_is_timed_looks_as_far_ahead_as_it_does() -> None:
     few = override(load_preset("gather-8+8"), {"history_frames": 2, "look_ahead": 2})
-    *_, frame, last = hard_frames(count=5)
-    resolver = Resolver(few)
+    *_, frame, last = hard_frames(24, 14, count=5)
+    resolver = Resolver(few, "numpy")
     job, image = resolve_job("job", resolver, [frame, last])
     before = [dataclasses.replace(frame, index=frame.index - ago) for ago in (2, 1)]
     ahead = [dataclasses.replace(last, index=last.index + later) for later in (1, 2)]
-    expected = [*Resolver(few).images([*before, frame, last, *ahead])][3]
+    expected = [*Resolver(few, "numpy").images([*before, frame, last, *ahead])][3]
     assert (bits(image) == bits(expected)).all()
     job.run()
     assert resolver.last is not None

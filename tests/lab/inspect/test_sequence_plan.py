@@ -11,7 +11,7 @@ from msgspec.structs import asdict
 
 import cltaa
 from cltaa.cli import main
-from cltaa.core.parameters import Illumination
+from cltaa.core.parameters import Illumination, ReactiveMask, Reproject
 from cltaa.core.plan import CHOICE_OF_STEP, LIGHT, STEP_NAMES, plan_frame, toggled
 from cltaa.core.presets import load_preset
 from cltaa.frame import Effect
@@ -145,6 +145,15 @@ def test_every_step_is_timed_on_and_off(walk: Path) -> None:
     )
     assert first == third
     assert first != second
+
+
+@pytest.mark.parametrize("preset", ["accumulate", "vireo-source"])
+def test_a_step_of_a_channel_that_a_preset_never_reads_is_not_timed(walk: Path, preset: str) -> None:
+    section = cltaa.plan(cltaa.open(walk), preset, device="numpy", rounds=1).sections[0]
+    reads = load_preset(preset).choices
+    without = {"own motion"} if reads.reproject is not Reproject.FULL else set()
+    without |= {"reactive"} if reads.reactive_mask is ReactiveMask.IGNORE else set()
+    assert {step.name for step in section.steps if step.milliseconds is None} == without != set()
 
 
 def test_the_command_line(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -152,14 +152,8 @@ def test_video_scores_are_those_of_the_functions(
 
 def test_bad_input(capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path) -> None:
     assert "no folder reference/" in refusal(capsys, 64, resolved)
-    assert "unknown metric lpips; known metrics: mse," in refusal(capsys, 64, resolved, capture, "--metrics", "lpips")
-    assert "'2..3' is no range of frames" in refusal(capsys, 2, resolved, capture, "--frames", "2..3")
-    assert "no such frame" in refusal(capsys, 64, resolved, capture, "--frames", "2-9")
-    assert "folder is missing" in refusal(capsys, 66, tmp_path / "nowhere", capture)
     truth = capture / "reference"
     assert "--video needs the capture" in refusal(capsys, 64, resolved, truth, "--video")
-    (tmp_path / "file").touch()
-    assert "cannot be created" in refusal(capsys, 73, resolved, capture, "--heatmap", tmp_path / "file" / "x")
     short = write_images(tmp_path / "short", [make_frame().colour] * 2, name="synthetic")
     assert "frame 2: no reference for this frame" in refusal(capsys, 66, resolved, short)
     assert main(["compare", str(resolved), str(short), "--frames", "0-1", "--metrics", "mse"]) == 0

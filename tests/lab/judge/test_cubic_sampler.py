@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from cltaa.lab.judge.cubic_sampler import CubicSampler
+from cltaa.lab.judge.video_scores import CubicSampler
 
 HEIGHT, WIDTH = 20, 33
 # Sums of 16 products of coefficients below 4 in size: 16 * 4 * 2^-53 = 7e-15, and as much for the coefficients.

@@ -63,18 +63,7 @@ def test_compare_follows_each_frame_to_the_next(plain: Path, stepped: Path, caps
 def test_quality_is_that_of_the_same_frames(
     plain: Path, stepped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    common: tuple[str | Path, ...] = (
-        "--preset",
-        "fast",
-        "--settled",
-        "2",
-        "--flip-every",
-        str(STEP),
-        "--work",
-        tmp_path / "work",
-        "--device",
-        "numpy",
-    )
+    common = f"--preset fast --settled 2 --flip-every {STEP} --work {tmp_path / 'work'} --device numpy".split()
     expected = found(capsys, "bench", "quality", "--sequence", plain, *common)["rows"][0]["presets"]
     write_images(
         stepped / "reference", [make_frame(9).colour], name="synthetic", first=STEP + 1
@@ -83,7 +72,7 @@ def test_quality_is_that_of_the_same_frames(
     scores = row["presets"]
     for name, judged in expected.items():
         assert scores[name]["scores"] == judged["scores"]
-    assert main(["bench", "quality", "--sequence", str(stepped), *map(str, common)]) == 66
+    assert main(["bench", "quality", "--sequence", str(stepped), *common]) == 66
     assert "the frames are 7 apart: --step 7 takes each" in capsys.readouterr().err
 
 
@@ -114,39 +103,11 @@ def test_two_frames_that_belong_together_are_timed(stepped: Path) -> None:
 def test_tune_and_files_take_it(
     stepped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tuned = found(
-        capsys,
-        "tune",
-        stepped,
-        "--budget",
-        "9999ms",
-        "--trials",
-        "2",
-        "--device",
-        "numpy",
-        "--step",
-        str(STEP),
-        "-o",
-        tmp_path / "t.toml",
-    )
-    assert tuned["trials"] == 2
-    files = found(
-        capsys,
-        "bench",
-        "files",
-        stepped,
-        "--compressions",
-        "none",
-        "--threads",
-        "1",
-        "--commands",
-        "none",
-        "--rounds",
-        "3",
-        "--step",
-        str(STEP),
-    )
-    assert files["frames"] == COUNT
+    monkeypatch.setattr("cltaa.lab.tune.LADDER", ("accumulate",))  # the others take long on NumPy
+    asked = f"--budget 9999ms --trials 2 --device numpy --step {STEP} -o {tmp_path / 't.toml'}".split()
+    assert found(capsys, "tune", stepped, *asked)["trials"] == 2
+    asked = f"--compressions none --threads 1 --commands none --rounds 3 --step {STEP} --device numpy".split()
+    assert found(capsys, "bench", "files", stepped, *asked)["frames"] == COUNT
     monkeypatch.setattr(
         "cltaa.commands.bench_accuracy.run_all", lambda tasks, _: [task for task in tasks if task.open()]
     )

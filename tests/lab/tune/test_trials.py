@@ -10,7 +10,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.core.presets import LADDER, Preset
 from cltaa.errors import OutputError, StorageError
-from cltaa.lab.tune.record import Record, Trial
+from cltaa.lab.tune import Record, Trial
 from tests.sequence_factory import write_sequence
 
 OTHERS = len(LADDER) - 1  # presets that are tried as they are, beside the default, where the search begins
@@ -28,8 +28,8 @@ def test_a_search_that_was_interrupted_goes_on(
         tried.append(preset)
         return 1.0 + preset.settings.box_scale_static
 
-    monkeypatch.setattr("cltaa.lab.tune.search.Bench.error", error)
-    monkeypatch.setattr("cltaa.lab.tune.search.Bench.milliseconds", lambda *_: 1.0)
+    monkeypatch.setattr("cltaa.lab.tune.Bench.error", error)
+    monkeypatch.setattr("cltaa.lab.tune.Bench.milliseconds", lambda *_: 1.0)
     folder, output = write_sequence(tmp_path / "a", 2, reference=True), tmp_path / "t.toml"
     arguments = ["tune", str(folder), "--budget", "5ms", "--device", "numpy", "--trials", "8", "-o", str(output)]
     assert main(arguments) == 130
@@ -56,8 +56,8 @@ def test_trials_outlive_an_output_that_fails_at_the_end(tmp_path: Path, monkeypa
             output.mkdir()
         return 1.0
 
-    monkeypatch.setattr("cltaa.lab.tune.search.Bench.error", error)
-    monkeypatch.setattr("cltaa.lab.tune.search.Bench.milliseconds", lambda *_: 1.0)
+    monkeypatch.setattr("cltaa.lab.tune.Bench.error", error)
+    monkeypatch.setattr("cltaa.lab.tune.Bench.milliseconds", lambda *_: 1.0)
     folder, output = write_sequence(tmp_path / "a", 2, reference=True), tmp_path / "t.toml"
     arguments = ["tune", str(folder), "--budget", "5ms", "--device", "numpy", "--trials", "3", "-o", str(output)]
     assert main(arguments) == OutputError.exit_code

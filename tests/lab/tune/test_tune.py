@@ -17,8 +17,7 @@ from cltaa.core.backend import Launcher, launcher_for
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.errors import UsageError
 from cltaa.io.preset_file import load_config
-from cltaa.lab.tune.record import Trial
-from cltaa.lab.tune.search import Goal, Tuned, overfits, parse_goal, preset_text
+from cltaa.lab.tune import Goal, Trial, Tuned, overfits, parse_goal, preset_text
 from tests.sequence_factory import write_sequence
 
 
@@ -92,22 +91,13 @@ def test_preset_text_is_toml_that_resolve_reads(name: str, tmp_path: Path) -> No
 
 
 def test_search_finds_something_no_worse_and_checks_it_elsewhere(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("cltaa.lab.tune.LADDER", ("accumulate",))  # the others take long on NumPy
     folders = [write_sequence(tmp_path / name, 3, reference=True, seed=seed) for seed, name in enumerate("ab")]
     output = tmp_path / "tuned.toml"
-    arguments = [
-        "tune",
-        *map(str, folders),
-        "--budget",
-        "10000ms",
-        "--trials",
-        "4",
-        "-o",
-        str(output),
-        "--device",
-        "numpy",
-    ]
+    arguments = ["tune", *map(str, folders), "--budget", "10000ms", "--trials", "4", "-o", str(output)]
+    arguments += ["--device", "numpy"]
     assert main([*arguments, "--json"]) == 0
     tuned = json.loads(capsys.readouterr().out)
     assert (tuned["searched_on"], tuned["checked_on"]) == (["a"], ["b"])
@@ -141,8 +131,8 @@ def test_the_search_begins_with_the_preset_as_it_is(
         tried.append(preset)
         return float(len(tried))  # the first is the best
 
-    monkeypatch.setattr("cltaa.lab.tune.search.Bench.error", error)
-    monkeypatch.setattr("cltaa.lab.tune.search.Bench.milliseconds", lambda *_: 1.0)
+    monkeypatch.setattr("cltaa.lab.tune.Bench.error", error)
+    monkeypatch.setattr("cltaa.lab.tune.Bench.milliseconds", lambda *_: 1.0)
     folder, output = write_sequence(tmp_path / "a", 2, reference=True), tmp_path / "t.toml"
     arguments = ["tune", str(folder), "--budget", "5ms", "--preset", "basic", "--trials", "2", "--device", "numpy"]
     assert main([*arguments, "-o", str(output)]) == 0
@@ -162,8 +152,8 @@ def test_the_search_does_not_end_below_a_preset_that_fits(
 ) -> None:
     """Errors and times by name; what is tried beside presets errs by 9 in 4 ms, and a budget of 1 ms nothing keeps."""
     known = {"fast": (3.0, 4.0), "gather-8": (1.0, 8.0), "basic": (5.0, 2.0)}
-    monkeypatch.setattr("cltaa.lab.tune.search.Bench.error", lambda _, preset: known.get(preset.name, (9.0, 4.0))[0])
-    monkeypatch.setattr("cltaa.lab.tune.search.Bench.milliseconds", lambda _, p: known.get(p.name, (9.0, 4.0))[1])
+    monkeypatch.setattr("cltaa.lab.tune.Bench.error", lambda _, preset: known.get(preset.name, (9.0, 4.0))[0])
+    monkeypatch.setattr("cltaa.lab.tune.Bench.milliseconds", lambda _, p: known.get(p.name, (9.0, 4.0))[1])
     folder, output = write_sequence(tmp_path / "a", 2, reference=True), tmp_path / "t.toml"
     arguments = ["tune", str(folder), "--budget", budget, "--trials", "2", "--device", "numpy", "-o", str(output)]
     assert main(arguments) == 0

@@ -133,6 +133,7 @@ def _pixel_of(captured: FrameSequence, number: int) -> Frame:
 
 FOLDER = "tasks"
 RETRIES = 3  # of a task whose worker was lost
+DASK_PATIENCE = "10s"  # for a scheduler that does not answer
 
 Item = TypeVar("Item", Task, Program)
 
@@ -224,7 +225,7 @@ def share_processors(threads: int) -> None:
 def _on_dask(tasks: list[Task], output: Path, address: str) -> Iterator[Task]:
     distributed: Any = import_extra("distributed", package="distributed", extra="dask", purpose="--dask")
     try:
-        client = distributed.Client(address, timeout="10s")
+        client = distributed.Client(address, timeout=DASK_PATIENCE)
     except (OSError, TimeoutError, ValueError) as error:
         raise UsageError(f"no Dask scheduler answers at {address}: {error}", cure="start one: dask scheduler") from None
     with client:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -99,6 +100,7 @@ class Case(NamedTuple):
         return f"{MODEL}{Path(self.scene).name}" if self.scene.startswith(MODEL) else self.scene
 
 
+@cache
 def known_scenes() -> dict[str, frozenset[str]]:
     """Every scene that ``cltaa scenes`` lists, with its effects."""
     listed = json.loads(run_cltaa(["scenes", "--json"]))
@@ -145,24 +147,9 @@ def capture(case: Case, seed: int, shape: Shape) -> FrameSequence:
     truth = case.folder.name.rpartition("-")[2]
     other = OTHER_JITTERS[shape.jitter == OTHER_JITTERS[0]]
     for folder, samples, jitter in ((case.folder, truth, shape.jitter), (case.folder / REDRAWN, "0", other)):
-        run_cltaa(
-            [
-                "capture",
-                case.scene,
-                "-o",
-                str(folder),
-                "--frames",
-                str(shape.frames),
-                "--size",
-                f"{shape.width}x{shape.height}",
-                "--reference",
-                samples,
-                "--seed",
-                str(seed),
-                "--jitter",
-                jitter,
-            ]
-        )
+        size = f"{shape.width}x{shape.height}"
+        asked = ["--frames", str(shape.frames), "--size", size, "--reference", samples]
+        run_cltaa(["capture", case.scene, "-o", str(folder), *asked, "--seed", str(seed), "--jitter", jitter])
     sequence = open_case(case)
     if sequence is None:
         raise InputMissing("the capture left no finished sequence", path=case.folder)

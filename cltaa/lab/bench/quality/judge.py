@@ -37,7 +37,7 @@ from cltaa.lab.judge.metrics import (
     named_metrics,
     psnr,
 )
-from cltaa.lab.judge.video_scores import Sums, VideoScores
+from cltaa.lab.judge.video_scores import SCORES, Sums, VideoScores
 from cltaa.progress import track
 
 Item = TypeVar("Item")
@@ -63,10 +63,7 @@ COLUMNS = (
     Column("samples", "equal-quality samples a pixel, mean of the judged frames", ".1f", True),
     Column("last", "the same in the last frame", ".1f", True),
     Column("disoccluded", "the same over pixels in the frame in which they appear", ".2f", True),
-    Column("ghosting", "share of what stood there before that still shows at disoccluded pixels", ".3f"),
-    Column("flicker", "change from frame to frame that is not in the truth", ".4f"),
-    Column("blur", "share of the truth's finest detail that is lost", ".3f"),
-    Column("aliasing", "fine detail that no filter of the truth explains", ".4f"),
+    *(Column(score.name, score.title, score.form) for score in SCORES),
 )
 ALPHA = Column("alpha", "root mean square error of alpha", ".4f")
 

@@ -18,15 +18,15 @@ from cltaa.io.atomic import make_folder
 from cltaa.io.display import Picture, to_picture
 from cltaa.io.png import GAP, error_map, label, write_png
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.bench.quality.judge import COLUMNS, ONE_SAMPLE, in_step
+from cltaa.lab.bench.quality.judge import ONE_SAMPLE, in_step
 from cltaa.lab.bench.quality.page import DEFAULT, Row, Table
 from cltaa.lab.judge.detail import import_ndimage
+from cltaa.lab.judge.video_scores import SCORES
 from cltaa.progress import track
 
 SHARE = 4  # the crop's side is this part of the image's height
 ZOOM = 5
-FAULTS = ("ghosting", "flicker", "blur", "aliasing")
-_FORM = {column.name: column.form for column in COLUMNS}
+FAULTS = {score.name: score.form for score in SCORES}
 
 
 class Crop(NamedTuple):
@@ -137,4 +137,4 @@ def caption(row: Row, preset: str, frame: int) -> str:
     if not excess:
         return f"{row.scene} ({row.split}), frame {frame}."
     worst = max(excess, key=lambda fault: excess[fault])
-    return f"{row.scene} ({row.split}), frame {frame}: {worst} {scores[preset][worst]:{_FORM[worst]}}."
+    return f"{row.scene} ({row.split}), frame {frame}: {worst} {scores[preset][worst]:{FAULTS[worst]}}."

@@ -1,4 +1,4 @@
-"""Memory by its formula, and the command that times images of growing size."""
+"""The memory of a resolve by its formula, held against what is allocated."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ from cltaa.frame import Effect
 from cltaa.io.manifest import PIECE, file_sha256
 from cltaa.io.sequence import open_sequence
 from cltaa.io.streams import AHEAD
-from cltaa.lab.bench.growth import rounds_of, square
 from cltaa.lab.inspect.plan import memory, plan
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.memory import DevicePlanes, device_bytes, of_whole_images
@@ -125,42 +124,6 @@ def test_the_windows_of_changing_light_are_in_the_formula_and_in_the_plan(tmp_pa
     assert memory(sequence, resolver, [resolver.plan], rows=0).device == told
 
 
-def test_the_command_counts_whole_images_and_bands(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bench", "growth", "--sizes", "16,48", "--banded-from", "40", "--rounds", "3", "--json"]) == 0
-    bench = json.loads(capsys.readouterr().out)
-    small, banded = bench["rows"]
-    assert (small["side"], small["band_rows"], banded["side"]) == (16, 0, 48)
-    assert banded["band_rows"] > 0
-    for row in bench["rows"]:
-        assert row["allocated"] == row["formula"]
-        assert 0 < row["least_ns"] <= row["ns_a_pixel"]["median"]
-
-
-def test_small_sizes_say_nothing_of_large_ones(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bench", "growth", "--sizes", "16", "--rounds", "3"]) == 0
-    said = capsys.readouterr().out
-    assert "16²" in said
-    assert "flat within" not in said
-
-
-def test_large_sizes_take_fewer_rounds() -> None:
-    assert [rounds_of(side, 9) for side in (256, 4096, 5000, 8192, 16384)] == [9, 9, 6, 3, 3]
-    assert rounds_of(16384, 400) == 25
-
-
-def test_frames_of_the_bench_stay_what_they_are_in_bands() -> None:
-    frame = square(40)
-    resolver = BandedResolver(band_rows=16)
-    for index in range(2):
-        resolver.resolve(replace(frame, index=index))
-        assert np.array_equal(frame.depth, np.ones((40, 40), np.float32))
-
-
-@pytest.mark.parametrize(("text", "code"), [("", 64), ("a", 2), ("-3", 2), ("0", 2)])
-def test_no_sizes(text: str, code: int) -> None:
-    assert main(["bench", "growth", "--sizes", text]) == code
-
-
 def test_files_that_were_hashed_before_are_not_hashed_again(tmp_path: Path) -> None:
     folder = write_sequence(tmp_path / "in", 2)
     unknown = of_whole_images(open_sequence(folder)).packing
@@ -212,18 +175,3 @@ def peak_of(command: list[str]) -> int:
 
 def is_memory(file: Path) -> bool:
     return str(file.readlink()).startswith("/memfd:")
-
-
-def test_numpy_is_no_device(capsys: pytest.CaptureFixture[str]) -> None:
-    """And nobody who named it is told to name it."""
-    assert main(["bench", "growth", "--device", "numpy", "--sizes", "64"]) == 64
-    said = capsys.readouterr().err
-    assert "this needs an OpenCL device, and numpy is none" in said
-    assert "or numpy" not in said
-
-
-@pytest.mark.parametrize("side", [99_999_999, 9_999_999_999])
-def test_an_image_that_no_memory_holds_is_one_line(side: int, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bench", "growth", "--sizes", str(side)]) != 0
-    told = f"cltaa: error: no memory for a frame of {side} x {side} pixels; name smaller sizes with --sizes\n"
-    assert capsys.readouterr().err.endswith(told)

@@ -1,0 +1,312 @@
+"""``cltaa bench kernels``, ``api``, ``files`` and ``effects``: what takes how long, and beside what."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from cltaa.commands.options import (
+    FILE_PATH,
+    FROM_1,
+    NAMES,
+    PRESET,
+    SIZE,
+    device_option,
+    json_option,
+    open_each,
+    reading_options,
+    storage_option,
+)
+from cltaa.commands.printing import answer, figures, print_line, print_table, three_digits
+from cltaa.core.backend import launcher_for
+from cltaa.core.build import Storage
+from cltaa.core.presets import load_preset
+from cltaa.errors import DataError, UsageError
+from cltaa.inputs.open import Reading
+from cltaa.io.exr_layout import check_lossless
+from cltaa.io.sequence import open_sequence
+from cltaa.lab.bench.api import SIZES, ApiBench, bench_api
+from cltaa.lab.bench.effects import EffectRow, cells, judge_effects, line, markdown
+from cltaa.lab.bench.files import CODECS, FilesBench, bench_files
+from cltaa.lab.bench.frames import Motion
+from cltaa.lab.bench.kernels import KernelBench, Timing, bench_kernels
+from cltaa.lab.bench.quality.cases import check_scenes, known_scenes
+from cltaa.lab.timing import Interval
+from cltaa.printable import counted, json_of, printable, shown
+from cltaa.process import run_cltaa
+
+MOST_THREADS = 1024  # beyond what machines have; where the system gives none, OpenEXR ends the process
+
+
+@click.command("kernels")
+@click.option(
+    "--preset",
+    "presets",
+    type=PRESET,
+    multiple=True,
+    default=["default"],
+    show_default=True,
+    help="To time; repeatable.",
+)
+@click.option("--size", type=SIZE, default="1920x1080", show_default=True, help="Pixels.")
+@device_option
+@click.option(
+    "--motion",
+    "motions",
+    multiple=True,
+    type=click.Choice([kind.value for kind in Motion]),
+    help="Camera motion: uniform, or turn (rotation with zoom, another displacement at each pixel); "
+    "repeatable; both unless given.",
+)
+@storage_option
+@click.option("--rounds", default=31, show_default=True, type=click.IntRange(min=3), help="Rounds of all contenders.")
+@click.option("--oracle/--no-oracle", default=True, show_default=True, help="Also time the NumPy oracle, in 3 rounds.")
+@json_option
+def kernels(
+    presets: tuple[str, ...],
+    size: tuple[int, int],
+    device: str | None,
+    motions: tuple[str, ...],
+    storage: str,
+    rounds: int,
+    oracle: bool,
+    as_json: bool,
+) -> None:
+    """Time the resolve's kernels against a shader, a plain port, the NumPy oracle and the floor.
+
+    The core is the algorithm that all of them compute: 3x3 variance, the nearest surface's motion, 16 taps of
+    Catmull-Rom, clip, weighted blend, a counter. Every round runs all contenders in a new order; ratios are medians
+    over rounds with 95 % intervals, by the device's clock where it has one (column device, ns a pixel), else by the
+    host's (ns/px). "floor" is the share of the copy bandwidth that is reached. "core again" is a copy of the core:
+    where its ratio is not 1, or its interval wide, the machine is too noisy to rank anything.
+    """
+    bench = bench_kernels(
+        [load_preset(name) for name in presets],
+        device,
+        width=size[0],
+        height=size[1],
+        motions=[Motion(name) for name in motions] or list(Motion),
+        rounds=rounds,
+        storage=Storage(storage),
+        oracle=oracle,
+    )
+    answer(bench, as_json, _print_kernels)
+
+
+def _print_kernels(bench: KernelBench) -> None:
+    """Print one table for each kind of motion, and where it was measured."""
+    for timing in bench.timings:
+        _print_timing(bench, timing)
+        print_line(f"floor {timing.floor_ns:.3g} ns a pixel: {timing.copy_gigabytes_a_second:.3g} GB/s by copying")
+        if timing.opengl is not None:
+            print_line(f"GLSL by {shown(timing.opengl)}")
+        for name, why in timing.absent.items():
+            print_line(f"{name} is absent: {shown(why)}")
+        if timing.noisy or timing.device_noisy:
+            print_line("too noisy to rank: the core differs from its own copy, or by more than 2 % either way")
+    print_line(shown(bench.environment.line))
+
+
+def _print_timing(bench: KernelBench, timing: Timing) -> None:
+    title = f"{bench.width} x {bench.height}, {timing.motion} motion, {bench.storage} history, {bench.rounds} rounds"
+    table = figures(title, "contender", "ns/px", "least", "device", "GB/s", "floor", "x core", "95 %", named=True)
+    for row in timing.rows:
+        # By the device's clock where it has one, else by the host's.
+        ratio, noisy = (row.ratio, timing.noisy)
+        if row.device_ratio is not None:
+            ratio, noisy = (row.device_ratio, timing.device_noisy)
+        table.add_row(
+            row.name,
+            three_digits(row.wall_ns.median),
+            three_digits(row.least_wall_ns),
+            "–" if row.device_ns is None else three_digits(row.device_ns.median),
+            f"{row.gigabytes_a_second:.3g}",
+            f"{row.of_floor:.1%}",
+            "noisy" if noisy else f"{ratio.median:.3g}",
+            _range(ratio, ".3g"),
+        )
+    print_table(table)
+
+
+@click.command("api")
+@click.option("--preset", type=PRESET, default="default", show_default=True, help="That resolves.")
+@click.option(
+    "--size",
+    "sizes",
+    type=SIZE,
+    multiple=True,
+    default=[f"{width}x{height}" for width, height in SIZES],
+    show_default=True,
+    metavar="WxH",
+    help="Of the frames; may be repeated.",
+)
+@device_option
+@click.option("--rounds", default=9, show_default=True, type=click.IntRange(min=3), help="Rounds a size.")
+@json_option
+def api(preset: str, sizes: tuple[tuple[int, int], ...], device: str | None, rounds: int, as_json: bool) -> None:
+    """Time Resolver.resolve as a program calls it, in milliseconds a frame of colour and depth.
+
+    "kernels" is the device's own time of a call with arrays that are there already, "device arrays" the same by the
+    clock, of several calls in a row. "host arrays" are NumPy's, in and out. "copies" are a plain pyopencl loop that
+    brings the same arrays to the device and a result back, "pinned" the same through pinned memory, at the speed of the
+    bus.
+    """
+    preset_of = load_preset(preset)
+    if preset_of.settings.look_ahead:
+        raise UsageError(f"preset {preset} looks ahead, so no call gives an image", cure="take one that does not")
+    answer(bench_api(preset_of, device, sizes, rounds=rounds), as_json, _print_api)
+
+
+def _print_api(bench: ApiBench) -> None:
+    title = f"a call, preset {bench.preset}, {bench.rounds} rounds, milliseconds a frame"
+    table = figures(title, "size", "kernels", "device arrays", "host arrays", "copies", "pinned")
+    for row in bench.rows:
+        times = (row.kernels, row.device_arrays, row.host_arrays, row.copies, row.pinned_copies)
+        table.add_row(f"{row.width} x {row.height}", *(f"{time.median * 1e3:.3g}" for time in times))
+    print_table(table)
+    print_line(shown(bench.environment.line))
+
+
+@click.command("files")
+@click.argument("sequence", type=FILE_PATH)
+@click.option("--preset", type=PRESET, default="default", show_default=True, help="That resolves.")
+@device_option
+@click.option("--compressions", type=NAMES, default=",".join(CODECS), show_default=True, help="Of EXR, lossless.")
+@click.option("--threads", type=FROM_1, default="", help="Threads of OpenEXR.  [default: a thread a core]")
+@click.option(
+    "--commands",
+    "commands",
+    type=NAMES,
+    default="zip",
+    show_default=True,
+    help="Compressions to run the whole command with; with :half behind it, writing halves.",
+)
+@click.option("--rounds", default=5, show_default=True, type=click.IntRange(min=3), help="Rounds.")
+@reading_options
+@json_option
+def files(
+    sequence: Path,
+    preset: str,
+    device: str | None,
+    compressions: tuple[str, ...],
+    threads: tuple[int, ...],
+    commands: tuple[str, ...],
+    rounds: int,
+    reading: Reading,
+    as_json: bool,
+) -> None:
+    """Time writing and reading a resolved frame of SEQUENCE, and the whole resolve against its stages.
+
+    "alone" is a stage with nothing beside it: reading (with all checks), resolving (with the way to the device and
+    back) and writing. "whole" is cltaa resolve --layers none, where they overlap; "over slowest" is its time a frame
+    over that of the slowest stage, which it cannot pass, and "at best" what that would be if no core was ever idle, by
+    the "processor" time of all of them together.
+    """
+    runs = [_command(text) for text in commands]
+    if not compressions and not runs:
+        raise UsageError("nothing to time", cure="name something in --compressions or --commands")
+    if max(threads, default=1) > MOST_THREADS:
+        raise UsageError("--threads: too many", expected=f"at most {MOST_THREADS}", found=max(threads))
+    for name in (*compressions, *(name for name, _ in runs)):
+        check_lossless(name)
+    found = bench_files(
+        open_each([sequence], reading)[sequence],
+        load_preset(preset),
+        device,
+        codecs=compressions,
+        threads=threads,
+        commands=runs,
+        rounds=rounds,
+    )
+    answer(found, as_json, _print_files)
+
+
+def _command(text: str) -> tuple[str, bool]:
+    name, colon, kind = text.partition(":")
+    if colon and kind != "half":
+        raise UsageError("--commands: no compression", expected="as zip or zip:half", found=text)
+    return name, bool(colon)
+
+
+def _print_files(found: FilesBench) -> None:
+    title = f"a resolved frame, {found.width} x {found.height}, {found.rounds} rounds"
+    table = figures(title, "compression", "pixels", "threads", "write ms", "95 %", "read ms", "95 %", "MB")
+    for row in found.packings:
+        table.add_row(
+            row.codec,
+            "half" if row.half else "float",
+            str(row.threads),
+            f"{row.write.median:.0f}",
+            _range(row.write),
+            f"{row.read.median:.0f}",
+            _range(row.read),
+            f"{row.megabytes:.1f}",
+        )
+    if found.packings:
+        print_table(table)
+    title = f"cltaa resolve, {counted(found.frames, 'frame')}, milliseconds a frame"
+    alone = [f"{stage} alone" for stage in ("read", "resolve", "write")]
+    table = figures(title, "compression", *alone, "whole", "processor", "over slowest", "95 %", "at best")
+    for stage in found.stages:
+        seconds = (stage.read, stage.resolve, stage.write, stage.whole, stage.processor)
+        ratio, best = stage.over_slowest, stage.at_best
+        table.add_row(
+            stage.codec + (", half" if stage.half else ""),
+            *(f"{value.median * 1e3:.0f}" for value in seconds),
+            f"{ratio.median:.2f}",
+            _range(ratio, ".2f"),
+            f"{best.median:.2f}",
+        )
+    if found.stages:
+        print_table(table)
+    print_line(shown(found.environment.line))
+
+
+def _range(value: Interval, form: str = ".0f") -> str:
+    return f"{value.low:{form}}–{value.high:{form}}"
+
+
+@click.command("effects")
+@click.argument("scenes", nargs=-1)
+@click.option("--work", type=FILE_PATH, default=Path("effects"), show_default=True, help="Folder of captures.")
+@click.option("--size", type=SIZE, default="320x180", show_default=True, help="Pixels of a capture.")
+@click.option("--frames", default=16, show_default=True, type=click.IntRange(min=2), help="Frames of a capture.")
+@click.option("--preset", type=PRESET, default="default", show_default=True, help="Whose steps.")
+@device_option
+@click.option("--rounds", default=21, show_default=True, type=click.IntRange(min=3), help="Rounds of timing.")
+@json_option
+@click.pass_context
+def effects(
+    ctx: click.Context,
+    scenes: tuple[str, ...],
+    work: Path,
+    size: tuple[int, int],
+    frames: int,
+    preset: str,
+    device: str | None,
+    rounds: int,
+    as_json: bool,
+) -> None:
+    """Resolve SCENES (all, unless named) as planned and with every effect on; compare bits and time.
+
+    Missing captures are drawn by cltaa capture. The table is Markdown, as in docs/generated/effects.md. The exit code
+    is 65 where a step that was left out would have changed a bit.
+    """
+    rows: list[EffectRow] = []
+    check_scenes(scenes)
+    pixels = f"{size[0]}x{size[1]}"
+    launcher = launcher_for(device)
+    if not as_json:
+        click.echo(markdown([]), nl=False)
+    for number, scene in enumerate(scenes or sorted(known_scenes()), start=1):
+        click.echo(f"{number}: {printable(scene)}", err=True)
+        folder = work / f"{scene}-{pixels}x{frames}"
+        run_cltaa(["capture", scene, "-o", str(folder), "--frames", str(frames), "--size", pixels])
+        rows.append(judge_effects(open_sequence(folder), preset, launcher, rounds=rounds))
+        if not as_json:
+            click.echo(line(cells(rows[-1])), nl=False)  # as soon as it is known: all scenes take a while
+    if as_json:
+        click.echo(json_of(rows))
+    if not all(row.same_bits for row in rows):
+        ctx.exit(DataError.exit_code)
