@@ -11,8 +11,7 @@
 // Where nothing moves there is no filter to keep rows for.
 #define ROW_CACHE                                                                                                      \
     ((CAMERA_MOTION | OWN_MOTION) & (HISTORY_RANGE == HISTORY_RANGE_LINEAR)                                            \
-        & ((HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM)                                                              \
-            | ((LANES > 1) & (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9))))
+        & (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM))
 
 // A plane's rows, weighed along y as far as they are known, in the order of `weigh`: what the next pixel and the one
 // below it have of theirs, and the last row. Kept as rows they would move from register to register.

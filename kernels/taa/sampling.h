@@ -13,7 +13,6 @@
 // Taps 1 and 2 are read as one pair, as a texture unit would read them: w2 is then the place between the two.
 #define FIVE_PAIRS                                                                                                     \
     (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5 || HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5_RAW)
-#define IN_PAIRS (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9 || FIVE_PAIRS)
 
 // All weights but that of tap 1, which is what is left of 1. Of Catmull-Rom's 16 taps they are those of the steps from
 // tap to tap instead: w0 of that from tap 0 to 1, w2 of that from 1 to 2, w3 of that from 2 to 3.
@@ -36,7 +35,7 @@ STAGE weights catmull_rom(real t)
     weights w;
     w.w3 = (t * t) * (K(-0.5) + K(0.5) * t);
     w.first = w.last = SPLAT(0.0);
-    if (!IN_PAIRS) {
+    if (!FIVE_PAIRS) {
         w.w0 = t * (K(0.5) - t * (K(1.0) - K(0.5) * t));
         w.w2 = t * (K(0.5) + t * (K(1.5) - t));
         return w;
@@ -81,7 +80,7 @@ STAGE weights history_weights(real t)
     weights w = { zero, zero, t, zero, zero }; // bilinear
     if (HISTORY_FILTER == HISTORY_FILTER_NEAREST)
         w.w2 = t >= SPLAT(0.5) ? SPLAT(1.0) : zero;
-    if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM || IN_PAIRS)
+    if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM || FIVE_PAIRS)
         return catmull_rom(t);
     if (HISTORY_FILTER == HISTORY_FILTER_LANCZOS_3)
         return lanczos(t);
@@ -94,8 +93,6 @@ STAGE row_taps weigh(real first, real p0, real p1, real p2, real p3, real last, 
     const real pair = v.middle;
     if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM)
         v.middle = ((p1 + w.w0 * (p1 - p0)) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p2);
-    if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9)
-        v.middle = pair + (w.w0 * (p0 - pair) + w.w3 * (p3 - pair));
     if (FIVE_PAIRS)
         v.sides = w.w0 * (p0 - pair) + w.w3 * (p3 - pair);
     if (HISTORY_FILTER == HISTORY_FILTER_LANCZOS_3) {

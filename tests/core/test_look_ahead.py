@@ -58,7 +58,7 @@ def test_every_image_comes_once_and_in_order(lanes_of: str | None) -> None:
     assert same([image for some in ready for image in some] + last, images(frames, looking(), lanes_of))
 
 
-@pytest.mark.parametrize("changes", [{}, {"gather_fit": "mean"}, {"gather_fit": "plane", "reject": "none"}])
+@pytest.mark.parametrize("changes", [{}, {"gather_fit": "mean"}, {"reject": "none"}])
 @pytest.mark.parametrize("moving", [False, True])
 def test_the_strict_kernel_is_its_twin(changes: dict[str, object], moving: bool) -> None:
     frames = [sliding(index, (1.25, -0.5)) for index in range(7)] if moving else list(hard_frames(count=7))

@@ -26,7 +26,6 @@ BUILDS = [
     (HistoryFilter.CATMULL_ROM, 16, Storage.FLOAT),
     (HistoryFilter.CATMULL_ROM, 8, Storage.FLOAT),
     (HistoryFilter.CATMULL_ROM, 8, Storage.HALF),
-    (HistoryFilter.CATMULL_ROM_9, 8, Storage.FLOAT),
 ]
 
 
