@@ -305,9 +305,6 @@ STAGE surface nearest_surface(row_t above, row_t centre, row_t below, settings_t
         const real skew = (s.nearest - s.centre) - (s.centre - s.farthest);
         across = absolute(skew) > K(settings.edge_tolerance) * absolute(s.nearest);
     }
-    // Mostly there is none in a whole segment. Not on a GPU, whose work-items would wait for the one that has an edge.
-    if (LANES > 1 && !any_of(across))
-        return s;
     s.inverse_depth = across ? s.nearest : s.inverse_depth;
     s.x = across ? (down ? below.nearest_x : (up ? above.nearest_x : centre.nearest_x)) : s.x;
     s.y = across ? (down ? SPLAT(1.0) : (up ? SPLAT(-1.0) : SPLAT(0.0))) : s.y;

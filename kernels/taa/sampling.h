@@ -123,14 +123,13 @@ STAGE real weigh_rows(
 }
 
 // How the lanes of a segment lie in the previous frame: all on texels and moved by one whole number of them
-// (ON_TEXELS), between texels of one row (ON_ROWS), between texels with one whole part (ALIKE), with whole parts that
-// differ by at most 1 an axis (CLOSE), or freely (APART). The values read are the same in each case, only the loads
-// differ. A pixel without motion lies on texels.
+// (ON_TEXELS), between texels with one whole part (ALIKE), with whole parts that differ by at most 1 an axis (CLOSE),
+// or freely (APART). The values read are the same in each case, only the loads differ. A pixel without motion lies on
+// texels.
 #define LANES_ON_TEXELS 0
-#define LANES_ON_ROWS 1
-#define LANES_ALIKE 2
-#define LANES_CLOSE 3
-#define LANES_APART 4
+#define LANES_ALIKE 1
+#define LANES_CLOSE 2
+#define LANES_APART 3
 
 typedef struct
 {
@@ -151,8 +150,8 @@ STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
     f.lanes = LANES_ALIKE;
     f.step_x = f.step_y = (whole)(0);
     // Not on a GPU, which waits for each load behind a branch, but reads what lies before the first all at once.
-    if (LANES > 1 && !any_of(f.fy != SPLAT(0.0)))
-        f.lanes = any_of(f.fx != SPLAT(0.0)) ? LANES_ON_ROWS : LANES_ON_TEXELS;
+    if (LANES > 1 && !any_of((f.fx != SPLAT(0.0)) | (f.fy != SPLAT(0.0))))
+        f.lanes = LANES_ON_TEXELS;
     if (LANES > 1 && any_of((f.dx ^ x) | (f.dy ^ y))) {
         x -= any_of(f.dx < x) ? 1 : 0;
         y -= any_of(f.dy < y) ? 1 : 0;
@@ -224,10 +223,6 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
     row_taps first = NO_TAPS, last = NO_TAPS;
     if (f.lanes == LANES_ON_TEXELS)
         return load_history(q);
-    if (f.lanes == LANES_ON_ROWS) {
-        const row_taps row = row_alike(q, wx);
-        return row.middle + row.sides;
-    }
     if (LANES > 1 && f.lanes == LANES_CLOSE) {
         const mask down = f.step_y != 0;
         const row_taps a = row_close(q - line, wx, f.step_x), b = row_close(q, wx, f.step_x),
