@@ -21,7 +21,6 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
     if (is_empty(column, frame))
         return;
     const int x = column.x;
-    fetch_first(current, inverse_depth, motion, history, history_count, previous_inverse_depth, x, column.first, frame);
     window_t rows = open_window(current, inverse_depth, motion, column, frame);
     row_cache cache = empty_row_cache();
     for (int y = column.first; y < column.end; ++y) {

@@ -41,9 +41,7 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "MOST_CHANGE": Constant(8.0, "most of Student's t that is kept of an illumination change"),
     "LEAST_HEADROOM": Constant(2.0**-16, "least 1 - peak when a tonemap is undone: half's largest number, 65504"),
     "ONE_THIRD": Constant(1.0 / 3.0, "mean of a row of three"),
-    "TWO_THIRDS": Constant(2.0 / 3.0, "sum of squared distances over a row's spread (neighbourhood.h)"),
     "TWO_27THS": Constant(2.0 / 27.0, "variance over the spread of the 3x3: a ninth of that"),
-    "ONE_FIFTH": Constant(1.0 / 5.0, "mean of the cross"),
     "ONE_NINTH": Constant(1.0 / 9.0, "mean of the 3x3"),
 }
 

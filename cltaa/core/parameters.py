@@ -31,8 +31,7 @@ class HistoryFilter(Choice):
     NEAREST = "nearest"
     BILINEAR = "bilinear"
     CATMULL_ROM = "catmull-rom", "4x4 texels"
-    CATMULL_ROM_9 = "catmull-rom-9", "the same, regrouped into nine reads between texels"
-    CATMULL_ROM_5 = "catmull-rom-5", "those nine without the four in the corners"
+    CATMULL_ROM_5 = "catmull-rom-5", "regrouped into nine reads between texels, without the four in the corners"
     CATMULL_ROM_5_RAW = "catmull-rom-5-raw", "those five as they are: between texels they sum to less than 1"
     LANCZOS_3 = "lanczos-3", "6x6 texels"
 
@@ -236,8 +235,11 @@ class GatherFit(Choice):
     """What the gathered samples of a pixel are taken for (history frames)."""
 
     MEAN = "mean", "as many draws of one value"
-    PLANE = "plane", "points of a plane over the pixel, whose value at the centre is taken"
-    LAYERS = "layers", "the same, and across a depth edge a nearer surface and a farther one, each on its own way"
+    LAYERS = (
+        "layers",
+        "points of a plane over the pixel, whose value at the centre is taken; across a depth edge of a nearer surface "
+        "and a farther one, each on its own way",
+    )
 
 
 class Tonemap(Choice):
@@ -309,9 +311,7 @@ class Negatives(Choice):
 class Neighbourhood(Choice):
     """Which texels around a pixel its statistics are taken over."""
 
-    CROSS = "cross"
     SQUARE = "square"
-    WEIGHTED = "weighted", "the square, its mean and deviation with weights 1 2 1 both ways"
     LUMINANCE = "luminance", "the square, its mean and deviation with weights 1 / (1 + Y)"
     JITTERED = "jittered", "the square, with weights exp(-filter_falloff d^2), d from a sample to the pixel's centre"
 
@@ -329,7 +329,7 @@ class Box(Choice):
     VARIANCE = "variance", "mean +- gamma standard deviations"
     EXTREMES = "extremes", "least and greatest value of each channel"
     BOTH = "both", "the intersection of the two"
-    ROUNDED = "rounded", "the mean of the extremes of the 3x3 and of the cross"
+    ROUNDED = "rounded", "the mean of the extremes of the 3x3 and of its cross: without the corners"
     UNIT = "unit", "the extremes, but at least [0, 1] is inside"
 
 

@@ -113,20 +113,16 @@ def fit_at_centre(g: Gathered, samples: Array, settings: Record) -> Fit:
     return Fit(mean + (x * mx + y * my), x, y)
 
 
-def gathered_change(
-    g: Gathered, far: Gathered, layers: Layers, samples: Array, build: Build, settings: Record
-) -> list[Array]:
+def gathered_change(g: Gathered, far: Gathered, layers: Layers, samples: Array, settings: Record) -> list[Array]:
     """What the ``samples`` of a pixel [H, W] come to, less the current one."""
     zero, one = np.zeros_like(g.count), np.ones_like(g.count)
     f = fit_at_centre(g, samples, settings)
     v = [f.value(*sums) for sums in zip(g.sum, g.along, g.down, strict=True)]
-    if build.choices.gather_fit is GatherFit.LAYERS:
-        seen = one - limit(f.value(g.near, g.near_x, g.near_y), zero, one)
-        any_of = far.weight > zero
-        instead = np.where(any_of, far.weight, np.where(g.near > zero, g.near, one))
-        mean = np.where(layers.edge, seen, zero) / instead
-        v = [k + mean * np.where(any_of, a, b) for k, a, b in zip(v, far.sum, g.sum, strict=True)]
-    return v
+    seen = one - limit(f.value(g.near, g.near_x, g.near_y), zero, one)
+    any_of = far.weight > zero
+    instead = np.where(any_of, far.weight, np.where(g.near > zero, g.near, one))
+    mean = np.where(layers.edge, seen, zero) / instead
+    return [k + mean * np.where(any_of, a, b) for k, a, b in zip(v, far.sum, g.sum, strict=True)]
 
 
 def gathered_filter_share(of_mean: Array, g: Gathered, layers: Layers, build: Build, settings: Record) -> Array:
@@ -168,7 +164,7 @@ def resolve_gathered(
     plain = build.choices.gather_fit is GatherFit.MEAN
     change = [total / weight for total in g.sum]
     if not plain:
-        change = gathered_change(g, far, layers, samples, build, settings)
+        change = gathered_change(g, far, layers, samples, settings)
     past = (current[0] + change[0], current[1] + change[1], current[2] + change[2])
     moved = rectify(past, current, p.stats, m, box_scale_of(m, settings), build, layout, settings).change
     share = g.weight / (sample_share(current, build, settings) + g.weight) if plain else one

@@ -68,96 +68,39 @@ def window_moments(above: Moments, centre: Moments, below: Moments) -> Moments:
     )
 
 
-def cross_moments(above: Moments, centre: Moments, below: Moments) -> Moments:
-    """The centre row and the texels above and below its middle."""
-    du, dd = above.shift - centre.shift, below.shift - centre.shift
-    across = number(3.0, du) * centre.offset
-    total = across + (du + dd)
-    squares = (constant("TWO_THIRDS", du) * centre.spread + across * centre.offset) + (du * du + dd * dd)
-    offset = total * constant("ONE_FIFTH", du)
-    return Moments(
-        centre.shift,
-        offset,
-        squares - total * offset,
-        lesser(lesser(above.shift, below.shift), centre.low),
-        greater(greater(above.shift, below.shift), centre.high),
-    )
-
-
-def weighted_row(m: Moments, left: Array, centre: Array, right: Array) -> Moments:
-    """Three texels weighed 1 2 1."""
-    dl, dr = left - centre, right - centre
-    total = dl + dr
-    offset = total * number(0.25, total)
-    return m._replace(offset=offset, spread=(dl * dl + dr * dr) - total * offset)
-
-
-def weighted_window(m: Moments, above: Moments, centre: Moments, below: Moments) -> Moments:
-    """Three such rows weighed 1 2 1."""
-    da = (above.shift - centre.shift) + (above.offset - centre.offset)
-    db = (below.shift - centre.shift) + (below.offset - centre.offset)
-    total = da + db
-    offset = total * number(0.25, total)
-    between = number(4.0, total) * ((da * da + db * db) - total * offset)
-    inside = (above.spread + below.spread) + number(2.0, total) * centre.spread
-    return m._replace(offset=centre.offset + offset, spread=inside + between)
-
-
-def share_of_one(build: Build, like: Array) -> Any:
-    """One over what all texels of the neighbourhood weigh together."""
-    if build.choices.neighbourhood is Neighbourhood.WEIGHTED:
-        return number(0.0625, like)
-    return constant("ONE_FIFTH" if build.choices.neighbourhood is Neighbourhood.CROSS else "ONE_NINTH", like)
-
-
-def _middle(build: Build, like: Array) -> Any:
-    return number(2.0 if build.choices.neighbourhood is Neighbourhood.WEIGHTED else 1.0, like)
-
-
-def naive_row(m: Moments, left: Array, centre: Array, right: Array, build: Build) -> Moments:
+def naive_row(m: Moments, left: Array, centre: Array, right: Array) -> Moments:
     """Sum and sum of squares of three texels, as offset and spread."""
-    middle = _middle(build, centre)
-    squares = (left * left + right * right) + middle * (centre * centre)
-    return m._replace(offset=(left + right) + middle * centre, spread=squares)
+    return m._replace(offset=(left + right) + centre, spread=(left * left + right * right) + centre * centre)
 
 
-def naive_window(m: Moments, above: Moments, centre: Moments, below: Moments, build: Build) -> Moments:
+def naive_window(m: Moments, above: Moments, centre: Moments, below: Moments) -> Moments:
     """The mean of such rows as shift, E[x^2] - E[x]^2 as spread."""
-    middle, share = _middle(build, centre.shift), share_of_one(build, centre.shift)
-    total = (above.offset + below.offset) + middle * centre.offset
-    squares = (above.spread + below.spread) + middle * centre.spread
-    if build.choices.neighbourhood is Neighbourhood.CROSS:
-        total = centre.offset + (above.shift + below.shift)
-        squares = centre.spread + (above.shift * above.shift + below.shift * below.shift)
-    mean = total * share
+    share = constant("ONE_NINTH", centre.shift)
+    mean = ((above.offset + below.offset) + centre.offset) * share
+    squares = (above.spread + below.spread) + centre.spread
     return m._replace(shift=mean, offset=np.zeros_like(mean), spread=squares * share - mean * mean)
 
 
-def chosen_row(m: Moments, left: Array, centre: Array, right: Array, build: Build) -> Moments:
-    """The moments ``m`` of a row as the chosen neighbourhood and variance need them."""
-    if build.choices.neighbourhood is Neighbourhood.WEIGHTED:
-        m = weighted_row(m, left, centre, right)
-    return naive_row(m, left, centre, right, build) if build.choices.variance is Variance.NAIVE else m
+def chosen_row(left: Array, centre: Array, right: Array, build: Build) -> Moments:
+    """The moments of a row as the chosen variance needs them."""
+    m = row_moments(left, centre, right)
+    return naive_row(m, left, centre, right) if build.choices.variance is Variance.NAIVE else m
 
 
 def deviation_of(m: Moments, build: Build) -> Array:
-    """The root of the variance; of 0, where rounding made that less."""
-    square = build.choices.neighbourhood is Neighbourhood.SQUARE
-    share = constant("TWO_27THS", m.spread) if square else share_of_one(build, m.spread)
-    variance = m.spread if build.choices.variance is Variance.NAIVE else m.spread * share
-    deviation: Array = np.sqrt(greater(variance, number(0.0, variance)))
+    """The root of the variance; of 0, where rounding made the naive one less."""
+    naive = build.choices.variance is Variance.NAIVE
+    variance = greater(m.spread, number(0.0, m.spread)) if naive else m.spread * constant("TWO_27THS", m.spread)
+    deviation: Array = np.sqrt(variance)
     return deviation
 
 
 def neighbourhood_moments(above: Moments, centre: Moments, below: Moments, build: Build) -> Moments:
     """Of one channel."""
-    cross = build.choices.neighbourhood is Neighbourhood.CROSS
-    m = (cross_moments if cross else window_moments)(above, centre, below)
-    if build.choices.neighbourhood is Neighbourhood.WEIGHTED:
-        m = weighted_window(m, above, centre, below)
-    if build.choices.box is Box.ROUNDED and not cross:
+    m = window_moments(above, centre, below)
+    if build.choices.box is Box.ROUNDED:
         m = _rounded(m, above, centre, below)
-    return naive_window(m, above, centre, below, build) if build.choices.variance is Variance.NAIVE else m
+    return naive_window(m, above, centre, below) if build.choices.variance is Variance.NAIVE else m
 
 
 def _rounded(m: Moments, above: Moments, centre: Moments, below: Moments) -> Moments:
@@ -292,7 +235,7 @@ def read_row(
     line = texels(-1), texels(0), texels(1)
     left, centre, right = (to_boxed(v, build) for v in line)
     texels_of = list(zip(left, centre, right, strict=True))
-    channels = [chosen_row(row_moments(*three), *three, build) for three in texels_of]
+    channels = [chosen_row(*three, build) for three in texels_of]
     in_domain = inverse_depth_or_sky(inverse_depth[0], frame)
     zl, zc, zr = (window(in_domain, dx) for dx in (-1, 0, 1))
     to_left = zl > zc

@@ -16,9 +16,7 @@ from cltaa.reference.real import Array, Mask, number
 from cltaa.reference.reprojection import Motion
 
 SIX_TAPS: Final = (HistoryFilter.LANCZOS_3,)
-
 FIVE_PAIRS: Final = (HistoryFilter.CATMULL_ROM_5, HistoryFilter.CATMULL_ROM_5_RAW)
-IN_PAIRS: Final = (HistoryFilter.CATMULL_ROM_9, *FIVE_PAIRS)
 
 LANCZOS_3_REST: Final = (
     1.08880002e-9,
@@ -52,7 +50,7 @@ def catmull_rom(t: Array, build: Build) -> Weights:
     """Catmull and Rom 1974, tension 1/2, at fraction ``t``."""
     k = t.dtype.type
     w3 = (t * t) * (k(-0.5) + k(0.5) * t)
-    if build.choices.history_filter in IN_PAIRS:
+    if build.choices.history_filter in FIVE_PAIRS:
         w0 = t * (k(-0.5) + t * (k(1.0) - k(0.5) * t))
         w2 = t * (k(0.5) + t * (k(2.0) - k(1.5) * t)) / (k(1.0) - (w0 + w3))
     else:
@@ -101,8 +99,6 @@ def weigh(p: Sequence[Array], w: Weights, build: Build) -> RowTaps:
     middle, sides = pair, np.zeros_like(pair)
     if kind is HistoryFilter.CATMULL_ROM:
         middle = ((p1 + w.w0 * (p1 - p0)) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p2)
-    if kind is HistoryFilter.CATMULL_ROM_9:
-        middle = pair + (w.w0 * (p0 - pair) + w.w3 * (p3 - pair))
     if kind in FIVE_PAIRS:
         sides = w.w0 * (p0 - pair) + w.w3 * (p3 - pair)
     if first is not None and last is not None:

@@ -107,16 +107,14 @@ STAGE colour gathered_change(gathered g, gathered far, layers_t l, real samples,
     const fit_t f = fit_at_centre(g, samples, settings);
     colour v = { fitted(f, g.sum.r, g.along.r, g.down.r), fitted(f, g.sum.g, g.along.g, g.down.g),
         fitted(f, g.sum.b, g.along.b, g.down.b) };
-    if (GATHER_FIT == GATHER_FIT_LAYERS) {
-        const real zero = SPLAT(0.0), one = SPLAT(1.0);
-        const real seen = one - limit(fitted(f, g.near, g.near_x, g.near_y), zero, one);
-        const mask any = far.weight > zero;
-        // Without a sample of the farther surface the nearer one replaces it.
-        const real mean = (l.edge ? seen : zero) / (any ? far.weight : (g.near > zero ? g.near : one));
-        v.r += mean * (any ? far.sum.r : g.sum.r);
-        v.g += mean * (any ? far.sum.g : g.sum.g);
-        v.b += mean * (any ? far.sum.b : g.sum.b);
-    }
+    const real zero = SPLAT(0.0), one = SPLAT(1.0);
+    const real seen = one - limit(fitted(f, g.near, g.near_x, g.near_y), zero, one);
+    const mask any = far.weight > zero;
+    // Without a sample of the farther surface the nearer one replaces it.
+    const real mean = (l.edge ? seen : zero) / (any ? far.weight : (g.near > zero ? g.near : one));
+    v.r += mean * (any ? far.sum.r : g.sum.r);
+    v.g += mean * (any ? far.sum.g : g.sum.g);
+    v.b += mean * (any ? far.sum.b : g.sum.b);
     return v;
 }
 

@@ -15,10 +15,6 @@
 // those from `near` on, and the ones after them, into the first.
 #define FETCH_FAR(far) __builtin_prefetch((const void*)(size_t)(far), 0, FAR_FIRST ? 3 : 2)
 #define FETCH_TWICE(far, near) (FETCH_FAR(far), __builtin_prefetch((const void*)(size_t)(near), 0, 3), FETCH_NEXT(near))
-// The line that p lies in, which will be written; none where lines go past the cache.
-#if LANES < 16
-#define FETCH_TO_STORE(p) __builtin_prefetch((const void*)(size_t)(p), 1, 3)
-#endif
 #endif
 #endif
 // On a GPU the work-items beside this one read those at the same time, so p itself is fetched.
@@ -27,9 +23,6 @@
 #endif
 #ifndef FETCH_NEXT
 #define FETCH_NEXT(p) (void)(p)
-#endif
-#ifndef FETCH_TO_STORE
-#define FETCH_TO_STORE(p) (void)(p)
 #endif
 #ifndef FETCH_FAR
 #define FETCH_FAR(far) (void)(far)

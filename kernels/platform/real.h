@@ -109,24 +109,13 @@ STAGE real floor_of(real v)
 }
 #endif
 
-// floor_of(v) and the same as a whole number. NVIDIA's adder rounds downwards where asked to: 1.5 x 2^23 + v has no
-// digits below 1. Two additions instead of two conversions, which every load of the history waits for.
-#if NATIVE && NVIDIA
-STAGE float floor_and_whole(float v, int* cut)
-{
-    float sum;
-    __asm("add.rm.f32 %0, %1, 0f4b400000;" : "=f"(sum) : "f"(v));
-    *cut = as_int(sum) - 0x4b400000;
-    return sum - as_float(0x4b400000);
-}
-#else
+// floor_of(v), and the same as a whole number.
 STAGE real floor_and_whole(real v, whole* cut)
 {
     const real low = floor_of(v);
     *cut = TO_WHOLE(low);
     return low;
 }
-#endif
 
 #if REAL_DOUBLE
 #define DOMAIN_BITS as_long(DOMAIN_LIMIT)

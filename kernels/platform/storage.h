@@ -46,17 +46,12 @@ typedef LANED(uint) words;
 #define TO_INTS PASTE(PASTE(convert_, LANED(int)), _rtz)
 #define TO_WORDS PASTE(convert_, LANED(uint))
 
-// Within the range of halves, and +0 rather than what would round to -0: on a GPU it arrives so (storable).
+// Within the range of halves, and +0 rather than what would round to -0.
 STAGE floats half_storable(floats v)
 {
-    const floats most = (floats)((float)HALF_LIMIT);
-#if NATIVE
-    return limit(v, -most, most);
-#else
-    const floats tiny = (floats)((float)HALF_TINY);
+    const floats most = (floats)((float)HALF_LIMIT), tiny = (floats)((float)HALF_TINY);
     const floats limited = v > most ? most : (v < -most ? -most : v);
     return ((limited <= tiny) & (limited >= -tiny)) ? (floats)(0.0f) : limited;
-#endif
 }
 
 // 32 well spread bits from a number (the integer hash "lowbias32", Wellons 2018).

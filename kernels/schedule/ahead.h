@@ -44,29 +44,3 @@ STAGE void fetch_history(history_in history, plane_in count, plane_in previous_i
     if (REJECT == REJECT_DEPTH)
         FETCH_BELOW(previous_inverse_depth, at, ROWS_BELOW, stride);
 }
-
-// Prefetches all that a GPU's work-item needs for its first pixel: row after row it would wait for memory five times,
-// and all work-items under way begin together. Of the history the rows around the pixel, as if nothing moved.
-STAGE void fetch_first(plane_in current, plane_in inverse_depth, plane_in motion, history_in history, plane_in count,
-    plane_in previous_inverse_depth, int x, int y, frame_t frame)
-{
-    if ((LANES > 1) | !(CAMERA_MOTION | OWN_MOTION))
-        return;
-    const int stride = row_stride(frame);
-    const uint at = texel_offset(frame, x, y), past = history_offset(frame, x, y);
-    const size_t plane = plane_size(frame), past_plane = history_plane_size(frame);
-    for (int i = -1; i <= 1; ++i) {
-        FETCH_NEXT(ROW_BELOW(inverse_depth, at, i, stride));
-        for (int channel = 0; channel < 3; ++channel)
-            FETCH_NEXT(ROW_BELOW(current + channel * plane, at, i, stride));
-        for (int axis = 0; axis < (OWN_MOTION ? 2 : 0); ++axis)
-            FETCH_NEXT(ROW_BELOW(motion + axis * plane, at, i, stride));
-    }
-    for (int i = -1; i <= 2; ++i) {
-        for (int channel = 0; channel < 3; ++channel)
-            FETCH_NEXT(ROW_BELOW(history + channel * past_plane, past, i, stride));
-        FETCH_NEXT(ROW_BELOW(count, past, i, stride));
-        if (REJECT == REJECT_DEPTH)
-            FETCH_NEXT(ROW_BELOW(previous_inverse_depth, past, i, stride));
-    }
-}

@@ -10,8 +10,6 @@ typedef struct
     int x, end, y, below;
 } block_t;
 
-#define EDGE_ROWS_AHEAD 8 // of the one that is extended, whose lines are asked for
-
 // A segment of a plane of the history's numbers, or of one of floats.
 STAGE real load_stored(history_out halves, plane_out floats, int is_float, uint at)
 {
@@ -27,26 +25,16 @@ STAGE void store_stored(history_out halves, plane_out floats, int is_float, uint
         store_again(halves + at, v);
 }
 
-// Asks for the line of the cache in which it lies. Left of rows alone: right of them that was measured to cost.
-STAGE void fetch_stored(history_out halves, plane_out floats, int is_float, uint at)
-{
-    if (is_float)
-        FETCH_TO_STORE(floats + at);
-    else
-        FETCH_TO_STORE(halves + at);
-}
-
 // Repeats in a plane the edges that a work-item has stored: left and right of its rows, then above and below, to the
 // corners.
 STAGE void extend_plane(history_out halves, plane_out floats, int is_float, block_t b, frame_t frame)
 {
-    const int stride = row_stride(frame), end = stride - PAD_X, ahead = EDGE_ROWS_AHEAD * stride;
+    const int stride = row_stride(frame), end = stride - PAD_X;
     const int first_column = b.x == 0, last_column = b.end >= frame.width;
     if (first_column) {
         NO_UNROLL
         for (int y = b.y; y < b.below; ++y) {
             const uint row = texel_offset(frame, 0, y);
-            fetch_stored(halves, floats, is_float, row + (uint)(ahead - PAD_X));
             const real first = first_lanes(load_stored(halves, floats, is_float, row));
             for (int i = LANES; i <= PAD_X; i += LANES)
                 store_stored(halves, floats, is_float, row - (uint)i, first);

@@ -11,8 +11,7 @@
 // Where nothing moves there is no filter to keep rows for.
 #define ROW_CACHE                                                                                                      \
     ((CAMERA_MOTION | OWN_MOTION) & (HISTORY_RANGE == HISTORY_RANGE_LINEAR)                                            \
-        & ((HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM)                                                              \
-            | ((LANES > 1) & (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9))))
+        & (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM))
 
 // A plane's rows, weighed along y as far as they are known, in the order of `weigh`: what the next pixel and the one
 // below it have of theirs, and the last row. Kept as rows they would move from register to register.
@@ -27,15 +26,14 @@ typedef struct
     uint at;
     illumination_cache illumination;
     weights wx, wy;
-    // On a GPU.
     column_sums plane[3];
+    // On a GPU.
     real count; // between two texels of the upper row of the next pixel
     // On a CPU.
     real u, v; // what these come from, where it is the same whole texels for all lanes
     scalar_whole dx, dy; // whose
-    int filled; // whether there is what follows: only from the second segment on that moves alike
+    int filled; // whether there are sums: only from the second segment on that moves alike
     real count_limit; // samples that history at this fraction may stand for
-    real row[3][4]; // of each plane that of row y at y & 3
 } row_cache;
 
 STAGE row_cache empty_row_cache(void)
@@ -80,37 +78,6 @@ STAGE int continues_row_cache(row_cache* cache, footprint f, real u, real v, int
     return 0;
 }
 
-STAGE void fill_row_cache(row_cache* cache, history_in p, size_t plane, int y, int stride, settings_t settings)
-{
-    cache->filled = 1;
-    cache->wx = history_weights(cache->fx);
-    cache->wy = history_weights(cache->fy);
-    cache->count_limit = count_limit_of(cache->fx, cache->fy, settings);
-    NO_UNROLL
-    for (int i = 0; i < 9; ++i)
-        cache->row[i / 3][(y + i % 3 - 1) & 3]
-            = row_alike(p + (size_t)(i / 3) * plane + (i % 3 - 1) * (ptrdiff_t)stride, cache->wx).middle;
-}
-
-// One plane of a segment whose rows y - 1 to y + 1 are kept; p points at its tap 1.
-STAGE real sample_cached(real* row, history_in p, weights wx, weights wy, int y, int stride)
-{
-    const real zero = SPLAT(0.0), last = row_alike(p + 2 * (ptrdiff_t)stride, wx).middle;
-    row[(y + 2) & 3] = last;
-    return weigh(zero, row[(y - 1) & 3], row[y & 3], row[(y + 1) & 3], last, zero, wy).middle;
-}
-
-STAGE colour sample_cached_colour(row_cache* cache, history_in p, size_t plane, int y, int stride, settings_t settings)
-{
-    if (!cache->filled)
-        fill_row_cache(cache, p, plane, y, stride, settings);
-    const weights wx = cache->wx, wy = cache->wy;
-    const colour v = { sample_cached(cache->row[0], p, wx, wy, y, stride),
-        sample_cached(cache->row[1], p + plane, wx, wy, y, stride),
-        sample_cached(cache->row[2], p + 2 * plane, wx, wy, y, stride) };
-    return v;
-}
-
 // A GPU asks for the row that every pixel needs before the branch, past which its compiler moves no load.
 typedef struct
 {
@@ -142,6 +109,22 @@ STAGE real slide_plane(column_sums* s, taps t, weights wx, weights wy)
     return v;
 }
 
+STAGE void fill_columns(row_cache* cache, history_in p, uint at, size_t plane, int stride)
+{
+    cache->wx = history_weights(cache->fx), cache->wy = history_weights(cache->fy);
+    NO_UNROLL
+    for (int i = 0; i < 3; ++i)
+        cache->plane[i] = fill_plane(p + i * plane, at, cache->wx, cache->wy, stride);
+}
+
+STAGE colour slide_columns(row_cache* cache, taps r, taps g, taps b)
+{
+    const weights wx = cache->wx, wy = cache->wy;
+    const colour v = { slide_plane(&cache->plane[0], r, wx, wy), slide_plane(&cache->plane[1], g, wx, wy),
+        slide_plane(&cache->plane[2], b, wx, wy) };
+    return v;
+}
+
 // A row of the count between two texels, as `sample_count` has it.
 STAGE real count_between(real left, real right, real fx) { return left + fx * (right - left); }
 
@@ -155,18 +138,25 @@ STAGE colour slide_history(
                b = load_taps(ROW_BELOW(p + 2 * plane, f.at, 2, stride));
     if ((f.at != cache->at) | any_of((f.fx != cache->fx) | (f.fy != cache->fy))) {
         cache->fx = f.fx, cache->fy = f.fy;
-        cache->wx = history_weights(f.fx), cache->wy = history_weights(f.fy);
-        cache->plane[0] = fill_plane(p, f.at, cache->wx, cache->wy, stride);
-        cache->plane[1] = fill_plane(p + plane, f.at, cache->wx, cache->wy, stride);
-        cache->plane[2] = fill_plane(p + 2 * plane, f.at, cache->wx, cache->wy, stride);
+        fill_columns(cache, p, f.at, plane, stride);
         cache->count = count_between(load(upper), load(upper + 1), f.fx);
     }
     const real below = count_between(lower_left, lower_right, f.fx);
     *count = cache->count + f.fy * (below - cache->count);
     cache->count = below;
     cache->at = f.at + (uint)stride;
-    const colour v = { slide_plane(&cache->plane[0], r, cache->wx, cache->wy),
-        slide_plane(&cache->plane[1], g, cache->wx, cache->wy),
-        slide_plane(&cache->plane[2], b, cache->wx, cache->wy) };
-    return v;
+    return slide_columns(cache, r, g, b);
+}
+
+// Colour at the footprint of a segment of a CPU that moves as the one above it.
+STAGE colour sample_cached_colour(
+    row_cache* cache, history_in p, uint at, size_t plane, int stride, settings_t settings)
+{
+    if (!cache->filled) {
+        cache->filled = 1;
+        fill_columns(cache, p, at, plane, stride);
+        cache->count_limit = count_limit_of(cache->fx, cache->fy, settings);
+    }
+    history_in q = p + at + 2 * (ptrdiff_t)stride;
+    return slide_columns(cache, load_taps(q), load_taps(q + plane), load_taps(q + 2 * plane));
 }

@@ -152,15 +152,12 @@ STAGE real blend(real history, real current, real weight)
 }
 
 // A value fit to be stored: inside the domain, never a denormal, never -0, and not below the least of 0 and the current
-// sample, so that light never turns negative through a negative lobe or a chroma clamp. On a GPU that stores halves
-// also nothing that would round to 0 or -0, which half_storable need not ask again.
+// sample, so that light never turns negative through a negative lobe or a chroma clamp.
 STAGE real storable(real v, real current)
 {
     const real floor_value = lesser(current, SPLAT(0.0));
     const real raised = NEGATIVES == NEGATIVES_RAISE ? greater(v, floor_value) : v;
-    mask nothing = absolute(raised) < SPLAT(TINY);
-    if (NATIVE & STORAGE_HALF)
-        nothing = absolute(raised) <= SPLAT(HALF_TINY);
+    const mask nothing = absolute(raised) < SPLAT(TINY);
     return outside_domain(raised) | nothing ? SPLAT(0.0) : raised;
 }
 
@@ -224,9 +221,7 @@ STAGE pixel_t current_pixel(
     p.stats = neighbourhood_statistics(above, centre, below, frame);
     p.filtered = current_sample(above, centre, below, p.stats, frame);
     p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? centre.centre : p.filtered;
-    // In YCoCg that of the pixel's own sample is worked out already, to the bit.
-    const int known = (CURRENT_FILTER == CURRENT_FILTER_NONE) & (BOX_SPACE == BOX_SPACE_YCOCG);
-    p.luminance = known ? centre.a.shift : luminance_4(p.filtered);
+    p.luminance = luminance_4(p.filtered);
     p.alpha = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
     p.reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
     p.least_reactive = p.most_reactive = p.reactivity;

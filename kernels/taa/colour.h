@@ -104,17 +104,10 @@ STAGE whole largest_bits(colour v)
     return larger_bits(larger_bits(magnitude_bits(v.r), magnitude_bits(v.g)), magnitude_bits(v.b));
 }
 
-STAGE real sum_of_magnitudes(colour v) { return (absolute(v.r) + absolute(v.g)) + absolute(v.b); }
-
 // Whether a row of texels holds one outside the domain: the left neighbours of a segment's, its own, and the right
-// ones. Where there are several lanes, each of its own is a neighbour of another. On a GPU, which adds twice as fast as
-// it compares, also where their sum is: a repair leaves alone what is inside.
+// ones. Where there are several lanes, each of its own is a neighbour of another.
 STAGE int any_outside_domain(colour left, colour own, colour right)
 {
-    if (NATIVE & !RELAXED) {
-        const real sum = (sum_of_magnitudes(left) + sum_of_magnitudes(own)) + sum_of_magnitudes(right);
-        return any_of(!(sum <= K(DOMAIN_LIMIT)));
-    }
     if ((LANES == 1) | REAL_DOUBLE)
         return any_of(colour_outside_domain(left) | colour_outside_domain(own) | colour_outside_domain(right));
     return any_of(larger_bits(largest_bits(left), largest_bits(right)) > DOMAIN_BITS);

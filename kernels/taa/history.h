@@ -112,7 +112,7 @@ STAGE footprint find_footprint(motion_t m, mask valid, uint at, frame_t frame, r
 }
 
 STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_inverse_depth, footprint f, int alike,
-    int y, frame_t frame, settings_t settings, row_cache* cache)
+    frame_t frame, settings_t settings, row_cache* cache)
 {
     const size_t plane = history_plane_size(frame);
     if (LANES == 1)
@@ -128,7 +128,7 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_in
         f.fx = cache->fx;
         f.fy = cache->fy;
         f.lanes = LANES_ALIKE;
-        const colour rgb = sample_cached_colour(cache, history + f.at, plane, y, row_stride(frame), settings);
+        const colour rgb = sample_cached_colour(cache, history, f.at, plane, row_stride(frame), settings);
         const real counted = sample_count(count, f, row_stride(frame));
         return sample_planes(
             history, previous_inverse_depth, f, cache->wx, cache->wy, rgb, counted, cache->count_limit, frame);
@@ -154,7 +154,7 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
     h.valid = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
     int alike;
     const footprint f = find_footprint(seen, h.valid, at, frame, cache, &alike);
-    const sampled v = sample_at(history, count, previous_inverse_depth, f, alike, y, frame, settings, cache);
+    const sampled v = sample_at(history, count, previous_inverse_depth, f, alike, frame, settings, cache);
     h.rgb = v.rgb;
     h.count = v.count;
     h.valid = h.valid & !colour_outside_domain(h.rgb);

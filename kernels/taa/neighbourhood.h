@@ -60,94 +60,45 @@ STAGE moments window_moments(moments centre, moments below, joined upper, joined
     return m;
 }
 
-// The cross: the centre row of three and the texels above and below. Five values, the same shifted form.
-STAGE moments cross_moments(moments above, moments centre, moments below)
-{
-    const real du = above.shift - centre.shift, dd = below.shift - centre.shift;
-    const real across = K(3.0) * centre.offset, sum = across + (du + dd);
-    const real squares = (K(TWO_THIRDS) * centre.spread + across * centre.offset) + (du * du + dd * dd);
-    moments m;
-    m.shift = centre.shift;
-    m.offset = sum * K(ONE_FIFTH);
-    m.spread = squares - sum * m.offset;
-    m.low = lesser(lesser(above.shift, below.shift), centre.low);
-    m.high = greater(greater(above.shift, below.shift), centre.high);
-    return m;
-}
-
-// The weighted 3x3: 1 2 1 along a row and down the rows, 16 in all. The middle's own difference is 0.
-STAGE moments weighted_row(moments m, real left, real centre, real right)
-{
-    const real dl = left - centre, dr = right - centre, sum = dl + dr;
-    m.offset = sum * K(0.25);
-    m.spread = (dl * dl + dr * dr) - sum * m.offset;
-    return m;
-}
-
-STAGE moments weighted_window(moments m, moments above, moments centre, moments below, real da, real db)
-{
-    const real sum = da + db, offset = sum * K(0.25);
-    m.offset = centre.offset + offset;
-    m.spread = ((above.spread + below.spread) + K(2.0) * centre.spread) + K(4.0) * ((da * da + db * db) - sum * offset);
-    return m;
-}
-
 // The popular form of the variance, E[x^2] - E[x]^2, an option so that its failure can be seen: it cancels where the
 // mean is large beside the deviation. Rows hold their sum as offset and their sum of squares as spread; the whole has
 // its mean as shift, and its variance as spread.
-#define MIDDLE (NEIGHBOURHOOD == NEIGHBOURHOOD_WEIGHTED ? 2 : 1)
-#define SHARE                                                                                                          \
-    (NEIGHBOURHOOD == NEIGHBOURHOOD_CROSS ? ONE_FIFTH : (NEIGHBOURHOOD == NEIGHBOURHOOD_WEIGHTED ? 0.0625 : ONE_NINTH))
-
 STAGE moments naive_row(moments m, real left, real centre, real right)
 {
-    m.offset = (left + right) + K(MIDDLE) * centre;
-    m.spread = (left * left + right * right) + K(MIDDLE) * (centre * centre);
+    m.offset = (left + right) + centre;
+    m.spread = (left * left + right * right) + centre * centre;
     return m;
 }
 
 STAGE moments naive_window(moments m, moments above, moments centre, moments below)
 {
-    real sum = (above.offset + below.offset) + K(MIDDLE) * centre.offset;
-    real squares = (above.spread + below.spread) + K(MIDDLE) * centre.spread;
-    if (NEIGHBOURHOOD == NEIGHBOURHOOD_CROSS) {
-        sum = centre.offset + (above.shift + below.shift);
-        squares = centre.spread + (above.shift * above.shift + below.shift * below.shift);
-    }
-    m.shift = sum * K(SHARE);
+    const real sum = (above.offset + below.offset) + centre.offset;
+    const real squares = (above.spread + below.spread) + centre.spread;
+    m.shift = sum * K(ONE_NINTH);
     m.offset = SPLAT(0.0);
-    m.spread = squares * K(SHARE) - m.shift * m.shift;
+    m.spread = squares * K(ONE_NINTH) - m.shift * m.shift;
     return m;
 }
 
-// The moments of a row as the chosen neighbourhood and variance need them.
+// The moments of a row as the chosen variance needs them.
 STAGE moments chosen_row(real left, real centre, real right)
 {
-    moments m = row_moments(left, centre, right);
-    if (NEIGHBOURHOOD == NEIGHBOURHOOD_WEIGHTED)
-        m = weighted_row(m, left, centre, right);
+    const moments m = row_moments(left, centre, right);
     return VARIANCE == VARIANCE_NAIVE ? naive_row(m, left, centre, right) : m;
 }
 
 STAGE real deviation_of(moments m)
 {
-    if ((VARIANCE != VARIANCE_NAIVE) & (NEIGHBOURHOOD == NEIGHBOURHOOD_SQUARE))
-        return square_root(m.spread * K(TWO_27THS));
-    const real variance = VARIANCE == VARIANCE_NAIVE ? m.spread : m.spread * K(SHARE);
-    return square_root(greater(variance, SPLAT(0.0)));
+    return square_root(VARIANCE == VARIANCE_NAIVE ? greater(m.spread, SPLAT(0.0)) : m.spread * K(TWO_27THS));
 }
 
 STAGE moments neighbourhood_moments(moments above, moments centre, moments below, joined upper, joined lower)
 {
     moments m = window_moments(centre, below, upper, lower);
-    if (NEIGHBOURHOOD == NEIGHBOURHOOD_WEIGHTED)
-        m = weighted_window(m, above, centre, below, -upper.step, lower.step);
     if (BOX == BOX_ROUNDED) {
         m.low = K(0.5) * (m.low + lesser(lesser(above.shift, below.shift), centre.low));
         m.high = K(0.5) * (m.high + greater(greater(above.shift, below.shift), centre.high));
     }
-    if (NEIGHBOURHOOD == NEIGHBOURHOOD_CROSS)
-        m = cross_moments(above, centre, below);
     return VARIANCE == VARIANCE_NAIVE ? naive_window(m, above, centre, below) : m;
 }
 
@@ -354,9 +305,6 @@ STAGE surface nearest_surface(row_t above, row_t centre, row_t below, settings_t
         const real skew = (s.nearest - s.centre) - (s.centre - s.farthest);
         across = absolute(skew) > K(settings.edge_tolerance) * absolute(s.nearest);
     }
-    // Mostly there is none in a whole segment. Not on a GPU, whose work-items would wait for the one that has an edge.
-    if (LANES > 1 && !any_of(across))
-        return s;
     s.inverse_depth = across ? s.nearest : s.inverse_depth;
     s.x = across ? (down ? below.nearest_x : (up ? above.nearest_x : centre.nearest_x)) : s.x;
     s.y = across ? (down ? SPLAT(1.0) : (up ? SPLAT(-1.0) : SPLAT(0.0))) : s.y;

@@ -13,7 +13,6 @@
 // Taps 1 and 2 are read as one pair, as a texture unit would read them: w2 is then the place between the two.
 #define FIVE_PAIRS                                                                                                     \
     (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5 || HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5_RAW)
-#define IN_PAIRS (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9 || FIVE_PAIRS)
 
 // All weights but that of tap 1, which is what is left of 1. Of Catmull-Rom's 16 taps they are those of the steps from
 // tap to tap instead: w0 of that from tap 0 to 1, w2 of that from 1 to 2, w3 of that from 2 to 3.
@@ -36,7 +35,7 @@ STAGE weights catmull_rom(real t)
     weights w;
     w.w3 = (t * t) * (K(-0.5) + K(0.5) * t);
     w.first = w.last = SPLAT(0.0);
-    if (!IN_PAIRS) {
+    if (!FIVE_PAIRS) {
         w.w0 = t * (K(0.5) - t * (K(1.0) - K(0.5) * t));
         w.w2 = t * (K(0.5) + t * (K(1.5) - t));
         return w;
@@ -81,7 +80,7 @@ STAGE weights history_weights(real t)
     weights w = { zero, zero, t, zero, zero }; // bilinear
     if (HISTORY_FILTER == HISTORY_FILTER_NEAREST)
         w.w2 = t >= SPLAT(0.5) ? SPLAT(1.0) : zero;
-    if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM || IN_PAIRS)
+    if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM || FIVE_PAIRS)
         return catmull_rom(t);
     if (HISTORY_FILTER == HISTORY_FILTER_LANCZOS_3)
         return lanczos(t);
@@ -94,8 +93,6 @@ STAGE row_taps weigh(real first, real p0, real p1, real p2, real p3, real last, 
     const real pair = v.middle;
     if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM)
         v.middle = ((p1 + w.w0 * (p1 - p0)) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p2);
-    if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9)
-        v.middle = pair + (w.w0 * (p0 - pair) + w.w3 * (p3 - pair));
     if (FIVE_PAIRS)
         v.sides = w.w0 * (p0 - pair) + w.w3 * (p3 - pair);
     if (HISTORY_FILTER == HISTORY_FILTER_LANCZOS_3) {
@@ -126,14 +123,13 @@ STAGE real weigh_rows(
 }
 
 // How the lanes of a segment lie in the previous frame: all on texels and moved by one whole number of them
-// (ON_TEXELS), between texels of one row (ON_ROWS), between texels with one whole part (ALIKE), with whole parts that
-// differ by at most 1 an axis (CLOSE), or freely (APART). The values read are the same in each case, only the loads
-// differ. A pixel without motion lies on texels.
+// (ON_TEXELS), between texels with one whole part (ALIKE), with whole parts that differ by at most 1 an axis (CLOSE),
+// or freely (APART). The values read are the same in each case, only the loads differ. A pixel without motion lies on
+// texels.
 #define LANES_ON_TEXELS 0
-#define LANES_ON_ROWS 1
-#define LANES_ALIKE 2
-#define LANES_CLOSE 3
-#define LANES_APART 4
+#define LANES_ALIKE 1
+#define LANES_CLOSE 2
+#define LANES_APART 3
 
 typedef struct
 {
@@ -154,8 +150,8 @@ STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
     f.lanes = LANES_ALIKE;
     f.step_x = f.step_y = (whole)(0);
     // Not on a GPU, which waits for each load behind a branch, but reads what lies before the first all at once.
-    if (LANES > 1 && !any_of(f.fy != SPLAT(0.0)))
-        f.lanes = any_of(f.fx != SPLAT(0.0)) ? LANES_ON_ROWS : LANES_ON_TEXELS;
+    if (LANES > 1 && !any_of((f.fx != SPLAT(0.0)) | (f.fy != SPLAT(0.0))))
+        f.lanes = LANES_ON_TEXELS;
     if (LANES > 1 && any_of((f.dx ^ x) | (f.dy ^ y))) {
         x -= any_of(f.dx < x) ? 1 : 0;
         y -= any_of(f.dy < y) ? 1 : 0;
@@ -227,10 +223,6 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
     row_taps first = NO_TAPS, last = NO_TAPS;
     if (f.lanes == LANES_ON_TEXELS)
         return load_history(q);
-    if (f.lanes == LANES_ON_ROWS) {
-        const row_taps row = row_alike(q, wx);
-        return row.middle + row.sides;
-    }
     if (LANES > 1 && f.lanes == LANES_CLOSE) {
         const mask down = f.step_y != 0;
         const row_taps a = row_close(q - line, wx, f.step_x), b = row_close(q, wx, f.step_x),

@@ -42,7 +42,7 @@ def ramp(index: int) -> Frame:
     return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0))
 
 
-@pytest.mark.parametrize(("fit", "off"), [("mean", 0.16 / 16), ("plane", 0.0), ("layers", 0.0)])
+@pytest.mark.parametrize(("fit", "off"), [("mean", 0.16 / 16), ("layers", 0.0)])
 def test_a_ramp_is_found_at_the_centre_wherever_the_samples_lie(fit: str, off: float) -> None:
     resolver = Resolver(gathering(fit, fit_ridge=2.0**-6, history_frames=4), "numpy")
     for index in range(5):
@@ -66,7 +66,7 @@ def test_samples_from_afar_count_only_where_they_lie_in_the_pixel() -> None:
     # and row (from the middle) 0.2 pixels from a sample, and one of odd ones 0.8 pixels from one.
     changed = {}
     for reach in (0.6, 0.9):
-        resolver = Resolver(gathering("plane", reject="none", fit_reach=reach), "numpy")
+        resolver = Resolver(gathering("layers", reject="none", fit_reach=reach), "numpy")
         for index in range(2):
             frame = zoomed(index)
             resolved = resolver.resolve(frame)
@@ -84,7 +84,7 @@ def test_a_sample_beside_the_pixel_counts_by_how_near_it_lies() -> None:
         colour[:, 10:] = 1.0
         return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0))
 
-    preset = gathering("plane", fit_reach=0.75, fit_ridge=2.0**20, rectify="none", history_frames=3)
+    preset = gathering("layers", fit_reach=0.75, fit_ridge=2.0**20, rectify="none", history_frames=3)
     resolver = Resolver(preset, "numpy")
     for index in range(4):
         resolved = resolver.resolve(step(index))
@@ -117,7 +117,7 @@ def test_weights_whose_squares_are_0_are_fitted_without_a_warning() -> None:
     weight = np.full((1, 1), 1e-30, np.float32)  # of a sample of luminance 1e30
     place = np.full_like(weight, 0.25)
     gathered = Gathered(np.zeros_like(weight))
-    gathered.add([place] * 3, weight, place, place, np.ones((1, 1), bool), GatherFit.PLANE)
+    gathered.add([place] * 3, weight, place, place, np.ones((1, 1), bool), GatherFit.LAYERS)
     settings = np.array([(0.1,)], [("fit_ridge", np.float32)])[0]
     with quiet:  # as all that gathers is called; a warning would fail the test
         fit = fit_at_centre(gathered, np.ones_like(weight), settings)

@@ -33,7 +33,7 @@ def bar_before_stripes(index: int, x: int) -> Frame:
     return replace(frame, colour=colour, depth=depth, motion=motion, jitter_px=(0.0, 0.0))
 
 
-@pytest.mark.parametrize(("fit", "clean"), [("plane", False), ("layers", True)])
+@pytest.mark.parametrize(("fit", "clean"), [("mean", False), ("layers", True)])
 def test_the_wall_beside_a_moving_bar_is_not_smeared(fit: str, *, clean: bool) -> None:
     resolver = Resolver(gathering(fit), "numpy")
     for index in range(6):

@@ -79,7 +79,6 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "alpha",
         "alpha_from",
         "anti_flicker",
-        "box",
         "box_space",
         "filter_use",
         "fireflies",
@@ -122,6 +121,22 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
     "weigh_windows": ("alpha", "storage", "weighting"),
 }
 LONG_RING = 48  # frames
+# Values that a stage's code does not tell from another one.
+ALIKE: dict[str, dict[str, str]] = {
+    "neighbourhood_statistics": dict.fromkeys(["box=variance", "box=both", "box=unit", "tonemap=blend"], "default"),
+    "sample_history": {
+        "storage=half-stochastic": "storage=half",
+        "illumination=window": "illumination=test",
+        "tonemap=blend": "default",
+    },
+    "rectify_history": dict.fromkeys(
+        ["accumulate=exponential", "accumulate=constant", "anti_flicker=difference"], "default"
+    ),
+    "blend": {
+        "illumination=window": "illumination=test",
+        **dict.fromkeys(["rectify=clip-unguarded", "rectify=clip-current", "rectify=ellipsoid"], "rectify=clip"),
+    },
+}
 BACK = 0.2  # the nearest points of the planes lie at 0.1: the previous camera was in front of them
 UNWRITTEN = np.float32(-77.0)  # what no stage writes into a plane by itself
 ALL_STEPS = Steps(alpha=True, reactive=True)
@@ -261,7 +276,16 @@ def variant_names(kernel: str, build: Build) -> list[Any]:
 
 
 def variants(kernel: str, build: Build) -> dict[str, Build]:
-    """``build``, with each choice or step that a stage looks at changed on its own, and as it is shipped; by name."""
+    """``build``, with each choice or step that a stage looks at changed on its own, and as it is shipped; by name.
+
+    Of values that it does not tell apart one is there.
+    """
+    named = every_variant(kernel, build)
+    return {name: named[name] for name in named if name not in ALIKE.get(kernel, {})}
+
+
+def every_variant(kernel: str, build: Build) -> dict[str, Build]:
+    """``variants``, and those that are alike."""
     named = {"default": build}
     for name in LOOKS_AT[kernel]:
         part = next((part for part in ("choices", "steps") if hasattr(getattr(build, part), name)), "")

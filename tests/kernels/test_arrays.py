@@ -216,21 +216,20 @@ def test_what_kernels_cannot_read_in_its_place(array: NDArray[Any]) -> None:
     assert flat(array) is None
     frame = make_frame(0)
     odd = replace(frame, depth=frame.depth[::-1].astype(">f8")[::-1])
-    assert np.array_equal(Resolver(device=device()).resolve(odd), Resolver(device=device()).resolve(frame))
+    assert np.array_equal(Resolver("basic", device()).resolve(odd), Resolver("basic", device()).resolve(frame))
 
 
 @pytest.mark.parametrize(
-    ("preset", "storage"),
+    ("preset", "storage", "alpha"),
     [
-        ("default", Storage.FLOAT),
-        ("default", Storage.HALF_STOCHASTIC),
-        ("gather-48", Storage.FLOAT),
+        ("basic", Storage.FLOAT, True),
+        ("basic", Storage.HALF_STOCHASTIC, False),
+        ("gather-48", Storage.FLOAT, True),
     ],
 )
 @pytest.mark.parametrize("device", [None, "numpy"])
-@pytest.mark.parametrize("alpha", [False, True])
 def test_a_result_in_halves_is_the_one_in_floats(
-    preset: str, storage: Storage, device: str | None, alpha: bool
+    preset: str, storage: Storage, alpha: bool, device: str | None
 ) -> None:
     floats, halves = (Resolver(preset, device, storage=storage) for _ in range(2))
     for index in range(3):

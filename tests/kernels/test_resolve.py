@@ -79,19 +79,25 @@ def differing(changes: dict[str, object], frames: list[Frame], lanes: int, rows:
     return different
 
 
-@pytest.mark.parametrize(("lanes", "rows"), [(1, 1), (1, 5), (4, 3), (8, 32), (16, 2), (16, 32)])
+@pytest.mark.parametrize(("lanes", "rows"), [(1, 1), (4, 3), (16, 5)])
 def test_same_bits_whatever_the_shape_of_the_work(lanes: int, rows: int) -> None:
     assert differing({}, list(hard_frames()), lanes, rows) == 0
 
 
-@pytest.mark.parametrize(("name", "choice"), [(name, choice) for name in ALONE for choice in CHOICES[name]])
-def test_same_bits_for_every_choice_that_stands_alone(name: str, choice: str) -> None:
-    assert differing({name: choice}, list(hard_frames()), 8, 7) == 0
-
-
-@pytest.mark.parametrize("size", [(1, 1), (1, 17), (17, 1), (2, 2), (3, 3), (17, 13), (33, 9)])
-def test_same_bits_at_every_size(size: tuple[int, int]) -> None:
-    assert differing({}, list(hard_frames(*size)), 8, 4) == 0
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"alpha_from": "current"},
+        {"history": "frames"},
+        {"on_camera_move": "reset"},
+        {"reproject": "camera"},
+        {"reproject": "none"},
+    ],
+    ids=str,
+)
+def test_same_bits_for_every_choice_that_stands_alone(changes: dict[str, object]) -> None:
+    assert differing(changes, list(hard_frames()), 8, 7) == 0
 
 
 @pytest.mark.parametrize("level", [1e-22, 1e14])
@@ -104,10 +110,13 @@ def test_same_bits_where_squares_begin_and_end(level: float) -> None:
         assert np.array_equal(bits(device.resolve(frame)), bits(twin.resolve(frame)))
 
 
-@pytest.mark.parametrize("lanes", [0, 8])  # 0: as many as the device has
-@pytest.mark.parametrize("effects", [None, frozenset(Effect)], ids=["undeclared", "light-tested"])
-@pytest.mark.parametrize("storage", [Storage.HALF, Storage.HALF_STOCHASTIC])
-def test_same_bits_for_every_storage(storage: Storage, effects: frozenset[Effect] | None, lanes: int) -> None:
+# Light is tested for unless what is declared rules out that it changes. Lanes 0: as many as the device has.
+@pytest.mark.parametrize(
+    ("storage", "lanes", "effects"),
+    [(Storage.HALF, 0, None), (Storage.HALF_STOCHASTIC, 8, frozenset({Effect.CAMERA, Effect.DISOCCLUSION}))],
+    ids=["half-light", "half-stochastic"],
+)
+def test_same_bits_for_every_storage(storage: Storage, lanes: int, effects: frozenset[Effect] | None) -> None:
     build = Build(strict=True, storage=storage, lanes=lanes)
     device, twin = Resolver(build=build), Resolver(device="numpy", storage=storage)
     for hard in hard_frames():
@@ -117,10 +126,9 @@ def test_same_bits_for_every_storage(storage: Storage, effects: frozenset[Effect
         assert np.array_equal(bits(resolved), bits(twin.resolve(frame)))
 
 
-@pytest.mark.parametrize("real", list(Real))
-def test_same_numbers_with_a_history_of_doubles(real: Real) -> None:
+def test_same_numbers_in_doubles() -> None:
     # A device may contract or reorder nothing in a strict build, whatever the numbers are.
-    build = Build(storage=Storage.DOUBLE, real=real, strict=True)
+    build = Build(storage=Storage.DOUBLE, real=Real.DOUBLE, strict=True, lanes=4)
     device, twin = Resolver(build=build), Resolver(device="numpy", build=build)
     for frame in hard_frames():
         assert np.array_equal(bits(device.resolve(frame)), bits(twin.resolve(frame)))

@@ -20,17 +20,19 @@ from tests.kernels.stage_chain import ALL_STEPS, Work, differing, hard_work, run
 from tests.sequence_factory import make_frame
 
 WIDTH, HEIGHT = 45, 23
-ROWS = 7
-# Term -> settings that make nothing of it.
-NOTHING = {
-    "resampling_penalty": Settings(resampling_penalty=0.0),
-    "clip_penalty": Settings(clip_penalty=0.0),
-    "box_scale_by_motion": Settings(box_scale_static=1.25, box_scale_moving=1.25),
-    "disocclusion_blur": Settings(disocclusion_blur=0.0),
-    "first_samples": Settings(first_samples=1.0),
-    "luma_scale": Settings(luma_scale=1.0),
-    "box_leak": Settings(box_leak=0.0),
-}
+ROWS = 4
+# No term comes to something.
+NOTHING = Settings(
+    resampling_penalty=0.0,
+    clip_penalty=0.0,
+    box_scale_static=1.25,
+    box_scale_moving=1.25,
+    disocclusion_blur=0.0,
+    first_samples=1.0,
+    luma_scale=1.0,
+    box_leak=0.0,
+)
+NONE = Terms(**dict.fromkeys(Terms.__struct_fields__, False))
 
 
 @cache
@@ -51,31 +53,35 @@ def strict(lanes: int) -> Build:
 
 
 @pytest.mark.parametrize("lanes", [1, 8])
-@pytest.mark.parametrize("term", NOTHING)
-def test_a_term_that_comes_to_nothing_is_left_out_without_a_trace(term: str, lanes: int) -> None:
-    work, build = work_with(NOTHING[term]), strict(lanes)
-    less = replace(build, terms=Terms(**{term: False}))
-    with_it, without = (resolved(work, how, device()) for how in (build, less))
-    assert differing(work, with_it, without) == 0
+def test_terms_that_come_to_nothing_are_left_out_without_a_trace(lanes: int) -> None:
+    work, build = work_with(NOTHING), strict(lanes)
+    assert Terms.of(NOTHING) == NONE
+    less = replace(build, terms=NONE)
+    with_them, without = (resolved(work, how, device()) for how in (build, less))
+    assert differing(work, with_them, without) == 0
     assert differing(work, without, resolved(work, less, NumpyLauncher())) == 0
 
 
-@pytest.mark.parametrize("lanes", [1, 8])
-def test_a_size_known_when_kernels_are_built_changes_no_bit(lanes: int) -> None:
-    work, build = work_with(Settings()), strict(lanes)
+@pytest.mark.parametrize("term", NONE.__struct_fields__)
+def test_no_term_hides_that_another_leaves_a_trace(term: str) -> None:
+    work, less = work_with(NOTHING), replace(strict(1), terms=replace(NONE, **{term: True}))
+    assert differing(work, *(resolved(work, how, NumpyLauncher()) for how in (less, replace(less, terms=NONE)))) == 0
+
+
+def test_a_size_known_when_kernels_are_built_changes_no_bit() -> None:
+    work, build = work_with(Settings()), strict(1)  # a GPU's
     width = replace(build, stride=work.layout.stride)
     for known in (width, replace(width, plane=work.layout.plane)):
         assert differing(work, resolved(work, known, device()), resolved(work, build, device())) == 0
 
 
 def test_presets_call_for_the_terms_that_they_use() -> None:
-    none = Terms(**dict.fromkeys(Terms.__struct_fields__, False))
-    assert Terms.of(Settings()) == replace(none, resampling_penalty=True, clip_penalty=True, disocclusion_blur=True)
-    assert Terms.of(load_preset("default").settings) == replace(none, resampling_penalty=True)
-    assert Terms.of(load_preset("fast").settings) == none
-    scaled = replace(none, box_scale_by_motion=True, disocclusion_blur=True, luma_scale=True, box_leak=True)
+    assert Terms.of(Settings()) == replace(NONE, resampling_penalty=True, clip_penalty=True, disocclusion_blur=True)
+    assert Terms.of(load_preset("default").settings) == replace(NONE, resampling_penalty=True)
+    assert Terms.of(load_preset("fast").settings) == NONE
+    scaled = replace(NONE, box_scale_by_motion=True, disocclusion_blur=True, luma_scale=True, box_leak=True)
     assert Terms.of(load_preset("fsr3-like").settings) == scaled
-    assert Terms.of(load_preset("bevy").settings) == replace(none, first_samples=True)
+    assert Terms.of(load_preset("bevy").settings) == replace(NONE, first_samples=True)
     resolver = Resolver("fast", "numpy")
     resolver.resolve(make_frame(0, width=WIDTH, height=HEIGHT))
     assert resolver.last is not None

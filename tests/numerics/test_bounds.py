@@ -69,7 +69,11 @@ def test_parts_of_numbers_carry_what_rounding_may_turn() -> None:
     assert (signed.value.tolist(), signed.error.tolist()) == ([2.0, 2.0, -2.0, 2.0], [0.0, 0.0, 0.0, np.inf])
 
 
-@pytest.mark.parametrize(("kernel", "name"), [names for k in WRITES for names in variant_names(k, DEFAULT)])
+# What is left out leaves no sum in another order.
+@pytest.mark.parametrize(
+    ("kernel", "name"),
+    [names for k in WRITES for names in variant_names(k, DEFAULT) if not names.values[1].endswith(("=False", "=none"))],
+)
 def test_a_fast_kernel_lies_inside_its_bound_and_near_it(kernel: str, name: str) -> None:
     check(rows_of(kernel, variants(kernel, DEFAULT)[name]))
 
@@ -83,8 +87,7 @@ def test_the_kernels_of_a_gpu_lie_inside_their_bounds(kernel: str) -> None:
     check(rows_of(kernel, GPU))
 
 
-@pytest.mark.parametrize("lanes", [0, 1])
-@pytest.mark.parametrize("accumulate", [Accumulate.COUNT, Accumulate.EXPONENTIAL])
+@pytest.mark.parametrize(("accumulate", "lanes"), [(Accumulate.COUNT, 0), (Accumulate.EXPONENTIAL, 1)])
 def test_a_weight_in_a_mean_lies_inside_its_bound(accumulate: Accumulate, lanes: int) -> None:
     steps, choices = replace(ALL_STEPS, reactive=False), replace(DEFAULT.choices, accumulate=accumulate)
     check(rows_of("blend", replace(DEFAULT, steps=steps, choices=choices, lanes=lanes)))

@@ -39,11 +39,6 @@ def patches() -> Planes:
     return image.astype(np.float32)
 
 
-# Those whose weights are the same everywhere. Weights by luminance and by jitter are held to the shaders that they are
-# of (tests/core/test_seed_presets.py).
-FIXED = [Neighbourhood.CROSS, Neighbourhood.SQUARE, Neighbourhood.WEIGHTED]
-
-
 def measured(launcher: DeviceLauncher, image: Planes, **choices: Any) -> tuple[Planes, Planes]:
     """Mean and deviation [3, H, W] that the stage gives."""
     layout = Layout(image.shape[2], image.shape[1])
@@ -56,14 +51,11 @@ def measured(launcher: DeviceLauncher, image: Planes, **choices: Any) -> tuple[P
     return found[:3], found[3:6]
 
 
-def windows(image: NDArray[Any], neighbourhood: Neighbourhood) -> NDArray[Any]:
-    """[9, 5 or 16, C, H, W]: the texels around each, edges repeated; in the weighted 3x3 as often as they count."""
+def windows(image: NDArray[Any]) -> NDArray[Any]:
+    """[9, C, H, W]: the texels around each, edges repeated."""
     around = np.pad(image, ((0, 0), (1, 1), (1, 1)), mode="edge")
     height, width = image.shape[1:]
-    line = [0, 1, 1, 2] if neighbourhood is Neighbourhood.WEIGHTED else [0, 1, 2]
-    cross = neighbourhood is Neighbourhood.CROSS
-    taps = [(y, x) for y in line for x in line if not cross or 1 in (y, x)]
-    return np.array([around[:, y : y + height, x : x + width] for y, x in taps])
+    return np.array([around[:, y : y + height, x : x + width] for y in range(3) for x in range(3)])
 
 
 def box_space(image: NDArray[Any]) -> NDArray[Any]:
@@ -73,15 +65,13 @@ def box_space(image: NDArray[Any]) -> NDArray[Any]:
 
 
 @pytest.mark.parametrize("space", list(BoxSpace))
-@pytest.mark.parametrize("neighbourhood", FIXED)
-def test_c1_deviation_is_right_at_any_mean(
-    launcher: DeviceLauncher, neighbourhood: Neighbourhood, space: BoxSpace
-) -> None:
+def test_c1_deviation_is_right_at_any_mean(launcher: DeviceLauncher, space: BoxSpace) -> None:
+    # Weights by luminance and by jitter are held to the shaders that they are of (tests/core/test_seed_presets.py).
     image = patches()
-    mean, deviation = measured(launcher, image, neighbourhood=neighbourhood, box_space=space)
+    mean, deviation = measured(launcher, image, box_space=space)
     exact = image.astype(np.float64)
-    taps = windows(exact if space is BoxSpace.RGB else box_space(exact), neighbourhood)
-    largest = np.abs(windows(exact, neighbourhood)).max(axis=(0, 1))
+    taps = windows(exact if space is BoxSpace.RGB else box_space(exact))
+    largest = np.abs(windows(exact)).max(axis=(0, 1))
     # numerics.md, C1: 60 u of the deviation whatever the mean, and 2 u of the largest value for YCoCg's own rounding.
     rounding = 0.0 if space is BoxSpace.RGB else 2 * UNIT_ROUNDOFF * largest
     error = np.abs(deviation - taps.std(axis=0))
@@ -94,7 +84,7 @@ def test_c1_deviation_is_right_at_any_mean(
 @pytest.mark.parametrize("neighbourhood", list(Neighbourhood))
 def test_c1_a_flat_patch_has_no_deviation_at_all(launcher: DeviceLauncher, neighbourhood: Neighbourhood) -> None:
     image = patches()
-    taps = windows(image, neighbourhood)
+    taps = windows(image)
     flat = (taps == taps[0]).all(axis=(0, 1))
     _, deviation = measured(launcher, image, neighbourhood=neighbourhood)
     assert flat.sum() > 1000
@@ -104,7 +94,7 @@ def test_c1_a_flat_patch_has_no_deviation_at_all(launcher: DeviceLauncher, neigh
 
 def test_c1_the_usual_form_would_fail() -> None:
     # E[x^2] - E[x]^2 in float32, which half of the published code uses: the patches do tell it from the shifted form.
-    taps = windows(patches(), Neighbourhood.SQUARE)
+    taps = windows(patches())
     ninth = np.float32(1 / 9)
     mean = taps.sum(axis=0, dtype=np.float32) * ninth
     naive = (taps * taps).sum(axis=0, dtype=np.float32) * ninth - mean * mean
@@ -114,14 +104,11 @@ def test_c1_the_usual_form_would_fail() -> None:
     assert off.mean() > 0.3
 
 
-@pytest.mark.parametrize("neighbourhood", FIXED)
-def test_c1_the_naive_variance_fails_as_it_is_known_to(launcher: DeviceLauncher, neighbourhood: Neighbourhood) -> None:
+def test_c1_the_naive_variance_fails_as_it_is_known_to(launcher: DeviceLauncher) -> None:
     # The option: what it gives is E[x^2] - E[x]^2 within its own rounding, and most of it is not the deviation.
     image = patches()
-    mean, deviation = measured(
-        launcher, image, neighbourhood=neighbourhood, box_space=BoxSpace.RGB, variance=Variance.NAIVE
-    )
-    taps = windows(image.astype(np.float64), neighbourhood)
+    mean, deviation = measured(launcher, image, box_space=BoxSpace.RGB, variance=Variance.NAIVE)
+    taps = windows(image.astype(np.float64))
     true, size = taps.std(axis=0), (taps**2).mean(axis=0)
     assert (np.abs(mean - taps.mean(axis=0)) <= 12 * UNIT_ROUNDOFF * np.abs(taps).max(axis=0)).all()
     # numerics.md, C1: (n + 2) u of the mean square, in the variance.

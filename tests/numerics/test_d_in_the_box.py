@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from cltaa.core.constants import value as value_of
 from cltaa.core.parameters import Box, BoxSpace, Rectify
 from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.reference.launcher import NumpyLauncher
 from tests.numerics.still_frames import UNIT_ROUNDOFF
 from tests.numerics.test_c_statistics import box_space
 from tests.numerics.test_d_rectification import BOXES, SETTINGS, Planes, random_boxes, rectified
@@ -98,20 +99,21 @@ def floored(extent: Values, centre: Values, kind: Rectify) -> Values:
     return np.maximum(extent, least if kind is Rectify.CLIP else 0.0)
 
 
-@pytest.mark.parametrize("lanes", [0, 1])
-@pytest.mark.parametrize("strict", [True, False])
+# Strict builds have the bits of the twin, whatever their lanes.
+@pytest.mark.parametrize(("strict", "lanes"), [(True, 0), (False, 0), (False, 1)])
 @pytest.mark.parametrize("space", list(BoxSpace))
 @pytest.mark.parametrize("box", [Box.VARIANCE, Box.EXTREMES])
 @pytest.mark.parametrize("kind", [Rectify.CLAMP, Rectify.CLIP])
 def test_d2_the_result_lies_in_the_box(
     launcher: DeviceLauncher, kind: Rectify, box: Box, space: BoxSpace, strict: bool, lanes: int
 ) -> None:
+    on = NumpyLauncher() if strict else launcher
     quotients = 0 if kind is Rectify.CLAMP else (STRICT if strict else OPENCL)
     nearest = []
     for history, mean, deviation in (random_boxes(), far_boxes(31, False), far_boxes(32, True)):
         if space is BoxSpace.YCOCG:
             mean = box_space(mean.astype(np.float64)).astype(np.float32)
-        result = rectified(launcher, history, mean, deviation, kind, space, box, strict, lanes)
+        result = rectified(on, history, mean, deviation, kind, space, box, strict, lanes)
         centre, extent = mean.astype(np.float64), deviation.astype(np.float64)
         if box is Box.EXTREMES:
             low, high = ((mean + k * deviation).astype(np.float64) for k in (-1, 1))

@@ -27,7 +27,7 @@ def assert_like_numpy(launcher: DeviceLauncher, width: int, height: int, count: 
         assert np.array_equal(bits(ours.resolve(frame)), bits(theirs.resolve(frame)))
 
 
-@pytest.mark.parametrize("size", [(1, 1), (1, 13), (13, 1), (2, 2), (3, 3), (17, 13), (97, 5), (641, 363)])
+@pytest.mark.parametrize("size", [(1, 1), (1, 13), (13, 1), (2, 2), (3, 3), (17, 13), (97, 5), (241, 131)])
 def test_g5_every_size_gives_the_oracles_bits(launcher: DeviceLauncher, size: tuple[int, int]) -> None:
     assert_like_numpy(launcher, *size)
 
