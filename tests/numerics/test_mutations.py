@@ -27,6 +27,7 @@ def test_a_fault_names_tests_that_there_are(mutation: Mutation) -> None:
         chosen = re.fullmatch(r"(?:gpu )?(?:bound|twin) of (\w+)-(.+)", name)
         if chosen:
             assert chosen[2] in variants(chosen[1], Build(strict=True, lanes=1)), name
+            assert not re.fullmatch(r"twin of \w+-default", name), "the twin of every choice leaves the default out"
         else:
             path, _, function = name.split("[")[0].partition("::")
             assert f"def {function}" in (TOP / path).read_text(encoding="utf-8"), name
