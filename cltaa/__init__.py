@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cltaa.lab.inspect.findings import inspect_folder as inspect
     from cltaa.lab.inspect.plan import plan
     from cltaa.lab.judge.metrics import measure
-    from cltaa.pipeline.run import resolve_folder as resolve
+    from cltaa.pipeline.folder import resolve_folder as resolve
 
 __version__ = "0.1.0"
 
@@ -46,7 +46,7 @@ _HOMES = {
     "measure": "cltaa.lab.judge.metrics",
     "open": "cltaa.inputs.open:open_input",
     "plan": "cltaa.lab.inspect.plan",
-    "resolve": "cltaa.pipeline.run:resolve_folder",
+    "resolve": "cltaa.pipeline.folder:resolve_folder",
     "write_frame": "cltaa.io.exr_write",
 }
 

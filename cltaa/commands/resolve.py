@@ -37,7 +37,8 @@ from cltaa.io.numbered import OnBreak
 from cltaa.io.preset_file import preset_of
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY
 from cltaa.pipeline.denoise import DENOISERS
-from cltaa.pipeline.run import COMPARISONS, ResolveReport, resolve_folder, stage_rows
+from cltaa.pipeline.folder import resolve_folder
+from cltaa.pipeline.run import COMPARISONS, ResolveReport, stage_rows
 from cltaa.printable import counted, json_of, printable, shown
 from cltaa.process import stop_signals
 

@@ -8,34 +8,28 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
-from types import MappingProxyType
 from typing import Any, Literal
 
 import msgspec
 import numpy as np
 
-from cltaa.core.backend import Launcher
-from cltaa.core.bands import BAND_ROWS, BandedResolver
-from cltaa.core.build import Storage
-from cltaa.core.debug_views import View, parse_views
-from cltaa.core.parameters import HistoryKind, Illumination
+from cltaa.core.bands import BandedResolver
+from cltaa.core.debug_views import View
+from cltaa.core.parameters import HistoryKind
 from cltaa.core.plan import estimate, with_effects
 from cltaa.core.planes import pooled_memory
-from cltaa.core.presets import Preset, Published, load_preset, override
+from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver, Times
-from cltaa.errors import DeviceLost, ResourceError, UsageError
+from cltaa.errors import DeviceLost, UsageError
 from cltaa.frame import Effect, Frame, outline
-from cltaa.inputs.foreign import ForeignSequence
-from cltaa.inputs.open import check_declared, open_input
 from cltaa.io.atomic import atomic_path, check_creatable, owned
-from cltaa.io.content import memory_limit
 from cltaa.io.exr_layout import check_lossless
 from cltaa.io.manifest import REFERENCE
 from cltaa.io.names import Selection
@@ -44,20 +38,15 @@ from cltaa.io.pixel_statistics import Missing
 from cltaa.io.sequence import FrameSequence, ImageSequence, open_images
 from cltaa.io.streams import InTurn, ReadAhead, Writer
 from cltaa.io.video import check_film, rate_of, write_side_by_side, write_video, write_wipe
-from cltaa.opencl.launcher import launchers
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.pipeline.debug import DebugViews
 from cltaa.pipeline.denoise import Denoise, denoiser
 from cltaa.pipeline.follow import Arrivals
-from cltaa.pipeline.memory import NO_LAYERS, Memory, of_whole_images
 from cltaa.pipeline.output import (
     OutputFolder,
     Read,
     ResolvedFiles,
-    carried_compression,
-    carried_kinds,
     check_layers,
-    chosen_layers,
     reads,
     sequence_settings,
 )
@@ -142,194 +131,6 @@ def write_record(folder: Path, report: ResolveReport, preset: Preset) -> None:
 def stage_rows(seconds: StageTimes) -> Iterable[tuple[str, float]]:
     """Name and milliseconds a frame of each stage, for a table."""
     return ((field.replace("_", " "), getattr(seconds, field) * 1e3) for field in StageTimes.__struct_fields__)
-
-
-def band_rows_for(whole: Memory) -> int:
-    """Rows of a band that suit a run that would take ``whole`` over whole images; 0 where this machine has that."""
-    return BAND_ROWS if whole.whole > memory_limit() else 0
-
-
-def of_whole(
-    sequence: FrameSequence, resolver: Resolver, *, half: bool = False, layers: Mapping[str, str] = NO_LAYERS
-) -> Memory:
-    """Memory of a resolve of ``sequence`` by ``resolver`` over whole images; ``layers`` as for ``of_resolve``."""
-    return of_whole_images(
-        sequence,
-        resolver.storage,
-        changes=resolver.preset.choices.illumination is not Illumination.STATIC,
-        half=half,
-        shared=resolver.launcher.shares_memory,
-        layers=layers,
-        look_ahead=resolver.look_ahead,
-    )
-
-
-def has_bands(resolver: Resolver) -> bool:
-    """True where the device and the preset of ``resolver`` can do with bands."""
-    return resolver.launcher.takes_bands and resolver.preset.choices.history is HistoryKind.ACCUMULATED
-
-
-def resolver_for(
-    preset: Preset,
-    device: str | Launcher | None,
-    sequence: FrameSequence,
-    band_rows: int | None = None,
-    *,
-    storage: Storage = Storage.FLOAT,
-    half: bool = False,
-    layers: Mapping[str, str] = NO_LAYERS,
-    beside: int = 0,
-    **options: Any,
-) -> Resolver:
-    """A resolver for the frames of ``sequence``: in bands where whole ones take more memory than this machine has.
-
-    ``half`` says that halves will be written, ``layers`` are as ``of_resolve`` takes them, and ``beside`` how many
-    other resolvers run at the same time. ``band_rows`` chooses in the machine's place; 0 is whole images. Raises
-    ResourceError where they would have to be resolved in bands and the preset keeps frames, which only whole images
-    can.
-    """
-    resolver = Resolver(preset, device, storage=storage, **options)  # first: what shares its memory takes less of it
-    if band_rows is None:
-        whole = of_whole(sequence, resolver, half=half, layers=layers)
-        needed = whole.whole * (1 + beside)
-        band_rows = BAND_ROWS if needed > memory_limit() else 0
-        if band_rows and preset.choices.history is not HistoryKind.ACCUMULATED:
-            raise ResourceError(
-                f"{sequence.width} x {sequence.height} pixels are too many for preset {preset.name}, which "
-                "keeps frames, so it resolves whole images only",
-                expected=f"{needed / 1e6:.0f} MB beside what it keeps",
-                found=f"{memory_limit() / 1e6:.0f} MB of memory",
-                cure="take fewer --jobs"
-                if beside
-                else "take --preset default, which resolves them in bands, or --band-rows 0 to try all the same",
-            )
-        if not has_bands(resolver):
-            band_rows = 0
-    if not band_rows:
-        return resolver
-    return BandedResolver.beside(resolver, band_rows, storage=storage, **options)
-
-
-def with_fireflies(preset: Preset, sequence: FrameSequence, asked: str | None) -> Preset:
-    """``preset`` with what is ``asked`` of fireflies, or by itself with what the profile of ``sequence`` says of them.
-
-    Presets that gather, and transcriptions, keep theirs. Raises UsageError where they are asked for another.
-    """
-    gathers = preset.choices.history is not HistoryKind.ACCUMULATED
-    if asked is None:
-        profile = sequence.intake.profile.colour.fireflies if isinstance(sequence, ForeignSequence) else "keep"
-        asked = "keep" if gathers or preset.published is not Published.NO else profile
-        return preset if asked == "keep" else override(preset, {"fireflies": asked})
-    if gathers and asked == "clamp":
-        cure = "take --preset default"
-        raise UsageError(f"--fireflies clamp: preset {preset.name} gathers and keeps its fireflies", cure=cure)
-    return override(preset, {"fireflies": asked})
-
-
-def resolve_folder(
-    source: str | Path | FrameSequence,
-    output: str | Path,
-    preset: str | Preset = "default",
-    device: str | Launcher | None = None,
-    *,
-    effects: frozenset[Effect] | Literal["auto", "all"] = "auto",
-    half: bool = False,
-    storage: Storage = Storage.FLOAT,
-    strict: bool = False,
-    band_rows: int | None = None,
-    compression: str | None = None,
-    layers: tuple[str, ...] | None = None,
-    debug: Iterable[str] = (),
-    progress: bool = False,
-    follow: bool = False,
-    idle: float | None = None,
-    fireflies: str | None = None,
-    jobs: int = 1,
-    reading: Mapping[str, Any] = MappingProxyType({}),
-    **options: Any,
-) -> ResolveReport:
-    """Resolve a folder of frames into ``output`` as ``cltaa resolve`` does, whose options these are.
-
-    With ``follow`` a folder that is still being written: each frame as it appears, until the last one of ``frames`` in
-    ``reading``, until none came for ``idle`` seconds, or until interrupted.
-
-    ``jobs`` parts of the sequence are resolved at once, on all devices like the one that ``device`` names in turn, if
-    the preset gathers. ``reading`` are the arguments of ``cltaa.open`` for a ``source`` that is not opened yet:
-    ``profile``, ``side_file``, ``frames`` and others. ``fireflies`` is ``keep`` or ``clamp``; by itself what the preset
-    or else the profile says.
-    What is given neither ``compression`` nor ``layers`` keeps those that the command keeps.
-    ``options`` are those of ``resolve_sequence`` that are not named here. Raises what that and opening raise.
-    """
-    preset = load_preset(preset) if isinstance(preset, str) else preset
-    check_jobs(jobs, preset, follow=follow, debug=bool(debug))
-    arrivals = arrivals_of(source, preset, idle, reading, options) if follow else None
-    if arrivals is not None:
-        sequence = arrivals.first()
-        if progress and sequence.notes:
-            print("\n".join(map(printable, sequence.notes)), file=sys.stderr)
-    else:
-        sequence = open_input(source, **reading) if isinstance(source, str | Path) else source
-    check_declared(sequence, effects)
-    carried = chosen_layers(layers, sequence)
-    preset = with_fireflies(preset, sequence, fireflies)
-    resolver, *others = (
-        resolver_for(
-            preset,
-            launcher,
-            sequence,
-            band_rows,
-            strict=strict,
-            storage=storage,
-            half=half,
-            layers=carried_kinds(sequence, carried),
-            beside=jobs - 1,
-        )
-        for launcher in launchers(device, jobs)
-    )
-    return resolve_sequence(
-        sequence,
-        output,
-        resolver,
-        others=others,
-        effects=effects,
-        half=half,
-        compression=compression or carried_compression(sequence),
-        debug=parse_views(",".join(debug), "debug"),
-        layers=carried,
-        progress=progress,
-        arrivals=arrivals,
-        **options,
-    )
-
-
-def check_jobs(jobs: int, preset: Preset, *, follow: bool, debug: bool) -> None:
-    """Raise UsageError where so many parts of a sequence cannot be resolved at once."""
-    if jobs < 1:
-        raise UsageError("so many parts at once", expected="1 or more", found=jobs)
-    if jobs == 1:
-        return
-    if preset.choices.history is not HistoryKind.FRAMES:
-        cure = "leave out --jobs, or take a preset that gathers, as gather-8"
-        raise UsageError(f"--jobs: preset {preset.name} resolves each frame from the result before it", cure=cure)
-    for given, option in ((follow, "--follow"), (debug, "--debug")):
-        if given:
-            raise UsageError(f"--jobs resolves no frames in turn, as {option} wants", cure="give one of the two")
-
-
-def arrivals_of(
-    source: object, preset: Preset, idle: float | None, reading: Mapping[str, Any], options: Mapping[str, Any]
-) -> Arrivals:
-    """What is to be followed; raises UsageError for what only a finished sequence has."""
-    if not isinstance(source, str | Path):
-        raise UsageError("only a folder or a pattern of files can be followed", found=type(source).__name__)
-    if preset.settings.look_ahead:
-        cure = "take one that does not, or resolve the finished folder without --follow"
-        raise UsageError(f"preset {preset.name} looks ahead, so it cannot follow", cure=cure)
-    if options.get("preview") is not None:
-        cure = "give the same command with --preview and without --follow when all is there"
-        raise UsageError("--preview is of a finished sequence", cure=cure)
-    others = dict(reading)
-    return Arrivals(source, others.pop("frames", None), idle, others)
 
 
 COMPARISONS = ("side", "wipe")  # of a film

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from cltaa.cli import main
+from cltaa.core.backend import Launcher
 from cltaa.core.build import Storage
 from cltaa.core.debug_views import View
 from cltaa.core.presets import Preset
@@ -71,7 +72,7 @@ def test_what_is_said_of_a_run(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr("cltaa.pipeline.run.resolve_sequence", lambda *_, **__: outcome(**changes))
+    monkeypatch.setattr("cltaa.pipeline.folder.resolve_sequence", lambda *_, **__: outcome(**changes))
     command = ["resolve", str(write_sequence(tmp_path / "in", 1)), "-o", str(tmp_path / "out"), "--device", "numpy"]
     assert main([*command, *options]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -88,7 +89,7 @@ def test_what_is_said_of_a_run(
 def test_an_alpha_of_1_in_every_frame_of_another_tool_is_told(
     opaque: int, told: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cltaa.pipeline.run.resolve_sequence", lambda *_, **__: outcome(opaque=opaque))
+    monkeypatch.setattr("cltaa.pipeline.folder.resolve_sequence", lambda *_, **__: outcome(opaque=opaque))
     folder = write_blender(tmp_path / "in", [make_frame(0, motion=True)])
     assert main(["resolve", str(folder), "-o", str(tmp_path / "out"), "--device", "numpy"]) == 0
     assert (OPAQUE in " ".join(capsys.readouterr().out.split())) is told
@@ -101,12 +102,12 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
         asked.update(more, output=output, resolver=resolver)
         return outcome()
 
-    def built(preset: Preset, device: str | None, _source: object, band_rows: int | None, **more: Any) -> str:
-        asked.update(more, gamma=preset.settings.box_scale_static, device=device, band_rows=band_rows)
+    def built(preset: Preset, device: Launcher, _source: object, band_rows: int | None, **more: Any) -> str:
+        asked.update(more, gamma=preset.settings.box_scale_static, device=device.description, band_rows=band_rows)
         return "the resolver"
 
-    monkeypatch.setattr("cltaa.pipeline.run.resolve_sequence", run)
-    monkeypatch.setattr("cltaa.pipeline.run.resolver_for", built)
+    monkeypatch.setattr("cltaa.pipeline.folder.resolve_sequence", run)
+    monkeypatch.setattr("cltaa.pipeline.folder.resolver_for", built)
     monkeypatch.setattr("cltaa.commands.resolve.stop_signals", lambda: "signals")
     options = [
         "--set",
@@ -133,7 +134,9 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
     assert main(["resolve", str(write_sequence(tmp_path / "in", 1)), "-o", str(out), *options]) == 0
     assert asked == {
         "gamma": 2.0,
-        "device": "numpy",
+        "device": "NumPy (float32 oracle)",
+        "beside": 0,
+        "others": [],
         "storage": Storage.HALF,
         "strict": True,
         "band_rows": 8,

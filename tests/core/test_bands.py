@@ -27,8 +27,9 @@ from cltaa.opencl.device import Device
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.opencl.shape import Shape
 from cltaa.pipeline.checkpoint import Checkpoints
+from cltaa.pipeline.folder import band_rows_for, resolver_for
 from cltaa.pipeline.memory import DevicePlanes, Memory, of_resolve, of_whole_images
-from cltaa.pipeline.run import band_rows_for, resolve_sequence, resolver_for
+from cltaa.pipeline.run import resolve_sequence
 from tests.sequence_factory import bits, make_camera, make_frame, special_values, write_sequence
 
 ROWS = (1, 2, 3, 4, 5, 7, 8, 22, 23, 24, 100)
@@ -121,7 +122,7 @@ def test_numpy_has_no_bands() -> None:
 
 
 def test_only_large_images_are_banded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cltaa.pipeline.run.memory_limit", lambda: 24 * 10**9)
+    monkeypatch.setattr("cltaa.pipeline.folder.memory_limit", lambda: 24 * 10**9)
     assert band_rows_for(whole_images(3840, 2160)) == 0
     assert band_rows_for(whole_images(7680, 4320)) == 0
     assert band_rows_for(whole_images(16384, 16384)) > 0
@@ -153,7 +154,7 @@ def test_bands_begin_where_the_formula_says(
     whole = of_whole_images(sequence, storage, changes=True, half=half, shared=shared).whole
     assert (whole != plain) == (half or shared or storage is Storage.HALF)
     for memory, banded in ((whole, False), (whole - 1, True)):
-        monkeypatch.setattr("cltaa.pipeline.run.memory_limit", lambda memory=memory: memory)
+        monkeypatch.setattr("cltaa.pipeline.folder.memory_limit", lambda memory=memory: memory)
         resolver = resolver_for(load_preset("default"), launcher, sequence, storage=storage, half=half)
         assert isinstance(resolver, BandedResolver) == banded
         found = plan(sequence, device=launcher, rounds=0, storage=storage, half=half).memory
@@ -163,7 +164,7 @@ def test_bands_begin_where_the_formula_says(
 def test_numpy_that_the_environment_names_resolves_whole_images(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cltaa.pipeline.run.memory_limit", lambda: 10**5)
+    monkeypatch.setattr("cltaa.pipeline.folder.memory_limit", lambda: 10**5)
     monkeypatch.setenv("CLTAA_DEVICE", "numpy")
     assert main(["resolve", str(write_sequence(tmp_path / "in", 2)), "-o", str(tmp_path / "out")]) == 0
     assert (tmp_path / "out" / "synthetic.0001.exr").exists()
@@ -191,7 +192,7 @@ def test_a_preset_that_keeps_frames_has_no_bands(
         "preset gather-48 keeps frames, so it resolves whole images only; leave --band-rows out"
         in capsys.readouterr().err
     )
-    monkeypatch.setattr("cltaa.pipeline.run.memory_limit", lambda: 10**5)
+    monkeypatch.setattr("cltaa.pipeline.folder.memory_limit", lambda: 10**5)
     assert main(command) == 75
     said = capsys.readouterr().err
     assert (

@@ -13,7 +13,7 @@ from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Frame
 from cltaa.inputs.open import open_input
-from cltaa.pipeline.run import with_fireflies
+from cltaa.pipeline.folder import with_fireflies
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import bits, make_frame
 

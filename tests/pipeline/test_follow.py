@@ -16,8 +16,8 @@ from cltaa.inputs.open import open_input
 from cltaa.io.content import open_regular
 from cltaa.io.exr_header import read_outline
 from cltaa.pipeline import follow
+from cltaa.pipeline.folder import resolve_folder
 from cltaa.pipeline.follow import check_whole
-from cltaa.pipeline.run import resolve_folder
 from cltaa.process import Stop
 from tests.io.stream_threads import wait_for
 from tests.sequence_factory import write_sequence

@@ -21,9 +21,9 @@ from cltaa.inputs.open import open_input
 from cltaa.io.names import Named
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.timing import Job, Samples, measure
+from cltaa.pipeline.folder import band_rows_for, has_bands, of_whole
 from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence, program_bytes
 from cltaa.pipeline.output import carried_kinds, check_layers, chosen_layers
-from cltaa.pipeline.run import band_rows_for, has_bands, of_whole
 
 ROUNDS = 9  # of timing, each of which runs every variant once
 PLANNED, EVERY = "as planned", "every step"

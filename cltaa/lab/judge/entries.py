@@ -114,7 +114,7 @@ def numbered(folder: Path) -> dict[int, Path]:
 @contextmanager
 def resolved_by_us(presets: Sequence[str], sequences: Sequence[Path]) -> Iterator[list[Entry]]:
     """Entries of our own presets, told nothing of the effects, in a folder that is gone when the block ends."""
-    from cltaa.pipeline.run import resolve_folder
+    from cltaa.pipeline.folder import resolve_folder
 
     with TemporaryDirectory(prefix="cltaa-table-") as folder:
         entries = []
