@@ -76,7 +76,7 @@ def _print(report: Report, words: tuple[str, ...], options: str) -> None:
         print_line(f"    {shown(finding.evidence)}", "dim")
         if finding.option:
             print_line(f"    {shown(finding.option)}")
-    for line in report.untold:
+    for line in report.unverifiable:
         print_line(f"[yellow]?[/] cannot tell {shown(line)}")
     if report.questions and not report.mistakes:
         print_line(f"no mistake is certain in {counted(report.frames, 'frame')}; look at what is asked")

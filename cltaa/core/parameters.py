@@ -89,7 +89,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
         float, _number("factor of the weight where luminances agree (difference)", 0.0, 1.0, "1", "INSIDE 2016: 0.03")
     ] = 0.03
     difference_knee: Annotated[
-        float, _number("least luminance that a difference is held against", 1e-3, 1e6, "scene units", "INSIDE: 0.2")
+        float, _number("least luminance that a difference is divided by", 1e-3, 1e6, "scene units", "INSIDE: 0.2")
     ] = 0.2
     filter_falloff: Annotated[
         float,
@@ -324,7 +324,7 @@ class Variance(Choice):
 
 
 class Box(Choice):
-    """What the history is held against."""
+    """What the history is compared with."""
 
     VARIANCE = "variance", "mean +- gamma standard deviations"
     EXTREMES = "extremes", "least and greatest value of each channel"

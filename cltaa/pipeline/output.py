@@ -150,7 +150,7 @@ CODE = "code_sha256"  # the key of the settings that says which code
 
 
 def sequence_settings(sequence: FrameSequence) -> dict[str, Any]:
-    """What of a sequence decides the bits of all its frames; their files are held against their hashes one by one."""
+    """What of a sequence decides the bits of all its frames; their files are compared with their hashes one by one."""
     size = [sequence.width, sequence.height]
     return {"sequence": sequence.name, "first_frame": sequence.first, "size": size, **sequence.reading}
 

@@ -36,7 +36,7 @@ from cltaa.lab.check.hypotheses import (
 from cltaa.lab.check.registration import LEAST_ANCHORS, Fit, Shot, Vector, squeezed_light
 from cltaa.printable import counted
 
-MOST_FRAMES = 16  # each is held against each
+MOST_FRAMES = 16  # each is compared with each
 NEIGHBOURS = [(right, down) for down, right in product((-1, 0, 1), repeat=2)]
 WAVE = 1.2  # radians a pixel of the longest wave that the function is made of: half of it spans what is compared
 ORDERS = [(m, n) for m, n in product(range(4), repeat=2) if m + n <= 3]

@@ -38,7 +38,7 @@ from cltaa.lab.check.hypotheses import ASKED, DOUBTFUL, Finding, mistake
 from cltaa.lab.check.jitter import check_jitter
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
 from cltaa.lab.check.registration import Shot, measure_shifts
-from cltaa.lab.check.unverifiable import untold
+from cltaa.lab.check.unverifiable import unverifiable
 from cltaa.printable import counted, written
 from cltaa.progress import track
 
@@ -175,14 +175,14 @@ ROUNDS = 6  # of looking and reading again: matrices, depth, its unit, vectors a
 class Report(msgspec.Struct, kw_only=True):
     """What ``cltaa check`` found; ``options`` reads the sequence right, ``profile`` is the same as data.
 
-    ``untold`` are conventions that could be wrong without a trace in these frames.
+    ``unverifiable`` are conventions that could be wrong without a trace in these frames.
     """
 
     folder: str
     frames: int
     reading: list[str]
     findings: list[Finding]
-    untold: list[str]
+    unverifiable: list[str]
     options: str
     profile: dict[str, Any]
 
@@ -246,7 +246,7 @@ def check_folder(
         frames=len(frames_read),
         reading=[*intake_lines(first)],
         findings=unreadable(wrong) + findings,
-        untold=untold(Shot(frames_read, **told)),
+        unverifiable=unverifiable(Shot(frames_read, **told)),
         options=options,
         profile=msgspec.to_builtins(mended),
     )

@@ -46,7 +46,7 @@ VECTORS = {
 AXES = {"the sign of x": 0, "the sign of y": 1}
 
 
-def untold(shot: Shot) -> list[str]:
+def unverifiable(shot: Shot) -> list[str]:
     """One line for each convention that could be wrong and this check would not name it in these frames."""
     if not shot.pairs:
         return [_alone(shot), *_depth(shot)]

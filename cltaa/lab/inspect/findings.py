@@ -84,7 +84,7 @@ class Inspection(msgspec.Struct, kw_only=True):
 
 
 def describe_layouts(result: Inspection, layouts: Mapping[int, Layout]) -> None:
-    """Say in ``result`` what files of these layouts, by frame number, hold; the others are held against the first."""
+    """Say in ``result`` what files of these layouts, by frame number, hold; the others are compared with the first."""
     if not layouts:
         return
     number, first = next(iter(layouts.items()))
@@ -269,7 +269,7 @@ def inspect_folder(
 ) -> Inspection:
     """Look at every file of a sequence. What is wrong is listed, not raised.
 
-    With ``pixels`` the files are also decoded, and held against the SHA-256 that is recorded for them and against the
+    With ``pixels`` the files are also decoded, and compared with the SHA-256 that is recorded for them and against the
     effects that they declare.
     ``advance(done, total)`` is called after every file. Raises InputMissing or DataError only where there is no one
     sequence to look at.

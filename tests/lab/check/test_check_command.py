@@ -168,7 +168,9 @@ def said_of(
     report: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *options: str
 ) -> list[str]:
     """What is printed of a report, which decides the exit code."""
-    found = Report(folder="my shot", frames=1, reading=[], findings=[], untold=[], options="--profile nuke", profile={})
+    found = Report(
+        folder="my shot", frames=1, reading=[], findings=[], unverifiable=[], options="--profile nuke", profile={}
+    )
     found = msgspec.structs.replace(found, **report)
     monkeypatch.setattr("cltaa.commands.check.check_folder", lambda *_, **__: (found, Profile()))
     assert main(["check", "my shot", *options]) == (65 if found.mistakes else 0)
@@ -187,7 +189,7 @@ def test_each_finding_is_said_with_its_sign_its_confidence_and_what_mends_it(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     mended = finding("jitter-negated", True, fix={"jitter": {"scale": (-1, -1)}}, option="--input jitter.scale=-1,-1")
-    report = {"reading": ["how", "more", "and no more"], "findings": [mended, NOTE], "untold": ["the motion"]}
+    report = {"reading": ["how", "more", "and no more"], "findings": [mended, NOTE], "unverifiable": ["the motion"]}
     assert said_of(report, monkeypatch, capsys) == [
         "how",
         "more",

@@ -78,7 +78,7 @@ def published(name: str) -> Published:
 
 
 def contenders(names: Collection[str]) -> list[str]:
-    """What is held against the published ones: the default, the last of the ladder, and all that is neither.
+    """What is compared with the published ones: the default, the last of the ladder, and all that is neither.
 
     Whoever adds a preset wants to know what it beats.
     """
@@ -267,7 +267,7 @@ def _collapsed(summary: str, text: str) -> str:
 
 
 def _overview(table: Table, beside: str) -> Iterable[str]:
-    """A line a scene, with a link to its table: the best published preset, then those that are held against it."""
+    """A line a scene, with a link to its table: the best published preset, then those that are compared with it."""
     names = _names(table)
     shown = {name: [name] for name in contenders(names)}
     if others := [name for name in names if published(name)]:

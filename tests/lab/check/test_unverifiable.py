@@ -14,7 +14,7 @@ from cltaa.cli import root
 from cltaa.frame import Camera, Frame
 from cltaa.lab.check.registration import Shot
 from cltaa.lab.check.report import check_frames
-from cltaa.lab.check.unverifiable import untold
+from cltaa.lab.check.unverifiable import unverifiable
 from tests.inputs.foreign import write_own
 from tests.lab.check.conftest import Scene
 from tests.lab.check.mistakes import FLIP_Y, MISTAKES, full_motion
@@ -29,7 +29,7 @@ def mistakes(frames: list[Frame]) -> list[str]:
 
 
 def told(frames: list[Frame]) -> list[str]:
-    return untold(Shot(frames, (frames[0].width, frames[0].height)))
+    return unverifiable(Shot(frames, (frames[0].width, frames[0].height)))
 
 
 def rows_up(frames: list[Frame]) -> list[Frame]:
@@ -150,8 +150,10 @@ def test_of_what_was_not_declared_nothing_is_untold() -> None:
     frames = noise([make_camera((0.1 * index, 0.0, 5.0)) for index in range(4)])
     size = frames[0].width, frames[0].height
     assert sum("of depth" in line for line in told(frames)) == 2  # its unit, and its kind
-    assert not any("of depth" in line for line in untold(Shot(frames, size, has_depth=False)))
-    assert not any("of depth" in line or "matrices" in line for line in untold(Shot(frames, size, has_camera=False)))
+    assert not any("of depth" in line for line in unverifiable(Shot(frames, size, has_depth=False)))
+    assert not any(
+        "of depth" in line or "matrices" in line for line in unverifiable(Shot(frames, size, has_camera=False))
+    )
 
 
 def test_a_parallel_camera_that_turns_does_not_tell_the_unit_of_depth() -> None:
@@ -242,7 +244,7 @@ def test_of_a_frame_alone_nothing_that_takes_two_is_told(scene: Scene) -> None:
     window = (first[0].width, first[0].height)
     assert told([make_frame(0)])[-1] == "the kind of depth: no plane in view lies aslant"  # it is noise
     bare = [replace(first[0], motion=None)]
-    assert untold(Shot(bare, window, has_camera=False, has_depth=False, has_jitter=False)) == [f"jitter: {ALONE}"]
+    assert unverifiable(Shot(bare, window, has_camera=False, has_depth=False, has_jitter=False)) == [f"jitter: {ALONE}"]
 
 
 def test_nor_of_frames_with_a_gap_or_a_cut_between_each_and_the_next(scene: Scene) -> None:
