@@ -91,10 +91,11 @@ def choose_device(requested: str | None = None) -> cl.Device:
     return matching[0]
 
 
-def alike(device: cl.Device) -> list[str]:
-    """Indices, as ``choose_device`` takes them, of the other devices of the same description."""
-    found = enumerate(devices())
-    return [str(at) for at, each in found if each != device and describe(each) == describe(device)]
+def alike(requested: str | None = None) -> list[str]:
+    """Indices of the device that ``choose_device`` takes, whose errors these are, and of all others of its name."""
+    chosen = choose_device(requested)
+    same = [(each != chosen, at) for at, each in enumerate(devices()) if describe(each) == describe(chosen)]
+    return [str(at) for _, at in sorted(same)]
 
 
 class Memory(OneProcess):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.backend import DEVICE_VARIABLE, Buffer, Launcher, Queue, launcher_for
+from cltaa.core.backend import Buffer, Queue
 from cltaa.core.build import Build
 from cltaa.core.constants import PAD_X
 from cltaa.core.planes import Layout
@@ -156,19 +155,6 @@ class DeviceLauncher(OneProcess):
     def finish(self) -> None:
         """Wait until the device has done everything."""
         self.device.finish()
-
-
-def launchers(device: str | int | Launcher | None, count: int) -> list[Launcher]:
-    """``count`` launchers: that of ``device``, as ``launcher_for`` takes it, and in turn with it those of all other
-    devices of the same description; the same again where ``device`` is an index or a launcher."""
-    from cltaa.opencl.device import alike
-
-    first = launcher_for(device)
-    wish = device or os.environ.get(DEVICE_VARIABLE, "")
-    different = [first]
-    if count > 1 and isinstance(first, DeviceLauncher) and isinstance(wish, str) and not wish.isdigit():
-        different += [DeviceLauncher(index) for index in alike(first.device.cl_device)[: count - 1]]
-    return [different[at % len(different)] for at in range(count)]
 
 
 def _banded(kernel: str, arguments: Mapping[str, Any]) -> bool:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
-from cltaa.core.backend import Launcher
+from cltaa.core.backend import DEVICE_VARIABLE, Launcher
 from cltaa.core.bands import BAND_ROWS, BandedResolver
 from cltaa.core.build import Storage
 from cltaa.core.debug_views import parse_views
@@ -21,7 +22,6 @@ from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.open import check_declared, open_input
 from cltaa.io.content import memory_limit
 from cltaa.io.sequence import FrameSequence
-from cltaa.opencl.launcher import launchers
 from cltaa.pipeline.follow import Arrivals
 from cltaa.pipeline.memory import NO_LAYERS, Memory, of_whole_images
 from cltaa.pipeline.output import (
@@ -29,7 +29,7 @@ from cltaa.pipeline.output import (
     carried_kinds,
     chosen_layers,
 )
-from cltaa.pipeline.run import ResolveReport, resolve_sequence
+from cltaa.pipeline.run import ResolveReport, check_jobs, resolve_sequence
 from cltaa.printable import printable
 
 
@@ -60,7 +60,7 @@ def has_bands(resolver: Resolver) -> bool:
 
 def resolver_for(
     preset: Preset,
-    device: str | Launcher | None,
+    device: str | int | Launcher | None,
     sequence: FrameSequence,
     band_rows: int | None = None,
     *,
@@ -143,9 +143,9 @@ def resolve_folder(
     ``reading``, until none came for ``idle`` seconds, or until interrupted.
 
     ``jobs`` parts of the sequence are resolved at once, on all devices like the one that ``device`` names in turn, if
-    the preset gathers. ``reading`` are the arguments of ``cltaa.open`` for a ``source`` that is not opened yet:
-    ``profile``, ``side_file``, ``frames`` and others. ``fireflies`` is ``keep`` or ``clamp``; by itself what the preset
-    or else the profile says.
+    the preset gathers: each begins with as many frames before its own as that keeps. ``reading`` are the arguments of
+    ``cltaa.open`` for a ``source`` that is not opened yet: ``profile``, ``side_file``, ``frames`` and others.
+    ``fireflies`` is ``keep`` or ``clamp``; by itself what the preset or else the profile says.
     What is given neither ``compression`` nor ``layers`` keeps those that the command keeps.
     ``options`` are those of ``resolve_sequence`` that are not named here. Raises what that and opening raise.
     """
@@ -164,7 +164,7 @@ def resolve_folder(
     resolver, *others = (
         resolver_for(
             preset,
-            launcher,
+            each,
             sequence,
             band_rows,
             strict=strict,
@@ -173,7 +173,7 @@ def resolve_folder(
             layers=carried_kinds(sequence, carried),
             beside=jobs - 1,
         )
-        for launcher in launchers(device, jobs)
+        for each in devices_of(device, jobs)
     )
     return resolve_sequence(
         sequence,
@@ -191,18 +191,16 @@ def resolve_folder(
     )
 
 
-def check_jobs(jobs: int, preset: Preset, *, follow: bool, debug: bool) -> None:
-    """Raise UsageError where so many parts of a sequence cannot be resolved at once."""
-    if jobs < 1:
-        raise UsageError("so many parts at once", expected="1 or more", found=jobs)
-    if jobs == 1:
-        return
-    if preset.choices.history is not HistoryKind.FRAMES:
-        cure = "leave out --jobs, or take a preset that gathers, as gather-8"
-        raise UsageError(f"--jobs: preset {preset.name} resolves each frame from the result before it", cure=cure)
-    for given, option in ((follow, "--follow"), (debug, "--debug")):
-        if given:
-            raise UsageError(f"--jobs resolves no frames in turn, as {option} wants", cure="give one of the two")
+def devices_of(device: str | int | Launcher | None, jobs: int) -> list[str | int | Launcher | None]:
+    """What each of ``jobs`` resolvers is to open: in turn all devices of the name that ``device`` chooses, or the same
+    again where it is an index, ``numpy`` or a launcher."""
+    wish = os.environ.get(DEVICE_VARIABLE, "") if device is None else device
+    if jobs == 1 or not isinstance(wish, str) or wish.isdigit() or wish == "numpy":
+        return [device] * jobs
+    from cltaa.opencl.device import alike
+
+    indices = alike(wish)
+    return [indices[at % len(indices)] for at in range(jobs)]
 
 
 def arrivals_of(

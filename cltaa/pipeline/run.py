@@ -9,7 +9,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from fractions import Fraction
 from itertools import pairwise
@@ -133,6 +133,20 @@ def stage_rows(seconds: StageTimes) -> Iterable[tuple[str, float]]:
     return ((field.replace("_", " "), getattr(seconds, field) * 1e3) for field in StageTimes.__struct_fields__)
 
 
+def check_jobs(jobs: int, preset: Preset, *, follow: bool, debug: bool) -> None:
+    """Raise UsageError where so many parts of a sequence cannot be resolved at once."""
+    if jobs < 1:
+        raise UsageError("so many parts at once", expected="1 or more", found=jobs)
+    if jobs == 1:
+        return
+    if preset.choices.history is not HistoryKind.FRAMES:
+        cure = "leave out --jobs, or take a preset that gathers, as gather-8"
+        raise UsageError(f"--jobs: preset {preset.name} resolves each frame from the result before it", cure=cure)
+    for given, option in ((follow, "--follow"), (debug, "--debug")):
+        if given:
+            raise UsageError(f"--jobs resolves no frames in turn, as {option} wants", cure="give one of the two")
+
+
 COMPARISONS = ("side", "wipe")  # of a film
 
 
@@ -176,6 +190,7 @@ def resolve_sequence(
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
     what reading, resolving and writing raise; finished frames stay complete.
     """
+    check_jobs(1 + len(others), resolver.preset, follow=arrivals is not None, debug=bool(debug))
     output, preview = Path(output), None if preview is None else Path(preview)
     if compare not in (None, *COMPARISONS):
         raise UsageError("no such comparison", expected=", ".join(COMPARISONS), found=compare)
@@ -203,7 +218,8 @@ def resolve_sequence(
         check_film(preview, sequence, output)
         rate = rate_of(sequence.attributes, sequence.sequence_json, sequence.step)
     keeping = pooled_memory(images=not isinstance(resolver, BandedResolver))
-    every = _every_step(resolver, resolver.every_step or effects == "all")
+    resolvers = [resolver, *others]
+    every = _every_step(resolvers, resolver.every_step or effects == "all")
     with keeping, every, owned(output), stopping or nullcontext(Stop()) as stop:
         if preview is not None:
             check_creatable(preview)  # again, now that the output is there, which may be the film's folder
@@ -213,7 +229,6 @@ def resolve_sequence(
             checkpoints.clear()
         views = DebugViews(resolver, debug, len(sequence))
         files = ResolvedFiles(folder, resolver, views, undeclared=sequence.undeclared)
-        resolvers = [resolver, *others]
         run = _Run(
             sequence, files, checkpoints, resolvers, effects, stop, layers, half=half, progress=progress, denoise=cleans
         )
@@ -257,13 +272,16 @@ def _results(output: Path, sequence: FrameSequence) -> Selection:
 
 
 @contextmanager
-def _every_step(resolver: Resolver, every: bool) -> Iterator[None]:
-    """Let a resolver run every step, or not, until the end of the block."""
-    before, resolver.every_step = resolver.every_step, every
+def _every_step(resolvers: Sequence[Resolver], every: bool) -> Iterator[None]:
+    """Let resolvers run every step, or not, until the end of the block."""
+    before = [resolver.every_step for resolver in resolvers]
+    for resolver in resolvers:
+        resolver.every_step = every
     try:
         yield
     finally:
-        resolver.every_step = before
+        for resolver, ran in zip(resolvers, before, strict=True):
+            resolver.every_step = ran
 
 
 def _refuse_place(output: Path, sequence: FrameSequence) -> None:
@@ -304,7 +322,7 @@ class _Run:
         missing = self._files.folder.missing(self._sequence, self._resolver.look_ahead)
         if not missing:
             return
-        if len(self._resolvers) > 1:
+        if len(self._resolvers) > 1 and self._gathers:
             self._beside(missing, compression)
             return
         if self._resolver.look_ahead:
@@ -317,41 +335,44 @@ class _Run:
     def _beside(self, missing: list[int], compression: str) -> None:
         """Resolve the ``missing`` frames in as many runs of them as there are resolvers, at the same time.
 
-        Where one fails, the others end with the frame in work.
+        Where one fails or the process is interrupted, all end with the frame in work, and the first failure is raised.
         """
         begins = [len(missing) * at // len(self._resolvers) for at in range(len(self._resolvers) + 1)]
         runs = [missing[begin:end] for begin, end in pairwise(begins) if begin < end]
-        started, done, failed, lock = time.perf_counter(), 0, threading.Event(), threading.Lock()
+        disk_space = self._disk_space(missing)
+        started, done, lock = time.perf_counter(), 0, threading.Lock()
+        failures: list[BaseException] = []
 
         def resolve(resolver: Resolver, wanted: list[int]) -> None:
+            counted_now = frozenset(wanted)
+
             def shown(numbers: list[int]) -> Iterator[int]:
                 nonlocal done
                 for number in numbers:
-                    if failed.is_set():
+                    if failures:
                         return
                     yield number
                     with lock:
-                        done += number in wanted
+                        done += number in counted_now
                         advance(done, len(missing))
 
             try:
                 after, given = self._gathered_from(resolver, wanted)
                 part = self._sequence.select(given[0], given[-1])
-                self._through(resolver, part, after, wanted, compression, 0, shown)
-            except BaseException:
-                failed.set()
-                raise
+                self._through(resolver, part, after, wanted, compression, 0, shown, disk_space)
+            except BaseException as failure:
+                failures.append(failure)
 
         showing = shown_progress("resolving") if self._progress else nullcontext(lambda _done, _total: None)
         with showing as advance, ThreadPoolExecutor(len(runs), "cltaa job") as pool:
-            futures = [pool.submit(resolve, *each) for each in zip(self._resolvers, runs, strict=False)]
-            try:
-                finished, _ = wait(futures, return_when=FIRST_EXCEPTION)
-            except BaseException:  # an interrupt: the pool waits for its jobs
-                failed.set()
-                raise
-        for future in (*finished, *futures):
-            future.result()
+            left = {pool.submit(resolve, *each) for each in zip(self._resolvers, runs, strict=False)}
+            while left:  # the folder is owned until no job writes into it
+                try:
+                    left = wait(left).not_done
+                except KeyboardInterrupt as interrupt:
+                    failures.append(interrupt)
+        if failures:
+            raise failures[0]
         self._seconds["whole"] = [(time.perf_counter() - started) / len(missing)]
 
     def follow(self, arrivals: Arrivals, compression: str, checkpoint_every: int) -> None:
@@ -391,13 +412,14 @@ class _Run:
         compression: str,
         checkpoint_every: int,
         shown: Callable[[list[int]], Iterator[int]],
+        disk_space: DiskSpace | None = None,
     ) -> None:
         """Resolve ``part``, whose history goes on behind frame ``after``, and write the ``missing`` frames.
 
         ``shown`` passes numbers of frames on as they are resolved; ``checkpoint_every`` of 0 saves no state.
         """
         numbers, wanted = [n for n in part.numbers if n <= missing[-1]], frozenset(missing)
-        disk_space = DiskSpace(self._files.folder.folder, len(self._files.sizes) + len(missing))
+        disk_space = disk_space or self._disk_space(missing)
         started = time.perf_counter()
         in_turn = isinstance(resolver, BandedResolver)  # so large that no second image waits beside it
         tasks = reads(part, after, self._layers, self._denoise)
@@ -431,20 +453,29 @@ class _Run:
         if self._resolver.look_ahead:
             return self._gathered_from(self._resolver, missing)
         after = self._checkpoints.restore(self._resolver, before=missing[0])
+        if after is None and self._gathers:
+            return self._gathered_from(self._resolver, missing)
         return after, [n for n in self._sequence.numbers if n <= missing[-1] and (after is None or n > after)]
+
+    @property
+    def _gathers(self) -> bool:
+        """True where frames are gathered, and what is declared does not ask for the mean of all before."""
+        declared = self._sequence.effects if self._effects == "auto" else None
+        declared = self._effects if isinstance(self._effects, frozenset) else declared
+        preset = self._resolver.preset
+        choices, *_ = estimate(preset, preset.settings, declared)
+        return choices.history is HistoryKind.FRAMES
 
     def _gathered_from(self, resolver: Resolver, missing: list[int]) -> tuple[int | None, list[int]]:
         """The same where no checkpoint is needed: what is gathered are so many frames before and behind each."""
         numbers, ahead = list(self._sequence.numbers), resolver.look_ahead
         first, last = numbers.index(missing[0]), numbers.index(missing[-1])
         resolver.reset()
-        declared = self._sequence.effects if self._effects == "auto" else None
-        declared = self._effects if isinstance(self._effects, frozenset) else declared
-        preset = resolver.preset
-        choices, *_ = estimate(preset, preset.settings, declared)
-        gathers = choices.history is HistoryKind.FRAMES  # else what is declared asks for all frames before
-        begin = max(0, first - preset.settings.history_frames) if gathers else 0
+        begin = max(0, first - resolver.preset.settings.history_frames) if self._gathers else 0
         return numbers[begin - 1] if begin else None, numbers[begin : last + 1 + ahead]
+
+    def _disk_space(self, missing: list[int]) -> DiskSpace:
+        return DiskSpace(self._files.folder.folder, len(self._files.sizes) + len(missing))
 
     def _read(self, frames: Iterator[Read], count: int, waiting: deque[Read]) -> Iterator[Frame]:
         """The next ``count`` of ``frames``, whose results wait in ``waiting``, without pixels where that takes long."""

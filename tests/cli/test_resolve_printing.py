@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 
 from cltaa.cli import main
-from cltaa.core.backend import Launcher
 from cltaa.core.build import Storage
 from cltaa.core.debug_views import View
 from cltaa.core.presets import Preset
@@ -102,8 +101,8 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
         asked.update(more, output=output, resolver=resolver)
         return outcome()
 
-    def built(preset: Preset, device: Launcher, _source: object, band_rows: int | None, **more: Any) -> str:
-        asked.update(more, gamma=preset.settings.box_scale_static, device=device.description, band_rows=band_rows)
+    def built(preset: Preset, device: str | None, _source: object, band_rows: int | None, **more: Any) -> str:
+        asked.update(more, gamma=preset.settings.box_scale_static, device=device, band_rows=band_rows)
         return "the resolver"
 
     monkeypatch.setattr("cltaa.pipeline.folder.resolve_sequence", run)
@@ -134,7 +133,7 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
     assert main(["resolve", str(write_sequence(tmp_path / "in", 1)), "-o", str(out), *options]) == 0
     assert asked == {
         "gamma": 2.0,
-        "device": "NumPy (float32 oracle)",
+        "device": "numpy",
         "beside": 0,
         "others": [],
         "storage": Storage.HALF,

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import nullcontext, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
 import cltaa
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
-from cltaa.errors import DataError, UsageError
+from cltaa.errors import DataError, DeviceLost, UsageError
 from cltaa.frame import Frame
 from cltaa.io.sequence import open_sequence
+from cltaa.pipeline.folder import devices_of
 from cltaa.pipeline.run import resolve_sequence
+from cltaa.process import Stop
+from cltaa.reference.launcher import NumpyLauncher
 from tests.sequence_factory import write_sequence
 
 FRAMES = 11
@@ -27,6 +33,12 @@ PRESETS = {  # rings shorter than a part, and longer
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_sequence(tmp_path_factory.mktemp("shot") / "in", FRAMES, width=19, height=9, motion=True)
+
+
+class Named(NamedTuple):
+    """A device by its name."""
+
+    name: str
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -45,30 +57,113 @@ def test_any_number_of_jobs_writes_the_same_bytes(preset: cltaa.Preset, shot: Pa
         assert contents(tmp_path / str(jobs)) == expected
 
 
-class Failing(Resolver):
-    """Ends at one frame."""
+class Watched(Resolver):
+    """Calls ``before`` ahead of each frame, and remembers what it was."""
+
+    def __init__(self, preset: cltaa.Preset, before: Callable[[int], None]) -> None:
+        super().__init__(preset, "numpy")
+        self.before, self.began, self.every = before, list[int](), set[bool]()
 
     def images(self, frames: Iterable[Frame], **how: Any) -> Iterator[Any]:
-        def until_then() -> Iterator[Frame]:
+        def watched() -> Iterator[Frame]:
             for frame in frames:
-                if frame.index == 8:
-                    raise DataError("no such light", frame=8)
+                self.before(frame.index)
+                self.began.append(frame.index)
+                self.every.add(self.every_step)
                 yield frame
 
-        return super().images(until_then(), **how)
+        return super().images(watched(), **how)
 
 
-def test_a_job_that_fails_ends_the_others_and_the_run_goes_on_with_fewer(shot: Path, tmp_path: Path) -> None:
-    preset = PRESETS["behind"]
-    cltaa.resolve(shot, tmp_path / "whole", preset, "numpy")
-    with pytest.raises(DataError, match="no such light"):
-        resolve_sequence(
-            open_sequence(shot), tmp_path / "out", Resolver(preset, "numpy"), others=[Failing(preset, "numpy")]
-        )
-    assert not (tmp_path / "out" / "synthetic.0008.exr").exists()
-    resumed = cltaa.resolve(shot, tmp_path / "out", preset, "numpy")
-    assert 0 < resumed.resolved < FRAMES
-    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+def begun(shot: Path, output: Path, *before: Callable[[int], None], **options: Any) -> list[Watched]:
+    """Resolve by one job for each of ``before``, and return their resolvers; what they raise is theirs to catch."""
+    resolver, *others = [Watched(PRESETS["behind"], each) for each in before]
+    with suppress(DataError, KeyboardInterrupt):
+        resolve_sequence(open_sequence(shot), output, resolver, others=others, **options)
+    return [resolver, *others]
+
+
+def goes_on(shot: Path, output: Path) -> None:
+    """Finish what is begun in ``output`` by one job, and compare it with a whole run."""
+    cltaa.resolve(shot, output.parent / "whole", PRESETS["behind"], "numpy")
+    assert 0 < cltaa.resolve(shot, output, PRESETS["behind"], "numpy").resolved < FRAMES
+    assert contents(output) == contents(output.parent / "whole")
+
+
+def test_a_job_that_fails_ends_the_others_and_a_rerun_goes_on(shot: Path, tmp_path: Path) -> None:
+    failed = threading.Event()
+
+    def fail(number: int) -> None:
+        if number == 8:
+            failed.set()
+            raise DataError("no such light", frame=8)
+
+    def wait(number: int) -> None:
+        if number == 2:
+            assert failed.wait(60)
+            time.sleep(2)  # until the other job has ended
+
+    first, _ = begun(shot, tmp_path / "out", wait, fail)
+    assert first.began == [0, 1, 2]  # of five
+    goes_on(shot, tmp_path / "out")
+
+
+def test_a_wish_to_stop_ends_every_job(shot: Path, tmp_path: Path) -> None:
+    stop = Stop()
+
+    def ask(number: int) -> None:
+        stop.requested = stop.requested or number == 2
+
+    jobs = begun(shot, tmp_path / "out", ask, lambda _: time.sleep(0.2), stopping=nullcontext(stop))
+    assert all(len(each.began) < FRAMES // 2 for each in jobs)
+    goes_on(shot, tmp_path / "out")
+
+
+def test_every_step_is_run_by_every_job(shot: Path, tmp_path: Path) -> None:
+    jobs = begun(shot, tmp_path / "out", *[lambda _: None] * 3, effects="all")
+    assert [each.every for each in jobs] == [{True}] * 3
+    assert [each.began for each in jobs] == [[0, 1, 2], [1, 2, 3, 4, 5, 6], [5, 6, 7, 8, 9, 10]]
+
+
+def test_a_mean_of_all_frames_before_is_no_work_for_several(shot: Path, tmp_path: Path) -> None:
+    first, second = begun(shot, tmp_path / "out", *[lambda _: None] * 2, effects=frozenset())
+    assert (first.began, second.began) == ([*range(FRAMES)], [])
+
+
+def test_jobs_take_devices_of_one_name_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    cards = [Named(name) for name in ("big", "small", "big", "big")]
+    monkeypatch.delenv("CLTAA_DEVICE", raising=False)
+    monkeypatch.setattr("cltaa.opencl.device.devices", lambda: cards)
+    monkeypatch.setattr("cltaa.opencl.device.describe", lambda device: device.name)
+    assert devices_of(None, 4) == ["0", "2", "3", "0"]
+    assert devices_of("small", 2) == ["1", "1"]
+    assert devices_of("2", 2) == ["2", "2"]
+    assert devices_of(0, 2) == [0, 0]
+    assert devices_of("numpy", 2) == ["numpy", "numpy"]
+    assert devices_of(None, 1) == [None]
+
+
+class Lost(NumpyLauncher):
+    """A device that is lost at its fifth kernel, and for good."""
+
+    opened = 0
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.runs = 0
+        Lost.opened += 1
+
+    def run(self, *given: Any) -> Any:
+        self.runs += 1
+        if Lost.opened == 1 and self.runs > 5:
+            raise DeviceLost("the device is gone")
+        return super().run(*given)
+
+
+def test_a_device_that_is_lost_is_opened_again(shot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cltaa.reference.launcher.NumpyLauncher", Lost)
+    assert cltaa.resolve(shot, tmp_path / "out", "fast", "numpy").resolved == FRAMES
+    assert Lost.opened == 2
 
 
 def test_what_cannot_be_parted_is_refused(shot: Path, tmp_path: Path) -> None:
