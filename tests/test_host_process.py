@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tests.sequence_factory import write_sequence
 
-# What the host had before cltaa was imported is held against what it has while a file is decoded, while a frame is
+# What the host had before cltaa was imported is compared with what it has while a file is decoded, while a frame is
 # resolved, and at the end. Other packages are imported first: what they change of a process is theirs.
 HOST = """
 import ctypes, json, os, signal, sys, warnings

@@ -120,7 +120,7 @@ class BandedResolver(Resolver):
 
     @one_thread
     def resolve(self, frame: Frame, *, half: bool = False, out: Any = None) -> Any:
-        """The resolved colour of ``frame`` as ``Resolver.resolve`` gives it."""
+        """The resolved colour of ``frame`` as ``Resolver.resolve`` gives it, but in the arrays of the frame."""
         check_frame(frame)
         half = half if out is None else checked_out(out, frame).dtype == np.float16
         started = perf_counter()

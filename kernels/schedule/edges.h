@@ -1,7 +1,6 @@
 // Edges: what is stored of an image is repeated into its halo, so that filters may read past the image. On a CPU each
 // work-item repeats, at its end, the edge that it has stored itself: to start a kernel for that takes longer than the
 // work does. On a GPU the groups at the edges would end last; there extend_edges of store.cl does it.
-#include "platform/prefetch.h"
 #include "platform/storage.h"
 
 // The block that a work-item has stored: columns x to `end` - 1, rows y to `below` - 1.

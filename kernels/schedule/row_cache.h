@@ -78,7 +78,7 @@ STAGE int continues_row_cache(row_cache* cache, footprint f, real u, real v, int
     return 0;
 }
 
-// A GPU asks for the row that every pixel needs before the branch, past which its compiler moves no load.
+// The texels of one row of a plane that a filter reads.
 typedef struct
 {
     real p0, p1, p2, p3;
@@ -128,7 +128,8 @@ STAGE colour slide_columns(row_cache* cache, taps r, taps g, taps b)
 // A row of the count between two texels, as `sample_count` has it.
 STAGE real count_between(real left, real right, real fx) { return left + fx * (right - left); }
 
-// Colour and count at a footprint.
+// Colour and count at a footprint. A GPU asks for the row that every pixel needs before the branch, past which its
+// compiler moves no load.
 STAGE colour slide_history(
     row_cache* cache, history_in p, plane_in counts, footprint f, size_t plane, int stride, real* count)
 {

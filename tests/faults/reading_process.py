@@ -2,7 +2,7 @@
 
 ``python reading_process.py`` takes one JSON job a line on standard input and answers each with one JSON line:
 
-    {"path": ..., "sha256": ...}                      read that file, held against that SHA-256 where one is given
+    {"path": ..., "sha256": ...}                      read that file, compared with that SHA-256 where one is given
     {"path": ..., "seed": n, "numbers": [i, j, k]}   damage the sound file ``path`` in ways range(i, j, k), read each
 
 It prints the number of a damaged file before it reads it: the last one stands there when the process dies.

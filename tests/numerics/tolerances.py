@@ -1,6 +1,6 @@
 """How far the kernels are from both oracles, measured: ``python -m tests.numerics.tolerances`` prints the tables.
 
-A fast build of each stage is held against its twin in float64 with a running error bound, a strict build against its
+A fast build of each stage is compared with its twin in float64 with a running error bound, a strict build against its
 twin in float32, bit for bit. ``--write`` puts them into docs/generated/numerics-tables.md. The device is the one that
 CLTAA_DEVICE names, else the first.
 """

@@ -1,4 +1,4 @@
-"""The memory of a resolve by its formula, held against what is allocated."""
+"""The memory of a resolve by its formula, compared with what is allocated."""
 
 from __future__ import annotations
 

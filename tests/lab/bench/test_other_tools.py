@@ -139,7 +139,7 @@ def test_what_is_asked_for_speaks_of_other_tools_files(own: Path, shot: Path, tm
 
 
 def test_a_truth_may_lie_elsewhere(own: Path, shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """In a folder of its own or that of a capture; numbers and sizes are held against the frames', as ever."""
+    """In a folder of its own or that of a capture; numbers and sizes are compared with the frames', as ever."""
     camera = ["--camera", str(shot / "camera.txt")]
     expected, _ = judged(capsys, shot, tmp_path / "work", *camera)
     (shot / "reference").rename(tmp_path / "truth")

@@ -141,7 +141,7 @@ def test_the_tables_mark_the_best_resolve_and_say_who_lost() -> None:
 
 
 def test_each_scene_has_a_line_that_leads_to_its_table() -> None:
-    """With what is held against the published presets: not the lower tiers, but whatever is new."""
+    """With what is compared with the published presets: not the lower tiers, but whatever is new."""
     cells = {
         "gather-8": scores(flip=0.3),
         "gather-48": scores(flip=0.1, samples=9.0),

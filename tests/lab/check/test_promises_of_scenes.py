@@ -1,4 +1,4 @@
-"""Declarations held against the pixels of every scene: sound ones raise no alarm, and one effect left out is told."""
+"""Declarations compared with the pixels of every scene: sound ones raise no alarm, and one effect left out is told."""
 
 from __future__ import annotations
 

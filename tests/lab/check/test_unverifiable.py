@@ -77,7 +77,7 @@ def test_vectors_that_fill_such_a_picture_bear_the_projection_out(scene: Scene) 
     assert mistakes([turned(frame) for frame in up]) == []
 
 
-def test_a_picture_whose_rows_go_up_before_a_level_camera_is_said_to_be_untold(scene: Scene) -> None:
+def test_a_picture_whose_rows_go_up_before_a_level_camera_is_said_to_be_unverifiable(scene: Scene) -> None:
     frames = rows_up(scene("corridor"))
     assert mistakes(frames) == []
     (line,) = [line for line in told(frames) if line.startswith("matrices: ")]
@@ -96,7 +96,7 @@ def test_a_picture_whose_rows_go_up_before_a_level_camera_is_said_to_be_untold(s
         ("spinner", [], ["the sign of"]),
     ],
 )
-def test_what_is_untold(name: str, hidden: list[str], shown: list[str], scene: Scene) -> None:
+def test_what_is_unverifiable(name: str, hidden: list[str], shown: list[str], scene: Scene) -> None:
     text = "\n".join(told(scene(name)))
     assert [words for words in hidden if words not in text] == []
     assert [words for words in shown if words in text] == []
@@ -104,7 +104,7 @@ def test_what_is_untold(name: str, hidden: list[str], shown: list[str], scene: S
 
 @pytest.mark.parametrize("name", ["corridor", "pan", "orbit"])
 @pytest.mark.parametrize("mistake", ["camera-inverse", "depth-scaled"])
-def test_what_is_not_named_is_said_to_be_untold(mistake: str, name: str, scene: Scene) -> None:
+def test_what_is_not_named_is_said_to_be_unverifiable(mistake: str, name: str, scene: Scene) -> None:
     words = {"camera-inverse": "their direction", "depth-scaled": "the unit of depth"}[mistake]
     named = mistakes(MISTAKES[mistake].plant(scene(name))) == [mistake]
     assert named != any(words in line for line in told(scene(name)))
@@ -115,7 +115,7 @@ def test_vectors_that_fill_the_picture_tell_the_direction_of_matrices(small: Sce
     assert not any("their direction" in line for line in told(full_motion(small("far_off"))))
 
 
-def test_vectors_in_a_few_pixels_and_depth_without_slant_are_untold(small: Scene) -> None:
+def test_vectors_in_a_few_pixels_and_depth_without_slant_are_unverifiable(small: Scene) -> None:
     assert "the vectors' sign, axes and unit: too few pixels hold one" in told(small("sparks"))
     assert "the kind of depth: no plane in view lies aslant" in told(small("charts_drift"))
     assert not any("kind of depth" in line for line in told(small("sparks")))
@@ -146,7 +146,7 @@ def test_a_camera_that_moves_once_does_not_tell_a_delay() -> None:
     assert line == "matrices: their direction, their y, a delay: the pictures match about as well either way"
 
 
-def test_of_what_was_not_declared_nothing_is_untold() -> None:
+def test_of_what_was_not_declared_nothing_is_unverifiable() -> None:
     frames = noise([make_camera((0.1 * index, 0.0, 5.0)) for index in range(4)])
     size = frames[0].width, frames[0].height
     assert sum("of depth" in line for line in told(frames)) == 2  # its unit, and its kind
@@ -157,7 +157,7 @@ def test_of_what_was_not_declared_nothing_is_untold() -> None:
 
 
 def test_a_parallel_camera_that_turns_does_not_tell_the_unit_of_depth() -> None:
-    """Vectors that fill the picture would; but such a camera's depth is not held against them."""
+    """Vectors that fill the picture would; but such a camera's depth is not compared with them."""
     clip = orthographic(2.0, 1.5)
     frames = full_motion(
         noise([Camera(view_at(np.zeros(3), rotation((0.0, 1.0, 0.0), index)), clip) for index in range(4)])
@@ -166,7 +166,7 @@ def test_a_parallel_camera_that_turns_does_not_tell_the_unit_of_depth() -> None:
 
 
 @pytest.mark.parametrize(("down", "said"), [(0.03, True), (0.05, False)])
-def test_a_sign_that_turns_vectors_by_less_than_matters_is_untold(down: float, said: bool) -> None:
+def test_a_sign_that_turns_vectors_by_less_than_matters_is_unverifiable(down: float, said: bool) -> None:
     """By twice what they have on that axis; 0.08 px matter."""
     frames = noise([make_camera((0.1 * index, 0.0, 5.0)) for index in range(3)])
     vectors = np.broadcast_to(np.array((1.0, down), np.float32), (frames[0].height, frames[0].width, 2))
@@ -175,7 +175,7 @@ def test_a_sign_that_turns_vectors_by_less_than_matters_is_untold(down: float, s
     assert sum("the sign of y" in line for line in text) == 1
 
 
-def test_vectors_that_say_nothing_are_untold(scene: Scene) -> None:
+def test_vectors_that_say_nothing_are_unverifiable(scene: Scene) -> None:
     assert any("the vectors' sign, axes and unit" in line for line in told(full_motion(scene("still"))))
 
 
@@ -185,7 +185,7 @@ def test_vectors_that_are_all_one_before_a_camera_that_stands_are_not_called_sho
     assert not any("longer than" in line for line in told(frames))
 
 
-def test_jitter_that_nothing_shows_is_untold(scene: Scene) -> None:
+def test_jitter_that_nothing_shows_is_unverifiable(scene: Scene) -> None:
     flat = [replace(frame, colour=np.full_like(frame.colour, 0.5)) for frame in scene("still")]
     assert any(line.startswith("the jitter") for line in told(flat))
     assert not any(line.startswith("the jitter") for line in told(scene("still")))
@@ -210,7 +210,7 @@ def test_a_plane_that_the_camera_moves_along_has_one_vector(small: Scene) -> Non
         ("everything", "motion-jittered-reversed", "jitter in them"),
     ],
 )
-def test_wrong_vectors_that_are_not_named_are_said_to_be_untold(
+def test_wrong_vectors_that_are_not_named_are_said_to_be_unverifiable(
     name: str, mistake: str, words: str, small: Scene
 ) -> None:
     """By spoilt frames as by right ones."""
