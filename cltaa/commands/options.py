@@ -425,15 +425,15 @@ def chosen_effects(text: str) -> frozenset[Effect] | Literal["auto", "all"]:
     return parse_effects(text)
 
 
-def assigned(preset: Preset, assignments: tuple[str, ...]) -> Preset:
-    """``preset`` with what ``--set`` says, which its name tells; raises UsageError for what is no assignment."""
+def assigned(preset: Preset, assignments: tuple[str, ...], option: str = "--set") -> Preset:
+    """``preset`` with what an option says, which its name tells; raises UsageError for what is no assignment."""
     from cltaa.core.presets import override, renamed
 
     values = renamed(_values(assignments))
     if not values:
         return preset
     told = ", ".join(f"{key}={value}" for key, value in values.items())
-    return msgspec.structs.replace(override(preset, values), name=f"{preset.name} with {told}")
+    return msgspec.structs.replace(override(preset, values, option), name=f"{preset.name} with {told}")
 
 
 def _values(assignments: tuple[str, ...]) -> dict[str, str]:

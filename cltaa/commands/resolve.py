@@ -30,7 +30,7 @@ from cltaa.core.backend import launcher_for
 from cltaa.core.build import Storage
 from cltaa.core.debug_views import View, parse_views
 from cltaa.core.parameters import Fireflies
-from cltaa.core.presets import Preset, override
+from cltaa.core.presets import Preset
 from cltaa.errors import UsageError
 from cltaa.inputs.open import open_input
 from cltaa.io.numbered import OnBreak
@@ -234,7 +234,7 @@ def resolve(
             raise UsageError("--budget-ms asks for the size of a finished sequence", cure="name a --preset to --follow")
         settings, kept = within_budget(budget_ms, device, (source.width, source.height), changes)
     if look_ahead is not None:
-        settings = override(settings, {"look_ahead": look_ahead}, "--look-ahead")
+        settings = assigned(settings, (f"look_ahead={look_ahead}",), "--look-ahead")
     report = resolve_folder(
         source,
         output,

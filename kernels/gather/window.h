@@ -174,11 +174,11 @@ STAGE drifted drift_to_shortest(plane_in window, plane_in shortest, frame_t fram
     colour mean = { zero, zero, zero }, level = mean, squares = mean;
     for (int k = 0; k < WINDOW_TEXELS; ++k) {
         const ptrdiff_t step = window_step(k, frame);
-        const colour then = load_colour(window + step, plane), now = load_colour(shortest + step, plane);
-        const real w = sample_share(then, settings) * sample_share(now, settings);
-        mean.r += w * (now.r - then.r), level.r += w * absolute(then.r);
-        mean.g += w * (now.g - then.g), level.g += w * absolute(then.g);
-        mean.b += w * (now.b - then.b), level.b += w * absolute(then.b);
+        const colour was = load_colour(window + step, plane), now = load_colour(shortest + step, plane);
+        const real w = sample_share(was, settings) * sample_share(now, settings);
+        mean.r += w * (now.r - was.r), level.r += w * absolute(was.r);
+        mean.g += w * (now.g - was.g), level.g += w * absolute(was.g);
+        mean.b += w * (now.b - was.b), level.b += w * absolute(was.b);
         if (ALPHA)
             alpha += w * (load(shortest + 5 * plane + step) - load(window + 5 * plane + step));
         weight += w;
@@ -187,8 +187,8 @@ STAGE drifted drift_to_shortest(plane_in window, plane_in shortest, frame_t fram
     mean = (colour) { quotient(mean.r, weight), quotient(mean.g, weight), quotient(mean.b, weight) };
     for (int k = 0; k < WINDOW_TEXELS; ++k) {
         const ptrdiff_t step = window_step(k, frame);
-        const colour then = load_colour(window + step, plane), now = load_colour(shortest + step, plane);
-        const colour off = { (now.r - then.r) - mean.r, (now.g - then.g) - mean.g, (now.b - then.b) - mean.b };
+        const colour was = load_colour(window + step, plane), now = load_colour(shortest + step, plane);
+        const colour off = { (now.r - was.r) - mean.r, (now.g - was.g) - mean.g, (now.b - was.b) - mean.b };
         squares.r += weights[k] * (off.r * off.r);
         squares.g += weights[k] * (off.g * off.g);
         squares.b += weights[k] * (off.b * off.b);
