@@ -69,7 +69,7 @@ from cltaa.process import stop_signals
     type=click.IntRange(min=1),
     metavar="N",
     help="Resolve N parts of the sequence at once, on all devices of the same name in turn, to the same bits; for "
-    "presets that gather, each part behind as many frames more as they keep, and without checkpoints.  [default: 1]",
+    "presets that gather. Each part first resolves the frames that its ring holds; no checkpoints.  [default: 1]",
 )
 @click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")
 @effects_option

@@ -24,18 +24,14 @@ from cltaa.io.content import memory_limit
 from cltaa.io.sequence import FrameSequence
 from cltaa.pipeline.follow import Arrivals
 from cltaa.pipeline.memory import NO_LAYERS, Memory, of_whole_images
-from cltaa.pipeline.output import (
-    carried_compression,
-    carried_kinds,
-    chosen_layers,
-)
+from cltaa.pipeline.output import carried_compression, carried_kinds, chosen_layers
 from cltaa.pipeline.run import ResolveReport, check_jobs, resolve_sequence
 from cltaa.printable import printable
 
 
-def band_rows_for(whole: Memory) -> int:
-    """Rows of a band that suit a run that would take ``whole`` over whole images; 0 where this machine has that."""
-    return BAND_ROWS if whole.whole > memory_limit() else 0
+def band_rows_for(whole: Memory, jobs: int = 1) -> int:
+    """Rows of a band that suit ``jobs`` runs that take ``whole`` each over whole images; 0 where there is as much."""
+    return BAND_ROWS if whole.whole * jobs > memory_limit() else 0
 
 
 def of_whole(
@@ -67,29 +63,28 @@ def resolver_for(
     storage: Storage = Storage.FLOAT,
     half: bool = False,
     layers: Mapping[str, str] = NO_LAYERS,
-    beside: int = 0,
+    jobs: int = 1,
     **options: Any,
 ) -> Resolver:
     """A resolver for the frames of ``sequence``: in bands where whole ones take more memory than this machine has.
 
-    ``half`` says that halves will be written, ``layers`` are as ``of_resolve`` takes them, and ``beside`` how many
-    other resolvers run at the same time. ``band_rows`` chooses in the machine's place; 0 is whole images. Raises
+    ``half`` says that halves will be written, ``layers`` are as ``of_resolve`` takes them, and ``jobs`` how many
+    resolvers run at the same time. ``band_rows`` chooses in the machine's place; 0 is whole images. Raises
     ResourceError where they would have to be resolved in bands and the preset keeps frames, which only whole images
     can.
     """
     resolver = Resolver(preset, device, storage=storage, **options)  # first: what shares its memory takes less of it
     if band_rows is None:
         whole = of_whole(sequence, resolver, half=half, layers=layers)
-        needed = whole.whole * (1 + beside)
-        band_rows = BAND_ROWS if needed > memory_limit() else 0
+        band_rows = band_rows_for(whole, jobs)
         if band_rows and preset.choices.history is not HistoryKind.ACCUMULATED:
             raise ResourceError(
                 f"{sequence.width} x {sequence.height} pixels are too many for preset {preset.name}, which "
                 "keeps frames, so it resolves whole images only",
-                expected=f"{needed / 1e6:.0f} MB beside what it keeps",
+                expected=f"{whole.whole * jobs / 1e6:.0f} MB beside what it keeps",
                 found=f"{memory_limit() / 1e6:.0f} MB of memory",
                 cure="take fewer --jobs"
-                if beside
+                if jobs > 1
                 else "take --preset default, which resolves them in bands, or --band-rows 0 to try all the same",
             )
         if not has_bands(resolver):
@@ -171,7 +166,7 @@ def resolve_folder(
             storage=storage,
             half=half,
             layers=carried_kinds(sequence, carried),
-            beside=jobs - 1,
+            jobs=jobs,
         )
         for each in devices_of(device, jobs)
     )

@@ -344,7 +344,7 @@ class _Run:
         failures: list[BaseException] = []
 
         def resolve(resolver: Resolver, wanted: list[int]) -> None:
-            counted_now = frozenset(wanted)
+            own = frozenset(wanted)
 
             def shown(numbers: list[int]) -> Iterator[int]:
                 nonlocal done
@@ -353,7 +353,7 @@ class _Run:
                         return
                     yield number
                     with lock:
-                        done += number in counted_now
+                        done += number in own
                         advance(done, len(missing))
 
             try:

@@ -220,7 +220,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--set box_scale_static=0.625", f"resolver_for.{CHANGED}", 0.625),
         ("--look-ahead 7", "resolver_for.preset.settings.look_ahead", 7),
         ("--preset gather-8 --jobs 7", "devices_of.jobs", 7),
-        ("--preset gather-8 --jobs 7", "resolver_for.beside", 6),
+        ("--preset gather-8 --jobs 7", "resolver_for.jobs", 7),
         ("--device 3", "resolver_for.device", "3"),
         ("--effects motion", "check_declared.effects", {"motion"}),
         ("--effects motion", "resolve_sequence.effects", {"motion"}),

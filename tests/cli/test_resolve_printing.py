@@ -134,7 +134,7 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
     assert asked == {
         "gamma": 2.0,
         "device": "numpy",
-        "beside": 0,
+        "jobs": 1,
         "others": [],
         "storage": Storage.HALF,
         "strict": True,
