@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,11 @@ class Effect(StrEnum, metaclass=RenamedMembers):
         """Take the word of an earlier version."""
         word = current(str(value), EFFECTS, cls._value2member_map_, "effect")
         return None if word == value else cls(word)
+
+
+# Effects that a resolve counts with: as declared or else found, found whatever is declared, every one, or these.
+Asked = frozenset[Effect] | Literal["auto", "find", "all"]
+ASKED: tuple[Literal["auto", "find", "all"], ...] = ("auto", "find", "all")
 
 
 def parse_effects(text: str) -> frozenset[Effect]:
@@ -129,6 +134,7 @@ class Frame:
     ``alpha``, ``reactive``, ``object_id``  [H, W] or None
     ``effects``  the declared effects, or None where the sequence declares nothing
     ``step``     how far the number of the frame before it lies below ``index``
+    ``found``    where nothing is declared: the effects that were found, without a promise (``cltaa.inputs.found``)
 
     Arrays are NumPy's, those of other libraries in the host's memory (``__dlpack__``), which are taken where they are,
     or ``pyopencl.array.Array``. A frame is equal to itself alone, as a camera is: compare arrays by NumPy.
@@ -151,6 +157,7 @@ class Frame:
     effects: frozenset[Effect] | None
     step: int
     path: Path | None
+    found: frozenset[Effect] | None
 
     def __init__(
         self,
@@ -170,6 +177,7 @@ class Frame:
         effects: frozenset[Effect] | None = None,
         step: int = 1,
         path: Path | None = None,
+        found: frozenset[Effect] | None = None,
     ) -> None:
         """Take the arrays where they are."""
         given = {name: value for name, value in locals().items() if name in self.__dataclass_fields__}

@@ -140,7 +140,7 @@ from cltaa.printable import json_of, printable, shown
     metavar="DIR",
     help="Write a picture of each preset's worst place beside the truth, where it is worse than the default's.",
 )
-@partial(measured_options, effects="all")
+@partial(measured_options, effects="find")
 @json_option
 def quality(
     scenes: tuple[str, ...],
@@ -168,8 +168,8 @@ def quality(
 
     Missing captures are drawn by cltaa capture. All presets resolve the same frames. Cells that are finished are kept
     and measured again only where sequence, preset or code changed, so that a run can be cut short and go on. Runs of
-    other scenes may share --work at the same time. No sequence declares its effects, as most files do not; with
-    --effects auto captures do.
+    other scenes may share --work at the same time. What a sequence declares of its effects is not heard, as most files
+    declare none; with --effects auto it is.
     """
     import_judges()  # this and the next before what may take hours
     if page is not None:

@@ -29,6 +29,7 @@ from cltaa.commands.printing import Console, answer, figures, print_line, print_
 from cltaa.core.build import Storage
 from cltaa.core.presets import Preset
 from cltaa.errors import DataError, UsageError
+from cltaa.inputs.found import Found
 from cltaa.inputs.open import is_own, open_input
 from cltaa.io.names import selection_of
 from cltaa.io.pixel_statistics import ChannelStatistics
@@ -56,6 +57,9 @@ def print_plan(plan: SequencePlan) -> None:
     }
     told = " + ".join(f"{size / 1e6:.0f} {what}" for what, size in parts.items())
     print_line(f"memory at the peak: {plan.memory.whole / 1e6:.0f} MB = {told}")
+    if plan.found is not None:
+        print_line(shown(plan.found.line))
+        Console().print(_evidence(plan.found))
     before: dict[tuple[tuple[str, bool, str], ...], str] = {}
     for section in plan.sections:
         first, last = section.first, section.last
@@ -67,6 +71,15 @@ def print_plan(plan: SequencePlan) -> None:
             continue
         before[key] = frames
         Console().print(_table(section, title))
+
+
+def _evidence(found: Found) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for heading in ("effect", "found", "why"):
+        table.add_column(heading)
+    for each in found.evidence:
+        table.add_row(each.effect, "yes" if each.found else "no", each.why)
+    return table
 
 
 def _table(section: Section, title: str) -> Table:
@@ -106,7 +119,7 @@ OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_row
     metavar="LIST",
     default="auto",
     show_default=True,
-    help="With --plan: auto (as declared), all, or names.",
+    help="With --plan: auto (as declared, else found), find, all, or names.",
 )
 @click.option("--config", type=FILE_PATH, help="With --plan: TOML file of parameters, over the preset.")
 @click.option(

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterable
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 import msgspec
@@ -16,7 +16,7 @@ from click.shell_completion import CompletionItem
 from cltaa.core.build import STORAGES, Storage
 from cltaa.core.frame_checks import EXPOSURE_STOPS
 from cltaa.errors import UsageError, known
-from cltaa.frame import Effect, parse_effects
+from cltaa.frame import ASKED, Asked, Effect, parse_effects
 from cltaa.io.names import SUFFIXES, Named
 from cltaa.printable import names_in, printable
 from cltaa.renamed import EFFECTS, current
@@ -137,7 +137,7 @@ PRESET, PROFILE = _Name(_presets), _Name(_profiles, or_file=True)
 KERNEL, SCENE = _Name(_kernels), _Name(_scenes)
 SCENES = _Name(lambda: [ALL_SCENES, *_scenes()])  # or all of them
 METRIC_LIST, VIEW_LIST = _NameList(_metrics, instead=("all",)), _NameList(_views)
-EFFECT_LIST = _NameList(_effects, instead=("auto", "all"))
+EFFECT_LIST = _NameList(_effects, instead=ASKED)
 ASSIGNMENT = _Assignment(_parameters, _words_of)
 INPUT = _Assignment(lambda: [*_keys()], lambda key: _keys().get(key, []))
 
@@ -314,7 +314,8 @@ def effects_option_of(default: str) -> Callable[[Command], Command]:
         metavar="LIST",
         default=default,
         show_default=True,
-        help="auto (as declared), all (as if nothing was declared), or a comma-separated list.",
+        help="auto (as declared, else found in the pixels), find (found, whatever is declared), all (every step), or a "
+        "comma-separated list.",
     )
 
 
@@ -413,15 +414,14 @@ def open_each(folders: Iterable[Path], reading: Reading) -> dict[Path, FrameSequ
     return opened
 
 
-def chosen_effects(text: str) -> frozenset[Effect] | Literal["auto", "all"]:
-    """``auto``, ``all``, or the effects of a comma-separated list."""
-    if text == "auto":
-        return "auto"
-    if text == "all":
-        return "all"
+def chosen_effects(text: str) -> Asked:
+    """``auto``, ``find``, ``all``, or the effects of a comma-separated list."""
+    for word in ASKED:
+        if text == word:
+            return word
     for name in (part.strip() for part in text.split(",")):
         if name and current(name, EFFECTS, frozenset(Effect), "effect") not in [*Effect]:
-            raise UsageError(f"--effects: unknown effect {name}", cure=known(name, ["auto", "all", *Effect], "effects"))
+            raise UsageError(f"--effects: unknown effect {name}", cure=known(name, [*ASKED, *Effect], "effects"))
     return parse_effects(text)
 
 

@@ -1,7 +1,8 @@
 """The plan: which steps of the resolve a frame calls for, each with its reason.
 
-A sequence that declares its effects promises that nothing else happens in it; one that declares none gets every step
-that its channels and cameras call for. A step that is left out would have changed no bit; what a declared stillness or
+A sequence that declares its effects promises that nothing else happens in it. Of one that declares none the steps for
+effects that were looked for and not found are left out, and where nobody looked every step runs that its channels and
+cameras call for. A step that is left out would have changed no bit; what a declared stillness or
 an absence of highlights *replaces* (plain mean, plain weights) is another estimate, and docs/effects.md bounds it.
 """
 
@@ -10,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 from enum import StrEnum
 from functools import lru_cache
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -30,7 +31,7 @@ from cltaa.core.parameters import (
     Weighting,
 )
 from cltaa.core.presets import Preset
-from cltaa.frame import Camera, Effect, Frame, format_effects
+from cltaa.frame import Asked, Camera, Effect, Frame, format_effects
 
 PLANS_KEPT = 64  # frames of a sequence have a few, and each waits for its own
 
@@ -55,18 +56,23 @@ CHANGING = frozenset(
 # Those that make history wrong of a surface that depth takes for the same.
 CHANGING_LIGHT = frozenset({Effect.ILLUMINATION, Effect.MOTION, Effect.REACTIVE, Effect.THIN})
 
+FOUND, DECLARED = "found", "declared"
+
 
 def estimate(
-    preset: Preset, settings: Settings, declared: frozenset[Effect] | None
+    preset: Preset, settings: Settings, declared: frozenset[Effect] | None, word: str = DECLARED
 ) -> tuple[Choices, Settings, list[Reason]]:
-    """The choices of ``preset`` and ``settings`` as the declared effects ask for, with a reason for each decision."""
+    """The choices of ``preset`` and ``settings`` as the effects ask for, with a reason for each decision.
+
+    ``word`` says how the effects are known. What was found is no promise, so that no plain mean rests on it.
+    """
     choices, reasons = preset.choices, []
     # A published resolve does what it does whether the scene calls for it or not.
     free = not preset.published
-    still = nothing_changes(declared)
+    still = word == DECLARED and nothing_changes(declared)
     if free and still:
         choices, settings = plain_mean(choices, settings)
-    choices, reason = _testing_illumination(preset, choices, declared)
+    choices, reason = _testing_illumination(preset, choices, declared, word)
     reasons.append(reason)
     if choices.illumination is Illumination.STATIC and _illumination_may_change(declared) and free:
         settings = with_narrow_box(settings)
@@ -74,13 +80,13 @@ def estimate(
         reasons.append(_gathered(choices, still=still))
     rectified = choices.rectify is not Rectify.NONE
     reasons.append(Reason(RECTIFICATION, rectified, _why_rectified(preset, rectified)))
-    choices, reason = _rejecting(preset, choices, declared)
+    choices, reason = _rejecting(preset, choices, declared, word)
     reasons.append(reason)
     if free and declared is not None and Effect.HDR not in declared:
         choices = msgspec.structs.replace(choices, weighting=Weighting.NONE)
     weighted = choices.weighting is Weighting.LUMINANCE
     why = declined(preset, "weighting", Weighting.LUMINANCE)
-    why = why or (declared_or_not(Effect.HDR, declared) if free else "as published")
+    why = why or (declared_or_not(Effect.HDR, declared, word) if free else "as published")
     reasons.append(Reason(WEIGHTS, weighted, why))
     return choices, settings, reasons
 
@@ -126,11 +132,11 @@ def _illumination_may_change(declared: frozenset[Effect] | None) -> bool:
 
 
 def _testing_illumination(
-    preset: Preset, choices: Choices, declared: frozenset[Effect] | None
+    preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str
 ) -> tuple[Choices, Reason]:
     """Light changes, what moves turns in the light, and depth misses what is thinner than a pixel: history is wrong.
 
-    Where, as declared, a camera moves past what is solid there is none of it to test for.
+    Where a camera moves past what is solid there is none of it to test for.
     """
     if why := declined(preset, "illumination", Illumination.TEST, Illumination.WINDOW):
         return choices, Reason(LIGHT, False, why)
@@ -139,10 +145,10 @@ def _testing_illumination(
     if preset.published:
         return choices, Reason(LIGHT, True, "as published")
     if declared is None:
-        return choices, Reason(LIGHT, True, declared_or_not(Effect.ILLUMINATION, declared))
+        return choices, Reason(LIGHT, True, declared_or_not(Effect.ILLUMINATION, declared, word))
     if found := declared & CHANGING_LIGHT:
-        return choices, Reason(LIGHT, True, f"declared: {format_effects(found)}")
-    why = "none of illumination, motion, reactive and thin is declared"
+        return choices, Reason(LIGHT, True, f"{word}: {format_effects(found)}")
+    why = f"none of illumination, motion, reactive and thin is {word}"
     return msgspec.structs.replace(choices, illumination=Illumination.STATIC), Reason(LIGHT, False, why)
 
 
@@ -155,10 +161,12 @@ def _gathered(choices: Choices, *, still: bool) -> Reason:
     return Reason(GATHERING, True, "light stands: all samples of the same surface count")
 
 
-def _rejecting(preset: Preset, choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
+def _rejecting(
+    preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str
+) -> tuple[Choices, Reason]:
     """Depth tells what was disoccluded; where nothing is, it has nothing to reject. Samples are chosen by it always."""
     free = not preset.published
-    why = declared_or_not(Effect.DISOCCLUSION, declared) if free else "as published"
+    why = declared_or_not(Effect.DISOCCLUSION, declared, word) if free else "as published"
     if not_wanted := declined(preset, "reject", Reject.DEPTH):
         why = not_wanted
     elif free and choices.history is HistoryKind.FRAMES:
@@ -168,11 +176,11 @@ def _rejecting(preset: Preset, choices: Choices, declared: frozenset[Effect] | N
     return choices, Reason(REJECTION, choices.reject is not Reject.NONE, why)
 
 
-def declared_or_not(effect: Effect, declared: frozenset[Effect] | None) -> str:
+def declared_or_not(effect: Effect, declared: frozenset[Effect] | None, word: str) -> str:
     """Why a step that belongs to one effect runs, or does not."""
     if declared is None:
         return "the sequence declares no effects, so any may occur"
-    return f"effect {effect} is {'declared' if effect in declared else 'not declared'}"
+    return f"effect {effect} is {'' if effect in declared else 'not '}{word}"
 
 
 class Plan(NamedTuple):
@@ -218,7 +226,8 @@ class Facts(NamedTuple):
     depth: bool
     camera: bool
     orthographic: bool
-    effects: frozenset[Effect] | None  # as declared
+    effects: frozenset[Effect] | None  # as declared, or else as found
+    word: str  # which
     first: bool  # at the start and after a cut
     moves: bool  # the camera, since the frame before
     width: int  # pixels
@@ -236,12 +245,19 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
         frame.has_depth,
         frame.has_camera,
         frame.camera.orthographic,
-        None if frame.effects is None else frozenset(frame.effects),
+        *_known(frame),
         previous is None,
         previous is not None and not is_still(frame.camera, previous),
         frame.width,
     )
     return _planned(preset, facts, every)
+
+
+def _known(frame: Frame) -> tuple[frozenset[Effect] | None, str]:
+    """The effects of a frame, and how they are known."""
+    if frame.effects is None and frame.found is not None:
+        return frozenset(frame.found), FOUND
+    return None if frame.effects is None else frozenset(frame.effects), DECLARED
 
 
 @lru_cache(maxsize=PLANS_KEPT)
@@ -251,7 +267,7 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
         # There is no history to read; the kernel that the next frame needs will do for this one too.
         moves = facts.camera and (declared is None or Effect.CAMERA in declared)
     steps = _steps(preset, facts, moves, every=every)
-    reasons = _reasons(preset, steps, moves, declared, every=every)
+    reasons = _reasons(preset, steps, moves, facts, every=every)
     if not facts.camera:
         reasons = [reason._replace(why="no camera") if reason.step == REPROJECTION else reason for reason in reasons]
     elif facts.first and moves:
@@ -263,7 +279,7 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
     if facts.first and not preset.published:
         # The blur is for pixels that appear amid others with a past.
         settings = msgspec.structs.replace(settings, disocclusion_blur=0.0)
-    choices, settings, estimated = estimate(preset, settings, declared)
+    choices, settings, estimated = estimate(preset, settings, declared, facts.word)
     if not facts.depth:  # all lies as far as the sky, and there are no depth edges
         # Motion that is read beside the nearest surface is read beside the pixel itself.
         dilation = choices.dilation if choices.dilation is Dilation.BESIDE else Dilation.NONE
@@ -290,13 +306,14 @@ def toggled(plan: Plan, preset: Preset, step: str) -> Plan:
     return plan._replace(steps=msgspec.structs.replace(plan.steps, **{field: not on}))
 
 
-def with_effects(frame: Frame, effects: frozenset[Effect] | Literal["auto", "all"]) -> Frame:
-    """``frame`` as it is to be planned: as it declares (``auto``), as if it declared nothing (``all``), or with just
-    the effects of a set and the channels that belong to them."""
+def with_effects(frame: Frame, effects: Asked) -> Frame:
+    """``frame`` as it is to be planned: as it declares or else was found (``auto``), as found (``find``), as if nothing
+    was known (``all``), or with just the effects of a set and the channels that belong to them."""
     if effects == "auto":
         return frame
-    if effects == "all":
-        return replace(frame, effects=None)
+    if effects in ("all", "find"):
+        return replace(frame, effects=None, found=frame.found if effects == "find" else None)
+    assert not isinstance(effects, str)
     channels = {Effect.MOTION: "motion", Effect.REACTIVE: "reactive", Effect.ALPHA: "alpha"}
     dropped: dict[str, Any] = {channel: None for effect, channel in channels.items() if effect not in effects}
     return replace(frame, effects=effects, **dropped)
@@ -321,13 +338,11 @@ def _steps(preset: Preset, facts: Facts, moves: bool, *, every: bool) -> Steps:
     )
 
 
-def _reasons(
-    preset: Preset, steps: Steps, camera_moves: bool, declared: frozenset[Effect] | None, *, every: bool
-) -> list[Reason]:
+def _reasons(preset: Preset, steps: Steps, camera_moves: bool, facts: Facts, *, every: bool) -> list[Reason]:
     called_for = {
         "camera_motion": "the camera moves" if camera_moves else "the camera stands",
         "own_motion": "channel backward.u" if steps.own_motion else "no motion channel",
-        "exposure": declared_or_not(Effect.EXPOSURE, declared),
+        "exposure": declared_or_not(Effect.EXPOSURE, facts.effects, facts.word),
         "alpha": "channel A" if steps.alpha else "no alpha channel",
         "reactive": "channel reactive" if steps.reactive else "no reactive channel",
     }

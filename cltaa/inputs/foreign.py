@@ -183,7 +183,7 @@ class ForeignSequence(FrameSequence):
         selected = type(self)(
             self.folder, self.intake, numbers, strict=self._strict, verify=self.verify, effects=self._declared
         )
-        selected.truth = self.truth
+        selected.truth, selected.found = self.truth, self.found
         return selected
 
     def _open_alike(self, folder: Path) -> ImageSequence:
@@ -243,6 +243,7 @@ class ForeignSequence(FrameSequence):
             path=self.path(number),
             step=self.step,
             effects=self._declared,
+            found=self.found,
             **empty,
         )
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from collections.abc import Sequence as Many
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 
 from cltaa.errors import CltaaError, UsageError
-from cltaa.frame import Effect, format_effects, parse_effects
+from cltaa.frame import ASKED, Asked, Effect, format_effects, parse_effects
+from cltaa.inputs.found import find_effects
 from cltaa.io.exr_frame import MATRICES
 from cltaa.io.exr_read import read_any_header
 from cltaa.io.names import Named, selection_of
@@ -18,7 +19,6 @@ from cltaa.io.numbered import OnBreak, files_in
 from cltaa.io.sequence import RESOLVED, FrameSequence, open_capture
 from cltaa.printable import counted
 
-Declared = frozenset[Effect] | Literal["auto", "all"]  # as the files declare, nothing, or these
 PLACE = "{}"  # in the name of a file that each of several sequences has: its folder
 
 
@@ -28,14 +28,14 @@ def open_input(
     profile: str = "auto",
     assignments: Many[str] = (),
     side_file: str | Path | None = None,
-    effects: Declared = "auto",
+    effects: Asked = "auto",
     **options: Any,
 ) -> FrameSequence:
     """Open a sequence as its profile says; ``options`` are those of ``open_sequence``, whoever wrote the files.
 
     ``named`` is a folder, a file, a pattern of files such as ``x.####.exr``, or several of these.
 
-    ``effects`` are declared in place of what the files declare; ``all`` declares nothing, so that every step is on.
+    ``effects`` are declared in place of what the files declare; ``all`` and ``find`` declare nothing.
 
     Raises what ``open_sequence`` and ``open_intake`` raise, and UsageError for what a resolve wrote.
     """
@@ -56,15 +56,22 @@ def open_input(
     return ForeignSequence(place.folder, intake, sorted(intake.declared), verify=verify, effects=effects)
 
 
-def check_declared(sequence: FrameSequence, effects: Declared) -> None:
+def check_declared(sequence: FrameSequence, effects: Asked) -> None:
     """Raise UsageError for words that are no declaration, and where declared effects would leave out vectors that alone
     tell what moves."""
-    if isinstance(effects, str) and effects not in ("auto", "all"):
-        raise UsageError("no such declaration of effects", expected="auto, all or a set of effects", found=effects)
+    if isinstance(effects, str) and effects not in ASKED:
+        raise UsageError(
+            "no such declaration of effects", expected="auto, find, all or a set of effects", found=effects
+        )
     without = "motion" in sequence.holds and not sequence.undeclared.isdisjoint(MATRICES)
     if not isinstance(effects, str) and Effect.MOTION not in effects and without:
         what, cure = "without matrices the vectors alone tell what moves", "declare motion too, or give --camera FILE"
         raise UsageError(what, path=sequence.folder, found=f"effects {format_effects(effects) or 'none'}", cure=cure)
+
+
+def looked_for(sequence: FrameSequence, effects: Asked) -> bool:
+    """Whether effects are to be found in the pixels of ``sequence``, because nobody says which it has."""
+    return effects == "find" or (effects == "auto" and sequence.effects is None)
 
 
 class Reading(msgspec.Struct, frozen=True, kw_only=True):
@@ -74,12 +81,12 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
     assignments: tuple[str, ...] = ()
     side_file: str | None = None
     truth: str | None = None  # its folder, or that of a capture that holds one; None: reference/ of the sequence
-    effects: str = "auto"  # or all, or a comma-separated list
+    effects: str = "auto"  # or find, all, or a comma-separated list
     step: int = 1
 
     def open(self, folder: Path) -> FrameSequence:
         """Open a folder so; raises what ``open_input`` raises."""
-        named: Any = self.effects if self.effects in ("auto", "all") else parse_effects(self.effects)
+        named: Any = self.effects if self.effects in ASKED else parse_effects(self.effects)
         sequence = open_input(
             folder,
             profile=self.profile,
@@ -88,6 +95,8 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
             step=self.step,
             effects=named,
         )
+        if looked_for(sequence, named):
+            sequence.found = find_effects(sequence).effects
         if self.truth is not None:
             from cltaa.inputs.foreign import open_pictures
 

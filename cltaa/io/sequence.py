@@ -106,15 +106,19 @@ class FrameSequence(NumberedFiles):
 
     ``effects`` is what the first header declares, or None where it declares nothing; ``reference`` is the truth that
     lies in ``reference/``, or None; ``sequence_json`` is what ``sequence.json`` says about the capture, or empty.
+    ``found`` are the effects that were found in its frames where it declares none, which its frames then say.
     """
 
+    found: frozenset[Effect] | None = None
     truth: ImageSequence | None = None  # where it was given, and is not that in ``reference/``
     replaced: frozenset[str] = frozenset()  # channels of other names than R, G, B and A that a resolve makes anew
 
     @property
     def reading(self) -> dict[str, Any]:
-        """How files are read, where that decides the bits of frames and is not in the files; own ones: the step."""
-        return {} if self.step == 1 else {"step": self.step}
+        """How files are read, where that decides the bits of frames and is not in the files: the step, and effects that
+        were found."""
+        found = {} if self.found is None else {"found": sorted(self.found)}
+        return ({} if self.step == 1 else {"step": self.step}) | found
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -217,7 +221,7 @@ class FrameSequence(NumberedFiles):
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two are there."""
         selected = super().select(first, last)
-        selected.truth = self.truth
+        selected.truth, selected.found = self.truth, self.found
         return selected
 
     def frame_header(self, number: int) -> FrameHeader:
@@ -241,6 +245,7 @@ class FrameSequence(NumberedFiles):
             scene=header.scene,
             effects=header.effects,
             step=self.step,
+            found=self.found,
             **empty,
         )
 
@@ -269,7 +274,9 @@ class FrameSequence(NumberedFiles):
             expected, found = name_effects(self.effects), name_effects(frame.effects)
             what = "declares other effects than the first frame"
             raise DataError(what, path=frame.path, frame=number, expected=expected, found=found)
-        return frame if self.step == 1 else replace(frame, step=self.step), FrameFile(header)
+        if self.step != 1 or self.found is not None:
+            frame = replace(frame, step=self.step, found=self.found)
+        return frame, FrameFile(header)
 
     def __iter__(self) -> Iterator[Frame]:
         """Read the frames one after another."""

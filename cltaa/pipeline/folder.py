@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterable, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 from cltaa.core.backend import DEVICE_VARIABLE, Launcher
 from cltaa.core.bands import BAND_ROWS, BandedResolver
@@ -17,16 +18,19 @@ from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.presets import Preset, Published, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import ResourceError, UsageError
-from cltaa.frame import Effect
+from cltaa.frame import Asked, Effect
 from cltaa.inputs.foreign import ForeignSequence
-from cltaa.inputs.open import check_declared, open_input
+from cltaa.inputs.found import Evidence, Found, find_effects
+from cltaa.inputs.open import check_declared, looked_for, open_input
 from cltaa.io.content import memory_limit
+from cltaa.io.manifest import Manifest
 from cltaa.io.sequence import FrameSequence
 from cltaa.pipeline.follow import Arrivals
 from cltaa.pipeline.memory import NO_LAYERS, Memory, of_whole_images
 from cltaa.pipeline.output import carried_compression, carried_kinds, chosen_layers
 from cltaa.pipeline.run import ResolveReport, check_jobs, resolve_sequence
 from cltaa.printable import printable
+from cltaa.progress import shown_progress
 
 
 def band_rows_for(whole: Memory, jobs: int = 1) -> int:
@@ -116,7 +120,7 @@ def resolve_folder(
     preset: str | Preset = "default",
     device: str | Launcher | None = None,
     *,
-    effects: frozenset[Effect] | Literal["auto", "all"] = "auto",
+    effects: Asked = "auto",
     half: bool = False,
     storage: Storage = Storage.FLOAT,
     strict: bool = False,
@@ -141,6 +145,8 @@ def resolve_folder(
     the preset gathers: each begins with as many frames before its own as that keeps. ``reading`` are the arguments of
     ``cltaa.open`` for a ``source`` that is not opened yet: ``profile``, ``side_file``, ``frames`` and others.
     ``fireflies`` is ``keep`` or ``clamp``; by itself what the preset or else the profile says.
+    Of a sequence that declares no effects they are found first (``cltaa.inputs.found``), but with ``follow``, and for a
+    transcription, which does what it does on every scene.
     What is given neither ``compression`` nor ``layers`` keeps those that the command keeps.
     ``options`` are those of ``resolve_sequence`` that are not named here. Raises what that and opening raise.
     """
@@ -154,6 +160,9 @@ def resolve_folder(
     else:
         sequence = open_input(source, **reading) if isinstance(source, str | Path) else source
     check_declared(sequence, effects)
+    found = None
+    if arrivals is None and preset.published is Published.NO and looked_for(sequence, effects):
+        found = found_in(sequence, Path(output), anew=options.get("restart", False), progress=progress)
     carried = chosen_layers(layers, sequence)
     preset = with_fireflies(preset, sequence, fireflies)
     resolver, *others = (
@@ -182,8 +191,29 @@ def resolve_folder(
         layers=carried,
         progress=progress,
         arrivals=arrivals,
+        found=found,
         **options,
     )
+
+
+def found_in(sequence: FrameSequence, output: Path, *, anew: bool, progress: bool) -> Found:
+    """The effects of ``sequence``, which it is told: as the results in ``output`` were begun with, or else found.
+
+    So that a run that goes on makes the same bits, also where a frame that could not be read was mended, or more frames
+    are there now. Raises DataError for a damaged manifest, and what finding raises.
+    """
+    begun = None if anew else Manifest(output).settings
+    if begun is not None and begun.get("found") is not None:
+        why = "the run that is gone on with says so"
+        evidence = (Evidence(effect=each, found=each in begun["found"], why=why) for each in Effect)
+        found = Found(evidence=tuple(evidence), frames=0, seconds=0.0)
+    else:
+        with shown_progress("finding effects") if progress else nullcontext() as advance:
+            found = find_effects(sequence, advance)
+    sequence.found = found.effects
+    if progress:
+        print(found.line, file=sys.stderr)
+    return found
 
 
 def devices_of(device: str | int | Launcher | None, jobs: int) -> list[str | int | Launcher | None]:

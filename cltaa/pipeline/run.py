@@ -15,7 +15,7 @@ from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -28,7 +28,8 @@ from cltaa.core.planes import pooled_memory
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver, Times
 from cltaa.errors import DeviceLost, UsageError
-from cltaa.frame import Effect, Frame, outline
+from cltaa.frame import Asked, Effect, Frame, outline
+from cltaa.inputs.found import Found
 from cltaa.io.atomic import atomic_path, check_creatable, owned
 from cltaa.io.exr_layout import check_lossless
 from cltaa.io.manifest import REFERENCE
@@ -103,7 +104,8 @@ class ResolveReport(msgspec.Struct, kw_only=True):
     ``repaired`` counts the pixels of those whose colour was no usable number (NaN, infinite, beyond 2^50), ``missing``
     says which frame lacks how many of them and where, ``opaque``
     the frames whose alpha is 1 everywhere, ``saturated`` the pixels as bright as the largest half, where halves are
-    written or kept as history, ``cuts_found`` the frames that were found to begin another shot though nobody says so.
+    written or kept as history, ``cuts_found`` the frames that were found to begin another shot though nobody says so,
+    ``found`` the effects where none are declared, and why.
     """
 
     output: str
@@ -114,6 +116,7 @@ class ResolveReport(msgspec.Struct, kw_only=True):
     opaque: int
     saturated: int
     cuts_found: list[int]
+    found: Found | None = None
     width: int
     height: int
     device: str
@@ -155,7 +158,7 @@ def resolve_sequence(
     output: str | Path,
     resolver: Resolver,
     *,
-    effects: frozenset[Effect] | Literal["auto", "all"] = "auto",
+    effects: Asked = "auto",
     half: bool = False,
     compression: str = "zip",
     preview: str | Path | None = None,
@@ -169,11 +172,13 @@ def resolve_sequence(
     stopping: AbstractContextManager[Stop] | None = None,
     arrivals: Arrivals | None = None,
     others: Sequence[Resolver] = (),
+    found: Found | None = None,
 ) -> ResolveReport:
     """Resolve every frame of ``sequence`` into ``output``, one EXR a frame under the same names.
 
-    ``effects`` overrides what the sequence declares: ``auto`` keeps it, ``all`` runs every step of the preset whatever
-    the frames call for, and a set leaves out the steps and channels of all other effects. ``preview`` is an MP4 of the
+    ``effects`` overrides what the sequence declares: ``auto`` keeps it, or what was found where it declares nothing,
+    ``find`` takes that alone, ``all`` runs every step of the preset whatever the frames call for, and a set leaves out
+    the steps and channels of all other effects. ``preview`` is an MP4 of the
     result, with ``compare`` of the input beside it (``side``) or under a line that sweeps over it (``wipe``). A run
     that was cut short goes on where it stopped, to the same bits. A device that is lost is opened once more. Views to
     ``debug`` become layers of the EXRs, and PNGs in a folder of that name. Channels of the input that match one of
@@ -185,6 +190,7 @@ def resolve_sequence(
     KeyboardInterrupt raised. ``cltaa.process.stop_signals()`` does so for SIGINT and SIGTERM; signals are left alone
     without it. What follows among ``arrivals``, whose first frames are ``sequence``, is resolved as it comes. With
     ``others``, which are as ``resolver`` is and gather, each resolves a part of the sequence at the same time.
+    ``found`` is what the effects that ``sequence`` was told rest on, for the report.
 
     Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
@@ -240,7 +246,7 @@ def resolve_sequence(
             run.resolve(compression, checkpoint_every)
         if arrivals is not None:
             run.follow(arrivals, compression, checkpoint_every)
-        report = run.report()
+        report = msgspec.structs.replace(run.report(), found=found)
         write_record(output, report, resolver.preset)
         if arrivals is None or arrivals.ended:
             checkpoints.clear()
@@ -302,7 +308,7 @@ class _Run:
         files: ResolvedFiles,
         checkpoints: Checkpoints,
         resolvers: Sequence[Resolver],
-        effects: frozenset[Effect] | Literal["auto", "all"],
+        effects: Asked,
         stop: Stop,
         layers: tuple[str, ...],
         *,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from typing import Literal
 
 import msgspec
 import numpy as np
@@ -13,11 +12,12 @@ from cltaa.core.backend import Launcher
 from cltaa.core.build import Steps, Storage
 from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.plan import Plan, plan_frame, toggled, with_effects
-from cltaa.core.presets import Preset
+from cltaa.core.presets import Preset, Published
 from cltaa.core.record import Past
 from cltaa.core.resolver import Resolver
-from cltaa.frame import Effect
-from cltaa.inputs.open import open_input
+from cltaa.frame import Asked
+from cltaa.inputs.found import Found, find_effects
+from cltaa.inputs.open import looked_for, open_input
 from cltaa.io.names import Named
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.timing import Job, Samples, measure
@@ -28,8 +28,6 @@ from cltaa.pipeline.output import carried_kinds, check_layers, chosen_layers
 ROUNDS = 9  # of timing, each of which runs every variant once
 PLANNED, EVERY = "as planned", "every step"
 CHANNELS = ("own_motion", "alpha", "reactive")  # the steps that read one
-
-Effects = frozenset[Effect] | Literal["auto", "all"]
 
 
 class Step(msgspec.Struct, kw_only=True):
@@ -61,6 +59,7 @@ class SequencePlan(msgspec.Struct, kw_only=True):
     kernels: int  # different builds of the resolve that the sequence needs
     sections: list[Section]
     memory: Memory
+    found: Found | None = None  # the effects, where none are declared
 
 
 def plan(
@@ -68,25 +67,28 @@ def plan(
     preset: str | Preset = "default",
     device: str | int | Launcher | None = None,
     *,
-    effects: Effects = "auto",
+    effects: Asked = "auto",
     rounds: int = ROUNDS,
     storage: Storage = Storage.FLOAT,
     half: bool = False,
     layers: tuple[str, ...] | None = None,
     band_rows: int | None = None,
 ) -> SequencePlan:
-    """Say which steps of ``preset`` run on which frames of ``sequence``, opened or named, and why, by its headers.
+    """Say which steps of ``preset`` run on which frames of ``sequence``, opened or named, and why.
 
-    With ``rounds`` each step, but of a preset that looks ahead, is also timed on ``device``, on and off in turn, on two
-    frames of the sequence; 0 reads no pixels. ``storage``, ``half``, ``layers`` and ``band_rows`` are those of ``cltaa
-    resolve``: they decide what memory it takes. Raises what opening the device and reading raise, and UsageError for no
-    such layer.
+    Effects that nobody declares are found in its pixels first, as by ``cltaa resolve``. With ``rounds`` each step, but
+    of a preset that looks ahead, is also timed on ``device``, on and off in turn, on two frames of the sequence.
+    ``storage``, ``half``, ``layers`` and ``band_rows`` are those of ``cltaa resolve``, on which memory depends. Raises
+    what opening the device and reading raise, and UsageError for no such layer.
     """
     if not isinstance(sequence, FrameSequence):
         sequence = open_input(sequence)
     layers = chosen_layers(layers, sequence)
     check_layers(sequence, layers)
     resolver = Resolver(preset, device, storage=storage, every_step=True)
+    free = resolver.preset.published is Published.NO  # a transcription does what it does on every scene
+    found = find_effects(sequence) if free and looked_for(sequence, effects) else None
+    sequence.found = None if found is None else found.effects
     program = program_bytes()  # before a kernel is built
     sections: list[Section] = []
     plans: list[Plan] = []
@@ -124,6 +126,7 @@ def plan(
         kernels=kernels,
         sections=sections,
         memory=msgspec.structs.replace(needed, program=program),
+        found=found,
     )
 
 
@@ -173,7 +176,7 @@ def _run(plan: Plan) -> list[bool]:
     return [reason.on for reason in plan.reasons]
 
 
-def _plans(sequence: FrameSequence, preset: Preset, effects: Effects) -> Iterator[tuple[int, bool, Plan]]:
+def _plans(sequence: FrameSequence, preset: Preset, effects: Asked) -> Iterator[tuple[int, bool, Plan]]:
     """Number, whether history starts, and plan of every frame."""
     past: Past | None = None
     for number in sequence.numbers:
@@ -189,7 +192,7 @@ def _plans(sequence: FrameSequence, preset: Preset, effects: Effects) -> Iterato
 
 
 def _time(
-    section: Section, planned: Plan, sequence: FrameSequence, resolver: Resolver, effects: Effects, rounds: int
+    section: Section, planned: Plan, sequence: FrameSequence, resolver: Resolver, effects: Asked, rounds: int
 ) -> None:
     """Time the last frame of ``section`` after the one before it: as planned, each step toggled, with every step."""
     place = max(sequence.numbers.index(section.last), 1)

@@ -123,7 +123,7 @@ def resolved_by_us(presets: Sequence[str], sequences: Sequence[Path]) -> Iterato
                 sequence.resolve().name: Path(folder) / preset / sequence.resolve().name for sequence in sequences
             }
             for sequence, output in zip(sequences, folders.values(), strict=True):
-                resolve_folder(sequence, output, preset, effects="all", layers=())
+                resolve_folder(sequence, output, preset, effects="find", layers=())
             entries.append(Entry(preset, Facts(settings="nothing declared"), folders))
         yield entries
 

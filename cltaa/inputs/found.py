@@ -1,0 +1,337 @@
+"""Effects that nobody declares, found in the headers of all frames and the pixels of a bounded number of them.
+
+A step of the resolve is left out only where there is evidence against its effect; what cannot be told stays on. The
+frames that are looked at are chosen by their numbers alone, so that a sequence has the same effects on every run.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
+from itertools import pairwise
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.camera import displacement, inverse_depth, is_still
+from cltaa.errors import CltaaError
+from cltaa.frame import Effect, Frame, format_effects
+from cltaa.io.exr_frame import MATRICES
+from cltaa.io.sequence import FrameSequence
+from cltaa.io.streams import ReadAhead
+from cltaa.progress import Advance
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Two spans of frames a place, the second 2 * SPAN after the first: light that changes is not the same in both.
+PLACES, SPAN = 3, 8
+BLOCK = 8  # pixels of a block along each side; 3 x 3 blocks are a tile, of which so many are looked at in an image
+TILE, TILES = 3 * BLOCK, 256
+SEEN = 0.6  # share of a block's pixels, and of a tile's blocks, that must be seen in both spans
+DEPTH_SLACK = 0.05  # of the inverse depth: as far as two samples of one surface may differ
+# Share of tiles whose mean moves by more than a block's texture explains by chance: 0 in 22 scenes of standing light,
+# under any camera, and beside two lamps that flash faintly; 0.25 behind panes of glass, 0.8 where shadows run.
+SHIFTED_SHARE, LEAST_TILES = 0.01, 4
+SHADE = 0.02  # of a block's mean: less is no change that anybody sees
+# Pixels whose surface is in none of the 3 x 3 samples before, though nothing hides it: it is thinner than a pixel.
+# Worst seen where nothing is: 2e-4; 4e-4 in hedges, 4e-3 along wires.
+THIN_SHARE = 3e-4
+# And pixels in whose place something nearer was sampled, as beside every edge of a thing: where that is so many, what
+# lies between the edges is as narrow. 0.01 past walls and columns, 0.02 beside posts, 0.05 in lattices and hedges.
+EDGES_SHARE = 0.035
+MOVED_PX, MOVED_SHARE = 0.1, 1e-4  # vectors that are not the camera's, and share of pixels that have them
+BRIGHT = 8.0  # radiance "far above 1"
+LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
+
+
+class Evidence(msgspec.Struct, kw_only=True, frozen=True):
+    """Whether a sequence has an effect, and what says so."""
+
+    effect: Effect
+    found: bool
+    why: str
+
+
+class Found(msgspec.Struct, kw_only=True, frozen=True):
+    """The effects of a sequence that declares none; ``frames`` were decoded for it, which took ``seconds``."""
+
+    evidence: tuple[Evidence, ...]
+    frames: int
+    seconds: float
+
+    @property
+    def effects(self) -> frozenset[Effect]:
+        """Those that were found or cannot be told."""
+        return frozenset(each.effect for each in self.evidence if each.found)
+
+    @property
+    def line(self) -> str:
+        """What was found, in one line."""
+        looked = f"{self.frames} frames looked at, {self.seconds:.1f} s"
+        return f"effects found: {format_effects(self.effects)} ({looked})"
+
+
+def find_effects(sequence: FrameSequence, advance: Advance | None = None) -> Found:
+    """Find the effects of ``sequence`` as if it declared none; a frame that cannot be read tells nothing.
+
+    ``advance(done, total)`` is called now and then. Raises what reading headers raises.
+    """
+    started = time.perf_counter()
+    outlines = [sequence.outline(number) for number in sequence.numbers]
+    cameras = None if not sequence.undeclared.isdisjoint(MATRICES) else [each.camera for each in outlines]
+    moves = cameras is not None and not all(is_still(*pair) for pair in pairwise(cameras))
+    exposures = {each.exposure for each in outlines}
+    witness = _Witness(cameras is not None)
+    places = [[sequence.numbers[at] for at in span] for span in _spans([each.cut for each in outlines])]
+    for numbers in places:
+        witness.look(_readable(sequence, numbers), late=numbers[len(numbers) // 2])
+        if advance is not None:
+            advance(witness.frames, sum(map(len, places)))
+    said = {
+        Effect.CAMERA: (moves or cameras is None, _of_camera(moves, told=cameras is not None)),
+        Effect.MOTION: witness.motion(sequence),
+        Effect.DISOCCLUSION: (True, "nothing proves that all stays in view"),
+        Effect.THIN: witness.thin(),
+        Effect.ILLUMINATION: witness.illumination(),
+        Effect.HDR: (not witness.brightest <= BRIGHT, f"values up to {witness.brightest:.4g}"),
+        Effect.EXPOSURE: (len(exposures) > 1, "it changes" if len(exposures) > 1 else "it is the same in all headers"),
+        Effect.CUT: (any(each.cut for each in outlines[1:]), "as headers say; others are looked for"),
+        Effect.SKY: (witness.sky, "depth is infinite" if witness.sky else "depth is finite"),
+    }
+    for effect, part in ((Effect.ALPHA, "alpha"), (Effect.REACTIVE, "reactive")):
+        said[effect] = (part in sequence.holds, "there is a channel" if part in sequence.holds else "no channel")
+    if witness.frames == 0:
+        for effect in (Effect.HDR, Effect.SKY):
+            said[effect] = (True, "no frame could be looked at")
+    evidence = tuple(Evidence(effect=effect, found=found, why=why) for effect, (found, why) in said.items())
+    return Found(evidence=evidence, frames=witness.frames, seconds=time.perf_counter() - started)
+
+
+def _of_camera(moves: bool, *, told: bool) -> str:
+    if not told:
+        return "nothing tells a camera"
+    return "the matrices change" if moves else "all matrices are the same"
+
+
+def _spans(cuts: Sequence[bool]) -> Iterator[list[int]]:
+    """Frames to look at, by their order: PLACES times SPAN and as many again, evenly spread, no cut among them."""
+    count = len(cuts)
+    whole = min(count, 3 * SPAN)
+    places = {round(at * (count - whole) / max(PLACES - 1, 1)) for at in range(PLACES)}
+    for first in sorted(places):
+        span = max(whole // 3, 1)
+        chosen = [*range(first, first + span), *range(first + whole - span, first + whole)]
+        if not any(cuts[first + 1 : first + whole]):
+            yield sorted(set(chosen))
+
+
+def _readable(sequence: FrameSequence, numbers: Sequence[int]) -> Iterator[Frame]:
+    """Those of these frames that can be read; what is wrong with the others is told when they are resolved."""
+
+    def read(number: int) -> Frame | None:
+        try:
+            return sequence.frame(number)
+        except CltaaError:
+            return None
+
+    with ReadAhead(partial(read, number) for number in numbers) as frames:
+        yield from (frame for frame in frames if frame is not None)
+
+
+class _Witness:
+    """Gathers what the frames of a sequence show."""
+
+    def __init__(self, cameras: bool) -> None:
+        self._cameras = cameras
+        self._shifted: list[float] = []  # share of tiles, of each place that tells
+        self._thin: list[float] = []  # shares of pixels
+        self._hidden: list[float] = []
+        self._moved: list[float] = []
+        self.frames, self.brightest, self.sky = 0, 0.0, False
+
+    def look(self, frames: Iterable[Frame], late: int) -> None:
+        """Take in the frames of a place, a few in memory at a time; its second span begins at frame ``late``."""
+        spans: tuple[_Span, _Span] | None = None
+        before: _Look | None = None
+        for frame in frames:
+            look = _Look(frame)
+            self.frames += 1
+            self.brightest = max(self.brightest, float(np.max(frame.colour, where=frame.colour > 0, initial=0.0)))
+            self.sky = self.sky or look.sky
+            if spans is None:
+                spans = _Span(look), _Span(look)
+            if self._cameras:
+                spans[frame.index >= late].add(look)
+            # The first pair of each span is enough.
+            if before is not None and frame.index == before.frame.index + frame.step:
+                self._pair(look, before)
+                before = None
+            elif before is None and spans[frame.index >= late].frames <= 1:
+                before = look
+        share = None if spans is None else _shifted(*spans)
+        self._shifted += [] if share is None else [share]
+
+    def _pair(self, look: _Look, before: _Look) -> None:
+        motion = look.frame.motion
+        if self._cameras:
+            view = _View(look, before, *np.indices(look.inverse.shape, np.float64))
+            self._thin.append(view.vanished())
+            self._hidden.append(view.hidden())
+        if motion is not None:
+            by_camera = (view.u, view.v) if self._cameras else (0.0, 0.0)
+            apart = np.maximum(*(np.abs(motion[..., axis] - by_camera[axis]) for axis in (0, 1)))
+            self._moved.append(float((apart > MOVED_PX).mean()))  # NaN, which means the camera's, is not more
+
+    def motion(self, sequence: FrameSequence) -> tuple[bool, str]:
+        """Whether something moves on its own."""
+        if "motion" not in sequence.holds:
+            return False, "no channel"
+        if not self._moved:
+            return True, "no two frames tell"
+        share = max(self._moved)
+        return share > MOVED_SHARE, f"{share:.2%} of the pixels move otherwise than the camera makes them"
+
+    def thin(self) -> tuple[bool, str]:
+        """Whether something is thinner than a pixel."""
+        if not self._thin:
+            return True, "no camera tells where a surface was" if not self._cameras else "no two frames tell"
+        missed, hidden = float(np.mean(self._thin)), float(np.mean(self._hidden))
+        why = f"{missed:.2%} of the pixels show what the frame before misses, {hidden:.1%} what it hides"
+        return missed > THIN_SHARE or hidden > EDGES_SHARE, why
+
+    def illumination(self) -> tuple[bool, str]:
+        """Whether light changes."""
+        if not self._shifted:
+            return True, "no spans of frames with cameras show the same"
+        share = max(self._shifted)
+        return share > SHIFTED_SHARE, f"{share:.1%} of the image changes its light within {2 * SPAN} frames"
+
+
+class _Look:
+    """A frame, its inverse depth and its light x / (1 + x), [H, W], of which no highlight outweighs all else."""
+
+    def __init__(self, frame: Frame) -> None:
+        self.frame = frame
+        depth = np.asarray(frame.depth, np.float32)
+        self.inverse: NDArray[np.float32] = np.empty((frame.height, frame.width), np.float32)
+        inverse_depth(depth, frame.camera, self.inverse)
+        self.sky = bool(np.isinf(depth).any())
+        light = np.maximum(np.nan_to_num(frame.colour, posinf=0.0, neginf=0.0), 0.0) @ (LUMA / frame.exposure)
+        self.light = light / (1 + light)
+
+
+class _View:
+    """Where pixels of ``now`` were in ``before`` by depth and cameras, and whether they were in sight."""
+
+    def __init__(self, now: _Look, before: _Look, rows: Array, columns: Array) -> None:
+        frame = now.frame
+        height, width = now.inverse.shape
+        depth = now.inverse[rows.astype(np.intp), columns.astype(np.intp)].astype(np.float64)
+        moved = displacement(frame.camera, before.frame.camera, width, height)
+        jitter = frame.jitter_px
+        x, y = columns + (0.5 + jitter[0] - width / 2), rows + (0.5 + jitter[1] - height / 2)
+        dx, dy, dw = (_dot(row, x, y, depth) for row in moved.rows)
+        visible = dw > -1
+        w = np.where(visible, 1 + dw, 1.0)
+        self.u, self.v = (dx - x * dw) / w, (dy - y * dw) / w
+        parallel = frame.camera.orthographic
+        self.expected = depth + _dot(moved.inverse_depth, x, y, depth) if parallel else depth / w
+        self.before = before
+        at = columns + self.u + jitter[0] - before.frame.jitter_px[0]
+        on = rows + self.v + jitter[1] - before.frame.jitter_px[1]
+        self.inside = visible & (at >= 1) & (on >= 1) & (at < width - 2) & (on < height - 2)
+        self.column, self.row = np.where(self.inside, at, 1.0), np.where(self.inside, on, 1.0)
+
+    def vanished(self) -> float:
+        """Share of pixels whose surface is in none of the 3 x 3 samples there, all of which lie behind it."""
+        column, row = np.rint(self.column).astype(np.intp), np.rint(self.row).astype(np.intp)
+        nearest = np.full(self.column.shape, -np.inf)
+        for below in (-1, 0, 1):
+            for beside in (-1, 0, 1):
+                nearest = np.maximum(nearest, self.before.inverse[row + below, column + beside])
+        return float((self.inside & (self.expected - nearest > DEPTH_SLACK * np.abs(self.expected))).mean())
+
+    def hidden(self) -> float:
+        """Share of pixels in whose place something nearer was sampled."""
+        there = self.before.inverse[np.rint(self.row).astype(np.intp), np.rint(self.column).astype(np.intp)]
+        return float((self.inside & (there - self.expected > DEPTH_SLACK * np.abs(there))).mean())
+
+    def light(self) -> tuple[Array, Mask]:
+        """The light between the samples there, and where all four are of the surface."""
+        column, row = self.column.astype(np.intp), self.row.astype(np.intp)
+        right, below = self.column - column, self.row - row
+        result, same = np.zeros(column.shape), self.inside.copy()
+        for down, by_row in ((0, 1 - below), (1, below)):
+            for beside, by_column in ((0, 1 - right), (1, right)):
+                place = row + down, column + beside
+                result += self.before.light[place] * by_row * by_column
+                there = self.before.inverse[place]
+                same &= np.abs(there - self.expected) <= DEPTH_SLACK * np.maximum(np.abs(there), np.abs(self.expected))
+        return result, same
+
+
+class _Span:
+    """The light of some frames in the tiles of an ``anchor``, as its surfaces have it."""
+
+    def __init__(self, anchor: _Look) -> None:
+        self._anchor = anchor
+        height, width = anchor.inverse.shape
+        self._rows, self._columns = _tiles(height, width)
+        self._total, self._count = np.zeros(self._rows.shape), np.zeros(self._rows.shape)
+        self.frames = 0
+
+    def add(self, look: _Look) -> None:
+        """Take in a frame."""
+        light, same = _View(self._anchor, look, self._rows, self._columns).light()
+        self._total += np.where(same, light, 0.0)
+        self._count += same
+        self.frames += 1
+
+    def blocks(self) -> tuple[Array, Array, Mask]:
+        """Mean and deviation of each block's light, [tiles, blocks], and whether enough of it was seen."""
+        seen = self._count > SEEN * self.frames
+        values, pixels = np.where(seen, self._total / np.maximum(self._count, 1), 0.0), seen.sum(2)
+        mean = values.sum(2) / np.maximum(pixels, 1)
+        variance = (values**2).sum(2) / np.maximum(pixels, 1) - mean**2
+        return mean, np.sqrt(np.maximum(variance, 0.0)), pixels >= SEEN * self._rows.shape[2]
+
+
+def _shifted(early: _Span, late: _Span) -> float | None:
+    """Share of tiles whose light is another in the ``late`` span; None where too little is seen in both.
+
+    The mean of each block over a span is compared with what its texture explains: a block of deviation s, sampled at
+    64 places, has a mean that is wrong by s / 8. Jitter moves neighbouring blocks apart by chance, light together, so
+    that the mean of the signed differences of 3 x 3 blocks counts.
+    """
+    if min(early.frames, late.frames) < SPAN:
+        return None
+    (before, rough, seen), (now, rougher, still_seen) = early.blocks(), late.blocks()
+    both = seen & still_seen
+    texture = np.maximum(rough, rougher) / BLOCK + SHADE * np.maximum(before, now) + SHADE / 8
+    change = np.where(both, (now - before) / texture, 0.0)
+    blocks = both.sum(1)
+    tells = blocks >= SEEN * both.shape[1]
+    if tells.sum() < LEAST_TILES:
+        return None
+    return float((np.abs(change.sum(1)[tells]) > blocks[tells]).mean())
+
+
+def _tiles(height: int, width: int) -> tuple[Array, Array]:
+    """Rows and columns [tiles, blocks, pixels] of tiles that are spread evenly over an image."""
+    down, across = height // TILE, width // TILE
+    step = max(1, math.ceil(math.sqrt(down * across / TILES)))
+    corners = [(TILE * row, TILE * column) for row in range(0, down, step) for column in range(0, across, step)]
+    tops, lefts = np.array(corners, np.float64).reshape(-1, 2).T
+    block = BLOCK * np.indices((3, 3)).reshape(2, -1, 1)
+    pixel = np.indices((BLOCK, BLOCK)).reshape(2, 1, -1)
+    rows, columns = block + pixel
+    return tops[:, None, None] + rows, lefts[:, None, None] + columns
+
+
+def _dot(row: Array, x: Array, y: Array, depth: Array) -> Array:
+    total: Array = row[0] * x + row[1] * y + row[2] * depth + row[3]
+    return total

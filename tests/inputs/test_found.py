@@ -1,0 +1,177 @@
+"""Effects that nobody declares: found in frames of a formula, a textured wall that a camera looks at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import cltaa
+from cltaa.frame import Effect, Frame
+from cltaa.inputs.found import PLACES, SPAN, Found, find_effects
+from cltaa.io.exr_write import write_frame, write_image
+from cltaa.io.sequence import FrameSequence, open_sequence
+from cltaa.lab.inspect.plan import plan
+from cltaa.pipeline.folder import resolve_folder
+from cltaa_capture.jitter import jitter_sequence
+from tests.sequence_factory import make_camera
+
+WIDTH, HEIGHT, FRAMES, DISTANCE = 144, 96, 3 * SPAN, 4.0
+JITTER = jitter_sequence("halton:8")
+Array = NDArray[np.float64]
+Change = Callable[[Frame, Array, int], Frame]  # of a frame, its pixels' places on the wall, its number
+
+
+def wall(index: int, *, pan: float = 0.0) -> tuple[Frame, Array]:
+    """Frame ``index`` of a wall under a camera that has moved by ``pan`` a frame, and where it was sampled, [H, W]."""
+    jitter, camera = JITTER[index % len(JITTER)], make_camera((pan * index, 0.0, DISTANCE), WIDTH / HEIGHT)
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    across = DISTANCE * ((x + jitter[0]) / WIDTH * 2 - 1) / camera.view_to_clip[0, 0] + pan * index
+    up = DISTANCE * (1 - (y + jitter[1]) / HEIGHT * 2) / camera.view_to_clip[1, 1]
+    shade = 0.4 + 0.15 * np.sin(31 * across) * np.sin(23 * up) + 0.1 * np.sign(np.sin(9 * across + 5 * up))
+    colour = np.repeat(shade[..., None], 3, -1).astype(np.float32)
+    depth = np.full((HEIGHT, WIDTH), DISTANCE, np.float32)
+    return Frame(index, colour, depth, camera, (float(jitter[0]), float(jitter[1]))), across
+
+
+def drawn(folder: Path, change: Change | None = None, *, frames: int = FRAMES, pan: float = 0.0) -> FrameSequence:
+    folder.mkdir(parents=True)
+    for index in range(frames):
+        frame, across = wall(index, pan=pan)
+        write_frame(folder / f"wall.{index:04d}.exr", frame if change is None else change(frame, across, index))
+    return open_sequence(folder)
+
+
+def lit(frame: Frame, light: Array | float) -> Frame:
+    return replace(frame, colour=(frame.colour * np.asarray(light)[..., None]).astype(np.float32))
+
+
+def a_shadow(frame: Frame, across: Array, index: int) -> Frame:
+    return lit(frame, np.where(across < -2.4 + 0.1 * index, 0.5, 1.0))
+
+
+def a_wire(frame: Frame, across: Array, _index: int) -> Frame:
+    wires = np.abs(across - np.round(across)) < 0.008  # a third of a pixel
+    return replace(
+        lit(frame, np.where(wires, 0.3, 1.0)), depth=np.where(wires, DISTANCE / 2, DISTANCE).astype(np.float32)
+    )
+
+
+def moving(speed: float) -> Change:
+    def change(frame: Frame, _across: Array, _index: int) -> Frame:
+        motion = np.zeros((HEIGHT, WIDTH, 2), np.float32)
+        motion[:8, :8, 0] = speed
+        return replace(frame, motion=motion)
+
+    return change
+
+
+STANDING = {Effect.DISOCCLUSION}  # which nothing disproves
+CASES: dict[str, tuple[Change | None, float, set[Effect]]] = {
+    "standing light": (None, 0.0, STANDING),
+    "standing light, a camera that slides": (None, 0.03, STANDING | {Effect.CAMERA}),
+    "light that dims by 1 % in 16 frames": (lambda f, _, i: lit(f, 1 - 0.01 * i / 16), 0.0, STANDING),
+    "light that dims by 8 % in 16 frames": (
+        lambda f, _, i: lit(f, 1 - 0.08 * i / 16),
+        0.0,
+        STANDING | {Effect.ILLUMINATION},
+    ),
+    "a shadow": (a_shadow, 0.0, STANDING | {Effect.ILLUMINATION}),
+    "a shadow, a camera that slides": (a_shadow, 0.03, STANDING | {Effect.ILLUMINATION, Effect.CAMERA}),
+    "vectors that are zero": (moving(0.0), 0.0, STANDING),
+    "vectors": (moving(1.0), 0.0, STANDING | {Effect.MOTION}),
+    "wires": (a_wire, 0.0, STANDING | {Effect.THIN}),
+    "highlights": (lambda f, _, _i: lit(f, 40.0), 0.0, STANDING | {Effect.HDR}),
+    "sky": (lambda f, _, _i: replace(f, depth=np.full_like(f.depth, np.inf)), 0.0, STANDING | {Effect.SKY}),
+    "exposure": (
+        lambda f, _, i: replace(lit(f, 2.0 ** (i % 2)), exposure=2.0 ** (i % 2)),
+        0.0,
+        STANDING | {Effect.EXPOSURE},
+    ),
+    "alpha": (lambda f, _, _i: replace(f, alpha=np.ones_like(f.depth)), 0.0, STANDING | {Effect.ALPHA}),
+    "a mask": (lambda f, _, _i: replace(f, reactive=np.zeros_like(f.depth)), 0.0, STANDING | {Effect.REACTIVE}),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_shows_is_found_and_nothing_else(tmp_path: Path, case: str) -> None:
+    change, pan, expected = CASES[case]
+    assert find_effects(drawn(tmp_path / "wall", change, pan=pan)).effects == expected
+
+
+UNTOLD = {Effect.THIN, Effect.ILLUMINATION}
+
+
+def test_vectors_of_the_camera_alone_are_no_motion(tmp_path: Path) -> None:
+    def of_camera(frame: Frame, _across: Array, index: int) -> Frame:
+        pixels = 0.03 * frame.camera.view_to_clip[0, 0] / DISTANCE * WIDTH / 2 if index else 0.0
+        return replace(frame, motion=np.broadcast_to(np.array([pixels, 0.0], np.float32), (HEIGHT, WIDTH, 2)).copy())
+
+    found = find_effects(drawn(tmp_path / "wall", of_camera, pan=0.03))
+    assert found.effects == STANDING | {Effect.CAMERA}
+
+
+def test_few_frames_tell_nothing_of_light(tmp_path: Path) -> None:
+    assert find_effects(drawn(tmp_path / "wall", frames=3 * SPAN - 1)).effects == STANDING | {Effect.ILLUMINATION}
+    assert find_effects(drawn(tmp_path / "one", frames=1)).effects == STANDING | UNTOLD
+
+
+def test_a_cut_hides_what_lies_around_it(tmp_path: Path) -> None:
+    cut = drawn(tmp_path / "wall", lambda frame, _, index: replace(frame, cut=index == 5))
+    assert find_effects(cut).effects == STANDING | UNTOLD | {Effect.CUT, Effect.HDR, Effect.SKY}
+
+
+def test_a_frame_that_cannot_be_read_tells_nothing(tmp_path: Path) -> None:
+    sequence = drawn(tmp_path / "wall")
+    path = sequence.path(4)
+    path.write_bytes(path.read_bytes()[:-200] + bytes(200))
+    found = find_effects(sequence)
+    assert found.effects == STANDING | {Effect.ILLUMINATION}
+    assert found.frames == 2 * SPAN - 1
+
+
+def test_a_long_sequence_is_looked_at_in_a_bounded_number_of_frames(tmp_path: Path) -> None:
+    steps: list[tuple[int, int]] = []
+    found = find_effects(
+        drawn(tmp_path / "wall", frames=3 * FRAMES + 7), lambda done, total: steps.append((done, total))
+    )
+    assert found.frames == 2 * SPAN * PLACES
+    assert steps[-1] == (found.frames, found.frames)
+
+
+def test_files_without_matrices_keep_every_step_of_a_camera(tmp_path: Path) -> None:
+    for index in range(FRAMES):
+        frame, _ = wall(index)
+        planes = dict(zip("RGBZ", (*np.moveaxis(frame.colour, -1, 0), frame.depth), strict=True))
+        write_image(tmp_path / f"wall.{index:04d}.exr", planes, {})
+    assert find_effects(cltaa.open(tmp_path)).effects == STANDING | UNTOLD | {Effect.CAMERA}
+
+
+def found_in(folder: Path) -> Found:
+    report = resolve_folder(folder, folder.parent / "out", device="numpy", band_rows=0)
+    assert report.found is not None
+    return report.found
+
+
+def test_a_resolve_finds_effects_and_goes_on_with_those_that_it_began_with(tmp_path: Path) -> None:
+    sequence = drawn(tmp_path / "wall", frames=3)
+    before = found_in(sequence.folder)
+    assert before.effects == STANDING | UNTOLD
+    frame, _ = wall(3)
+    write_frame(sequence.folder / "wall.0003.exr", lit(frame, 40.0))  # of which the begun resolve knew nothing
+    after = found_in(sequence.folder)
+    assert after.effects == before.effects
+    assert after.frames == 0
+
+
+def test_what_is_found_is_no_promise(tmp_path: Path) -> None:
+    """No plain mean rests on it: depth still refutes what moves after all."""
+    sections = plan(drawn(tmp_path / "wall"), device="numpy", rounds=0).sections
+    steps = {step.name: step for step in sections[-1].steps}
+    assert steps["rejection"].on
+    assert not steps["illumination change"].on
+    assert steps["illumination change"].why == "none of illumination, motion, reactive and thin is found"
