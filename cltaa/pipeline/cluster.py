@@ -8,6 +8,7 @@ what was told of it.
 from __future__ import annotations
 
 import io
+import logging
 import os
 import pickle
 import queue
@@ -32,7 +33,7 @@ from cltaa.pipeline.folder import devices_of, resolver_for
 from cltaa.pipeline.output import CODE, ResolvedFiles, Written, carried_kinds
 from cltaa.pipeline.part import Parts, gathered_from
 from cltaa.pipeline.run import Order, Result
-from cltaa.process import Stop
+from cltaa.process import Stop, is_own
 from cltaa.reference.launcher import NumpyLauncher
 
 PATIENCE = "10s"  # for a scheduler that does not answer
@@ -49,6 +50,9 @@ def connected(address: str) -> Iterator[Any]:
     Raises UsageError where Dask is not installed or no scheduler answers.
     """
     distributed: Any = import_extra("distributed", package="distributed", extra="dask", purpose="--dask")
+    if is_own():  # else a scheduler that goes away shows its traceback beside our line
+        for name in ("distributed", "distributed.client"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
@@ -103,9 +107,12 @@ class Cluster:
         self._tool = tool._replace(device=device, jobs=max(threads.values(), default=1))
 
     def description(self) -> str:
-        """What the device of the worker that has time first is called; raises what opening it raises."""
-        asked = self._client.submit(_description, self._tool.device, pure=False)
-        return str(asked.result())
+        """What the device of the worker that has time first is called; raises what opening it raises, and ResourceError
+        where the cluster failed."""
+        asked = self._client.submit(_description, self._tool.device, pure=False, retries=RETRIES)
+        with suppress(Exception):
+            asked.result()
+        return str(_outcome(asked, "opening a device"))
 
     def resolve(self, orders: list[Order], stop: Stop, seconds: dict[str, list[float]]) -> Iterator[Result]:
         """Each result as it is written, some perhaps twice; adds to ``seconds`` what frames took in each stage.
@@ -132,9 +139,9 @@ class Cluster:
                     yield msgspec.msgpack.decode(told, type=Result)
                 elif told is not None:
                     left.remove(told)
-                    done = _outcome(told, parts[told])
+                    done: Done = _outcome(told, f"the part from frame {parts[told].wanted[0]} on")
                     for stage, each in done.seconds.items():
-                        seconds[stage] += each
+                        seconds.setdefault(stage, []).extend(each)
                     yield from done.results
                 ended = stop.requested
             if ended:
@@ -157,20 +164,16 @@ class Done(NamedTuple):
     seconds: dict[str, list[float]]
 
 
-def _outcome(future: Any, order: Order) -> Done:
-    """What a part that has ended came to; raises its error."""
-    if future.status == "finished":
-        outcome = future.result()
-        if isinstance(outcome, CltaaError):
-            raise outcome
-        return Done(*outcome)
-    if future.status != "error":
+def _outcome(future: Any, what: str) -> Any:
+    """The result of a task that has ended, which did ``what``; raises its error."""
+    if future.status not in ("finished", "error"):
         raise ResourceError("the Dask scheduler was lost", cure=AGAIN)
-    failure = future.exception()
-    if isinstance(failure, CltaaError):
-        raise failure
-    what = f"the part from frame {order.wanted[0]} on failed on the Dask cluster: {type(failure).__name__}: {failure}"
-    raise ResourceError(what, cure=AGAIN)
+    outcome = future.result() if future.status == "finished" else future.exception()
+    if isinstance(outcome, CltaaError):
+        raise outcome
+    if isinstance(outcome, BaseException):
+        raise ResourceError(f"{what} failed on the Dask cluster: {type(outcome).__name__}: {outcome}", cure=AGAIN)
+    return outcome
 
 
 def _description(device: str | None) -> str:

@@ -15,6 +15,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 import cltaa
@@ -22,6 +23,7 @@ from cltaa.cli import main
 from cltaa.core.build import Storage
 from cltaa.core.presets import load_preset, override
 from cltaa.errors import CltaaError, ResourceError, UsageError
+from cltaa.io.exr_write import write_frame
 from cltaa.io.sequence import open_sequence
 from cltaa.pipeline.cluster import Cluster, Tool, _outcome, _resolve_part
 from cltaa.pipeline.output import OutputFolder, Written
@@ -29,7 +31,8 @@ from cltaa.pipeline.part import How
 from cltaa.pipeline.run import Order
 from cltaa.process import Stop
 from cltaa.reference.launcher import NumpyLauncher
-from tests.sequence_factory import write_sequence
+from tests.inputs.foreign import write_blender
+from tests.sequence_factory import make_frame, write_sequence
 
 FRAMES = 12
 PRESET = override(load_preset("gather-8"), {"history_frames": 3, "look_ahead": 1})
@@ -80,7 +83,11 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
 
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_sequence(tmp_path_factory.mktemp("shot") / "in", FRAMES, width=33, height=17, motion=True)
+    folder = write_sequence(tmp_path_factory.mktemp("shot") / "in", FRAMES, width=33, height=17, motion=True)
+    frame = make_frame(5, width=33, height=17, motion=True)
+    frame.colour[3, 4] = np.nan
+    write_frame(folder / "synthetic.0005.exr", frame)
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -119,9 +126,23 @@ def test_workers_write_the_bytes_of_one_process(
     monkeypatch.chdir(shot.parent)  # where no worker is
     output = Path(os.path.relpath(tmp_path / "out"))
     report = cltaa.resolve(shot.name, output, PRESET, "numpy", dask=cluster.address, jobs=jobs)
-    assert (report.frames, report.resolved, report.device) == (FRAMES, FRAMES, "NumPy (float32 oracle)")
+    before, now = (json.loads((folder / "resolve.json").read_bytes())["outcome"] for folder in (whole, output))
+    assert {name for name in now if now[name] != before[name]} == {"output", "seconds"}
+    assert (report.resolved, [each.frame for each in report.missing]) == (FRAMES, [5])
     assert min(report.seconds.read, report.seconds.kernels, report.seconds.write) > 0
     assert contents(output) == contents(whole)
+
+
+def test_workers_read_and_write_the_files_of_another_tool(
+    cluster: Running, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    frames = [make_frame(index, width=33, height=17, alpha=True, motion=True, effects=None) for index in range(6)]
+    write_blender(Path("in"), frames)
+    how: dict[str, Any] = {"effects": "all", "half": True, "compression": "piz", "layers": ("all",)}
+    cltaa.resolve("in", "one", PRESET, "numpy", **how)
+    cltaa.resolve("in", "parts", PRESET, "numpy", **how, dask=cluster.address, jobs=2)
+    assert contents(Path("parts")) == contents(Path("one"))
 
 
 def test_a_killed_worker_loses_nothing(
@@ -227,13 +248,12 @@ def test_another_version_on_a_worker_and_no_worker_are_refused() -> None:
     assert Cluster(client(cltaa.__version__, 4), TOOL, None).parts == 4
 
 
-def test_a_cluster_that_fails_is_one_line(shot: Path, tmp_path: Path) -> None:
-    part = order(shot, tmp_path / "out")
-    with pytest.raises(ResourceError, match=r"^the Dask scheduler was lost; run the same again"):
-        _outcome(SimpleNamespace(status="lost"), part)
+def test_a_cluster_that_fails_is_one_line() -> None:
+    with pytest.raises(ResourceError, match=r"^the Dask scheduler was lost; run the same again: what is finished is k"):
+        _outcome(SimpleNamespace(status="lost"), "a part")
     failed = SimpleNamespace(status="error", exception=lambda: RuntimeError("killed it"))
-    with pytest.raises(ResourceError, match=r"^the part from frame 0 on failed on the Dask cluster: RuntimeError: k"):
-        _outcome(failed, part)
+    with pytest.raises(ResourceError, match=r"^a part failed on the Dask cluster: RuntimeError: killed it; run the"):
+        _outcome(failed, "a part")
 
 
 def test_what_cannot_be_given_to_workers_is_refused(
