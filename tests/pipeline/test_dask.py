@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
@@ -43,7 +44,7 @@ HELD = 7  # the frame that workers do not go on behind while they are held
 
 # A process of its own: the cluster starts others by importing this file again, in a folder that is none of the tests'.
 SCRIPT = f"""
-import json, sys, time
+import json, os, sys, time
 from pathlib import Path
 from distributed import LocalCluster
 from cltaa.pipeline.output import ResolvedFiles
@@ -52,22 +53,34 @@ write = ResolvedFiles.write
 
 def held(files, writer, read, image):
     while read.frame.index >= {HELD} and Path("hold").exists():
-        time.sleep(0.01)
+        Path("held").write_text(str(os.getpid()))
+        time.sleep(0.05)
     write(files, writer, read, image)
 
 ResolvedFiles.write = held
 
 if __name__ == "__main__":
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
-        print(json.dumps([cluster.scheduler_address, [each.pid for each in cluster.workers.values()]]), flush=True)
+        print(cluster.scheduler_address, flush=True)
         sys.stdin.read()
 """
 
 
 class Running(NamedTuple):
-    hold: Path
+    folder: Path
     address: str
-    processes: list[int]
+
+    @property
+    def hold(self) -> Path:
+        """What holds workers while it is there."""
+        return self.folder / "hold"
+
+    def kill(self) -> None:
+        """Kill the worker that is held, once one is, and hold no other."""
+        while not (pid := (self.folder / "held").read_text() if (self.folder / "held").exists() else ""):
+            time.sleep(0.05)
+        os.kill(int(pid), signal.SIGKILL)
+        self.hold.unlink()
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +90,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     command = [sys.executable, "cluster.py"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=folder) as process:
         assert process.stdout is not None
-        yield Running(folder / "hold", *json.loads(process.stdout.readline()))
+        yield Running(folder, process.stdout.readline().strip())
         process.communicate()
 
 
@@ -155,14 +168,9 @@ def test_a_killed_worker_loses_nothing(
             told[result.written.number] += 1
             yield result
 
-    def kill() -> None:
-        for process in cluster.processes:
-            os.kill(process, signal.SIGKILL)
-        cluster.hold.unlink()
-
     monkeypatch.setattr(Cluster, "resolve", counted)
     cluster.hold.touch()
-    recorded = when_finished(monkeypatch, 3, kill)
+    recorded = when_finished(monkeypatch, 3, cluster.kill)
     report = cltaa.resolve(shot, tmp_path / "out", PRESET, "numpy", dask=cluster.address, jobs=1)
     assert (report.resolved, recorded) == (FRAMES, [*range(FRAMES)])
     assert contents(tmp_path / "out") == contents(whole)
