@@ -31,7 +31,6 @@ UNTESTED = {
     "a worker process was killed": "to be written: a worker that kills itself",
     "not of this format": "to be written: the record of another version",
     "not as many chunks as the windows ask for": "to be written: chunkCount of one of several parts",
-    " needs {}, which cannot be imported: ": "its callers say which extra is missing, and are tested",
     "a film of frames of several sizes": "to be written: --preview of --on-resize reset",
     "encoding failed: ": "only an encoder that fails says it",
     "no asset in it": "the error around it is tested",

@@ -35,6 +35,7 @@ from cltaa.errors import UsageError
 from cltaa.inputs.open import open_input
 from cltaa.io.numbered import OnBreak
 from cltaa.io.preset_file import preset_of
+from cltaa.io.sequence import FrameSequence
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY
 from cltaa.pipeline.denoise import DENOISERS
 from cltaa.pipeline.folder import resolve_folder
@@ -65,11 +66,16 @@ from cltaa.process import stop_signals
 )
 @click.option(
     "--jobs",
-    default=1,
     type=click.IntRange(min=1),
     metavar="N",
     help="Resolve N parts of the sequence at once, on all devices of the same name in turn, to the same bits; for "
-    "presets that gather. Each part first resolves the frames that its ring holds; no checkpoints.  [default: 1]",
+    "presets that gather. Each part first reads the frames that its ring holds; no checkpoints.  [default: 1]",
+)
+@click.option(
+    "--dask",
+    metavar="ADDRESS",
+    help="Resolve parts on the workers of a Dask cluster, to the same bits: the scheduler's address. They need the "
+    "folders under the same paths, and like devices; the extra cltaa[dask].  [parts: --jobs, or their threads]",
 )
 @click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")
 @effects_option
@@ -174,7 +180,8 @@ def resolve(
     config: Path | None,
     changes: tuple[str, ...],
     look_ahead: int | None,
-    jobs: int,
+    jobs: int | None,
+    dask: str | None,
     device: str | None,
     effects: str,
     frames: int | tuple[int, int] | None,
@@ -228,11 +235,8 @@ def resolve(
     declared = chosen_effects(effects)
     settings, kept = assigned(preset_of(preset, config), changes), Storage(storage)
     if budget_ms is not None:
-        if preset != "default" or config is not None:
-            raise UsageError("--budget-ms chooses the preset itself", cure="leave out --preset and --config")
-        if isinstance(source, Path):
-            raise UsageError("--budget-ms asks for the size of a finished sequence", cure="name a --preset to --follow")
-        settings, kept = within_budget(budget_ms, device, (source.width, source.height), changes)
+        size = size_to_budget(source, named_preset=preset != "default" or config is not None, dask=dask is not None)
+        settings, kept = within_budget(budget_ms, device, size, changes)
     if look_ahead is not None:
         settings = assigned(settings, (f"look_ahead={look_ahead}",), "--look-ahead")
     report = resolve_folder(
@@ -255,6 +259,7 @@ def resolve(
         preview=preview,
         fireflies=fireflies,
         jobs=jobs,
+        dask=dask,
         denoise=denoise,
         compare=compare,
         restart=restart,
@@ -265,6 +270,17 @@ def resolve(
         click.echo(json_of(report))
     else:
         _print_report(report, preview, views, foreign=bool(notes))
+
+
+def size_to_budget(source: Path | FrameSequence, *, named_preset: bool, dask: bool) -> tuple[int, int]:
+    """Width and height of what a preset is to be chosen for; raises UsageError where none can be."""
+    if named_preset:
+        raise UsageError("--budget-ms chooses the preset itself", cure="leave out --preset and --config")
+    if isinstance(source, Path):
+        raise UsageError("--budget-ms asks for the size of a finished sequence", cure="name a --preset to --follow")
+    if dask:
+        raise UsageError("--budget-ms asks for a device of this machine", cure="name a --preset to --dask")
+    return source.width, source.height
 
 
 def within_budget(

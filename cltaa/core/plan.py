@@ -70,14 +70,18 @@ def estimate(
     # A published resolve does what it does whether the scene calls for it or not.
     free = not preset.published
     still = word == DECLARED and nothing_changes(declared)
+    standing = word == FOUND and declared is not None and not declared & (CHANGING_LIGHT | {Effect.CAMERA})
+    recursive = free and standing and _ring_holds_less(choices, settings)
     if free and still:
         choices, settings = plain_mean(choices, settings)
+    elif recursive:
+        choices = msgspec.structs.replace(choices, history=HistoryKind.ACCUMULATED)
     choices, reason = _testing_illumination(preset, choices, declared, word)
     reasons.append(reason)
     if choices.illumination is Illumination.STATIC and _illumination_may_change(declared) and free:
         settings = with_narrow_box(settings)
     if preset.choices.history is HistoryKind.FRAMES:
-        reasons.append(_gathered(choices, still=still))
+        reasons.append(_gathered(choices, still=still, recursive=recursive))
     rectified = choices.rectify is not Rectify.NONE
     reasons.append(Reason(RECTIFICATION, rectified, _why_rectified(preset, rectified)))
     choices, reason = _rejecting(preset, choices, declared, word)
@@ -152,8 +156,17 @@ def _testing_illumination(
     return msgspec.structs.replace(choices, illumination=Illumination.STATIC), Reason(LIGHT, False, why)
 
 
-def _gathered(choices: Choices, *, still: bool) -> Reason:
+def _ring_holds_less(choices: Choices, settings: Settings) -> bool:
+    """Whether the ring holds less than a running mean of up to ``sample_limit`` samples, which is worth nearly twice as
+    many of a plain mean."""
+    kept = settings.history_frames + 1 + settings.look_ahead
+    return choices.history is HistoryKind.FRAMES and kept < 2 * settings.sample_limit - 1
+
+
+def _gathered(choices: Choices, *, still: bool, recursive: bool) -> Reason:
     """Why samples are gathered, or not."""
+    if recursive:
+        return Reason(GATHERING, False, "all stands as found: a running mean holds more samples than the ring")
     if still:
         return Reason(GATHERING, False, "declared still: plain mean of all samples")
     if choices.illumination is Illumination.WINDOW:
@@ -245,7 +258,7 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
         frame.has_depth,
         frame.has_camera,
         frame.camera.orthographic,
-        *_known(frame),
+        *_known(frame.effects, frame.found),
         previous is None,
         previous is not None and not is_still(frame.camera, previous),
         frame.width,
@@ -253,11 +266,21 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
     return _planned(preset, facts, every)
 
 
-def _known(frame: Frame) -> tuple[frozenset[Effect] | None, str]:
+def _known(declared: frozenset[Effect] | None, found: frozenset[Effect] | None) -> tuple[frozenset[Effect] | None, str]:
     """The effects of a frame, and how they are known."""
-    if frame.effects is None and frame.found is not None:
-        return frozenset(frame.found), FOUND
-    return None if frame.effects is None else frozenset(frame.effects), DECLARED
+    if declared is None and found is not None:
+        return frozenset(found), FOUND
+    return None if declared is None else frozenset(declared), DECLARED
+
+
+def gathers(preset: Preset, asked: Asked, declared: frozenset[Effect] | None, found: frozenset[Effect] | None) -> bool:
+    """Whether ``preset`` gathers the frames of a sequence with these effects, as far as they are ``asked`` for."""
+    if isinstance(asked, frozenset):
+        declared = asked
+    elif asked != "auto":
+        declared, found = None, found if asked == "find" else None
+    choices, *_ = estimate(preset, preset.settings, *_known(declared, found))
+    return choices.history is HistoryKind.FRAMES
 
 
 @lru_cache(maxsize=PLANS_KEPT)

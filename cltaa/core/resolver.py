@@ -290,6 +290,36 @@ class Resolver:
     def _alone(self) -> None:
         """Raise UsageError while another thread is in it."""
 
+    @one_thread
+    def keep(self, frame: Frame) -> None:
+        """Take ``frame`` as the last one before the next, without its image: later images gather its samples.
+
+        Raises what ``resolve`` raises, and UsageError where frames wait for later ones, or where nothing is gathered.
+        """
+        self._check(frame, None)
+        if self._waiting:
+            raise UsageError("frames wait for later ones, which none can be kept behind", cure="call flush()")
+        if self._lends:
+            self.launcher.finish()
+        self._previous = self._latest if self.look_ahead else self._previous
+        started, (previous, build) = perf_counter(), self._begin(frame)
+        assert self.plan is not None
+        if self.plan.choices.history is not HistoryKind.FRAMES:
+            what = f"preset {self.preset.name} resolves this frame from the result before it, so none is only kept"
+            raise UsageError(what, cure="call resolve() or feed()")
+        steps = self._channel_steps(frame) if self.look_ahead else build.steps
+        buffers = self._fitting(Layout(frame.width, frame.height), steps.alpha)
+        self._lends, coarse = True, self._coarse
+        self._forget()  # an interrupt from here on leaves no history, rather than a half of one
+        upload(frame, buffers, steps, self.preset)
+        self._ring(previous, buffers.layout, steps).keep(frame, buffers, steps)
+        self.launcher.finish()
+        buffers.let_go()
+        buffers.give_back()
+        self._lends = False
+        self._previous = self._latest = Past.of(frame, coarse)
+        self.times = Times(perf_counter() - started, 0.0, 0.0)
+
     def _fed(self, frame: Frame, *, half: bool, planar: bool = False) -> Iterator[NDArray[Any]]:
         check_frame(frame)
         coarse = coarse_colours(frame)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Sequence as Many
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
@@ -178,6 +178,18 @@ def _matrix(value: object) -> Matrix | None:
     return np.ascontiguousarray(value.T, np.float64)
 
 
+class ReadAgain(dict[int, dict[str, object]]):
+    """Attributes of frames by their numbers, read from the headers of ``files`` when they are asked for."""
+
+    def __init__(self, files: Mapping[int, Path]) -> None:
+        super().__init__()
+        self.files = files
+
+    def __missing__(self, number: int) -> dict[str, object]:
+        """Read those of a frame; raises what reading raises."""
+        return self.setdefault(number, read_any_header(self.files[number]).attributes)
+
+
 @dataclass(slots=True)
 class Intake:
     """What was decided about a folder before a pixel was read."""
@@ -197,6 +209,12 @@ class Intake:
     damaged: Collection[int] = ()  # frames of which a file was left out, for it cannot be read
     views: Views = ONE_VIEW
     notes: list[str] = field(default_factory=list)  # what is missing, and what is done without it
+
+    def __reduce__(self) -> tuple[type[Intake], tuple[Any, ...]]:
+        """Pickle all but the attributes, some of which are objects of OpenEXR that cannot be."""
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        values["attributes"] = ReadAgain(self.sets[self.roles["colour"][0].files])
+        return Intake, tuple(values.values())
 
     @property
     def has_camera(self) -> bool:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import fcntl
 import os
 import re
+import secrets
+import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from cltaa.errors import OutputError, StorageError, disk_space_cure
+from cltaa.printable import printable
 
 LONGEST_NAME = 200  # bytes of a final name in that of its temporary file; file systems end at 255
 
@@ -76,11 +79,46 @@ def atomic_path(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+@contextmanager
+def temporary_folder(folder: Path) -> Iterator[Path]:
+    """Yield a new folder inside of ``folder``, for what other processes write; they cannot once the block has ended.
+
+    Raises OutputError where it cannot be created.
+    """
+    place = folder / f".{secrets.token_hex(4)}.tmp.{os.getpid()}"
+    make_folder(place)
+    try:
+        yield place
+    finally:
+        _remove_folder(place)
+
+
+def move_into(path: Path, folder: Path) -> None:
+    """Give a finished file its place in ``folder`` on the same disk, durably; raises StorageError."""
+    target = folder / path.name
+    try:
+        path.replace(target)
+        _flush(folder)
+    except OSError as error:
+        what = f"moving it to {printable(folder)} failed: {error.strerror or error}"
+        raise StorageError(what, path=path, cure=disk_space_cure(error)) from error
+
+
 def remove_stale_temporaries(folder: Path) -> None:
     """Delete what killed processes left half-written in ``folder``, into which no other process writes."""
     for entry in folder.iterdir():
         if _TEMPORARY.fullmatch(entry.name):
-            entry.unlink(missing_ok=True)
+            if entry.is_dir() and not entry.is_symlink():
+                _remove_folder(entry)
+            else:
+                entry.unlink(missing_ok=True)
+
+
+def _remove_folder(folder: Path) -> None:
+    """Delete a folder that others may still be writing into: by its old name it is gone at once."""
+    gone = folder.with_name(f".{secrets.token_hex(4)}.tmp.{os.getpid()}")
+    with suppress(OSError):
+        shutil.rmtree(folder.replace(gone), ignore_errors=True)
 
 
 def _temporary(path: Path) -> Path:

@@ -132,7 +132,8 @@ def resolve_folder(
     follow: bool = False,
     idle: float | None = None,
     fireflies: str | None = None,
-    jobs: int = 1,
+    jobs: int | None = None,
+    dask: str | None = None,
     reading: Mapping[str, Any] = MappingProxyType({}),
     **options: Any,
 ) -> ResolveReport:
@@ -142,7 +143,9 @@ def resolve_folder(
     ``reading``, until none came for ``idle`` seconds, or until interrupted.
 
     ``jobs`` parts of the sequence are resolved at once, on all devices like the one that ``device`` names in turn, if
-    the preset gathers: each begins with as many frames before its own as that keeps. ``reading`` are the arguments of
+    the preset gathers: each begins with as many frames before its own as that keeps. With ``dask``, the address of a
+    scheduler, its workers do so, as many parts as they have threads unless ``jobs`` says another number; they have the
+    folders under the same paths, and devices that are alike. ``reading`` are the arguments of
     ``cltaa.open`` for a ``source`` that is not opened yet: ``profile``, ``side_file``, ``frames`` and others.
     ``fireflies`` is ``keep`` or ``clamp``; by itself what the preset or else the profile says.
     Of a sequence that declares no effects they are found first (``cltaa.inputs.found``), but with ``follow``, and for a
@@ -151,7 +154,7 @@ def resolve_folder(
     ``options`` are those of ``resolve_sequence`` that are not named here. Raises what that and opening raise.
     """
     preset = load_preset(preset) if isinstance(preset, str) else preset
-    check_jobs(jobs, preset, follow=follow, debug=bool(debug))
+    check_jobs(1 if jobs is None else jobs, preset, follow=follow, debug=bool(debug), dask=dask is not None)
     arrivals = arrivals_of(source, preset, idle, reading, options) if follow else None
     if arrivals is not None:
         sequence = arrivals.first()
@@ -165,35 +168,34 @@ def resolve_folder(
         found = found_in(sequence, Path(output), anew=options.get("restart", False), progress=progress)
     carried = chosen_layers(layers, sequence)
     preset = with_fireflies(preset, sequence, fireflies)
-    resolver, *others = (
-        resolver_for(
-            preset,
-            each,
-            sequence,
-            band_rows,
-            strict=strict,
-            storage=storage,
-            half=half,
-            layers=carried_kinds(sequence, carried),
-            jobs=jobs,
-        )
-        for each in devices_of(device, jobs)
-    )
-    return resolve_sequence(
-        sequence,
-        output,
-        resolver,
-        others=others,
-        effects=effects,
-        half=half,
-        compression=compression or carried_compression(sequence),
-        debug=parse_views(",".join(debug), "debug"),
-        layers=carried,
-        progress=progress,
-        arrivals=arrivals,
-        found=found,
+    made: dict[str, Any] = {"strict": strict, "storage": storage}
+    how: dict[str, Any] = {
         **options,
+        "effects": effects,
+        "half": half,
+        "compression": compression or carried_compression(sequence),
+        "debug": parse_views(",".join(debug), "debug"),
+        "layers": carried,
+        "progress": progress,
+        "arrivals": arrivals,
+        "found": found,
+    }
+    if dask is not None:
+        from cltaa.pipeline.cluster import Cluster, Tool, connected  # here: an extra, and it takes from this module
+
+        if not isinstance(device, str | None):
+            raise UsageError("--dask: workers open devices by name", expected="a name", found=repr(device))
+        tool = Tool(preset, device, band_rows=band_rows, **made)
+        with connected(dask) as client:
+            cluster = Cluster(client, tool, jobs)
+            resolver = tool.elsewhere(cluster.description())
+            return resolve_sequence(sequence, output, resolver, elsewhere=cluster, **how)
+    jobs = jobs or 1
+    kept: dict[str, Any] = {"half": half, "layers": carried_kinds(sequence, carried), "jobs": jobs}
+    resolver, *others = (
+        resolver_for(preset, each, sequence, band_rows, **made, **kept) for each in devices_of(device, jobs)
     )
+    return resolve_sequence(sequence, output, resolver, others=others, **how)
 
 
 def found_in(sequence: FrameSequence, output: Path, *, anew: bool, progress: bool) -> Found:

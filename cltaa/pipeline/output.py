@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -165,6 +165,34 @@ class Source(NamedTuple):
     beside_sha256: str | None = None
 
 
+class Written(msgspec.Struct, frozen=True, kw_only=True):
+    """A result that has been written: what vouches for its file, and what a user is to hear of its frame."""
+
+    number: int
+    name: str  # of its file
+    sha256: str
+    size: int  # bytes
+    source: Source
+    missing: Missing | None = None  # samples
+    opaque: bool = False  # its alpha is 1 everywhere
+    saturated: int = 0  # pixels as bright as the largest half
+
+    @classmethod
+    def now(cls, path: Path, number: int, source: Source, **facts: Any) -> Written:
+        """That of a file that has just been written; raises StorageError."""
+        digest, size = file_sha256(path), path.stat().st_size
+        return cls(number=number, name=path.name, sha256=digest, size=size, source=source, **facts)
+
+
+class Results(Protocol):
+    """Where results are written, and who hears of each."""
+
+    folder: Path
+
+    def finish(self, written: Written) -> None:
+        """Take note of a result that has its name in the folder; raises StorageError."""
+
+
 class OutputFolder:
     """Which frames are finished, by what settings they were made, and their hashes. Use it inside ``atomic.owned``."""
 
@@ -248,9 +276,9 @@ class OutputFolder:
                 raise DataError(what, path=source, frame=number, expected=expected, found=found, cure=RESTART_CURE)
         return self.manifest.vouches_for(self.folder / source.name)
 
-    def finish(self, path: Path, source: Source) -> None:
+    def finish(self, written: Written) -> None:
         """Vouch for a frame that has its final name; raises StorageError."""
-        self.manifest.append(path.name, Entry(file_sha256(path), *source))
+        self.manifest.append(written.name, Entry(written.sha256, *written.source))
 
 
 def _clear(folder: Path) -> None:
@@ -321,32 +349,21 @@ def _stamps(sequence: FrameSequence, number: int) -> list[tuple[int, ...]]:
 
 
 class ResolvedFiles:
-    """Writes results into ``folder`` under the names of their inputs, and counts what a user is to hear of.
+    """Writes results into ``folder`` under the names of their inputs, and keeps what a user is to hear of them.
 
     ``undeclared`` are the attributes that no input declared and that are not made up for a result.
     """
 
-    def __init__(
-        self, folder: OutputFolder, resolver: Resolver, debug: DebugViews, *, undeclared: frozenset[str]
-    ) -> None:
+    def __init__(self, folder: Results, resolver: Resolver, debug: DebugViews, *, undeclared: frozenset[str]) -> None:
         self.folder = folder
         self._resolver, self._debug, self._undeclared = resolver, debug, undeclared
-        self._numbers: set[int] = set()
+        self._finished: dict[int, Written] = {}  # by the frame, from the threads that write
         self.sizes: list[int] = []  # bytes of each file that is finished
-        self._counting = threading.Lock()  # of jobs beside each other
-        self._saturated: list[int] = []  # of each frame, from the threads that write
-        self.missing: list[Missing] = []  # samples, of the frames that were written
-        self.opaque = 0  # frames of those whose alpha is 1 everywhere
 
     @property
-    def count(self) -> int:
-        """How many frames were written, each counted once."""
-        return len(self._numbers)
-
-    @property
-    def saturated(self) -> int:
-        """Pixels as bright as the largest half, once the writer is closed."""
-        return sum(self._saturated)
+    def finished(self) -> list[Written]:
+        """What was written of each frame, once the writer is closed."""
+        return [self._finished[number] for number in sorted(self._finished)]
 
     def write(self, writer: Writer, read: Read, image: NDArray[Any]) -> None:
         """Queue the result ``image`` [H, W, 3 or 4], floats or halves, of the frame ``read`` and resolved last.
@@ -355,27 +372,32 @@ class ResolvedFiles:
         """
         assert read.frame.path is not None
         views = self._debug.write(self.folder.folder / DEBUG, read.frame.index)
-        path = self.folder.folder / read.frame.path.name
+        path, saturated = self.folder.folder / read.frame.path.name, list[int]()
+        number, source, missing, opaque = read.frame.index, read.source, read.missing, read.opaque
+        kept, windows = read.carried.channels, read.carried.windows  # and not the frame, whose pixels may go
+
+        def channels() -> dict[str, Pixels]:
+            saturated.append(self._limited(image))
+            return {**kept, **image_channels(image), **views}
+
+        def finish() -> None:
+            facts = {"missing": missing, "opaque": opaque, "saturated": sum(saturated)}
+            self.take(Written.now(path, number, source, **facts))
+
         attributes = merged(read.carried, resolved_attributes(read.frame, self._resolver), self._undeclared)
-        finish = partial(self._finish, path, read.source)
-        kept, windows = read.carried.channels, read.carried.windows
-        writer.write(path, lambda: {**kept, **self._channels(image), **views}, attributes, then=finish, windows=windows)
-        with self._counting:
-            self._numbers.add(read.frame.index)
-            self.missing += [read.missing] if read.missing else []
-            self.opaque += read.opaque
+        writer.write(path, channels, attributes, then=finish, windows=windows)
 
-    def _finish(self, path: Path, source: Source) -> None:
-        self.folder.finish(path, source)
-        self.sizes.append(path.stat().st_size)
+    def take(self, written: Written) -> None:
+        """Count a result that has its final name; raises StorageError."""
+        self.folder.finish(written)
+        self._finished[written.number] = written
+        self.sizes.append(written.size)
 
-    def _channels(self, image: NDArray[Any]) -> dict[str, Pixels]:
-        """The channels of a result, limited to what halves hold by the thread that writes it."""
+    def _limited(self, image: NDArray[Any]) -> int:
+        """Limit a result to what halves hold, in the thread that writes it; returns how many pixels that cuts."""
         if image.dtype == np.float16:
-            self._saturated.append(limit_halves(image))
-        elif self._resolver.keeps_halves:
-            self._saturated.append(saturated_pixels(image))
-        return image_channels(image)
+            return limit_halves(image)
+        return saturated_pixels(image) if self._resolver.keeps_halves else 0
 
 
 def resolved_attributes(frame: Frame, resolver: Resolver) -> dict[str, object]:

@@ -7,15 +7,13 @@ import shutil
 import sys
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from fractions import Fraction
-from itertools import pairwise
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import msgspec
 import numpy as np
@@ -23,34 +21,26 @@ import numpy as np
 from cltaa.core.bands import BandedResolver
 from cltaa.core.debug_views import View
 from cltaa.core.parameters import HistoryKind
-from cltaa.core.plan import estimate, with_effects
 from cltaa.core.planes import pooled_memory
 from cltaa.core.presets import Preset
-from cltaa.core.resolver import Resolver, Times
+from cltaa.core.resolver import Resolver
 from cltaa.errors import DeviceLost, UsageError
-from cltaa.frame import Asked, Effect, Frame, outline
+from cltaa.frame import Asked
 from cltaa.inputs.found import Found
-from cltaa.io.atomic import atomic_path, check_creatable, owned
+from cltaa.io.atomic import atomic_path, check_creatable, move_into, owned, temporary_folder
 from cltaa.io.exr_layout import check_lossless
 from cltaa.io.manifest import REFERENCE
 from cltaa.io.names import Selection
 from cltaa.io.numbered import OnBreak
 from cltaa.io.pixel_statistics import Missing
 from cltaa.io.sequence import FrameSequence, ImageSequence, open_images
-from cltaa.io.streams import InTurn, ReadAhead, Writer
 from cltaa.io.video import check_film, rate_of, write_side_by_side, write_video, write_wipe
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.pipeline.debug import DebugViews
-from cltaa.pipeline.denoise import Denoise, denoiser
+from cltaa.pipeline.denoise import denoiser
 from cltaa.pipeline.follow import Arrivals
-from cltaa.pipeline.output import (
-    OutputFolder,
-    Read,
-    ResolvedFiles,
-    check_layers,
-    reads,
-    sequence_settings,
-)
+from cltaa.pipeline.output import OutputFolder, ResolvedFiles, Written, check_layers, sequence_settings
+from cltaa.pipeline.part import How, Parts, gathered_from, gathers, in_parts
 from cltaa.printable import bytes_of, counted, printable
 from cltaa.process import Stop
 from cltaa.progress import shown_progress, track
@@ -136,18 +126,51 @@ def stage_rows(seconds: StageTimes) -> Iterable[tuple[str, float]]:
     return ((field.replace("_", " "), getattr(seconds, field) * 1e3) for field in StageTimes.__struct_fields__)
 
 
-def check_jobs(jobs: int, preset: Preset, *, follow: bool, debug: bool) -> None:
-    """Raise UsageError where so many parts of a sequence cannot be resolved at once."""
+def check_jobs(jobs: int, preset: Preset, *, follow: bool, debug: bool, dask: bool = False) -> None:
+    """Raise UsageError where so many parts of a sequence cannot be resolved at once, here or by workers of ``dask``."""
     if jobs < 1:
         raise UsageError("so many parts at once", expected="1 or more", found=jobs)
-    if jobs == 1:
+    if jobs == 1 and not dask:
         return
+    parted = "--dask" if dask else "--jobs"
     if preset.choices.history is not HistoryKind.FRAMES:
-        cure = "leave out --jobs, or take a preset that gathers, as gather-8"
-        raise UsageError(f"--jobs: preset {preset.name} resolves each frame from the result before it", cure=cure)
+        cure = f"leave out {parted}, or take a preset that gathers, as gather-8"
+        raise UsageError(f"{parted}: preset {preset.name} resolves each frame from the result before it", cure=cure)
     for given, option in ((follow, "--follow"), (debug, "--debug")):
         if given:
-            raise UsageError(f"--jobs resolves no frames in turn, as {option} wants", cure="give one of the two")
+            raise UsageError(f"{parted} resolves no frames in turn, as {option} wants", cure="give one of the two")
+
+
+class Order(NamedTuple):
+    """What a worker elsewhere needs to resolve a part of a sequence, beside how it makes its resolver."""
+
+    sequence: FrameSequence  # the frames that are wanted and those around them that they are made of
+    wanted: list[int]
+    how: How
+    settings: dict[str, Any]  # what its resolver's must be
+    output: Path
+    place: Path  # a folder in it, for results in folders of their own
+    stale: dict[str, str]  # SHA-256 of results that are to be made anew, by their names
+
+
+class Result(msgspec.Struct, frozen=True):
+    """What a worker has written into a ``folder`` of the place, and the cuts that it has found so far."""
+
+    folder: str
+    written: Written
+    cuts: list[int]
+
+
+class Elsewhere(Protocol):
+    """Workers in other processes that resolve up to so many ``parts`` at the same time."""
+
+    parts: int
+
+    def resolve(self, orders: list[Order], stop: Stop, seconds: dict[str, list[float]]) -> Iterator[Result]:
+        """Each result as it is written, some perhaps twice; adds to ``seconds`` what frames took in each stage.
+
+        Raises KeyboardInterrupt once ``stop`` is requested, and what resolving raises.
+        """
 
 
 COMPARISONS = ("side", "wipe")  # of a film
@@ -173,6 +196,7 @@ def resolve_sequence(
     arrivals: Arrivals | None = None,
     others: Sequence[Resolver] = (),
     found: Found | None = None,
+    elsewhere: Elsewhere | None = None,
 ) -> ResolveReport:
     """Resolve every frame of ``sequence`` into ``output``, one EXR a frame under the same names.
 
@@ -189,14 +213,16 @@ def resolve_sequence(
     ``stopping`` is entered for the run and tells when to stop: then the frame in work is finished, the state saved and
     KeyboardInterrupt raised. ``cltaa.process.stop_signals()`` does so for SIGINT and SIGTERM; signals are left alone
     without it. What follows among ``arrivals``, whose first frames are ``sequence``, is resolved as it comes. With
-    ``others``, which are as ``resolver`` is and gather, each resolves a part of the sequence at the same time.
+    ``others``, which are as ``resolver`` is and gather, each resolves a part of the sequence at the same time. Where
+    workers ``elsewhere`` do, ``resolver`` only says what theirs are.
     ``found`` is what the effects that ``sequence`` was told rest on, for the report.
 
     Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
     what reading, resolving and writing raise; finished frames stay complete.
     """
-    check_jobs(1 + len(others), resolver.preset, follow=arrivals is not None, debug=bool(debug))
+    follows, dask = arrivals is not None, elsewhere is not None
+    check_jobs(1 + len(others), resolver.preset, follow=follows, debug=bool(debug), dask=dask)
     output, preview = Path(output), None if preview is None else Path(preview)
     if compare not in (None, *COMPARISONS):
         raise UsageError("no such comparison", expected=", ".join(COMPARISONS), found=compare)
@@ -214,9 +240,9 @@ def resolve_sequence(
         options["debug"] = sorted(debug)
     if layers:
         options["layers"] = list(layers)
-    cleans = denoiser(denoise)
-    if cleans is not None:
+    if denoiser(denoise) is not None:
         options["denoise"] = denoise
+    how = How(effects=effects, half=half, compression=compression, layers=layers, denoise=denoise)
     if resolver.look_ahead:
         options["last_frame"] = sequence.last  # the frames before it would have more ahead in a longer sequence
     settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
@@ -235,17 +261,15 @@ def resolve_sequence(
             checkpoints.clear()
         views = DebugViews(resolver, debug, len(sequence))
         files = ResolvedFiles(folder, resolver, views, undeclared=sequence.undeclared)
-        run = _Run(
-            sequence, files, checkpoints, resolvers, effects, stop, layers, half=half, progress=progress, denoise=cleans
-        )
+        run = _Run(sequence, folder, files, checkpoints, resolvers, how, stop, elsewhere=elsewhere, progress=progress)
         try:
-            run.resolve(compression, checkpoint_every)
+            run.resolve(checkpoint_every)
         except DeviceLost:
             for each in resolvers:
                 each.reopen()
-            run.resolve(compression, checkpoint_every)
+            run.resolve(checkpoint_every)
         if arrivals is not None:
-            run.follow(arrivals, compression, checkpoint_every)
+            run.follow(arrivals, checkpoint_every)
         report = msgspec.structs.replace(run.report(), found=found)
         write_record(output, report, resolver.preset)
         if arrivals is None or arrivals.ended:
@@ -305,70 +329,66 @@ class _Run:
     def __init__(
         self,
         sequence: FrameSequence,
+        folder: OutputFolder,
         files: ResolvedFiles,
         checkpoints: Checkpoints,
         resolvers: Sequence[Resolver],
-        effects: Asked,
+        how: How,
         stop: Stop,
-        layers: tuple[str, ...],
         *,
-        half: bool,
+        elsewhere: Elsewhere | None,
         progress: bool,
-        denoise: Denoise | None,
     ) -> None:
-        self._sequence, self._files, self._checkpoints = sequence, files, checkpoints
-        self._resolver, self._resolvers = resolvers[0], resolvers
-        self._effects, self._stop, self._layers = effects, stop, layers
-        self._half, self._progress, self._denoise = half, progress, denoise
-        self._frames = len(sequence)
-        self._seconds: dict[str, list[float]] = {name: [] for name in StageTimes.__struct_fields__}
+        self._sequence, self._folder, self._files, self._checkpoints = sequence, folder, files, checkpoints
+        self._resolver, self._resolvers, self._elsewhere = resolvers[0], resolvers, elsewhere
+        self._how, self._stop, self._progress = how, stop, progress
+        self._parts, self._frames, self._cuts = Parts(files, how, stop), len(sequence), set[int]()
 
-    def resolve(self, compression: str, checkpoint_every: int) -> None:
+    def resolve(self, checkpoint_every: int) -> None:
         """Resolve the frames that are missing, after those that their history needs."""
-        missing = self._files.folder.missing(self._sequence, self._resolver.look_ahead)
+        missing = self._folder.missing(self._sequence, self._resolver.look_ahead)
         if not missing:
             return
+        self._parts.look = DiskSpace(self._folder.folder, len(self._files.sizes) + len(missing)).look
+        if self._elsewhere is not None:
+            self._by_workers(self._elsewhere, missing)
+            return
         if len(self._resolvers) > 1 and self._gathers:
-            self._beside(missing, compression)
+            self._beside(missing)
             return
         if self._resolver.look_ahead:
             checkpoint_every = 0
-        after, given = self._given(missing)
-        part = self._sequence.select(given[0], given[-1])
+        after, part = self._given(missing)
         shown = (lambda numbers: track(numbers, len(numbers), "resolving")) if self._progress else iter
-        self._through(self._resolver, part, after, missing, compression, checkpoint_every, shown)
+        self._parts.resolve(self._resolver, part, after, missing, shown, self._checkpoints, checkpoint_every)
 
-    def _beside(self, missing: list[int], compression: str) -> None:
+    def _beside(self, missing: list[int]) -> None:
         """Resolve the ``missing`` frames in as many runs of them as there are resolvers, at the same time.
 
         Where one fails or the process is interrupted, all end with the frame in work, and the first failure is raised.
         """
-        begins = [len(missing) * at // len(self._resolvers) for at in range(len(self._resolvers) + 1)]
-        runs = [missing[begin:end] for begin, end in pairwise(begins) if begin < end]
-        disk_space = self._disk_space(missing)
+        runs = in_parts(missing, len(self._resolvers))
         started, done, lock = time.perf_counter(), 0, threading.Lock()
         failures: list[BaseException] = []
+        self._parts.halted.clear()
+
+        def shown(numbers: list[int]) -> Iterator[int]:
+            nonlocal done
+            for number in numbers:
+                yield number
+                with lock:
+                    done += number in among
+                    advance(done, len(missing))
 
         def resolve(resolver: Resolver, wanted: list[int]) -> None:
-            own = frozenset(wanted)
-
-            def shown(numbers: list[int]) -> Iterator[int]:
-                nonlocal done
-                for number in numbers:
-                    if failures:
-                        return
-                    yield number
-                    with lock:
-                        done += number in own
-                        advance(done, len(missing))
-
             try:
-                after, given = self._gathered_from(resolver, wanted)
-                part = self._sequence.select(given[0], given[-1])
-                self._through(resolver, part, after, wanted, compression, 0, shown, disk_space)
+                part = gathered_from(self._sequence, wanted, resolver.preset, self._how)
+                self._parts.resolve(resolver, part, None, wanted, shown)
             except BaseException as failure:
                 failures.append(failure)
+                self._parts.halted.set()
 
+        among = frozenset(missing)
         showing = shown_progress("resolving") if self._progress else nullcontext(lambda _done, _total: None)
         with showing as advance, ThreadPoolExecutor(len(runs), "cltaa job") as pool:
             left = {pool.submit(resolve, *each) for each in zip(self._resolvers, runs, strict=False)}
@@ -377,11 +397,43 @@ class _Run:
                     left = wait(left).not_done
                 except KeyboardInterrupt as interrupt:
                     failures.append(interrupt)
+                    self._parts.halted.set()
         if failures:
             raise failures[0]
-        self._seconds["whole"] = [(time.perf_counter() - started) / len(missing)]
+        self._parts.seconds["whole"] = [(time.perf_counter() - started) / len(missing)]
 
-    def follow(self, arrivals: Arrivals, compression: str, checkpoint_every: int) -> None:
+    def _by_workers(self, elsewhere: Elsewhere, missing: list[int]) -> None:
+        """Let the ``missing`` frames be resolved elsewhere, and take each result into the folder as it comes."""
+        entries, started, taken = self._folder.manifest.entries, time.perf_counter(), set[int]()
+        names = {number: self._sequence.path(number).name for number in missing}
+        showing = shown_progress("resolving") if self._progress else nullcontext(lambda _done, _total: None)
+        with showing as advance, temporary_folder(self._folder.folder) as place:
+            orders = [
+                Order(
+                    sequence=gathered_from(self._sequence, wanted, self._resolver.preset, self._how),
+                    wanted=wanted,
+                    how=self._how,
+                    settings=self._resolver.settings(),
+                    output=self._folder.folder,
+                    place=place,
+                    stale={name: entries[name].sha256 for n in wanted if (name := names[n]) in entries},
+                )
+                for wanted in in_parts(missing, elsewhere.parts if self._gathers else 1)
+            ]
+            advance(0, len(missing))
+            for result in elsewhere.resolve(orders, self._stop, self._parts.seconds):
+                self._cuts.update(result.cuts)
+                number = result.written.number
+                if number in taken:  # of a part that two workers began
+                    continue
+                move_into(place / result.folder / result.written.name, self._folder.folder)
+                self._files.take(result.written)
+                taken.add(number)
+                self._parts.look(self._files.sizes)
+                advance(len(taken), len(missing))
+        self._parts.seconds["whole"] = [(time.perf_counter() - started) / len(missing)]
+
+    def follow(self, arrivals: Arrivals, checkpoint_every: int) -> None:
         """Go on with what arrives behind the sequence, and save the state where more may come."""
         shows = self._progress and not arrivals.ended
         shown = shown_progress("following") if shows else nullcontext(lambda _done, _total: None)
@@ -391,11 +443,12 @@ class _Run:
             for part in arrivals.behind(self._stop):
                 before, self._frames = self._sequence.last, self._frames + len(part)
                 if self._stands_behind(before):
-                    self._through(self._resolver, part, before, [*part.numbers], compression, checkpoint_every, iter)
+                    every = checkpoint_every
+                    self._parts.resolve(self._resolver, part, before, part.numbers, iter, self._checkpoints, every)
                     self._sequence = part
                 else:  # nothing was missing before
                     self._sequence = arrivals.whole()
-                    self.resolve(compression, checkpoint_every)
+                    self.resolve(checkpoint_every)
                 advance(self._frames, arrivals.count or self._frames)
         if not arrivals.ended and self._stands_behind(self._sequence.last):
             self._checkpoints.save(self._resolver)
@@ -409,113 +462,37 @@ class _Run:
         except ValueError:
             return False
 
-    def _through(
-        self,
-        resolver: Resolver,
-        part: FrameSequence,
-        after: int | None,
-        missing: list[int],
-        compression: str,
-        checkpoint_every: int,
-        shown: Callable[[list[int]], Iterator[int]],
-        disk_space: DiskSpace | None = None,
-    ) -> None:
-        """Resolve ``part``, whose history goes on behind frame ``after``, and write the ``missing`` frames.
-
-        ``shown`` passes numbers of frames on as they are resolved; ``checkpoint_every`` of 0 saves no state.
-        """
-        numbers, wanted = [n for n in part.numbers if n <= missing[-1]], frozenset(missing)
-        disk_space = disk_space or self._disk_space(missing)
-        started = time.perf_counter()
-        in_turn = isinstance(resolver, BandedResolver)  # so large that no second image waits beside it
-        tasks = reads(part, after, self._layers, self._denoise)
-        reading = InTurn(tasks) if in_turn else ReadAhead(tasks)
-        with Writer(compression=compression) as writer, reading as frames:
-            if after is None:
-                self._reserve(resolver, part)
-            waiting = deque[Read]()
-            images = resolver.images(self._read(frames, len(part), waiting), half=self._half, planar=not in_turn)
-            for done, (number, image) in enumerate(zip(shown(numbers), images, strict=False), start=1):
-                read = waiting.popleft()
-                if number in wanted:
-                    self._files.write(writer, read, image)
-                    disk_space.look(self._files.sizes)
-                resolver.release()
-                self._note(resolver.times)
-                if checkpoint_every and (self._stop.requested or done % checkpoint_every == 0):
-                    self._checkpoints.save(resolver)
-                if self._stop.requested:
-                    raise KeyboardInterrupt
-                if in_turn:
-                    writer.flush()
-                del read, image
-            writer.close()
-            self._seconds["read"] += frames.seconds
-            self._seconds["write"] += writer.seconds
-        self._seconds["whole"].append((time.perf_counter() - started) / len(numbers))
-
-    def _given(self, missing: list[int]) -> tuple[int | None, list[int]]:
+    def _given(self, missing: list[int]) -> tuple[int | None, FrameSequence]:
         """The frame that the resolver goes on after, and those that it has to be given for the ``missing`` ones."""
-        if self._resolver.look_ahead:
-            return self._gathered_from(self._resolver, missing)
-        after = self._checkpoints.restore(self._resolver, before=missing[0])
-        if after is None and self._gathers:
-            return self._gathered_from(self._resolver, missing)
-        return after, [n for n in self._sequence.numbers if n <= missing[-1] and (after is None or n > after)]
+        preset = self._resolver.preset
+        after = None if preset.settings.look_ahead else self._checkpoints.restore(self._resolver, before=missing[0])
+        if after is None:
+            return None, gathered_from(self._sequence, missing, preset, self._how)
+        given = [number for number in self._sequence.numbers if after < number <= missing[-1]]
+        return after, self._sequence.select(given[0], given[-1])
 
     @property
     def _gathers(self) -> bool:
-        """True where frames are gathered, and what is declared does not ask for the mean of all before."""
-        declared = self._sequence.effects if self._effects == "auto" else None
-        declared = self._effects if isinstance(self._effects, frozenset) else declared
-        preset = self._resolver.preset
-        choices, *_ = estimate(preset, preset.settings, declared)
-        return choices.history is HistoryKind.FRAMES
-
-    def _gathered_from(self, resolver: Resolver, missing: list[int]) -> tuple[int | None, list[int]]:
-        """The same where no checkpoint is needed: what is gathered are so many frames before and behind each."""
-        numbers, ahead = list(self._sequence.numbers), resolver.look_ahead
-        first, last = numbers.index(missing[0]), numbers.index(missing[-1])
-        resolver.reset()
-        begin = max(0, first - resolver.preset.settings.history_frames) if self._gathers else 0
-        return numbers[begin - 1] if begin else None, numbers[begin : last + 1 + ahead]
-
-    def _disk_space(self, missing: list[int]) -> DiskSpace:
-        return DiskSpace(self._files.folder.folder, len(self._files.sizes) + len(missing))
-
-    def _read(self, frames: Iterator[Read], count: int, waiting: deque[Read]) -> Iterator[Frame]:
-        """The next ``count`` of ``frames``, whose results wait in ``waiting``, without pixels where that takes long."""
-        for _ in range(count):
-            read = next(frames)
-            frame = with_effects(read.frame, self._effects)
-            waiting.append(read._replace(frame=outline(read.frame)) if self._resolver.look_ahead else read)
-            yield frame
-            del read, frame
-
-    def _reserve(self, resolver: Resolver, part: FrameSequence) -> None:
-        """Let a resolver allocate what the first frame will need, while that is decoded."""
-        wanted = isinstance(self._effects, str) or Effect.ALPHA in self._effects
-        alpha = wanted and "alpha" in part.holds
-        resolver.reserve(part.width, part.height, alpha=alpha, half=self._half)
-
-    def _note(self, times: Times) -> None:
-        for name, seconds in times._asdict().items():
-            self._seconds[name].append(seconds)
+        return gathers(self._resolver.preset, self._sequence, self._how)
 
     def report(self) -> ResolveReport:
         """What was done; stages that nothing had to be done in took no time."""
+        finished = self._files.finished
+        missing = [each.missing for each in finished if each.missing]
+        cuts = self._cuts.union(*(each.cuts_found for each in self._resolvers))
+        seconds = {name: median(self._parts.seconds[name] or [0.0]) for name in StageTimes.__struct_fields__}
         return ResolveReport(
-            output=str(self._files.folder.folder),
+            output=str(self._folder.folder),
             frames=self._frames,
-            resolved=self._files.count,
-            repaired=sum(each.pixels for each in self._files.missing),
-            missing=sorted(self._files.missing, key=lambda each: each.frame),
-            opaque=self._files.opaque,
-            saturated=self._files.saturated,
-            cuts_found=sorted({number for each in self._resolvers for number in each.cuts_found}),
+            resolved=len(finished),
+            repaired=sum(each.pixels for each in missing),
+            missing=missing,
+            opaque=sum(each.opaque for each in finished),
+            saturated=sum(each.saturated for each in finished),
+            cuts_found=sorted(cuts),
             width=self._sequence.width,
             height=self._sequence.height,
             device=self._resolver.launcher.description,
             preset=self._resolver.preset.name,
-            seconds=StageTimes(**{name: median(seconds or [0.0]) for name, seconds in self._seconds.items()}),
+            seconds=StageTimes(**seconds),
         )

@@ -6,6 +6,7 @@ import importlib
 import inspect
 import shlex
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -61,6 +62,8 @@ COMMANDS = {
             "cltaa.commands.resolve.within_budget": lambda *_: (load_preset("fast"), Storage.HALF),
             "cltaa.pipeline.folder.devices_of": lambda device, jobs: [device] * jobs,
             "cltaa.pipeline.folder.resolver_for": sequence,
+            "cltaa.pipeline.cluster.connected": nullcontext,
+            "cltaa.pipeline.cluster.Cluster": begins,
             "cltaa.pipeline.folder.resolve_sequence": begins,
         },
     ),
@@ -221,6 +224,9 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--look-ahead 7", "resolver_for.preset.settings.look_ahead", 7),
         ("--preset gather-8 --jobs 7", "devices_of.jobs", 7),
         ("--preset gather-8 --jobs 7", "resolver_for.jobs", 7),
+        ("--preset gather-8 --dask there", "connected.address", "there"),
+        ("--preset gather-8 --dask there --jobs 7", "Cluster.jobs", 7),
+        ("--preset gather-8 --dask there --device 3", "Cluster.tool.device", "3"),
         ("--device 3", "resolver_for.device", "3"),
         ("--effects motion", "check_declared.effects", {"motion"}),
         ("--effects motion", "resolve_sequence.effects", {"motion"}),

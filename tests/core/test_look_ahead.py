@@ -58,6 +58,29 @@ def test_every_image_comes_once_and_in_order(lanes_of: str | None) -> None:
     assert same([image for some in ready for image in some] + last, images(frames, looking(), lanes_of))
 
 
+@pytest.mark.parametrize("device", [None, "numpy"])
+@pytest.mark.parametrize("ahead", [0, AHEAD])
+def test_frames_that_are_only_kept_are_gathered_as_if_they_had_been_resolved(ahead: int, device: str | None) -> None:
+    frames = [replace(frame, effects=None) for frame in hard_frames(count=10)]
+    frames[5] = replace(frames[5], cut=True)
+    preset = override(load_preset("gather-8"), {"history_frames": KEPT, "look_ahead": ahead})
+    whole, resolver = images(frames, preset, device), Resolver(preset, device)
+    for first in (4, 6, 8):  # the last frame kept, or one of them, is the cut
+        resolver.reset()
+        for frame in frames[first - KEPT : first]:
+            resolver.keep(frame)
+        assert same(list(resolver.images(frames[first:])), whole[first:])
+
+
+def test_no_frame_is_only_kept_where_none_are_gathered_or_some_wait() -> None:
+    with pytest.raises(UsageError, match="from the result before it, so none is only kept"):
+        Resolver("fast", "numpy").keep(make_frame())
+    resolver = Resolver(looking(), "numpy")
+    resolver.feed(make_frame())
+    with pytest.raises(UsageError, match="frames wait for later ones, which none can be kept behind"):
+        resolver.keep(make_frame(1))
+
+
 @pytest.mark.parametrize(
     ("changes", "moving"),
     [({}, True), ({}, False), ({"gather_fit": "mean", "reject": "none"}, False)],

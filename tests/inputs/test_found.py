@@ -168,6 +168,13 @@ def test_a_resolve_finds_effects_and_goes_on_with_those_that_it_began_with(tmp_p
     assert after.frames == 0
 
 
+@pytest.mark.parametrize(("preset", "gathered"), [("gather-8", False), ("gather-8+8", False), ("gather-48", True)])
+def test_where_all_stands_a_running_mean_replaces_a_smaller_ring(tmp_path: Path, preset: str, gathered: bool) -> None:
+    for name, pan, expected in (("standing", 0.0, gathered), ("sliding", 0.03, True)):
+        sections = plan(drawn(tmp_path / name, pan=pan), preset, "numpy", rounds=0).sections
+        assert {step.name: step.on for step in sections[-1].steps}["gathering"] == expected
+
+
 def test_what_is_found_is_no_promise(tmp_path: Path) -> None:
     """No plain mean rests on it: depth still refutes what moves after all."""
     sections = plan(drawn(tmp_path / "wall"), device="numpy", rounds=0).sections

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cltaa.errors import OutputError
-from cltaa.io.atomic import atomic_path, make_folder, remove_stale_temporaries
+from cltaa.errors import OutputError, StorageError
+from cltaa.io.atomic import atomic_path, make_folder, move_into, remove_stale_temporaries, temporary_folder
 
 
 def test_order_of_the_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,3 +69,26 @@ def test_what_killed_writers_left_is_removed(tmp_path: Path) -> None:
     remove_stale_temporaries(tmp_path)
     assert not killed.exists()
     assert sorted(entry.name for entry in tmp_path.iterdir()) == [".hidden", "a.txt"]
+
+
+def test_nobody_writes_into_a_temporary_folder_that_is_gone(tmp_path: Path) -> None:
+    with temporary_folder(tmp_path) as place:
+        for name in ("one", "two"):
+            with atomic_path(place / name) as path:
+                path.write_text(name)
+        move_into(place / "one", tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["one"]
+    with pytest.raises(OutputError, match="cannot be created"), atomic_path(place / "three"):
+        pass
+    with pytest.raises(StorageError, match=r"two: moving it to .* failed: No such file or directory"):
+        move_into(place / "two", tmp_path)
+
+
+def test_a_stale_folder_is_deleted_and_not_what_a_link_leads_to(tmp_path: Path) -> None:
+    outside, inside = tmp_path / "outside", make_folder(tmp_path / "inside")
+    for folder in (outside, inside / ".1f.tmp.7"):
+        (make_folder(folder) / "frame").touch()
+    (inside / ".2f.tmp.7").symlink_to(outside)
+    remove_stale_temporaries(inside)
+    assert [*inside.iterdir()] == []
+    assert (outside / "frame").exists()

@@ -58,11 +58,15 @@ def test_any_number_of_jobs_writes_the_same_bytes(preset: cltaa.Preset, shot: Pa
 
 
 class Watched(Resolver):
-    """Calls ``before`` ahead of each frame, and remembers what it was."""
+    """Calls ``before`` ahead of each frame that is to be resolved, and remembers what it was; ``kept``: all others."""
 
     def __init__(self, preset: cltaa.Preset, before: Callable[[int], None]) -> None:
         super().__init__(preset, "numpy")
-        self.before, self.began, self.every = before, list[int](), set[bool]()
+        self.before, self.began, self.kept, self.every = before, list[int](), list[int](), set[bool]()
+
+    def keep(self, frame: Frame) -> None:
+        self.kept.append(frame.index)
+        super().keep(frame)
 
     def images(self, frames: Iterable[Frame], **how: Any) -> Iterator[Any]:
         def watched() -> Iterator[Frame]:
@@ -122,7 +126,8 @@ def test_a_wish_to_stop_ends_every_job(shot: Path, tmp_path: Path) -> None:
 def test_every_step_is_run_by_every_job(shot: Path, tmp_path: Path) -> None:
     jobs = begun(shot, tmp_path / "out", *[lambda _: None] * 3, effects="all")
     assert [each.every for each in jobs] == [{True}] * 3
-    assert [each.began for each in jobs] == [[0, 1, 2], [1, 2, 3, 4, 5, 6], [5, 6, 7, 8, 9, 10]]
+    assert [each.began for each in jobs] == [[0, 1, 2], [3, 4, 5, 6], [7, 8, 9, 10]]
+    assert [each.kept for each in jobs] == [[], [1, 2], [5, 6]]  # by the rings, and not resolved
 
 
 def test_a_mean_of_all_frames_before_is_no_work_for_several(shot: Path, tmp_path: Path) -> None:

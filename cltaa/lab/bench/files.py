@@ -26,7 +26,7 @@ from cltaa.io.sequence import FrameSequence
 from cltaa.io.streams import ReadAhead, Writer
 from cltaa.lab.bench.environment import Environment, environment, load_average
 from cltaa.lab.timing import Interval, Job, interval, measure
-from cltaa.pipeline.output import OutputFolder, Source, image_channels, reads
+from cltaa.pipeline.output import OutputFolder, Source, Written, image_channels, reads
 from cltaa.pipeline.run import resolve_sequence
 from cltaa.process import CORES
 from cltaa.progress import track
@@ -213,7 +213,11 @@ def _write(folder: Path, channels: dict[str, Pixels], codec: str, count: int) ->
     with Writer(compression=codec) as writer:
         for index in range(count):
             path = output.folder / f"alone.{index:04d}.exr"
-            writer.write(path, channels, then=partial(output.finish, path, Source(NO_HASH, None)))
+            writer.write(path, channels, then=partial(_finish, output, path, index))
+
+
+def _finish(output: OutputFolder, path: Path, number: int) -> None:
+    output.finish(Written.now(path, number, Source(NO_HASH, None)))
 
 
 def _interval(values: list[float]) -> Interval:

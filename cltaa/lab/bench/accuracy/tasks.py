@@ -18,6 +18,7 @@ from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -27,7 +28,7 @@ import numpy as np
 from cltaa.core.backend import DEVICE_VARIABLE
 from cltaa.core.build import Build
 from cltaa.core.planes import Layout
-from cltaa.errors import DataError, ResourceError, UsageError, import_extra
+from cltaa.errors import DataError, ResourceError
 from cltaa.frame import Frame
 from cltaa.io.atomic import atomic_path, make_folder
 from cltaa.io.sequence import FrameSequence
@@ -35,6 +36,7 @@ from cltaa.lab.bench.accuracy.variants import Errors, Task, enlargement, opened,
 from cltaa.lab.timing import resolve_job, timed_numbers
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.opencl.program import source
+from cltaa.pipeline.cluster import connected
 from cltaa.process import CORES, configure
 from cltaa.reference.launcher import NumpyLauncher
 
@@ -133,7 +135,6 @@ def _pixel_of(captured: FrameSequence, number: int) -> Frame:
 
 FOLDER = "tasks"
 RETRIES = 3  # of a task whose worker was lost
-DASK_PATIENCE = "10s"  # for a scheduler that does not answer
 
 Item = TypeVar("Item", Task, Program)
 
@@ -223,17 +224,13 @@ def share_processors(threads: int) -> None:
 
 
 def _on_dask(tasks: list[Task], output: Path, address: str) -> Iterator[Task]:
-    distributed: Any = import_extra("distributed", package="distributed", extra="dask", purpose="--dask")
-    try:
-        client = distributed.Client(address, timeout=DASK_PATIENCE)
-    except (OSError, TimeoutError, ValueError) as error:
-        raise UsageError(f"no Dask scheduler answers at {address}: {error}", cure="start one: dask scheduler") from None
-    with client:
+    with connected(address) as client:
         futures = {
             client.submit(run_encoded, msgspec.msgpack.encode(task), key=task.key(), pure=True, retries=RETRIES): task
             for task in tasks
         }
-        for future in distributed.as_completed(futures):
+        as_completed: Any = import_module("distributed").as_completed
+        for future in as_completed(futures, loop=client.loop):
             keep(path_of(futures[future], output), msgspec.msgpack.decode(future.result(), type=Errors))
             yield futures[future]
 

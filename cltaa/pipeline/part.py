@@ -1,0 +1,151 @@
+"""Parts of a sequence, each through one resolver: frames are read ahead and images written behind while kernels run."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+
+import msgspec
+
+from cltaa.core import plan
+from cltaa.core.bands import BandedResolver
+from cltaa.core.plan import with_effects
+from cltaa.core.presets import Preset
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Asked, Effect, Frame, outline
+from cltaa.io.sequence import FrameSequence
+from cltaa.io.streams import InTurn, ReadAhead, Writer
+from cltaa.pipeline.checkpoint import Checkpoints
+from cltaa.pipeline.denoise import denoiser
+from cltaa.pipeline.output import Read, ResolvedFiles, reads
+from cltaa.process import Stop
+
+Shown = Callable[[list[int]], Iterator[int]]
+
+
+class How(msgspec.Struct, frozen=True, kw_only=True):
+    """How frames are read, resolved and written, beside the resolver; as ``resolve_sequence`` takes it."""
+
+    effects: Asked
+    half: bool
+    compression: str
+    layers: tuple[str, ...]
+    denoise: str
+
+
+def gathers(preset: Preset, sequence: FrameSequence, how: How) -> bool:
+    """True where frames are gathered, and no effect that is known asks for the mean of all before."""
+    return plan.gathers(preset, how.effects, sequence.effects, sequence.found)
+
+
+def gathered_from(sequence: FrameSequence, wanted: Sequence[int], preset: Preset, how: How) -> FrameSequence:
+    """The frames that the ``wanted`` ones are made of without a checkpoint: of what gathers, so many before and behind
+    them as ``preset`` keeps; else all before."""
+    numbers, kept, ahead = list(sequence.numbers), preset.settings.history_frames, preset.settings.look_ahead
+    first, last = numbers.index(wanted[0]), numbers.index(wanted[-1])
+    begin = max(0, first - kept) if gathers(preset, sequence, how) else 0
+    return sequence.select(numbers[begin], numbers[min(last + ahead, len(numbers) - 1)])
+
+
+def in_parts(wanted: list[int], count: int) -> list[list[int]]:
+    """The ``wanted`` frames in up to ``count`` runs of like length."""
+    begins = [len(wanted) * at // count for at in range(count + 1)]
+    return [wanted[begin:end] for begin, end in pairwise(begins) if begin < end]
+
+
+class Parts:
+    """Resolves parts of a sequence, and writes the frames that are wanted by ``files``; in several threads, if need be.
+
+    ``seconds`` holds what each frame took in each stage. Once ``stop`` is requested KeyboardInterrupt is raised behind
+    the frame in work; where ``halted`` is set all end there. ``look`` is told the bytes of each file that is finished.
+    """
+
+    def __init__(self, files: ResolvedFiles, how: How, stop: Stop) -> None:
+        self._files, self._how, self._stop = files, how, stop
+        self._denoise = denoiser(how.denoise)
+        self.seconds: defaultdict[str, list[float]] = defaultdict(list)
+        self.halted = threading.Event()
+        self.look: Callable[[Sequence[int]], None] = lambda _sizes: None
+
+    def resolve(
+        self,
+        resolver: Resolver,
+        part: FrameSequence,
+        after: int | None,
+        wanted: Sequence[int],
+        shown: Shown = iter,
+        checkpoints: Checkpoints | None = None,
+        every: int = 0,
+    ) -> None:
+        """Resolve ``part``, whose history goes on behind frame ``after``, and write the ``wanted`` frames.
+
+        Those before them are only kept where they are gathered from. ``shown`` passes numbers of frames on as they are
+        resolved. The state is saved in ``checkpoints`` after ``every`` frames, never where that is 0.
+        """
+        numbers = [number for number in part.numbers if number <= wanted[-1]]
+        lead = numbers.index(wanted[0]) if gathers(resolver.preset, part, self._how) else 0
+        asked, started = frozenset(wanted), time.perf_counter()
+        in_turn = isinstance(resolver, BandedResolver)  # so large that no second image waits beside it
+        tasks = reads(part, after, self._how.layers, self._denoise)
+        reading = InTurn(tasks) if in_turn else ReadAhead(tasks)
+        with Writer(compression=self._how.compression) as writer, reading as frames:
+            if after is None:
+                resolver.reset()
+                self._reserve(resolver, part)
+            waiting = deque[Read]()
+            given = self._given(frames, len(part), waiting, outlines=resolver.look_ahead > 0)
+            self._keep(resolver, numbers[:lead], given, waiting)
+            images = resolver.images(given, half=self._how.half, planar=not in_turn)
+            going = self._going(shown(numbers[lead:]))
+            for done, (number, image) in enumerate(zip(going, images, strict=False), start=1):
+                read = waiting.popleft()
+                if number in asked:
+                    self._files.write(writer, read, image)
+                    self.look(self._files.sizes)
+                resolver.release()
+                for stage, seconds in resolver.times._asdict().items():
+                    self.seconds[stage].append(seconds)
+                if checkpoints and every and (self._stop.requested or done % every == 0):
+                    checkpoints.save(resolver)
+                if self._stop.requested:
+                    raise KeyboardInterrupt
+                if in_turn:
+                    writer.flush()
+                del read, image
+            writer.close()
+            self.seconds["read"] += frames.seconds
+            self.seconds["write"] += writer.seconds
+        self.seconds["whole"].append((time.perf_counter() - started) / len(numbers))
+
+    def _keep(self, resolver: Resolver, numbers: list[int], given: Iterator[Frame], waiting: deque[Read]) -> None:
+        """Let ``resolver`` keep the next of the ``given`` frames, which are ``numbers``."""
+        for _, frame in zip(self._going(iter(numbers)), given, strict=False):
+            resolver.keep(frame)
+            waiting.popleft()
+            if self._stop.requested:
+                raise KeyboardInterrupt
+
+    def _going(self, numbers: Iterator[int]) -> Iterator[int]:
+        """``numbers`` until all are halted."""
+        for number in numbers:
+            if self.halted.is_set():
+                return
+            yield number
+
+    def _given(self, frames: Iterator[Read], count: int, waiting: deque[Read], *, outlines: bool) -> Iterator[Frame]:
+        """The next ``count`` of ``frames``, which wait in ``waiting``, whole or as ``outlines``, for their images."""
+        for _ in range(count):
+            read = next(frames)
+            frame = with_effects(read.frame, self._how.effects)
+            waiting.append(read._replace(frame=outline(read.frame)) if outlines else read)
+            yield frame
+            del read, frame
+
+    def _reserve(self, resolver: Resolver, part: FrameSequence) -> None:
+        """Let a resolver allocate what the first frame will need, while that is decoded."""
+        wanted = isinstance(self._how.effects, str) or Effect.ALPHA in self._how.effects
+        alpha = wanted and "alpha" in part.holds
+        resolver.reserve(part.width, part.height, alpha=alpha, half=self._how.half)
