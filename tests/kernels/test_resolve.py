@@ -88,7 +88,6 @@ def test_same_bits_whatever_the_shape_of_the_work(lanes: int, rows: int) -> None
 @pytest.mark.parametrize(
     "changes",
     [
-        {},
         {"alpha_from": "current"},
         {"history": "frames"},
         {"on_camera_move": "reset"},
