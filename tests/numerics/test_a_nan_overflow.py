@@ -96,11 +96,10 @@ def test_a1_nan_dies_in_its_own_frame(
     assert (ill.plan.choices.illumination is Illumination.TEST) == (effects is None)
 
 
-@pytest.mark.optimised
 @pytest.mark.parametrize(
     "history", [{"history": "accumulated"}, {"gather_fit": "layers"}], ids=lambda h: str(*h.values())
 )
-@pytest.mark.parametrize("lanes", [0, 1])
+@pytest.mark.parametrize("lanes", [pytest.param(0, marks=pytest.mark.optimised), 1])
 @pytest.mark.parametrize("seed", range(4))
 def test_a1_any_bits_of_input_give_finite_output(
     launcher: DeviceLauncher, seed: int, lanes: int, history: dict[str, object]
