@@ -18,8 +18,8 @@ PATIENCE = 300.0
     ("work", "stride", "action"),
     [
         ("short resolve", 3, "once"),
-        ("short resolve", 3, "from then on"),
-        ("capture", 21, "once"),
+        ("short resolve", 6, "from then on"),
+        ("capture", 35, "once"),
         *(
             pytest.param(work, 1, action, marks=pytest.mark.big)
             for work in ("resolve", "capture")
