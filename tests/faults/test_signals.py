@@ -37,7 +37,7 @@ def forked(top: Path, shim: Path, work: str, how: str, number: signal.Signals, c
 
 
 @pytest.mark.parametrize(
-    ("work", "frames", "stride"), [("short resolve", 3, 5), pytest.param("resolve", FRAMES, 1, marks=pytest.mark.big)]
+    ("work", "frames", "stride"), [("short resolve", 3, 3), pytest.param("resolve", FRAMES, 1, marks=pytest.mark.big)]
 )
 def test_killed_at_each_step(tmp_path: Path, shim: Path, work: str, frames: int, stride: int) -> None:
     """SIGKILL at the n-th open, write, flush or rename: the steps of the protocol, one after another."""
@@ -62,13 +62,12 @@ def test_capture_interrupted_at_any_time(tmp_path: Path, shim: Path, number: sig
 
 @pytest.mark.parametrize("count", [40, pytest.param(2000, marks=pytest.mark.big)])
 def test_killed_at_any_time(tmp_path: Path, shim: Path, count: int) -> None:
-    """Before the first frame is kept and between frames; which counts of frames a kill leaves is chance, since two are
+    """Before the first frame is kept or between frames; which counts of frames a kill leaves is chance, since two are
     written at a time: ``test_killed_at_each_step`` sees every one of them."""
     runs = forked(tmp_path, shim, "resolve", "times", signal.SIGKILL, count)
     kept = [run["kept"] for run in runs if run["code"] == KILLED]
     assert len(kept) == count
-    assert 0 in kept
-    assert any(0 < frames < FRAMES for frames in kept)
+    assert len(set(kept)) > 2
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
