@@ -14,6 +14,10 @@ from cltaa.process import configure
 # Tests call the command line in their own process; what the library leaves alone is for tests/test_host_process.py.
 configure()
 
+import pyopencl as cl  # noqa: E402
+
+from cltaa.opencl.device import POCL  # noqa: E402
+
 # A busy machine is slow, and no property of ours is one of time.
 # The same examples in every run; many, and new ones each time, where asked for: pytest --hypothesis-profile=big
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
@@ -21,6 +25,20 @@ settings.register_profile("big", settings.get_profile("patient"), max_examples=5
 settings.load_profile("patient")
 
 TOP = Path(__file__).parents[1]
+
+# The tests spend most of their time on builds of kernels, and PoCL builds one in half the time without LLVM's
+# optimisation. Those that are about what users have ask for it; the bits are the same. Other drivers build as ever.
+# PoCL reads a variable of its own for this, but once in a process.
+OPTIONS = "PYOPENCL_BUILD_OPTIONS"
+if {platform.name for platform in cl.get_platforms()} == {POCL}:
+    os.environ.setdefault(OPTIONS, "-cl-opt-disable")
+
+
+@pytest.fixture(autouse=True)
+def optimised_if_marked(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Build kernels as users have them, where a test says that it is about these."""
+    if request.node.get_closest_marker("optimised"):
+        monkeypatch.delenv(OPTIONS, raising=False)
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 import subprocess
 import sys
@@ -35,7 +36,9 @@ def test_an_example_runs(name: str, tmp_path: Path) -> None:
         pytest.skip(f"{package} is not installed")
     command = [sys.executable, "-W", "error", str(EXAMPLES / name), *arguments]
     path = {"PYTHONPATH": str(EXAMPLES.parent), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path), "TMPDIR": str(tmp_path)}
-    path |= {"POCL_CACHE_DIR": str(cache_folder())}  # of kernels that are built already
+    # Of kernels that are built already, as they are built.
+    options = os.environ.get("PYOPENCL_BUILD_OPTIONS", "")
+    path |= {"POCL_CACHE_DIR": str(cache_folder()), "PYOPENCL_BUILD_OPTIONS": options}
     done = subprocess.run(command, env=path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert re.fullmatch(printed, done.stdout), done.stdout

@@ -22,7 +22,7 @@ def run_demo(folder: Path) -> subprocess.CompletedProcess[str]:
         "import sys; from cltaa.cli import main; code = main(sys.argv[1:]);"
         "print('LOADED', *({'OpenGL', 'pyrender', 'pyopencl'} & set(sys.modules)), file=sys.stderr); sys.exit(code)"
     )
-    arguments = ["demo", "-o", str(folder), "--scene", "conveyor", "--frames", str(FRAMES), "--size", "96x54", "--json"]
+    arguments = ["demo", "-o", str(folder), "--scene", "conveyor", "--frames", str(FRAMES), "--size", "64x36", "--json"]
     return subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False)
 
 

@@ -17,6 +17,8 @@ import pytest
 from tests.faults.resolving_process import Resolving, Turn, resolving
 from tests.sequence_factory import write_sequence
 
+pytestmark = pytest.mark.optimised  # of hundreds of frames: kernels take longer than their builds
+
 SETTLED = 100  # frames after which everything that is made once is there
 FRESH, ROUNDS, TURN = 5, 400, 4  # processes to compare with, how often each has its turn, and frames of a turn
 # Processor time over that of processes that have just begun. Of those over each other 0.98 to 1.02 was seen, 12 times

@@ -270,9 +270,9 @@ def differing(work: Work, a: Planes, b: Planes, *, halo: bool = False) -> int:
 
 def variant_names(kernel: str, build: Build) -> list[Any]:
     """Parameters of a test: kernel and name of each variant; those of the fused kernels, 5 s to build, are big."""
-    marks = [pytest.mark.big] if kernel in FUSED else []
+    marks = [pytest.mark.big, pytest.mark.optimised] if kernel in FUSED else []
     names = variants(kernel, build)
-    return [pytest.param(kernel, name, marks=[] if name == "default" else marks) for name in names]
+    return [pytest.param(kernel, name, marks=pytest.mark.optimised if name == "default" else marks) for name in names]
 
 
 def variants(kernel: str, build: Build) -> dict[str, Build]:

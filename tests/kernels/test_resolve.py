@@ -79,6 +79,7 @@ def differing(changes: dict[str, object], frames: list[Frame], lanes: int, rows:
     return different
 
 
+@pytest.mark.optimised
 @pytest.mark.parametrize(("lanes", "rows"), [(1, 1), (4, 3), (16, 5)])
 def test_same_bits_whatever_the_shape_of_the_work(lanes: int, rows: int) -> None:
     assert differing({}, list(hard_frames()), lanes, rows) == 0
@@ -87,7 +88,6 @@ def test_same_bits_whatever_the_shape_of_the_work(lanes: int, rows: int) -> None
 @pytest.mark.parametrize(
     "changes",
     [
-        {},
         {"alpha_from": "current"},
         {"history": "frames"},
         {"on_camera_move": "reset"},

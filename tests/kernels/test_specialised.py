@@ -30,6 +30,8 @@ from cltaa.core.parameters import (
 from cltaa.opencl.device import POCL, Device, devices
 from cltaa.opencl.program import source
 
+pytestmark = pytest.mark.optimised  # what is left out without it is still linked
+
 BARE = Steps(camera_motion=False, own_motion=False, orthographic=False, exposure=False, alpha=False, reactive=False)
 PLAIN = Choices(rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE, weighting=Weighting.NONE)
 IDLE = Terms(**dict.fromkeys(Terms.__struct_fields__, False))

@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from cltaa.core.build import Build, Terms
 from cltaa.core.parameters import Settings
+from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset
 from cltaa.core.resolver import Resolver
 from cltaa.opencl.device import Device
@@ -88,28 +89,25 @@ def test_presets_call_for_the_terms_that_they_use() -> None:
     assert resolver.last.build.terms == Terms.of(resolver.preset.settings)
 
 
+def fitted(kernel: str, build: Build) -> Build:
+    """What a kernel is built from for a whole image."""
+    return device().fitted(kernel, build, Layout(WIDTH, HEIGHT), {"frame": {"band_rows": 0}})
+
+
 def test_only_the_resolve_is_built_for_one_size(monkeypatch: pytest.MonkeyPatch) -> None:
     shape = Shape(lanes=1, rows=ROWS, group=(32, 1), one_size=True)
     monkeypatch.setattr(Device, "shape", property(lambda _: shape))
-    launcher = DeviceLauncher()
-    resolver = Resolver("accumulate", launcher)
-    resolver.resolve(make_frame(0, width=WIDTH, height=HEIGHT))
-    assert resolver.last is not None
-    sizes = {name: (build.stride, build.plane) for name, build in launcher._kernels}
-    layout = resolver.last.layout
-    assert sizes.pop("resolve") == (layout.stride, layout.plane)
-    assert sizes == {"unpack": (0, 0), "extend_edges": (0, 0), "pack": (0, 0)}
+    layout, asked = Layout(WIDTH, HEIGHT), device().build(Build())
+    assert [fitted(kernel, asked) for kernel in ("unpack", "extend_edges", "pack")] == [asked] * 3
+    known = fitted("resolve", asked)
+    assert (known.stride, known.plane) == (layout.stride, layout.plane)
 
 
 @pytest.mark.parametrize(("asked", "taken"), [(0, 8), (ROWS + 1, ROWS + 1)])
 def test_rows_that_were_not_asked_for_fill_the_device(monkeypatch: pytest.MonkeyPatch, asked: int, taken: int) -> None:
     shape = Shape(lanes=1, rows=ROWS, group=(32, 1), one_size=True, most_rows=9)
     monkeypatch.setattr(Device, "shape", property(lambda _: shape))
-    launcher = DeviceLauncher()
-    resolver = Resolver("basic", launcher, build=Build(rows=asked))
-    for index in range(2):
-        resolver.resolve(make_frame(index, width=WIDTH, height=HEIGHT))
-    assert {build.rows for name, build in launcher._kernels if name == "resolve"} == {taken}
+    assert fitted("resolve", device().build(Build(rows=asked))).rows == taken
 
 
 def turns(shape: Shape, width: int, height: int, rows: int, at_once: int) -> float:

@@ -99,7 +99,7 @@ def test_a1_nan_dies_in_its_own_frame(
 @pytest.mark.parametrize(
     "history", [{"history": "accumulated"}, {"gather_fit": "layers"}], ids=lambda h: str(*h.values())
 )
-@pytest.mark.parametrize("lanes", [0, 1])
+@pytest.mark.parametrize("lanes", [pytest.param(0, marks=pytest.mark.optimised), 1])
 @pytest.mark.parametrize("seed", range(4))
 def test_a1_any_bits_of_input_give_finite_output(
     launcher: DeviceLauncher, seed: int, lanes: int, history: dict[str, object]
@@ -192,6 +192,7 @@ def test_a3_fast_math_is_refused() -> None:
         Resolver(device=FlaggedLauncher("-cl-fast-relaxed-math")).resolve(moving(0))
 
 
+@pytest.mark.optimised
 def test_a3_finite_math_is_refused_or_outlived() -> None:
     # A compiler that tells of the flag stops; one that does not has to keep the guards.
     careless, twin = Resolver(device=FlaggedLauncher("-cl-finite-math-only"), strict=True), Resolver(device="numpy")
@@ -206,6 +207,7 @@ def test_a3_finite_math_is_refused_or_outlived() -> None:
         assert np.array_equal(bits(resolved), bits(twin.resolve(frame)))
 
 
+@pytest.mark.optimised
 def test_a3_the_relaxed_build_is_asked_for_by_name() -> None:
     # It is timed by cltaa bench accuracy; its picture differs by rounding, on frames that hold what numbers are.
     relaxed, plain = (Resolver("basic", build=Build(relaxed=how, lanes=8)) for how in (True, False))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import cache
 from typing import Any
 
@@ -39,8 +40,13 @@ MOST_OPEN = 0.03
 
 
 @cache
-def device() -> DeviceLauncher:
+def device_of(_: str | None) -> DeviceLauncher:
     return DeviceLauncher()
+
+
+def device() -> DeviceLauncher:
+    """A device that builds kernels as the test has them."""
+    return device_of(os.environ.get("PYOPENCL_BUILD_OPTIONS"))
 
 
 def rows_of(kernel: str, build: Build, side: int = 96) -> list[Row]:
@@ -82,6 +88,7 @@ def test_a_fast_kernel_lies_inside_its_bound_and_near_it(kernel: str, name: str)
 GPU = replace(DEFAULT, lanes=1)
 
 
+@pytest.mark.optimised
 @pytest.mark.parametrize("kernel", WRITES)
 def test_the_kernels_of_a_gpu_lie_inside_their_bounds(kernel: str) -> None:
     check(rows_of(kernel, GPU))

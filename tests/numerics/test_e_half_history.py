@@ -16,6 +16,8 @@ from cltaa.reference.store import stochastic_half, storage_dither
 from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_of, still_frame
 from tests.sequence_factory import bits
 
+pytestmark = pytest.mark.optimised  # of hundreds of frames: kernels take longer than their builds
+
 HEIGHT, WIDTH = 96, 128
 HALF_ULP = 2.0**-10
 

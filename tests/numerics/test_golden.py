@@ -13,6 +13,7 @@ from tests.kernels.stage_chain import ALL_STEPS, STAGES, WRITES, differing, run_
 from tests.numerics.golden import FOLDER, LAYOUT, read_table, read_work
 
 
+@pytest.mark.optimised
 @pytest.mark.parametrize("launcher", [NumpyLauncher, DeviceLauncher])
 def test_stages_give_the_golden_vectors(launcher: type[NumpyLauncher] | type[DeviceLauncher]) -> None:
     on: Launcher = launcher()

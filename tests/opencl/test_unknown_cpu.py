@@ -134,6 +134,7 @@ LEAST = [b"x86-64-v4", b"sandybridge", b"x86-64"]
 
 
 @needs_linux
+@pytest.mark.optimised
 @pytest.mark.parametrize("level", [level for level in LEAST if FLAGS[level] <= cpu_flags()])
 def test_the_resolve_is_built_for_the_levels_that_this_cpu_has(level: bytes, tmp_path: Path) -> None:
     """LLVM ends the process where it finds no instruction for a vector."""
