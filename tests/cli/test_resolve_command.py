@@ -103,14 +103,13 @@ def test_wrong_options_are_one_line(
 
 def test_a_refusal_does_not_stand_in_the_way_of_the_mended_command(tmp_path: Path) -> None:
     folder, out = write_sequence(tmp_path / "in", 2), tmp_path / "out"
-    first = folder / "synthetic.0000.exr"
-    sound = first.read_bytes()
+    record = folder / "sequence.json"
     command = ["resolve", str(folder), "-o", str(out), "--device", "numpy"]
     assert main([*command, "--compression", "dwaa"]) == 64
-    first.write_bytes(sound.replace(b"cltaa:jitterPx", b"cltaa:jitterXP"))  # refused when its header is looked at
+    record.write_text(json.dumps({"files": {"synthetic.0000.exr": 64 * "0"}}))  # refused when its pixels are read
     assert main([*command, "--half"]) == 65
     assert (out / "manifest.jsonl").exists()
-    first.write_bytes(sound)
+    record.unlink()
     assert main([*command, "--preview", str(out / "film.mp4")]) == 0
     assert (out / "film.mp4").stat().st_size > 0
 

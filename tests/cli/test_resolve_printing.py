@@ -142,6 +142,7 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
         "half": True,
         "resolver": "the resolver",
         "arrivals": None,
+        "found": None,
         "output": out,
         "effects": frozenset({Effect.CAMERA}),
         "compression": "piz",

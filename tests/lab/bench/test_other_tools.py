@@ -182,7 +182,7 @@ def test_declared_effects_are_those_of_a_capture(
     assert found["rows"] != named["rows"]
     assert f"effects {declared}, as asked" in said
     assert f"effects {declared}, as asked" in found["read"]["shot"]
-    everything, _ = judged(capsys, tmp_path / "capture", tmp_path / "work", *truth)
+    everything, _ = judged(capsys, tmp_path / "capture", tmp_path / "work", *truth, "--effects", "all")
     assert everything["rows"][0]["presets"]["fast"] != expected["rows"][0]["presets"]["fast"]
     arguments = ["bench", "quality", "--sequence", str(shot), "--preset", "fast", "--work", str(tmp_path / "work")]
     assert main([*arguments, "--effects", declared]) == 64
