@@ -72,13 +72,13 @@ def sequences() -> list[tuple[str, int]]:
     return [(scene, seed) for scene in scenes() for seed in range(scenes()[scene]["default"]["psnr"].count(" / ") + 1)]
 
 
-def ahead(preset: str, others: tuple[str, ...]) -> int:
-    """On how many sequences a preset has less FLIP and a higher PSNR than each of the others."""
+def ahead(preset: str, others: tuple[str, ...], *, flip_alone: bool = False) -> int:
+    """On how many sequences a preset has less FLIP and, unless that is all, a higher PSNR than each of the others."""
 
     def better(scene: str, other: str, seed: int) -> bool:
         flip = score(scene, other, "flip", seed) - score(scene, preset, "flip", seed)
         psnr = score(scene, preset, "psnr", seed) - score(scene, other, "psnr", seed)
-        return min(flip, psnr) > 0
+        return flip > 0 and (flip_alone or psnr > 0)
 
     return sum(all(better(scene, other, seed) for other in others) for scene, seed in sequences())
 
@@ -110,5 +110,7 @@ def test_the_goals_count_what_the_tables_show(goal: str, preset: str, others: tu
 
 
 def test_the_default_is_ahead_of_published_presets_as_often_as_the_readme_says() -> None:
-    said = f"ahead of all fourteen transcriptions on {ahead('default', ENGINES + ARTICLES)} of {len(sequences())}"
+    count, others = len(sequences()), ENGINES + ARTICLES
+    both, by_flip = ahead("default", others), ahead("default", others, flip_alone=True)
+    said = f"ahead of all fourteen transcriptions on {both} of {count}, by FLIP alone on {by_flip} of {count}"
     assert said in " ".join(page("README.md").split())

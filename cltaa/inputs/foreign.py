@@ -123,7 +123,7 @@ class ForeignSequence(FrameSequence):
 
     @property
     def effects(self) -> frozenset[Effect] | None:
-        """What was declared for it; its files declare nothing, so that every step is on."""
+        """What was declared for it; its files declare nothing."""
         return self._declared
 
     @property
