@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from cltaa.camera import displacement, inverse_depth, is_still
 from cltaa.errors import CltaaError
-from cltaa.frame import Effect, Frame, format_effects
+from cltaa.frame import Effect, Frame, Image, format_effects, outline
 from cltaa.io.exr_frame import MATRICES
 from cltaa.io.sequence import FrameSequence
 from cltaa.io.streams import ReadAhead
+from cltaa.printable import counted
 from cltaa.progress import Advance
 
 Array = NDArray[np.float64]
@@ -44,7 +45,9 @@ THIN_SHARE = 3e-4
 # lies between the edges is as narrow. 0.01 past walls and columns, 0.02 beside posts, 0.05 in lattices and hedges.
 EDGES_SHARE = 0.035
 MOVED_PX, MOVED_SHARE = 0.1, 1e-4  # vectors that are not the camera's, and share of pixels that have them
+LOOKED_AT = 2**20  # pixels of a pair of frames at most, in whole rows
 BRIGHT = 8.0  # radiance "far above 1"
+LARGEST = 2.0**50  # light beyond it is missing
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
@@ -71,7 +74,7 @@ class Found(msgspec.Struct, kw_only=True, frozen=True):
     @property
     def line(self) -> str:
         """What was found, in one line."""
-        looked = f"{self.frames} frames looked at, {self.seconds:.1f} s"
+        looked = f"{counted(self.frames, 'frame')} looked at, {self.seconds:.1f} s" if self.frames else "as it began"
         return f"effects found: {format_effects(self.effects)} ({looked})"
 
 
@@ -88,7 +91,8 @@ def find_effects(sequence: FrameSequence, advance: Advance | None = None) -> Fou
     witness = _Witness(cameras is not None)
     places = [[sequence.numbers[at] for at in span] for span in _spans([each.cut for each in outlines])]
     for numbers in places:
-        witness.look(_readable(sequence, numbers), late=numbers[len(numbers) // 2])
+        with np.errstate(all="ignore"):  # of matrices that lead beyond numbers, which are then out of sight
+            witness.look(_readable(sequence, numbers), late=numbers[len(numbers) // 2])
         if advance is not None:
             advance(witness.frames, sum(map(len, places)))
     said = {
@@ -164,26 +168,32 @@ class _Witness:
             self.sky = self.sky or look.sky
             if spans is None:
                 spans = _Span(look), _Span(look)
+            if min(look.inverse.shape) < TILE or not spans[0].fits(look):
+                return
+            span = spans[frame.index >= late]
             if self._cameras:
-                spans[frame.index >= late].add(look)
+                span.add(look)
             # The first pair of each span is enough.
             if before is not None and frame.index == before.frame.index + frame.step:
-                self._pair(look, before)
+                self._pair(look, before, frame.motion)
                 before = None
-            elif before is None and spans[frame.index >= late].frames <= 1:
+            elif before is None and span.frames <= 1:
                 before = look
         share = None if spans is None else _shifted(*spans)
         self._shifted += [] if share is None else [share]
 
-    def _pair(self, look: _Look, before: _Look) -> None:
-        motion = look.frame.motion
+    def _pair(self, look: _Look, before: _Look, motion: Image | None) -> None:
+        height, width = look.inverse.shape
+        rows = np.arange(0, height, math.ceil(height * width / LOOKED_AT))
+        u = v = np.zeros((len(rows), width))
         if self._cameras:
-            view = _View(look, before, *np.indices(look.inverse.shape, np.float64))
+            places = np.meshgrid(rows.astype(np.float64), np.arange(width, dtype=np.float64), indexing="ij")
+            view = _View(look, before, *places)
+            u, v = view.u, view.v
             self._thin.append(view.vanished())
             self._hidden.append(view.hidden())
         if motion is not None:
-            by_camera = (view.u, view.v) if self._cameras else (0.0, 0.0)
-            apart = np.maximum(*(np.abs(motion[..., axis] - by_camera[axis]) for axis in (0, 1)))
+            apart = np.maximum(np.abs(motion[rows, :, 0] - u), np.abs(motion[rows, :, 1] - v))
             self._moved.append(float((apart > MOVED_PX).mean()))  # NaN, which means the camera's, is not more
 
     def motion(self, sequence: FrameSequence) -> tuple[bool, str]:
@@ -215,12 +225,13 @@ class _Look:
     """A frame, its inverse depth and its light x / (1 + x), [H, W], of which no highlight outweighs all else."""
 
     def __init__(self, frame: Frame) -> None:
-        self.frame = frame
+        self.frame = outline(frame)
         depth = np.asarray(frame.depth, np.float32)
         self.inverse: NDArray[np.float32] = np.empty((frame.height, frame.width), np.float32)
         inverse_depth(depth, frame.camera, self.inverse)
         self.sky = bool(np.isinf(depth).any())
-        light = np.maximum(np.nan_to_num(frame.colour, posinf=0.0, neginf=0.0), 0.0) @ (LUMA / frame.exposure)
+        colour = np.where((frame.colour > 0) & (frame.colour < LARGEST), frame.colour, np.float32(0))
+        light = colour @ (LUMA / np.float32(frame.exposure))
         self.light = light / (1 + light)
 
 
@@ -283,6 +294,11 @@ class _Span:
         self._rows, self._columns = _tiles(height, width)
         self._total, self._count = np.zeros(self._rows.shape), np.zeros(self._rows.shape)
         self.frames = 0
+
+    def fits(self, look: _Look) -> bool:
+        """Whether a frame is as large as the anchor, and seen through as parallel a lens."""
+        one, other = self._anchor.frame.camera, look.frame.camera
+        return self._anchor.inverse.shape == look.inverse.shape and one.orthographic == other.orthographic
 
     def add(self, look: _Look) -> None:
         """Take in a frame."""

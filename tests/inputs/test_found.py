@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import cltaa
 from cltaa.frame import Effect, Frame
 from cltaa.inputs.found import PLACES, SPAN, Found, find_effects
 from cltaa.io.exr_write import write_frame, write_image
+from cltaa.io.numbered import OnBreak
 from cltaa.io.sequence import FrameSequence, open_sequence
 from cltaa.lab.inspect.plan import plan
 from cltaa.pipeline.folder import resolve_folder
@@ -38,12 +40,14 @@ def wall(index: int, *, pan: float = 0.0) -> tuple[Frame, Array]:
     return Frame(index, colour, depth, camera, (float(jitter[0]), float(jitter[1]))), across
 
 
-def drawn(folder: Path, change: Change | None = None, *, frames: int = FRAMES, pan: float = 0.0) -> FrameSequence:
+def drawn(
+    folder: Path, change: Change | None = None, *, frames: int = FRAMES, pan: float = 0.0, **opening: Any
+) -> FrameSequence:
     folder.mkdir(parents=True)
     for index in range(frames):
         frame, across = wall(index, pan=pan)
         write_frame(folder / f"wall.{index:04d}.exr", frame if change is None else change(frame, across, index))
-    return open_sequence(folder)
+    return open_sequence(folder, **opening)
 
 
 def lit(frame: Frame, light: Array | float) -> Frame:
@@ -141,6 +145,31 @@ def test_a_long_sequence_is_looked_at_in_a_bounded_number_of_frames(tmp_path: Pa
     )
     assert found.frames == 2 * SPAN * PLACES
     assert steps[-1] == (found.frames, found.frames)
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (2, 3), (23, 400), (24, 24)])
+def test_small_pictures_keep_what_they_cannot_tell(tmp_path: Path, height: int, width: int) -> None:
+    def cropped(frame: Frame, _across: Array, _index: int) -> Frame:
+        return replace(
+            frame,
+            colour=frame.colour[:1, :1] * np.ones((height, width, 1), np.float32),
+            depth=np.full((height, width), DISTANCE, np.float32),
+        )
+
+    found = find_effects(drawn(tmp_path / "wall", cropped)).effects
+    assert found >= STANDING | {Effect.ILLUMINATION}
+    assert (Effect.THIN in found) == (height < 24)
+
+
+def test_bad_numbers_and_another_size_tell_nothing(tmp_path: Path) -> None:
+    def bad(frame: Frame, _across: Array, index: int) -> Frame:
+        colour, depth = frame.colour.copy(), frame.depth.copy()
+        colour[0, :4, 0], depth[0, :2] = (np.nan, np.inf, -1.0, 3e38), np.nan
+        frame = replace(frame, colour=colour, depth=depth)
+        return frame if index < 12 else replace(frame, colour=colour[:48], depth=depth[:48])
+
+    drawn_so = drawn(tmp_path / "wall", bad, on_resize=OnBreak.RESET)
+    assert find_effects(drawn_so).effects == STANDING | {Effect.ILLUMINATION, Effect.HDR}
 
 
 def test_files_without_matrices_keep_every_step_of_a_camera(tmp_path: Path) -> None:
