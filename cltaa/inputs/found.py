@@ -65,6 +65,7 @@ class Found(msgspec.Struct, kw_only=True, frozen=True):
     evidence: tuple[Evidence, ...]
     frames: int
     seconds: float
+    why_none: str = "no frame looked at: each place has a cut"  # where ``frames`` is 0
 
     @property
     def effects(self) -> frozenset[Effect]:
@@ -74,7 +75,7 @@ class Found(msgspec.Struct, kw_only=True, frozen=True):
     @property
     def line(self) -> str:
         """What was found, in one line."""
-        looked = f"{counted(self.frames, 'frame')} looked at, {self.seconds:.1f} s" if self.frames else "as it began"
+        looked = f"{counted(self.frames, 'frame')} looked at, {self.seconds:.1f} s" if self.frames else self.why_none
         return f"effects found: {format_effects(self.effects)} ({looked})"
 
 
@@ -89,12 +90,14 @@ def find_effects(sequence: FrameSequence, advance: Advance | None = None) -> Fou
     moves = cameras is not None and not all(is_still(*pair) for pair in pairwise(cameras))
     exposures = {each.exposure for each in outlines}
     witness = _Witness(cameras is not None)
-    places = [[sequence.numbers[at] for at in span] for span in _spans([each.cut for each in outlines])]
-    for numbers in places:
+    places = list(_places([each.cut for each in outlines]))
+    every = {at for place in places for span in place for at in span}
+    for place in places:
+        early, late = ([sequence.numbers[at] for at in span] for span in place)
         with np.errstate(all="ignore"):  # of matrices that lead beyond numbers, which are then out of sight
-            witness.look(_readable(sequence, numbers), late=numbers[len(numbers) // 2])
+            witness.look(_readable(sequence, [*early, *late]), set(late))
         if advance is not None:
-            advance(witness.frames, sum(map(len, places)))
+            advance(len(witness.looked), len(every))
     said = {
         Effect.CAMERA: (moves or cameras is None, _of_camera(moves, told=cameras is not None)),
         Effect.MOTION: witness.motion(sequence),
@@ -108,11 +111,11 @@ def find_effects(sequence: FrameSequence, advance: Advance | None = None) -> Fou
     }
     for effect, part in ((Effect.ALPHA, "alpha"), (Effect.REACTIVE, "reactive")):
         said[effect] = (part in sequence.holds, "there is a channel" if part in sequence.holds else "no channel")
-    if witness.frames == 0:
+    if not witness.looked:
         for effect in (Effect.HDR, Effect.SKY):
             said[effect] = (True, "no frame could be looked at")
     evidence = tuple(Evidence(effect=effect, found=found, why=why) for effect, (found, why) in said.items())
-    return Found(evidence=evidence, frames=witness.frames, seconds=time.perf_counter() - started)
+    return Found(evidence=evidence, frames=len(witness.looked), seconds=time.perf_counter() - started)
 
 
 def _of_camera(moves: bool, *, told: bool) -> str:
@@ -121,16 +124,16 @@ def _of_camera(moves: bool, *, told: bool) -> str:
     return "the matrices change" if moves else "all matrices are the same"
 
 
-def _spans(cuts: Sequence[bool]) -> Iterator[list[int]]:
-    """Frames to look at, by their order: PLACES times SPAN and as many again, evenly spread, no cut among them."""
+def _places(cuts: Sequence[bool]) -> Iterator[tuple[range, range]]:
+    """Two spans of frames to look at, by their order, in each of up to PLACES places, none with a cut in it."""
     count = len(cuts)
     whole = min(count, 3 * SPAN)
-    places = {round(at * (count - whole) / max(PLACES - 1, 1)) for at in range(PLACES)}
+    few = min(max(count // (2 * SPAN), 1), PLACES)  # of a short sequence, so that no frame is read often
+    places = {round(at * (count - whole) / max(few - 1, 1)) for at in range(few)}
     for first in sorted(places):
         span = max(whole // 3, 1)
-        chosen = [*range(first, first + span), *range(first + whole - span, first + whole)]
         if not any(cuts[first + 1 : first + whole]):
-            yield sorted(set(chosen))
+            yield range(first, first + span), range(max(first + whole - span, first + span), first + whole)
 
 
 def _readable(sequence: FrameSequence, numbers: Sequence[int]) -> Iterator[Frame]:
@@ -155,22 +158,23 @@ class _Witness:
         self._thin: list[float] = []  # shares of pixels
         self._hidden: list[float] = []
         self._moved: list[float] = []
-        self.frames, self.brightest, self.sky = 0, 0.0, False
+        self.looked: set[int] = set()
+        self.brightest, self.sky = 0.0, False
 
-    def look(self, frames: Iterable[Frame], late: int) -> None:
-        """Take in the frames of a place, a few in memory at a time; its second span begins at frame ``late``."""
+    def look(self, frames: Iterable[Frame], late: set[int]) -> None:
+        """Take in the frames of a place, a few in memory at a time; its second span are those numbered ``late``."""
         spans: tuple[_Span, _Span] | None = None
         before: _Look | None = None
         for frame in frames:
             look = _Look(frame)
-            self.frames += 1
+            self.looked.add(frame.index)
             self.brightest = max(self.brightest, float(np.max(frame.colour, where=frame.colour > 0, initial=0.0)))
             self.sky = self.sky or look.sky
             if spans is None:
                 spans = _Span(look), _Span(look)
             if min(look.inverse.shape) < TILE or not spans[0].fits(look):
                 return
-            span = spans[frame.index >= late]
+            span = spans[frame.index in late]
             if self._cameras:
                 span.add(look)
             # The first pair of each span is enough.

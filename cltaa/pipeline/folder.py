@@ -208,7 +208,7 @@ def found_in(sequence: FrameSequence, output: Path, *, anew: bool, progress: boo
     if begun is not None and begun.get("found") is not None:
         why = "the run that is gone on with says so"
         evidence = (Evidence(effect=each, found=each in begun["found"], why=why) for each in Effect)
-        found = Found(evidence=tuple(evidence), frames=0, seconds=0.0)
+        found = Found(evidence=tuple(evidence), frames=0, seconds=0.0, why_none="as the run began")
     else:
         with shown_progress("finding effects") if progress else nullcontext() as advance:
             found = find_effects(sequence, advance)

@@ -126,7 +126,9 @@ def test_few_frames_tell_nothing_of_light(tmp_path: Path) -> None:
 
 def test_a_cut_hides_what_lies_around_it(tmp_path: Path) -> None:
     cut = drawn(tmp_path / "wall", lambda frame, _, index: replace(frame, cut=index == 5))
-    assert find_effects(cut).effects == STANDING | UNTOLD | {Effect.CUT, Effect.HDR, Effect.SKY}
+    found = find_effects(cut)
+    assert found.effects == STANDING | UNTOLD | {Effect.CUT, Effect.HDR, Effect.SKY}
+    assert "no frame looked at" in found.line
 
 
 def test_a_frame_that_cannot_be_read_tells_nothing(tmp_path: Path) -> None:
