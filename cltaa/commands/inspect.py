@@ -167,7 +167,8 @@ def inspect(
     SEQUENCE is a folder of frames, or a pattern of them (x.####.exr, x.%04d.exr, 'x.*.exr'), or one or more files.
 
     Only headers are read, which takes well under a millisecond a frame; a truncated file is found all the same. The
-    exit code is 0 when nothing is wrong, else 65. --plan prints the plan of a resolve instead. Of the files of another
+    exit code is 0 when nothing is wrong, else 65. --plan prints the plan of a resolve instead, for which effects that
+    nobody declares are found in the pixels of a few frames. Of the files of another
     tool it says how they would be read, and with --pixels what a resolve then takes.
     """
     _check_options(ctx, planned=planned, pixels=pixels)

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from cltaa.camera import displacement, inverse_depth, is_still
 from cltaa.errors import CltaaError
-from cltaa.frame import Effect, Frame, Image, format_effects, outline
+from cltaa.frame import Camera, Effect, Frame, Image, format_effects, outline
 from cltaa.io.exr_frame import MATRICES
 from cltaa.io.sequence import FrameSequence
 from cltaa.io.streams import ReadAhead
@@ -36,7 +37,9 @@ SEEN = 0.6  # share of a block's pixels, and of a tile's blocks, that must be se
 DEPTH_SLACK = 0.05  # of the inverse depth: as far as two samples of one surface may differ
 # Share of tiles whose mean moves by more than a block's texture explains by chance: 0 in 22 scenes of standing light,
 # under any camera, and beside two lamps that flash faintly; 0.25 behind panes of glass, 0.8 where shadows run.
-SHIFTED_SHARE, LEAST_TILES = 0.01, 4
+SHIFTED_SHARE, LEAST_TILES, LEAST_SHARE = 0.01, 4, 0.2
+# Of a tile's mean light over a span, and light: in single frames jitter moves it by a tenth, by more where it is dark.
+FLASH, FLASH_LEAST = 0.25, 0.02
 SHADE = 0.02  # of a block's mean: less is no change that anybody sees
 # Pixels whose surface is in none of the 3 x 3 samples before, though nothing hides it: it is thinner than a pixel.
 # Worst seen where nothing is: 2e-4; 4e-4 in hedges, 4e-3 along wires.
@@ -49,6 +52,9 @@ LOOKED_AT = 2**20  # pixels of a pair of frames at most, in whole rows
 BRIGHT = 8.0  # radiance "far above 1"
 LARGEST = 2.0**50  # light beyond it is missing
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
+
+
+NO_FRAME = "no frame looked at: each place has a cut, or cannot be read"
 
 
 class Evidence(msgspec.Struct, kw_only=True, frozen=True):
@@ -65,7 +71,6 @@ class Found(msgspec.Struct, kw_only=True, frozen=True):
     evidence: tuple[Evidence, ...]
     frames: int
     seconds: float
-    why_none: str = "no frame looked at: each place has a cut"  # where ``frames`` is 0
 
     @property
     def effects(self) -> frozenset[Effect]:
@@ -75,7 +80,7 @@ class Found(msgspec.Struct, kw_only=True, frozen=True):
     @property
     def line(self) -> str:
         """What was found, in one line."""
-        looked = f"{counted(self.frames, 'frame')} looked at, {self.seconds:.1f} s" if self.frames else self.why_none
+        looked = f"{counted(self.frames, 'frame')} looked at, {self.seconds:.1f} s" if self.frames else NO_FRAME
         return f"effects found: {format_effects(self.effects)} ({looked})"
 
 
@@ -86,10 +91,9 @@ def find_effects(sequence: FrameSequence, advance: Advance | None = None) -> Fou
     """
     started = time.perf_counter()
     outlines = [sequence.outline(number) for number in sequence.numbers]
-    cameras = None if not sequence.undeclared.isdisjoint(MATRICES) else [each.camera for each in outlines]
-    moves = cameras is not None and not all(is_still(*pair) for pair in pairwise(cameras))
-    exposures = {each.exposure for each in outlines}
-    witness = _Witness(cameras is not None)
+    cameras = _cameras(sequence, outlines)
+    told = by_headers(sequence, outlines)
+    witness = _Witness(cameras, moves=told[Effect.CAMERA][0])
     places = list(_places([each.cut for each in outlines]))
     every = {at for place in places for span in place for at in span}
     for place in places:
@@ -98,30 +102,50 @@ def find_effects(sequence: FrameSequence, advance: Advance | None = None) -> Fou
             witness.look(_readable(sequence, [*early, *late]), set(late))
         if advance is not None:
             advance(len(witness.looked), len(every))
-    said = {
-        Effect.CAMERA: (moves or cameras is None, _of_camera(moves, told=cameras is not None)),
+    said = told | {
         Effect.MOTION: witness.motion(sequence),
         Effect.DISOCCLUSION: (True, "nothing proves that all stays in view"),
         Effect.THIN: witness.thin(),
         Effect.ILLUMINATION: witness.illumination(),
         Effect.HDR: (not witness.brightest <= BRIGHT, f"values up to {witness.brightest:.4g}"),
-        Effect.EXPOSURE: (len(exposures) > 1, "it changes" if len(exposures) > 1 else "it is the same in all headers"),
         Effect.CUT: (any(each.cut for each in outlines[1:]), "as headers say; others are looked for"),
         Effect.SKY: (witness.sky, "depth is infinite" if witness.sky else "depth is finite"),
     }
-    for effect, part in ((Effect.ALPHA, "alpha"), (Effect.REACTIVE, "reactive")):
-        said[effect] = (part in sequence.holds, "there is a channel" if part in sequence.holds else "no channel")
     if not witness.looked:
         for effect in (Effect.HDR, Effect.SKY):
-            said[effect] = (True, "no frame could be looked at")
+            said[effect] = (True, NO_FRAME)
     evidence = tuple(Evidence(effect=effect, found=found, why=why) for effect, (found, why) in said.items())
     return Found(evidence=evidence, frames=len(witness.looked), seconds=time.perf_counter() - started)
 
 
-def _of_camera(moves: bool, *, told: bool) -> str:
-    if not told:
-        return "nothing tells a camera"
-    return "the matrices change" if moves else "all matrices are the same"
+def by_headers(sequence: FrameSequence, outlines: Sequence[Frame] | None = None) -> dict[Effect, tuple[bool, str]]:
+    """Whether there is each effect that headers alone tell, and why; ``outlines`` are those of all frames."""
+    outlines = [sequence.outline(number) for number in sequence.numbers] if outlines is None else outlines
+    cameras, exposures = _cameras(sequence, outlines), {each.exposure for each in outlines}
+    moves = cameras is not None and not all(is_still(*pair) for pair in pairwise(cameras.values()))
+    camera = "the matrices change" if moves else "all matrices are the same"
+    said = {
+        Effect.CAMERA: (moves or cameras is None, camera if cameras is not None else "nothing tells a camera"),
+        Effect.EXPOSURE: (len(exposures) > 1, "it changes" if len(exposures) > 1 else "it is the same in all headers"),
+    }
+    for effect, part in ((Effect.ALPHA, "alpha"), (Effect.REACTIVE, "reactive")):
+        said[effect] = (part in sequence.holds, "there is a channel" if part in sequence.holds else "no channel")
+    return said
+
+
+def _cameras(sequence: FrameSequence, outlines: Sequence[Frame]) -> dict[int, Camera] | None:
+    """The cameras of all frames by their numbers; None where nothing tells them."""
+    told = sequence.undeclared.isdisjoint(MATRICES)
+    return {each.index: each.camera for each in outlines} if told else None
+
+
+def with_found(sequence: FrameSequence, found: Found | None) -> FrameSequence:
+    """The same frames, which say what was found."""
+    if found is None and sequence.found is None:
+        return sequence
+    copy = sequence.select(sequence.first, sequence.last)
+    copy.found = None if found is None else found.effects
+    return copy
 
 
 def _places(cuts: Sequence[bool]) -> Iterator[tuple[range, range]]:
@@ -132,8 +156,9 @@ def _places(cuts: Sequence[bool]) -> Iterator[tuple[range, range]]:
     places = {round(at * (count - whole) / max(few - 1, 1)) for at in range(few)}
     for first in sorted(places):
         span = max(whole // 3, 1)
+        late = first + (span if count < 2 * whole else whole - span)  # a short sequence is looked at whole
         if not any(cuts[first + 1 : first + whole]):
-            yield range(first, first + span), range(max(first + whole - span, first + span), first + whole)
+            yield range(first, first + span), range(late, first + whole)
 
 
 def _readable(sequence: FrameSequence, numbers: Sequence[int]) -> Iterator[Frame]:
@@ -152,12 +177,14 @@ def _readable(sequence: FrameSequence, numbers: Sequence[int]) -> Iterator[Frame
 class _Witness:
     """Gathers what the frames of a sequence show."""
 
-    def __init__(self, cameras: bool) -> None:
+    def __init__(self, cameras: Mapping[int, Camera] | None, *, moves: bool) -> None:
         self._cameras = cameras
         self._shifted: list[float] = []  # share of tiles, of each place that tells
         self._thin: list[float] = []  # shares of pixels
         self._hidden: list[float] = []
-        self._moved: list[float] = []
+        self._moving: list[float] = []
+        self._flashed: list[float] = []  # share of tiles, of each span
+        self._moves, self._depth = moves, False
         self.looked: set[int] = set()
         self.brightest, self.sky = 0.0, False
 
@@ -168,61 +195,70 @@ class _Witness:
         for frame in frames:
             look = _Look(frame)
             self.looked.add(frame.index)
-            self.brightest = max(self.brightest, float(np.max(frame.colour, where=frame.colour > 0, initial=0.0)))
-            self.sky = self.sky or look.sky
+            usable = (frame.colour > 0) & (frame.colour < LARGEST)
+            self.brightest = max(self.brightest, float(np.max(frame.colour, where=usable, initial=0.0)))
+            self.sky, self._depth = self.sky or look.sky, self._depth or look.depth
+            self._motion(look, frame.motion)
             if spans is None:
                 spans = _Span(look), _Span(look)
-            if min(look.inverse.shape) < TILE or not spans[0].fits(look):
-                return
+            if self._cameras is None or min(look.inverse.shape) < TILE or not spans[0].fits(look):
+                continue
             span = spans[frame.index in late]
-            if self._cameras:
-                span.add(look)
+            span.add(look)
             # The first pair of each span is enough.
             if before is not None and frame.index == before.frame.index + frame.step:
-                self._pair(look, before, frame.motion)
+                view = _View(look, before, *_places_of(look, LOOKED_AT))
+                self._thin.append(view.vanished())
+                self._hidden.append(view.hidden())
                 before = None
             elif before is None and span.frames <= 1:
                 before = look
-        share = None if spans is None else _shifted(*spans)
-        self._shifted += [] if share is None else [share]
+        if spans is not None:
+            share = _shifted(*spans)
+            self._shifted += [] if share is None else [share]
+            self._flashed += [share for span in spans if (share := span.flashed()) is not None]
 
-    def _pair(self, look: _Look, before: _Look, motion: Image | None) -> None:
-        height, width = look.inverse.shape
-        rows = np.arange(0, height, math.ceil(height * width / LOOKED_AT))
-        u = v = np.zeros((len(rows), width))
-        if self._cameras:
-            places = np.meshgrid(rows.astype(np.float64), np.arange(width, dtype=np.float64), indexing="ij")
-            view = _View(look, before, *places)
-            u, v = view.u, view.v
-            self._thin.append(view.vanished())
-            self._hidden.append(view.hidden())
-        if motion is not None:
-            apart = np.maximum(np.abs(motion[rows, :, 0] - u), np.abs(motion[rows, :, 1] - v))
-            self._moved.append(float((apart > MOVED_PX).mean()))  # NaN, which means the camera's, is not more
+    def _motion(self, look: _Look, motion: Image | None) -> None:
+        """Compare vectors with those that the camera makes since the frame before, whether that is looked at or not."""
+        before = None if self._cameras is None else self._cameras.get(look.frame.index - look.frame.step)
+        if motion is None or (self._cameras is not None and before is None):
+            return
+        rows, columns = _places_of(look, LOOKED_AT // 8)
+        u: Array | float = 0.0
+        v: Array | float = 0.0
+        if before is not None and not is_still(look.frame.camera, before):
+            u, v, _, _ = _moved(look, before, rows, columns)
+        at = rows.astype(np.intp), columns.astype(np.intp)
+        apart = np.maximum(np.abs(motion[..., 0][at] - u), np.abs(motion[..., 1][at] - v))
+        self._moving.append(float((apart > MOVED_PX).mean()))  # NaN, which means the camera's, is not more
 
     def motion(self, sequence: FrameSequence) -> tuple[bool, str]:
         """Whether something moves on its own."""
         if "motion" not in sequence.holds:
             return False, "no channel"
-        if not self._moved:
+        if not self._moving:
             return True, "no two frames tell"
-        share = max(self._moved)
+        share = max(self._moving)
         return share > MOVED_SHARE, f"{share:.2%} of the pixels move otherwise than the camera makes them"
 
     def thin(self) -> tuple[bool, str]:
         """Whether something is thinner than a pixel."""
+        if not self._depth:
+            return True, "no depth"
         if not self._thin:
-            return True, "no camera tells where a surface was" if not self._cameras else "no two frames tell"
+            return True, "no camera tells where a surface was" if self._cameras is None else "no two frames tell"
         missed, hidden = float(np.mean(self._thin)), float(np.mean(self._hidden))
         why = f"{missed:.2%} of the pixels show what the frame before misses, {hidden:.1%} what it hides"
         return missed > THIN_SHARE or hidden > EDGES_SHARE, why
 
     def illumination(self) -> tuple[bool, str]:
         """Whether light changes."""
+        if self._moves and not self._depth:
+            return True, "no depth tells what a moving camera sees"
         if not self._shifted:
-            return True, "no spans of frames with cameras show the same"
-        share = max(self._shifted)
-        return share > SHIFTED_SHARE, f"{share:.1%} of the image changes its light within {2 * SPAN} frames"
+            return True, "too little is seen in two spans of frames, or nothing tells a camera"
+        share = max(self._shifted + self._flashed)
+        return share > SHIFTED_SHARE, f"{share:.1%} of the image changes its light within {3 * SPAN} frames"
 
 
 class _Look:
@@ -233,7 +269,7 @@ class _Look:
         depth = np.asarray(frame.depth, np.float32)
         self.inverse: NDArray[np.float32] = np.empty((frame.height, frame.width), np.float32)
         inverse_depth(depth, frame.camera, self.inverse)
-        self.sky = bool(np.isinf(depth).any())
+        self.sky, self.depth = bool(np.isinf(depth).any()), bool(np.isfinite(depth).any())
         colour = np.where((frame.colour > 0) & (frame.colour < LARGEST), frame.colour, np.float32(0))
         light = colour @ (LUMA / np.float32(frame.exposure))
         self.light = light / (1 + light)
@@ -243,21 +279,12 @@ class _View:
     """Where pixels of ``now`` were in ``before`` by depth and cameras, and whether they were in sight."""
 
     def __init__(self, now: _Look, before: _Look, rows: Array, columns: Array) -> None:
-        frame = now.frame
         height, width = now.inverse.shape
-        depth = now.inverse[rows.astype(np.intp), columns.astype(np.intp)].astype(np.float64)
-        moved = displacement(frame.camera, before.frame.camera, width, height)
-        jitter = frame.jitter_px
-        x, y = columns + (0.5 + jitter[0] - width / 2), rows + (0.5 + jitter[1] - height / 2)
-        dx, dy, dw = (_dot(row, x, y, depth) for row in moved.rows)
-        visible = dw > -1
-        w = np.where(visible, 1 + dw, 1.0)
-        self.u, self.v = (dx - x * dw) / w, (dy - y * dw) / w
-        parallel = frame.camera.orthographic
-        self.expected = depth + _dot(moved.inverse_depth, x, y, depth) if parallel else depth / w
+        jitter = now.frame.jitter_px
+        u, v, self.expected, visible = _moved(now, before.frame.camera, rows, columns)
         self.before = before
-        at = columns + self.u + jitter[0] - before.frame.jitter_px[0]
-        on = rows + self.v + jitter[1] - before.frame.jitter_px[1]
+        at = columns + u + jitter[0] - before.frame.jitter_px[0]
+        on = rows + v + jitter[1] - before.frame.jitter_px[1]
         self.inside = visible & (at >= 1) & (on >= 1) & (at < width - 2) & (on < height - 2)
         self.column, self.row = np.where(self.inside, at, 1.0), np.where(self.inside, on, 1.0)
 
@@ -289,6 +316,29 @@ class _View:
         return result, same
 
 
+def _moved(now: _Look, before: Camera, rows: Array, columns: Array) -> tuple[Array, Array, Array, Mask]:
+    """Motion u, v in pixels that ``before`` makes of these pixels, the inverse depth to expect there, and whether it
+    could see them."""
+    height, width = now.inverse.shape
+    camera, jitter = now.frame.camera, now.frame.jitter_px
+    depth = now.inverse[rows.astype(np.intp), columns.astype(np.intp)].astype(np.float64)
+    moved = displacement(camera, before, width, height)
+    x, y = columns + (0.5 + jitter[0] - width / 2), rows + (0.5 + jitter[1] - height / 2)
+    dx, dy, dw = (_dot(row, x, y, depth) for row in moved.rows)
+    visible = dw > -1
+    w = np.where(visible, 1 + dw, 1.0)
+    expected = depth + _dot(moved.inverse_depth, x, y, depth) if camera.orthographic else depth / w
+    return (dx - x * dw) / w, (dy - y * dw) / w, expected, visible
+
+
+def _places_of(look: _Look, most: int) -> tuple[Array, Array]:
+    """Rows and columns of up to about ``most`` pixels, in whole rows that are spread evenly."""
+    height, width = look.inverse.shape
+    rows = np.arange(0, height, math.ceil(height * width / most), dtype=np.float64)
+    down, across = np.meshgrid(rows, np.arange(width, dtype=np.float64), indexing="ij")
+    return down, across
+
+
 class _Span:
     """The light of some frames in the tiles of an ``anchor``, as its surfaces have it."""
 
@@ -297,6 +347,7 @@ class _Span:
         height, width = anchor.inverse.shape
         self._rows, self._columns = _tiles(height, width)
         self._total, self._count = np.zeros(self._rows.shape), np.zeros(self._rows.shape)
+        self._tiles: list[Array] = []  # mean light of each frame's tiles, NaN where little of one is seen
         self.frames = 0
 
     def fits(self, look: _Look) -> bool:
@@ -310,6 +361,21 @@ class _Span:
         self._total += np.where(same, light, 0.0)
         self._count += same
         self.frames += 1
+        seen = same.sum((1, 2))
+        tiles = np.where(same, light, 0.0).sum((1, 2)) / np.maximum(seen, 1)
+        self._tiles.append(np.where(seen >= SEEN * light[0].size, tiles, np.nan))
+
+    def flashed(self) -> float | None:
+        """Share of tiles whose light leaves its mean over the span in a frame by more than jitter moves it; None: none
+        tells."""
+        if self.frames < SPAN or self._rows.size == 0:
+            return None
+        tiles = np.array(self._tiles)
+        tells = np.isfinite(tiles).all(0)
+        if not _enough(tells):
+            return None
+        mean = tiles[:, tells].mean(0)
+        return float((np.abs(tiles[:, tells] - mean).max(0) > FLASH * mean + FLASH_LEAST).mean())
 
     def blocks(self) -> tuple[Array, Array, Mask]:
         """Mean and deviation of each block's light, [tiles, blocks], and whether enough of it was seen."""
@@ -334,10 +400,15 @@ def _shifted(early: _Span, late: _Span) -> float | None:
     texture = np.maximum(rough, rougher) / BLOCK + SHADE * np.maximum(before, now) + SHADE / 8
     change = np.where(both, (now - before) / texture, 0.0)
     blocks = both.sum(1)
-    tells = blocks >= SEEN * both.shape[1]
-    if tells.sum() < LEAST_TILES:
+    tells: Mask = np.asarray(blocks >= SEEN * both.shape[1])
+    if not _enough(tells):
         return None
     return float((np.abs(change.sum(1)[tells]) > blocks[tells]).mean())
+
+
+def _enough(tells: Any) -> bool:
+    """Whether so many tiles tell that they stand for the image."""
+    return bool(tells.sum() >= max(LEAST_TILES, LEAST_SHARE * tells.size))
 
 
 def _tiles(height: int, width: int) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ import msgspec
 
 from cltaa.errors import CltaaError, UsageError
 from cltaa.frame import ASKED, Asked, Effect, format_effects, parse_effects
-from cltaa.inputs.found import find_effects
+from cltaa.inputs.found import find_effects, with_found
 from cltaa.io.exr_frame import MATRICES
 from cltaa.io.exr_read import read_any_header
 from cltaa.io.names import Named, selection_of
@@ -96,7 +96,7 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
             effects=named,
         )
         if looked_for(sequence, named):
-            sequence.found = find_effects(sequence).effects
+            sequence = with_found(sequence, find_effects(sequence))
         if self.truth is not None:
             from cltaa.inputs.foreign import open_pictures
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterable, Mapping
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+
+import msgspec
 
 from cltaa.core.backend import DEVICE_VARIABLE, Launcher
 from cltaa.core.bands import BAND_ROWS, BandedResolver
@@ -18,17 +21,17 @@ from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.presets import Preset, Published, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import ResourceError, UsageError
-from cltaa.frame import Asked, Effect
+from cltaa.frame import Asked, Effect, format_effects
 from cltaa.inputs.foreign import ForeignSequence
-from cltaa.inputs.found import Evidence, Found, find_effects
+from cltaa.inputs.found import Evidence, Found, by_headers, find_effects, with_found
 from cltaa.inputs.open import check_declared, looked_for, open_input
 from cltaa.io.content import memory_limit
-from cltaa.io.manifest import Manifest
+from cltaa.io.manifest import RESTART_CURE, Manifest
 from cltaa.io.sequence import FrameSequence
 from cltaa.pipeline.follow import Arrivals
 from cltaa.pipeline.memory import NO_LAYERS, Memory, of_whole_images
 from cltaa.pipeline.output import carried_compression, carried_kinds, chosen_layers
-from cltaa.pipeline.run import ResolveReport, check_jobs, resolve_sequence
+from cltaa.pipeline.run import RECORD, ResolveReport, check_jobs, refuse_place, resolve_sequence
 from cltaa.printable import printable
 from cltaa.progress import shown_progress
 
@@ -163,9 +166,7 @@ def resolve_folder(
     else:
         sequence = open_input(source, **reading) if isinstance(source, str | Path) else source
     check_declared(sequence, effects)
-    found = None
-    if arrivals is None and preset.published is Published.NO and looked_for(sequence, effects):
-        found = found_in(sequence, Path(output), anew=options.get("restart", False), progress=progress)
+    refuse_place(Path(output), sequence)
     carried = chosen_layers(layers, sequence)
     preset = with_fireflies(preset, sequence, fireflies)
     made: dict[str, Any] = {"strict": strict, "storage": storage}
@@ -178,8 +179,11 @@ def resolve_folder(
         "layers": carried,
         "progress": progress,
         "arrivals": arrivals,
-        "found": found,
     }
+    anew, follows = options.get("restart", False), arrivals is not None
+    known = partial(
+        counted_with, sequence, preset, effects, Path(output), anew=anew, follow=follows, progress=progress
+    )  # when all else was found to be right: it takes a while
     if dask is not None:
         from cltaa.pipeline.cluster import Cluster, Tool, connected  # here: an extra, and it takes from this module
 
@@ -189,33 +193,60 @@ def resolve_folder(
         with connected(dask) as client:
             cluster = Cluster(client, tool, jobs)
             resolver = tool.elsewhere(cluster.description())
-            return resolve_sequence(sequence, output, resolver, elsewhere=cluster, **how)
+            sequence, found = known()
+            return resolve_sequence(sequence, output, resolver, elsewhere=cluster, found=found, **how)
     jobs = jobs or 1
     kept: dict[str, Any] = {"half": half, "layers": carried_kinds(sequence, carried), "jobs": jobs}
     resolver, *others = (
         resolver_for(preset, each, sequence, band_rows, **made, **kept) for each in devices_of(device, jobs)
     )
-    return resolve_sequence(sequence, output, resolver, others=others, **how)
+    sequence, found = known()
+    if arrivals is not None:
+        arrivals.found = sequence.found
+    return resolve_sequence(sequence, output, resolver, others=others, found=found, **how)
 
 
-def found_in(sequence: FrameSequence, output: Path, *, anew: bool, progress: bool) -> Found:
-    """The effects of ``sequence``, which it is told: as the results in ``output`` were begun with, or else found.
+def counted_with(
+    sequence: FrameSequence, preset: Preset, effects: Asked, output: Path, *, anew: bool, follow: bool, progress: bool
+) -> tuple[FrameSequence, Found | None]:
+    """``sequence`` as it is to be resolved into ``output``, with the effects that were found where none are declared.
 
-    So that a run that goes on makes the same bits, also where a frame that could not be read was mended, or more frames
-    are there now. Raises DataError for a damaged manifest, and what finding raises.
+    A run that goes on takes those that it was begun with, so that it makes the same bits, also where a frame that could
+    not be read was mended, or more frames are there now. Of what is followed, and for a transcription, which does what
+    it does on every scene, none are looked for. Raises UsageError where headers show effects that the run was not begun
+    with, DataError for a damaged manifest, and what finding raises.
     """
-    begun = None if anew else Manifest(output).settings
-    if begun is not None and begun.get("found") is not None:
-        why = "the run that is gone on with says so"
-        evidence = (Evidence(effect=each, found=each in begun["found"], why=why) for each in Effect)
-        found = Found(evidence=tuple(evidence), frames=0, seconds=0.0, why_none="as the run began")
+    begun = None if anew else Manifest(output)
+    if begun is not None and begun.settings is not None and begun.entries:
+        names = begun.settings.get("found")
+        found = None if names is None else found_before(output, frozenset(map(Effect, names)))
+        shown = {effect for effect, (there, _) in by_headers(sequence).items() if there}
+        if found is not None and (new := shown - found.effects):
+            what = "headers show effects that the run was not begun with"
+            expected = format_effects(found.effects)
+            raise UsageError(what, path=output, expected=expected, found=format_effects(new), cure=RESTART_CURE)
+        line = "" if found is None else f"effects found: {format_effects(found.effects)} (as the run began)"
+    elif follow or preset.published is not Published.NO or not looked_for(sequence, effects):
+        found, line = None, ""
     else:
         with shown_progress("finding effects") if progress else nullcontext() as advance:
             found = find_effects(sequence, advance)
-    sequence.found = found.effects
-    if progress:
-        print(found.line, file=sys.stderr)
-    return found
+        line = found.line
+    if progress and line:
+        print(line, file=sys.stderr)
+    return with_found(sequence, found), found
+
+
+def found_before(output: Path, effects: frozenset[Effect]) -> Found:
+    """The evidence for ``effects`` that the last run into ``output`` recorded; without one, that it had them."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        recorded = msgspec.json.decode((output / RECORD).read_bytes())["outcome"]["found"]
+        found = msgspec.convert(recorded, Found)
+        if found.effects == effects:
+            return found
+    why = "the run that is gone on with says so"
+    evidence = (Evidence(effect=each, found=each in effects, why=why) for each in Effect)
+    return Found(evidence=tuple(evidence), frames=0, seconds=0.0)
 
 
 def devices_of(device: str | int | Launcher | None, jobs: int) -> list[str | int | Launcher | None]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cltaa.errors import CltaaError, DataError, InputMissing
+from cltaa.frame import Effect
 from cltaa.inputs.open import open_input
 from cltaa.io.content import open_regular
 from cltaa.io.exr_header import checked_outline
@@ -44,6 +45,7 @@ class Arrivals:
         self._last: int | None = None  # of those that were taken
         self._taken: list[Path] = []
         self.ended = False  # with the last of the frames that were asked for
+        self.found: frozenset[Effect] | None = None  # as the run was begun with
 
     @property
     def count(self) -> int | None:
@@ -94,7 +96,9 @@ class Arrivals:
 
     def _opened(self, files: list[Path]) -> FrameSequence:
         place = self._place()
-        return open_input(Selection(place.folder, tuple(files), place.words, place.numbers), **self._reading)
+        opened = open_input(Selection(place.folder, tuple(files), place.words, place.numbers), **self._reading)
+        opened.found = self.found
+        return opened
 
     def _place(self) -> Selection:
         try:

@@ -225,7 +225,8 @@ class OutputFolder:
     def _refuse_difference(self, begun: Mapping[str, Any], asked: Mapping[str, Any], preset: str) -> None:
         before, now, path = dict(_flat(begun)), dict(_flat(asked)), self.manifest.path
         # What was asked for before the code, and the build last, which follows from both.
-        for key in sorted(before.keys() | now.keys(), key=lambda key: (key.startswith("build."), key == CODE, key)):
+        late = ("build.", "found")
+        for key in sorted(before.keys() | now.keys(), key=lambda key: (key.startswith(late), key == CODE, key)):
             if before.get(key) == now.get(key):
                 continue
             if key == CODE:  # 64 digits tell nobody anything

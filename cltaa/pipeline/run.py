@@ -114,10 +114,13 @@ class ResolveReport(msgspec.Struct, kw_only=True):
     seconds: StageTimes
 
 
+RECORD = "resolve.json"
+
+
 def write_record(folder: Path, report: ResolveReport, preset: Preset) -> None:
     """Write ``resolve.json``: beside the images, what made them. Raises OutputError and StorageError."""
     record: dict[str, Any] = {"outcome": msgspec.to_builtins(report), "preset": msgspec.to_builtins(preset)}
-    with atomic_path(folder / "resolve.json") as temporary:
+    with atomic_path(folder / RECORD) as temporary:
         temporary.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
 
 
@@ -230,7 +233,7 @@ def resolve_sequence(
         raise UsageError(f"comparison {compare} is of a film", cure="name it: preview")
     if checkpoint_every < 1:
         raise UsageError("a checkpoint every so many frames", expected="1 or more", found=checkpoint_every)
-    _refuse_place(output, sequence)
+    refuse_place(output, sequence)
     check_lossless(compression)
     check_layers(sequence, layers)
     options: dict[str, Any] = {"effects": effects if isinstance(effects, str) else sorted(effects), "half": half}
@@ -314,7 +317,7 @@ def _every_step(resolvers: Sequence[Resolver], every: bool) -> Iterator[None]:
             resolver.every_step = ran
 
 
-def _refuse_place(output: Path, sequence: FrameSequence) -> None:
+def refuse_place(output: Path, sequence: FrameSequence) -> None:
     """Raise UsageError for the sequence's own folder, and for one in it in which its truth is looked for."""
     cure, place, folder = "name another folder with -o", output.resolve(), sequence.folder.resolve()
     if place == folder:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,9 +13,11 @@ import pytest
 from numpy.typing import NDArray
 
 import cltaa
+from cltaa.errors import DataError, UsageError
 from cltaa.frame import Effect, Frame
 from cltaa.inputs.found import PLACES, SPAN, Found, find_effects
 from cltaa.io.exr_write import write_frame, write_image
+from cltaa.io.manifest import Manifest
 from cltaa.io.numbered import OnBreak
 from cltaa.io.sequence import FrameSequence, open_sequence
 from cltaa.lab.inspect.plan import plan
@@ -65,10 +68,10 @@ def a_wire(frame: Frame, across: Array, _index: int) -> Frame:
     )
 
 
-def moving(speed: float) -> Change:
-    def change(frame: Frame, _across: Array, _index: int) -> Frame:
+def moving(speed: float, late: int = 0) -> Change:
+    def change(frame: Frame, _across: Array, index: int) -> Frame:
         motion = np.zeros((HEIGHT, WIDTH, 2), np.float32)
-        motion[:8, :8, 0] = speed
+        motion[:8, :8, 0] = speed if index >= late else 0.0
         return replace(frame, motion=motion)
 
     return change
@@ -79,8 +82,8 @@ CASES: dict[str, tuple[Change | None, float, set[Effect]]] = {
     "standing light": (None, 0.0, STANDING),
     "standing light, a camera that slides": (None, 0.03, STANDING | {Effect.CAMERA}),
     "light that dims by 1 % in 16 frames": (lambda f, _, i: lit(f, 1 - 0.01 * i / 16), 0.0, STANDING),
-    "light that dims by 8 % in 16 frames": (
-        lambda f, _, i: lit(f, 1 - 0.08 * i / 16),
+    "light that dims by 20 % in 16 frames": (
+        lambda f, _, i: lit(f, 1 - 0.2 * i / 16),
         0.0,
         STANDING | {Effect.ILLUMINATION},
     ),
@@ -88,9 +91,24 @@ CASES: dict[str, tuple[Change | None, float, set[Effect]]] = {
     "a shadow, a camera that slides": (a_shadow, 0.03, STANDING | {Effect.ILLUMINATION, Effect.CAMERA}),
     "vectors that are zero": (moving(0.0), 0.0, STANDING),
     "vectors": (moving(1.0), 0.0, STANDING | {Effect.MOTION}),
+    "vectors of the last frames": (moving(1.0, FRAMES - 3), 0.0, STANDING | {Effect.MOTION}),
+    "a lamp that is on in every second frame": (
+        lambda f, _, i: lit(f, 1 + 2.0 * (i % 2)),
+        0.0,
+        STANDING | {Effect.ILLUMINATION},
+    ),
+    "a lamp that is on for eight frames": (
+        lambda f, _, i: lit(f, 1 + (i // 8 == 1)),
+        0.0,
+        STANDING | {Effect.ILLUMINATION},
+    ),
     "wires": (a_wire, 0.0, STANDING | {Effect.THIN}),
     "highlights": (lambda f, _, _i: lit(f, 40.0), 0.0, STANDING | {Effect.HDR}),
-    "sky": (lambda f, _, _i: replace(f, depth=np.full_like(f.depth, np.inf)), 0.0, STANDING | {Effect.SKY}),
+    "sky": (
+        lambda f, _, _i: replace(f, depth=f.depth + np.float32(np.inf)),
+        0.0,
+        STANDING | {Effect.SKY, Effect.THIN},
+    ),
     "exposure": (
         lambda f, _, i: replace(lit(f, 2.0 ** (i % 2)), exposure=2.0 ** (i % 2)),
         0.0,
@@ -137,7 +155,7 @@ def test_a_frame_that_cannot_be_read_tells_nothing(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-200] + bytes(200))
     found = find_effects(sequence)
     assert found.effects == STANDING | {Effect.ILLUMINATION}
-    assert found.frames == 2 * SPAN - 1
+    assert found.frames == FRAMES - 1
 
 
 def test_a_long_sequence_is_looked_at_in_a_bounded_number_of_frames(tmp_path: Path) -> None:
@@ -163,15 +181,35 @@ def test_small_pictures_keep_what_they_cannot_tell(tmp_path: Path, height: int, 
     assert (Effect.THIN in found) == (height < 24)
 
 
+def test_every_frame_tells_of_highlights_even_of_small_pictures(tmp_path: Path) -> None:
+    def late(frame: Frame, _across: Array, index: int) -> Frame:
+        return replace(frame, colour=frame.colour[:9] * (1 + 99 * (index == 7)), depth=frame.depth[:9])
+
+    assert Effect.HDR in find_effects(drawn(tmp_path / "wall", late)).effects
+
+
+def test_a_fast_camera_that_sees_little_twice_tells_nothing_of_light(tmp_path: Path) -> None:
+    found = find_effects(drawn(tmp_path / "wall", pan=0.6))
+    assert Effect.ILLUMINATION in found.effects
+    assert "too little is seen" in next(each.why for each in found.evidence if each.effect is Effect.ILLUMINATION)
+
+
 def test_bad_numbers_and_another_size_tell_nothing(tmp_path: Path) -> None:
     def bad(frame: Frame, _across: Array, index: int) -> Frame:
         colour, depth = frame.colour.copy(), frame.depth.copy()
-        colour[0, :4, 0], depth[0, :2] = (np.nan, np.inf, -1.0, 3e38), np.nan
+        colour[0, :4, 0], depth[0, :2] = (np.nan, np.inf, -1.0, 3e38), np.nan  # missing samples, all of them
         frame = replace(frame, colour=colour, depth=depth)
         return frame if index < 12 else replace(frame, colour=colour[:48], depth=depth[:48])
 
     drawn_so = drawn(tmp_path / "wall", bad, on_resize=OnBreak.RESET)
-    assert find_effects(drawn_so).effects == STANDING | {Effect.ILLUMINATION, Effect.HDR}
+    assert find_effects(drawn_so).effects == STANDING | {Effect.ILLUMINATION}
+
+
+def test_files_without_depth_keep_what_only_depth_tells(tmp_path: Path) -> None:
+    def flat(frame: Frame, _across: Array, _index: int) -> Frame:
+        return replace(frame, depth=np.full_like(frame.depth, np.inf))
+
+    assert find_effects(drawn(tmp_path / "wall", flat, pan=0.03)).effects >= STANDING | UNTOLD | {Effect.CAMERA}
 
 
 def test_files_without_matrices_keep_every_step_of_a_camera(tmp_path: Path) -> None:
@@ -182,8 +220,8 @@ def test_files_without_matrices_keep_every_step_of_a_camera(tmp_path: Path) -> N
     assert find_effects(cltaa.open(tmp_path)).effects == STANDING | UNTOLD | {Effect.CAMERA}
 
 
-def found_in(folder: Path) -> Found:
-    report = resolve_folder(folder, folder.parent / "out", device="numpy", band_rows=0)
+def found_in(folder: Path, out: Path | None = None) -> Found:
+    report = resolve_folder(folder, out or folder.parent / "out", device="numpy", band_rows=0)
     assert report.found is not None
     return report.found
 
@@ -191,12 +229,51 @@ def found_in(folder: Path) -> Found:
 def test_a_resolve_finds_effects_and_goes_on_with_those_that_it_began_with(tmp_path: Path) -> None:
     sequence = drawn(tmp_path / "wall", frames=3)
     before = found_in(sequence.folder)
-    assert before.effects == STANDING | UNTOLD
+    assert before.effects == STANDING | {Effect.ILLUMINATION}
     frame, _ = wall(3)
     write_frame(sequence.folder / "wall.0003.exr", lit(frame, 40.0))  # of which the begun resolve knew nothing
     after = found_in(sequence.folder)
-    assert after.effects == before.effects
-    assert after.frames == 0
+    assert after == before  # with the evidence of then
+
+
+def test_headers_that_show_more_than_a_run_was_begun_with_end_it(tmp_path: Path) -> None:
+    sequence = drawn(tmp_path / "wall", frames=3)
+    found_in(sequence.folder)
+    frame, _ = wall(3)
+    write_frame(sequence.folder / "wall.0003.exr", replace(frame, exposure=2.0))
+    with pytest.raises(UsageError, match=r"headers show effects that the run was not begun with .*found exposure"):
+        found_in(sequence.folder)
+
+
+def test_a_folder_in_which_nothing_was_finished_tells_nothing(tmp_path: Path) -> None:
+    sequence, out = drawn(tmp_path / "wall", a_shadow), tmp_path / "out"
+    record = sequence.folder / "sequence.json"
+    record.write_text(json.dumps({"files": {sequence.path(0).name: 64 * "0"}}))
+    with pytest.raises(DataError):
+        found_in(sequence.folder)
+    assert Manifest(out).settings is not None
+    record.unlink()
+    assert found_in(drawn(tmp_path / "other" / "wall").folder, out).effects == STANDING
+
+
+def test_what_is_followed_goes_on_plainly_with_every_step(tmp_path: Path) -> None:
+    folder, out = drawn(tmp_path / "wall").folder, tmp_path / "out"
+    resolve_folder(folder, out, device="numpy", band_rows=0, follow=True, reading={"frames": (0, 4)})
+    assert resolve_folder(folder, out, device="numpy", band_rows=0).found is None
+    plain = tmp_path / "plain"
+    resolve_folder(folder, plain, device="numpy", band_rows=0, reading={"frames": (0, 20)})
+    report = resolve_folder(
+        folder, plain, device="numpy", band_rows=0, follow=True, reading={"frames": (0, FRAMES - 1)}
+    )
+    assert report.found is not None
+    assert report.frames == FRAMES
+
+
+def test_a_sequence_stays_as_it_was_opened(tmp_path: Path) -> None:
+    sequence = drawn(tmp_path / "wall")
+    resolve_folder(sequence, tmp_path / "out", device="numpy", band_rows=0)
+    plan(sequence, device="numpy", rounds=0)
+    assert sequence.found is None
 
 
 @pytest.mark.parametrize(("preset", "gathered"), [("gather-8", False), ("gather-8+8", False), ("gather-48", True)])

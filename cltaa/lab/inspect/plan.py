@@ -16,7 +16,7 @@ from cltaa.core.presets import Preset, Published
 from cltaa.core.record import Past
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Asked
-from cltaa.inputs.found import Found, find_effects
+from cltaa.inputs.found import Found, find_effects, with_found
 from cltaa.inputs.open import looked_for, open_input
 from cltaa.io.names import Named
 from cltaa.io.sequence import FrameSequence
@@ -88,7 +88,7 @@ def plan(
     resolver = Resolver(preset, device, storage=storage, every_step=True)
     free = resolver.preset.published is Published.NO  # a transcription does what it does on every scene
     found = find_effects(sequence) if free and looked_for(sequence, effects) else None
-    sequence.found = None if found is None else found.effects
+    sequence = with_found(sequence, found)
     program = program_bytes()  # before a kernel is built
     sections: list[Section] = []
     plans: list[Plan] = []
