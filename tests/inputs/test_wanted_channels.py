@@ -106,7 +106,12 @@ def test_a_result_keeps_the_layers_that_were_read_with_its_frame(
 ) -> None:
     (tmp_path / "in").mkdir()
     write(tmp_path / "in" / "a.0001.exr")
-    options = [word for each in asked(write) for word in ("--input", each)] + ["--layers", "*diffuse.R,*id"]
+    options = [word for each in asked(write) for word in ("--input", each)] + [
+        "--layers",
+        "*diffuse.R,*id",
+        "--effects",
+        "all",
+    ]
     assert main(["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", *options]) == 0
     assert sorted(read_of) == sorted([*ROLES, "diffuse.R", "id"])
     kept = read_image(tmp_path / "out" / "a.0001.exr")[0]
