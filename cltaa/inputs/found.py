@@ -49,6 +49,7 @@ THIN_SHARE = 3e-4
 EDGES_SHARE = 0.035
 MOVED_PX, MOVED_SHARE = 0.1, 1e-4  # vectors that are not the camera's, and share of pixels that have them
 LOOKED_AT = 2**20  # pixels of a pair of frames at most, in whole rows
+LEAP = 0.25  # of the picture, as far as what lies at infinity moves in a frame; shots that are cut lie farther apart
 BRIGHT = 8.0  # radiance "far above 1"
 LARGEST = 2.0**50  # light beyond it is missing
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -108,9 +109,10 @@ def find_effects(sequence: FrameSequence, advance: Advance | None = None) -> Fou
         Effect.THIN: witness.thin(),
         Effect.ILLUMINATION: witness.illumination(),
         Effect.HDR: (not witness.brightest <= BRIGHT, f"values up to {witness.brightest:.4g}"),
-        Effect.CUT: (any(each.cut for each in outlines[1:]), "as headers say; others are looked for"),
         Effect.SKY: (witness.sky, "depth is infinite" if witness.sky else "depth is finite"),
     }
+    if told[Effect.CUT][0] and not any(each.cut for each in outlines[1:]):
+        said[Effect.ILLUMINATION] = (True, "light is compared in one shot only")
     if not witness.looked:
         for effect in (Effect.HDR, Effect.SKY):
             said[effect] = (True, NO_FRAME)
@@ -126,11 +128,25 @@ def by_headers(sequence: FrameSequence, outlines: Sequence[Frame] | None = None)
     camera = "the matrices change" if moves else "all matrices are the same"
     said = {
         Effect.CAMERA: (moves or cameras is None, camera if cameras is not None else "nothing tells a camera"),
+        Effect.CUT: _cut(sequence, outlines, cameras),
         Effect.EXPOSURE: (len(exposures) > 1, "it changes" if len(exposures) > 1 else "it is the same in all headers"),
     }
     for effect, part in ((Effect.ALPHA, "alpha"), (Effect.REACTIVE, "reactive")):
         said[effect] = (part in sequence.holds, "there is a channel" if part in sequence.holds else "no channel")
     return said
+
+
+def _cut(sequence: FrameSequence, outlines: Sequence[Frame], cameras: Mapping[int, Camera] | None) -> tuple[bool, str]:
+    """Whether headers say that there is a cut, or a camera turns so far in a frame that it may be one."""
+    if any(each.cut for each in outlines[1:]):
+        return True, "headers say so"
+    for before, now in pairwise(cameras.values() if cameras is not None else ()):
+        if before.orthographic or now.orthographic or is_still(now, before):
+            continue
+        (_, _, _, u), (_, _, _, v), (_, _, _, w) = displacement(now, before, sequence.width, sequence.height).rows
+        if 1 + w <= 0 or max(abs(u) / sequence.width, abs(v) / sequence.height) > LEAP * (1 + w):
+            return True, "no header says so, but the camera leaps"
+    return False, "no header says so, and the camera leaps nowhere"
 
 
 def _cameras(sequence: FrameSequence, outlines: Sequence[Frame]) -> dict[int, Camera] | None:

@@ -167,6 +167,17 @@ def test_a_long_sequence_is_looked_at_in_a_bounded_number_of_frames(tmp_path: Pa
     assert steps[-1] == (found.frames, found.frames)
 
 
+def test_a_camera_that_leaps_may_be_a_cut_so_that_light_is_tested(tmp_path: Path) -> None:
+    def turned(frame: Frame, _across: Array, index: int) -> Frame:
+        view = frame.camera.world_to_view.copy()
+        angle = np.radians(30.0 * (index >= 12))
+        view[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+        return replace(frame, camera=replace(frame.camera, world_to_view=view))
+
+    found = find_effects(drawn(tmp_path / "wall", turned))
+    assert found.effects >= STANDING | {Effect.CUT, Effect.ILLUMINATION, Effect.CAMERA}
+
+
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (2, 3), (23, 400), (24, 24)])
 def test_small_pictures_keep_what_they_cannot_tell(tmp_path: Path, height: int, width: int) -> None:
     def cropped(frame: Frame, _across: Array, _index: int) -> Frame:
