@@ -15,6 +15,7 @@ SKY_PERSPECTIVE = 0.0
 SKY_ORTHOGRAPHIC = -(2.0**50)
 
 Rows = list[list[float]]  # of a matrix
+Array = NDArray[np.float64]
 Three = tuple[float, float, float]
 Four = tuple[float, float, float, float]
 _NONE = [0.0] * 4
@@ -77,6 +78,21 @@ def displacement(camera: Camera, previous: Camera, width: int, height: int) -> D
     """
     *rows, closer = displacement_rows(camera, previous, width, height)
     return Displacement(np.array(rows), np.array(closer))
+
+
+def reprojected(
+    x: Array, y: Array, depth: Array, moved: Displacement, *, parallel: bool
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Motion u, v of pixels to the previous camera, the inverse depth to expect there, and whether it could see them.
+
+    ``x``, ``y`` are pixels from the image centre, ``depth`` is inverse depth; all of one shape, float64.
+    """
+    dx, dy, dw = (row[0] * x + row[1] * y + row[2] * depth + row[3] for row in moved.rows)
+    visible = dw > -1
+    w = np.where(visible, 1 + dw, 1.0)
+    row = moved.inverse_depth
+    expected = depth + (row[0] * x + row[1] * y + row[2] * depth + row[3]) if parallel else depth / w
+    return (dx - x * dw) / w, (dy - y * dw) / w, expected, visible
 
 
 def displacement_rows(camera: Camera, previous: Camera, width: int, height: int) -> Rows:

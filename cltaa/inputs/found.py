@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.camera import displacement, inverse_depth, is_still
+from cltaa.camera import displacement, inverse_depth, is_still, reprojected
 from cltaa.errors import CltaaError
 from cltaa.frame import Camera, Effect, Frame, Image, format_effects, outline
 from cltaa.io.exr_frame import MATRICES
@@ -52,8 +52,7 @@ LOOKED_AT = 2**20  # pixels of a pair of frames at most, in whole rows
 LEAP = 0.25  # of the picture, as far as what lies at infinity moves in a frame; shots that are cut lie farther apart
 BRIGHT = 8.0  # radiance "far above 1"
 LARGEST = 2.0**50  # light beyond it is missing
-LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
-
+LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of linear light with the primaries of Rec. 709
 
 NO_FRAME = "no frame looked at: each place has a cut, or cannot be read"
 
@@ -211,8 +210,7 @@ class _Witness:
         for frame in frames:
             look = _Look(frame)
             self.looked.add(frame.index)
-            usable = (frame.colour > 0) & (frame.colour < LARGEST)
-            self.brightest = max(self.brightest, float(np.max(frame.colour, where=usable, initial=0.0)))
+            self.brightest = max(self.brightest, look.brightest)
             self.sky, self._depth = self.sky or look.sky, self._depth or look.depth
             self._motion(look, frame.motion)
             if spans is None:
@@ -287,6 +285,7 @@ class _Look:
         inverse_depth(depth, frame.camera, self.inverse)
         self.sky, self.depth = bool(np.isinf(depth).any()), bool(np.isfinite(depth).any())
         colour = np.where((frame.colour > 0) & (frame.colour < LARGEST), frame.colour, np.float32(0))
+        self.brightest = float(colour.max(initial=0.0))
         light = colour @ (LUMA / np.float32(frame.exposure))
         self.light = light / (1 + light)
 
@@ -340,11 +339,7 @@ def _moved(now: _Look, before: Camera, rows: Array, columns: Array) -> tuple[Arr
     depth = now.inverse[rows.astype(np.intp), columns.astype(np.intp)].astype(np.float64)
     moved = displacement(camera, before, width, height)
     x, y = columns + (0.5 + jitter[0] - width / 2), rows + (0.5 + jitter[1] - height / 2)
-    dx, dy, dw = (_dot(row, x, y, depth) for row in moved.rows)
-    visible = dw > -1
-    w = np.where(visible, 1 + dw, 1.0)
-    expected = depth + _dot(moved.inverse_depth, x, y, depth) if camera.orthographic else depth / w
-    return (dx - x * dw) / w, (dy - y * dw) / w, expected, visible
+    return reprojected(x, y, depth, moved, parallel=camera.orthographic)
 
 
 def _places_of(look: _Look, most: int) -> tuple[Array, Array]:
@@ -437,8 +432,3 @@ def _tiles(height: int, width: int) -> tuple[Array, Array]:
     pixel = np.indices((BLOCK, BLOCK)).reshape(2, 1, -1)
     rows, columns = block + pixel
     return tops[:, None, None] + rows, lefts[:, None, None] + columns
-
-
-def _dot(row: Array, x: Array, y: Array, depth: Array) -> Array:
-    total: Array = row[0] * x + row[1] * y + row[2] * depth + row[3]
-    return total

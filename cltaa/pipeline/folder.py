@@ -219,13 +219,15 @@ def counted_with(
     begun = None if anew else Manifest(output)
     if begun is not None and begun.settings is not None and begun.entries:
         names = begun.settings.get("found")
-        found = None if names is None else found_before(output, frozenset(map(Effect, names)))
-        shown = {effect for effect, (there, _) in by_headers(sequence).items() if there}
-        if found is not None and (new := shown - found.effects):
-            what = "headers show effects that the run was not begun with"
-            expected = format_effects(found.effects)
-            raise UsageError(what, path=output, expected=expected, found=format_effects(new), cure=RESTART_CURE)
-        line = "" if found is None else f"effects found: {format_effects(found.effects)} (as the run began)"
+        found, line = None, ""
+        if names is not None:
+            found = found_before(output, frozenset(map(Effect, names)))
+            known = format_effects(found.effects)
+            shown = {effect for effect, (there, _) in by_headers(sequence).items() if there}
+            if new := shown - found.effects - {Effect.CUT}:  # a cut starts a new history, whatever the plan
+                what = "headers show effects that the run was not begun with"
+                raise UsageError(what, path=output, expected=known, found=format_effects(new), cure=RESTART_CURE)
+            line = f"effects found: {known} (as the run began)"
     elif follow or preset.published is not Published.NO or not looked_for(sequence, effects):
         found, line = None, ""
     else:

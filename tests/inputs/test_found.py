@@ -125,7 +125,7 @@ def test_what_shows_is_found_and_nothing_else(tmp_path: Path, case: str) -> None
     assert find_effects(drawn(tmp_path / "wall", change, pan=pan)).effects == expected
 
 
-UNTOLD = {Effect.THIN, Effect.ILLUMINATION}
+UNKNOWN = {Effect.THIN, Effect.ILLUMINATION}
 
 
 def test_vectors_of_the_camera_alone_are_no_motion(tmp_path: Path) -> None:
@@ -139,13 +139,13 @@ def test_vectors_of_the_camera_alone_are_no_motion(tmp_path: Path) -> None:
 
 def test_few_frames_tell_nothing_of_light(tmp_path: Path) -> None:
     assert find_effects(drawn(tmp_path / "wall", frames=3 * SPAN - 1)).effects == STANDING | {Effect.ILLUMINATION}
-    assert find_effects(drawn(tmp_path / "one", frames=1)).effects == STANDING | UNTOLD
+    assert find_effects(drawn(tmp_path / "one", frames=1)).effects == STANDING | UNKNOWN
 
 
 def test_a_cut_hides_what_lies_around_it(tmp_path: Path) -> None:
     cut = drawn(tmp_path / "wall", lambda frame, _, index: replace(frame, cut=index == 5))
     found = find_effects(cut)
-    assert found.effects == STANDING | UNTOLD | {Effect.CUT, Effect.HDR, Effect.SKY}
+    assert found.effects == STANDING | UNKNOWN | {Effect.CUT, Effect.HDR, Effect.SKY}
     assert "no frame looked at" in found.line
 
 
@@ -220,7 +220,7 @@ def test_files_without_depth_keep_what_only_depth_tells(tmp_path: Path) -> None:
     def flat(frame: Frame, _across: Array, _index: int) -> Frame:
         return replace(frame, depth=np.full_like(frame.depth, np.inf))
 
-    assert find_effects(drawn(tmp_path / "wall", flat, pan=0.03)).effects >= STANDING | UNTOLD | {Effect.CAMERA}
+    assert find_effects(drawn(tmp_path / "wall", flat, pan=0.03)).effects >= STANDING | UNKNOWN | {Effect.CAMERA}
 
 
 def test_files_without_matrices_keep_every_step_of_a_camera(tmp_path: Path) -> None:
@@ -228,7 +228,7 @@ def test_files_without_matrices_keep_every_step_of_a_camera(tmp_path: Path) -> N
         frame, _ = wall(index)
         planes = dict(zip("RGBZ", (*np.moveaxis(frame.colour, -1, 0), frame.depth), strict=True))
         write_image(tmp_path / f"wall.{index:04d}.exr", planes, {})
-    assert find_effects(cltaa.open(tmp_path)).effects == STANDING | UNTOLD | {Effect.CAMERA}
+    assert find_effects(cltaa.open(tmp_path)).effects == STANDING | UNKNOWN | {Effect.CAMERA}
 
 
 def found_in(folder: Path, out: Path | None = None) -> Found:

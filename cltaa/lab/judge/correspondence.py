@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.camera import Displacement, displacement, inverse_depth
+from cltaa.camera import Displacement, displacement, inverse_depth, reprojected
 from cltaa.frame import Frame
 
 Array = NDArray[np.float64]
@@ -76,12 +76,7 @@ def _reproject(frame: Frame, now: Array, moved: Displacement) -> tuple[Array, Ar
     y, x = np.mgrid[:height, :width].astype(np.float64)
     x += 0.5 + frame.jitter_px[0] - width / 2
     y += 0.5 + frame.jitter_px[1] - height / 2
-    point = np.stack([x, y, now, np.ones_like(x)], axis=-1)
-    dx, dy, dw = np.moveaxis(point @ moved.rows.T, -1, 0)
-    visible = dw > -1
-    w = np.where(visible, 1 + dw, 1)
-    u, v = (dx - x * dw) / w, (dy - y * dw) / w
-    expected = now + point @ moved.inverse_depth if frame.camera.orthographic else now / w
+    u, v, expected, visible = reprojected(x, y, now, moved, parallel=frame.camera.orthographic)
     if frame.motion is not None:
         own = np.isfinite(frame.motion).all(-1)
         u, v = (np.where(own, frame.motion[..., axis], by_camera) for axis, by_camera in enumerate((u, v)))
