@@ -47,7 +47,7 @@ class Effect(StrEnum, metaclass=RenamedMembers):
         return None if word == value else cls(word)
 
 
-# Effects that a resolve counts with: as declared or else found, found whatever is declared, every one, or these.
+# Effects that a resolve is planned for: as declared or else found, found whatever is declared, every one, or these.
 Asked = frozenset[Effect] | Literal["auto", "find", "all"]
 ASKED: tuple[Literal["auto", "find", "all"], ...] = ("auto", "find", "all")
 

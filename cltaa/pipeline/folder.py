@@ -182,7 +182,7 @@ def resolve_folder(
     }
     anew, follows = options.get("restart", False), arrivals is not None
     known = partial(
-        counted_with, sequence, preset, effects, Path(output), anew=anew, follow=follows, progress=progress
+        with_known_effects, sequence, preset, effects, Path(output), anew=anew, follow=follows, progress=progress
     )  # when all else was found to be right: it takes a while
     if dask is not None:
         from cltaa.pipeline.cluster import Cluster, Tool, connected  # here: an extra, and it takes from this module
@@ -206,7 +206,7 @@ def resolve_folder(
     return resolve_sequence(sequence, output, resolver, others=others, found=found, **how)
 
 
-def counted_with(
+def with_known_effects(
     sequence: FrameSequence, preset: Preset, effects: Asked, output: Path, *, anew: bool, follow: bool, progress: bool
 ) -> tuple[FrameSequence, Found | None]:
     """``sequence`` as it is to be resolved into ``output``, with the effects that were found where none are declared.
