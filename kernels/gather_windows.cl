@@ -5,8 +5,8 @@
 #include "schedule/window.h"
 
 __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, plane_in motion, plane_in alpha,
-    plane_in reactive, plane_in ring, frame_records past, const int frames, const int standing, plane_out windows,
-    const frame_t frame, const settings_t settings)
+    plane_in reactive, plane_in ring, frame_records past, const int frames, const int standing, history_in recursive,
+    plane_in recursive_count, plane_out windows, const frame_t frame, const settings_t settings)
 {
     const column_t column = own_column(frame);
     if (is_empty(column, frame))
@@ -47,7 +47,9 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
 
         // The window without motion. It is valid where enough of the latest samples can contradict it.
         gathered unmoved_sums;
-        const resolved unmoved = resolve_unmoved(&unmoved_sums, ring, past, standing, p, x, y, frame, settings);
+        resolved unmoved = resolve_unmoved(&unmoved_sums, ring, past, standing, p, x, y, frame, settings);
+        if (RECURSION == RECURSION_STANDING)
+            unmoved = longer_unmoved(unmoved, recursive, recursive_count, m, x, y, frame);
         const mask valid = unmoved_sums.recent_count >= SPLAT(SHORT_WINDOW);
         out.rgb = choose_colour(valid, unmoved.rgb, out.rgb);
         out.alpha = valid ? unmoved.alpha : out.alpha;

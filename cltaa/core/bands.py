@@ -128,7 +128,7 @@ class BandedResolver(Resolver):
         buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
         assert self.plan is not None
         record = frame_record(frame, previous, buffers.whole, self.plan)
-        passes = Passes(self.launcher, self.plan, build, buffers, record)
+        passes = Passes(self.launcher, self.plan, build, None, buffers, record)
         buffers.ready_counts(self.plan.choices, read=not record["reset"])
         whole = _whole(frame, build.steps.alpha, 1 + buffers.holds_changes)
         planes = 3 if frame.alpha is None else 4

@@ -52,6 +52,7 @@ class Buffers:
         self.output, self.output_count = self._planes(self.result_planes, dtype), self._planes(1)
         self.history = self._planes(self.result_planes, dtype, self.whole)
         self.history_count, self.previous_inverse_depth = self._planes(1, layout=whole), self._planes(1, layout=whole)
+        self._beside: dict[str, Buffer] = {}  # a result beside the one that recurs
         self.channels: dict[str, Buffer] = {}  # of the frame: current, motion, alpha, reactive
         self._copies: dict[str, Buffer] = {}  # memory for those that were copied once
         self._dtype = dtype
@@ -154,6 +155,13 @@ class Buffers:
         """What a resolve writes for the next frame, as ``extend_edges`` is given it."""
         planes = {"planes": self.result_planes, "more": 1 + self.holds_changes}
         return {"image": self.output, "floats": self.output_count, **planes}
+
+    def beside(self) -> dict[str, Buffer]:
+        """Memory for a result that is not the history of the next frame, allocated when first asked for."""
+        if not self._beside:
+            planes = {"output": self._planes(self.result_planes, self._dtype), "output_count": self._planes(1)}
+            self._beside = planes
+        return self._beside
 
     def swap(self) -> None:
         """What was written becomes what is read."""

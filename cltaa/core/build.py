@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.core.constants import CONSTANTS, WHOLE_NUMBERS
-from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, GatherFit, HistoryKind, Settings
+from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, GatherFit, HistoryKind, Recursion, Settings
 from cltaa.errors import UsageError, known
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def build_of(asked: Build, choices: Choices, settings: Settings, steps: Steps) -
     plans that differ in it alone share a program.
     """
     if choices.history is not HistoryKind.FRAMES:
-        choices = msgspec.structs.replace(choices, gather_fit=GatherFit.MEAN)
+        choices = msgspec.structs.replace(choices, gather_fit=GatherFit.MEAN, recursion=Recursion.NONE)
     return msgspec.structs.replace(asked, choices=choices, steps=steps, terms=Terms.of(settings))
 
 

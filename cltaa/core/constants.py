@@ -30,7 +30,6 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "HALF_TINY": Constant(2.0**-25, "half the least half: smaller magnitudes round to 0, and are stored as +0"),
     "DITHER_STEP": Constant(2.0**-24, "24 bits as a number in [0, 1)"),
     "LEAST_TRUST": Constant(2.0**-6, "least ratio of two windows' errors: its 16th power is well above the denormals"),
-    "DRIFT_T": Constant(2.0, "Student's t from which light has moved since a longer window: as measured for gather-48"),
     "DRIFT_FLOOR": Constant(0.01, "share of the light below which nobody sees that"),
     "REACTIVE_FALL": Constant(
         10.0,

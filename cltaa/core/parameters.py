@@ -125,6 +125,16 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
             "measured",
         ),
     ] = 0.8
+    drift_t: Annotated[
+        float,
+        _number(
+            "Student's t from which light has moved since a longer window; twice that where none is known to change",
+            0.5,
+            2.0**20,
+            "1",
+            "measured",
+        ),
+    ] = 2.0
     subpixel_frames: Annotated[
         int, _number("frames in the ring in which sub-pixel features are looked for", 0, 64, "frames", "measured")
     ] = 4
@@ -240,6 +250,13 @@ class GatherFit(Choice):
         "points of a plane over the pixel, whose value at the centre is taken; across a depth edge of a nearer surface "
         "and a farther one, each on its own way",
     )
+
+
+class Recursion(Choice):
+    """Whether gathered samples have the recursive resolve beside them (history frames, illumination window)."""
+
+    NONE = "none"
+    STANDING = "standing", "where a pixel stands it takes the place of the window without motion: it holds more samples"
 
 
 class Tonemap(Choice):
@@ -420,6 +437,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid
     history_range: HistoryRange = HistoryRange.LINEAR
     history: HistoryKind = HistoryKind.ACCUMULATED
     gather_fit: GatherFit = GatherFit.MEAN
+    recursion: Recursion = Recursion.NONE
     current_filter: CurrentFilter = CurrentFilter.NONE
     filter_use: FilterUse = FilterUse.ALWAYS
     tonemap: Tonemap = Tonemap.NONE

@@ -24,14 +24,15 @@ class Passes:
     launcher: Launcher
     plan: Plan
     build: Build
+    recursive: Build | None  # of the recursive resolve beside what is gathered, where the plan has one
     buffers: Buffers
     record: Record
 
     def resolve(self) -> LastRun:
         """Resolve from the history of results."""
-        buffers = self.buffers
-        self._ready_counts()
-        last = LastRun(self.build, buffers.layout, self._arguments() | buffers.recurrent())
+        buffers, build = self.buffers, self.recursive or self.build
+        buffers.ready_counts(build.choices, read=not self.record["reset"])
+        last = LastRun(build, buffers.layout, self._arguments() | buffers.recurrent())
         self.launcher.run("resolve", *last)
         return last
 
@@ -43,13 +44,17 @@ class Passes:
         return last
 
     def gather_windows(self, frame: Frame, frame_ring: FrameRing) -> LastRun:
-        """Resolve from temporal windows in ``frame_ring``."""
-        last = self._gathering(frame, frame_ring)
-        build, layout, arguments = last
-        self._ready_counts()
+        """Resolve from temporal windows in ``frame_ring``, and where the plan says so from all frames before."""
+        if self.recursive is None:
+            self._ready_counts()
+        else:
+            self.resolve()
+        build, layout, arguments = last = self._gathering(frame, frame_ring)
         windows = {"windows": frame_ring.window_memory(build.steps)}
         inputs = {name: value for name, value in arguments.items() if name not in ("output", "output_count")}
-        self.launcher.run("gather_windows", build, layout, inputs | windows | {"standing": frame_ring.standing(frame)})
+        recursive = {"recursive": self.buffers.output, "recursive_count": self.buffers.output_count}
+        unmoved = {"standing": frame_ring.standing(frame), **recursive}
+        self.launcher.run("gather_windows", build, layout, inputs | windows | unmoved)
         if not build.extends:
             gathered = {"image": windows["windows"], "floats": None, "frame": self.record}
             floats = Build(lanes=build.lanes, rows=build.rows)  # as windows are, whatever the history is kept in
@@ -57,7 +62,7 @@ class Passes:
             self.launcher.run("extend_edges", floats, layout, gathered | planes)
         written = {name: arguments[name] for name in ("frames", "output", "output_count", "frame", "settings")}
         self.launcher.run("weigh_windows", build, layout, windows | written)
-        if build.extends:
+        if build.extends and self.recursive is None:
             self._extend()
         return last
 
@@ -80,4 +85,5 @@ class Passes:
         """What a kernel that gathers is given."""
         told = frame_ring.describe(frame, self.plan)
         ring = {"ring": frame_ring.planes, "past": frame_ring.records, "frames": told}
-        return LastRun(frame_ring.build(self.build, frame), self.buffers.layout, self._arguments() | ring)
+        beside = {} if self.recursive is None else self.buffers.beside()
+        return LastRun(frame_ring.build(self.build, frame), self.buffers.layout, self._arguments() | ring | beside)

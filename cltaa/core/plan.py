@@ -8,6 +8,7 @@ an absence of highlights *replaces* (plain mean, plain weights) is another estim
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from enum import StrEnum
 from functools import lru_cache
@@ -25,6 +26,7 @@ from cltaa.core.parameters import (
     Illumination,
     ReactiveMask,
     Rectify,
+    Recursion,
     Reject,
     Reproject,
     Settings,
@@ -47,6 +49,7 @@ class Reason(NamedTuple):
 # Steps whose absence is another estimate.
 RECTIFICATION, REJECTION, WEIGHTS, GATHERING = "rectification", "rejection", "luminance weights", "gathering"
 LIGHT = "illumination change"
+RECURSION = "recursion beside the ring"
 REPROJECTION = "reprojection"
 
 # Effects that can make a pixel's history wrong.
@@ -55,6 +58,8 @@ CHANGING = frozenset(
 )
 # Those that make history wrong of a surface that depth takes for the same.
 CHANGING_LIGHT = frozenset({Effect.ILLUMINATION, Effect.MOTION, Effect.REACTIVE, Effect.THIN})
+
+SURER = 2.0  # times drift_t, where no light is known to change
 
 FOUND, DECLARED = "found", "declared"
 
@@ -82,6 +87,10 @@ def estimate(
         settings = with_narrow_box(settings)
     if preset.choices.history is HistoryKind.FRAMES:
         reasons.append(_gathered(choices, still=still, recursive=recursive))
+        choices, reason = _with_recursion(preset, choices, declared, word)
+        reasons.append(reason)
+        if not _light_may_change(declared):
+            settings = msgspec.structs.replace(settings, drift_t=SURER * settings.drift_t)
     rectified = choices.rectify is not Rectify.NONE
     reasons.append(Reason(RECTIFICATION, rectified, _why_rectified(preset, rectified)))
     choices, reason = _rejecting(preset, choices, declared, word)
@@ -131,6 +140,11 @@ def _why_rectified(preset: Preset, rectified: bool) -> str:
     return "declared still: plain mean of all samples"
 
 
+def _light_may_change(declared: frozenset[Effect] | None) -> bool:
+    """Whether light is known to change, or nothing is."""
+    return declared is None or bool(declared & {Effect.ILLUMINATION, Effect.REACTIVE, Effect.EXPOSURE})
+
+
 def _illumination_may_change(declared: frozenset[Effect] | None) -> bool:
     return declared is None or bool(declared & {Effect.ILLUMINATION, Effect.REACTIVE})
 
@@ -154,6 +168,33 @@ def _testing_illumination(
         return choices, Reason(LIGHT, True, f"{word}: {format_effects(found)}")
     why = f"none of illumination, motion, reactive and thin is {word}"
     return msgspec.structs.replace(choices, illumination=Illumination.STATIC), Reason(LIGHT, False, why)
+
+
+def _with_recursion(
+    preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str
+) -> tuple[Choices, Reason]:
+    """Where a camera moves nothing stands, and what does when it halts is gathered.
+
+    Then each result is made of the frames in the ring and nothing else, so that a shot can be split anywhere.
+    """
+    if why := declined(preset, "recursion", Recursion.STANDING):
+        return choices, Reason(RECURSION, False, why)
+    if choices.illumination is not Illumination.WINDOW:
+        why = "one window of all frames" if choices.history is HistoryKind.FRAMES else "nothing is gathered"
+    elif declared is not None and Effect.CAMERA in declared:
+        why = f"effect camera is {word}"
+    else:
+        return choices, Reason(RECURSION, True, "a pixel that stands has more samples before the ring")
+    return msgspec.structs.replace(choices, recursion=Recursion.NONE), Reason(RECURSION, False, why)
+
+
+def recursive_choices(choices: Choices) -> Choices | None:
+    """The choices of the recursive resolve beside gathered samples; None where there is none."""
+    if choices.recursion is Recursion.NONE:
+        return None
+    return msgspec.structs.replace(
+        choices, history=HistoryKind.ACCUMULATED, illumination=Illumination.TEST, recursion=Recursion.NONE
+    )
 
 
 def _ring_holds_less(choices: Choices, settings: Settings) -> bool:
@@ -224,6 +265,7 @@ WANTED: dict[str, tuple[Any, ...]] = {
 CHOICE_OF_STEP: dict[str, tuple[str, StrEnum, StrEnum]] = {
     REJECTION: ("reject", Reject.NONE, Reject.DEPTH),
     GATHERING: ("history", HistoryKind.ACCUMULATED, HistoryKind.FRAMES),
+    RECURSION: ("recursion", Recursion.NONE, Recursion.STANDING),
     LIGHT: ("illumination", Illumination.STATIC, Illumination.TEST),
     WEIGHTS: ("weighting", Weighting.NONE, Weighting.LUMINANCE),
     RECTIFICATION: ("rectify", Rectify.NONE, Rectify.CLAMP),
@@ -243,12 +285,21 @@ class Facts(NamedTuple):
     word: str  # which
     first: bool  # at the start and after a cut
     moves: bool  # the camera, since the frame before
+    repeats: bool  # the jitter, within the ring
     width: int  # pixels
 
 
-def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: bool = False) -> Plan:
+def plan_frame(
+    preset: Preset,
+    frame: Frame,
+    previous: Camera | None,
+    *,
+    every: bool = False,
+    jitters: Iterable[tuple[float, float]] = (),
+) -> Plan:
     """The plan of ``frame`` whose predecessor was seen by ``previous`` (None at the start and after a cut).
 
+    ``jitters`` are those of the other frames in the ring, in pixels.
     ``every`` adds each step that the preset allows and the frame does not call for: it costs time and changes no bit.
     """
     facts = Facts(
@@ -261,9 +312,16 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
         *_known(frame.effects, frame.found),
         previous is None,
         previous is not None and not is_still(frame.camera, previous),
+        previous is not None and _repeats(frame.jitter_px, set(jitters)),
         frame.width,
     )
     return _planned(preset, facts, every)
+
+
+def _repeats(jitter: tuple[float, float], others: set[tuple[float, float]]) -> bool:
+    """Whether a ring with samples of these jitters holds all places that are ever drawn; without any jitter samples
+    differ by noise, if at all."""
+    return jitter in others and len(others) > 1
 
 
 def _known(declared: frozenset[Effect] | None, found: frozenset[Effect] | None) -> tuple[frozenset[Effect] | None, str]:
@@ -273,14 +331,17 @@ def _known(declared: frozenset[Effect] | None, found: frozenset[Effect] | None) 
     return None if declared is None else frozenset(declared), DECLARED
 
 
-def gathers(preset: Preset, asked: Asked, declared: frozenset[Effect] | None, found: frozenset[Effect] | None) -> bool:
-    """Whether ``preset`` gathers the frames of a sequence with these effects, as far as they are ``asked`` for."""
+def from_ring_alone(
+    preset: Preset, asked: Asked, declared: frozenset[Effect] | None, found: frozenset[Effect] | None
+) -> bool:
+    """Whether each result of ``preset`` is made of frames in the ring and nothing else, in a sequence with these
+    effects, as far as they are ``asked`` for."""
     if isinstance(asked, frozenset):
         declared = asked
     elif asked != "auto":
         declared, found = None, found if asked == "find" else None
     choices, *_ = estimate(preset, preset.settings, *_known(declared, found))
-    return choices.history is HistoryKind.FRAMES
+    return choices.history is HistoryKind.FRAMES and choices.recursion is Recursion.NONE
 
 
 @lru_cache(maxsize=PLANS_KEPT)
@@ -308,6 +369,11 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
         dilation = choices.dilation if choices.dilation is Dilation.BESIDE else Dilation.NONE
         choices = msgspec.structs.replace(choices, reject=Reject.NONE, dilation=dilation)
         estimated = [Reason(REJECTION, False, "no depth") if why.step == REJECTION else why for why in estimated]
+    if (moves or facts.repeats) and choices.recursion is not Recursion.NONE:
+        choices = msgspec.structs.replace(choices, recursion=Recursion.NONE)
+        why = "the camera moves, so that nothing stands" if moves else "the jitter repeats within the ring"
+        alone = Reason(RECURSION, False, why)
+        estimated = [alone if reason.step == RECURSION else reason for reason in estimated]
     return Plan(choices, settings, steps, (*reasons, *estimated))
 
 

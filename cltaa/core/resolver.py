@@ -21,9 +21,9 @@ from cltaa.core.cuts import Coarse, coarse_colours, looks_cut
 from cltaa.core.debug_views import parse_views
 from cltaa.core.frame_checks import check_frame
 from cltaa.core.kernel_source import code_sha256
-from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
+from cltaa.core.parameters import Choices, HistoryKind, Illumination, Recursion, Settings
 from cltaa.core.passes import Passes
-from cltaa.core.plan import Plan, channel_steps, plan_frame
+from cltaa.core.plan import Plan, channel_steps, plan_frame, recursive_choices
 from cltaa.core.planes import Layout, checked_out, empty_result, result_shape
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.record import Past, frame_record
@@ -304,7 +304,7 @@ class Resolver:
         self._previous = self._latest if self.look_ahead else self._previous
         started, (previous, build) = perf_counter(), self._begin(frame)
         assert self.plan is not None
-        if self.plan.choices.history is not HistoryKind.FRAMES:
+        if self.plan.choices.history is not HistoryKind.FRAMES or self.plan.choices.recursion is not Recursion.NONE:
             what = f"preset {self.preset.name} resolves this frame from the result before it, so none is only kept"
             raise UsageError(what, cure="call resolve() or feed()")
         steps = self._channel_steps(frame) if self.look_ahead else build.steps
@@ -500,7 +500,10 @@ class Resolver:
             goes_on = previous.continues_in(frame, self.preset.choices)
             if not goes_on or self._is_cut(previous, frame, self._coarse):
                 previous = None
-        self.plan = plan_frame(self.preset, frame, previous.camera if previous else None, every=self.every_step)
+        ring = () if self._frame_ring is None else self._frame_ring.past
+        jitters = [past.jitter_px for past in ring if past.index != frame.index]
+        camera = previous.camera if previous else None
+        self.plan = plan_frame(self.preset, frame, camera, every=self.every_step, jitters=jitters)
         return previous, self._build(self.plan)
 
     def _build(self, plan: Plan) -> Build:
@@ -509,11 +512,17 @@ class Resolver:
             self._builds[decided_by] = self.launcher.build(build_of(self._asked, *decided_by))
         return self._builds[decided_by]
 
+    def _recursive(self) -> Build | None:
+        """What the recursive resolve beside the gathered samples is built from, where the plan has one."""
+        assert self.plan is not None
+        choices = recursive_choices(self.plan.choices)
+        return None if choices is None else self._build(self.plan._replace(choices=choices))
+
     def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers) -> Buffer:
         """Start the kernels of ``frame``, which ``buffers`` hold; returns the memory of the result."""
         assert self.plan is not None
         choices, record = self.plan.choices, frame_record(frame, previous, buffers.layout, self.plan)
-        passes = Passes(self.launcher, self.plan, build, buffers, record)
+        passes = Passes(self.launcher, self.plan, build, self._recursive(), buffers, record)
         if choices.history is HistoryKind.FRAMES:
             # The frame in work of a ring that looks ahead lies there already.
             ahead = self._frame_ring if self.look_ahead else None

@@ -46,6 +46,7 @@ class DevicePlanes(msgspec.Struct, frozen=True):
     history_frames: int = 0  # a ring holds these and one more
     look_ahead: int = 0  # and these, whose results wait
     windows: bool = False  # of the frames in the ring are weighed, and hold planes
+    recursion: bool = False  # beside the ring, whose result is not what recurs then
     changes: bool = False  # of light, beside the count of what recurs and of the result
     shared: bool = False  # the device has the host's memory: of a whole frame only inverse depth lies anywhere else
     half: bool = False  # the result goes in halves
@@ -73,6 +74,7 @@ def device_bytes(width: int, height: int, held: DevicePlanes) -> int:
     # As arrays, without a halo: what comes, and the result in the numbers in which it goes.
     arrays = frame + (HALF if held.half else REAL) * (3 + steps.alpha) if held.staged else 0
     planes = (frame + colour + count) * band.plane + (colour + count + REAL + ring) * whole.plane
+    planes += (colour + REAL) * whole.plane if held.recursion else 0
     return planes + arrays * band.width * band.height
 
 

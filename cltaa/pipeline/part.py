@@ -36,17 +36,17 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     denoise: str
 
 
-def gathers(preset: Preset, sequence: FrameSequence, how: How) -> bool:
-    """True where frames are gathered, and no effect that is known asks for the mean of all before."""
-    return plan.gathers(preset, how.effects, sequence.effects, sequence.found)
+def from_ring_alone(preset: Preset, sequence: FrameSequence, how: How) -> bool:
+    """True where frames are gathered, and no effect that is known asks for more than the ring holds."""
+    return plan.from_ring_alone(preset, how.effects, sequence.effects, sequence.found)
 
 
 def gathered_from(sequence: FrameSequence, wanted: Sequence[int], preset: Preset, how: How) -> FrameSequence:
-    """The frames that the ``wanted`` ones are made of without a checkpoint: of what gathers, so many before and behind
-    them as ``preset`` keeps; else all before."""
+    """The frames that the ``wanted`` ones are made of without a checkpoint: of a ring, so many before and behind them
+    as ``preset`` keeps; else all before."""
     numbers, kept, ahead = list(sequence.numbers), preset.settings.history_frames, preset.settings.look_ahead
     first, last = numbers.index(wanted[0]), numbers.index(wanted[-1])
-    begin = max(0, first - kept) if gathers(preset, sequence, how) else 0
+    begin = max(0, first - kept) if from_ring_alone(preset, sequence, how) else 0
     return sequence.select(numbers[begin], numbers[min(last + ahead, len(numbers) - 1)])
 
 
@@ -86,7 +86,7 @@ class Parts:
         resolved. The state is saved in ``checkpoints`` after ``every`` frames, never where that is 0.
         """
         numbers = [number for number in part.numbers if number <= wanted[-1]]
-        lead = numbers.index(wanted[0]) if gathers(resolver.preset, part, self._how) else 0
+        lead = numbers.index(wanted[0]) if from_ring_alone(resolver.preset, part, self._how) else 0
         asked, started = frozenset(wanted), time.perf_counter()
         in_turn = isinstance(resolver, BandedResolver)  # so large that no second image waits beside it
         tasks = reads(part, after, self._how.layers, self._denoise)

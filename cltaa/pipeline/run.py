@@ -40,7 +40,7 @@ from cltaa.pipeline.debug import DebugViews
 from cltaa.pipeline.denoise import denoiser
 from cltaa.pipeline.follow import Arrivals
 from cltaa.pipeline.output import OutputFolder, ResolvedFiles, Written, check_layers, sequence_settings
-from cltaa.pipeline.part import How, Parts, gathered_from, gathers, in_parts
+from cltaa.pipeline.part import How, Parts, from_ring_alone, gathered_from, in_parts
 from cltaa.printable import bytes_of, counted, printable
 from cltaa.process import Stop
 from cltaa.progress import shown_progress, track
@@ -353,10 +353,13 @@ class _Run:
         if not missing:
             return
         self._parts.look = DiskSpace(self._folder.folder, len(self._files.sizes) + len(missing)).look
+        if (len(self._resolvers) > 1 or self._elsewhere) and not self._splits and self._progress:
+            what = f"each result of preset {self._resolver.preset.name} holds all frames before it here"
+            print(f"cltaa: resolved in one part: {what}; plan: cltaa inspect --plan", file=sys.stderr)
         if self._elsewhere is not None:
             self._by_workers(self._elsewhere, missing)
             return
-        if len(self._resolvers) > 1 and self._gathers:
+        if len(self._resolvers) > 1 and self._splits:
             self._beside(missing)
             return
         if self._resolver.look_ahead:
@@ -421,7 +424,7 @@ class _Run:
                     place=place,
                     stale={name: entries[name].sha256 for n in wanted if (name := names[n]) in entries},
                 )
-                for wanted in in_parts(missing, elsewhere.parts if self._gathers else 1)
+                for wanted in in_parts(missing, elsewhere.parts if self._splits else 1)
             ]
             advance(0, len(missing))
             for result in elsewhere.resolve(orders, self._stop, self._parts.seconds):
@@ -475,8 +478,8 @@ class _Run:
         return after, self._sequence.select(given[0], given[-1])
 
     @property
-    def _gathers(self) -> bool:
-        return gathers(self._resolver.preset, self._sequence, self._how)
+    def _splits(self) -> bool:
+        return from_ring_alone(self._resolver.preset, self._sequence, self._how)
 
     def report(self) -> ResolveReport:
         """What was done; stages that nothing had to be done in took no time."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from cltaa.core.build import Build, Record, window_planes
 from cltaa.core.constants import MIDDLE_WINDOW, PAD_X, PAD_Y, SHORT_WINDOW, WINDOW_REACH, WINDOWS
-from cltaa.core.parameters import AlphaFrom
+from cltaa.core.parameters import AlphaFrom, Recursion
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import (
     Pixel,
@@ -29,6 +29,7 @@ from cltaa.reference.gather_fit import Gathered, own_samples
 from cltaa.reference.gather_track import ring_alpha, ring_reactive
 from cltaa.reference.planes import extend_stored, real_type, store_resolved
 from cltaa.reference.real import Array, constant, greater, lesser, limit, number, quiet
+from cltaa.reference.reprojection import Motion
 
 TEXELS = (2 * WINDOW_REACH + 1) ** 2
 
@@ -98,6 +99,8 @@ def gather_windows(
     past: Any,
     frames: int,
     standing: int,
+    recursive: Array,
+    recursive_count: Array,
     windows: Array,
     frame: Record,
     settings: Record,
@@ -118,10 +121,21 @@ def gather_windows(
         for window in range(WINDOWS - 2):
             _store(target[window], said, error, unlike)
     unmoved, sums = resolve_unmoved(gathering.slots, past[:standing], gathering.pixel, build, layout, settings)
+    if build.choices.recursion is Recursion.STANDING:
+        unmoved = _longer_unmoved(unmoved, recursive, recursive_count, gathering.motion, layout)
     told = sums.recent_count >= number(SHORT_WINDOW, error)
     _store(target[-1], said, error)
     _store(target[-1], unmoved, window_error(sums, own, unmoved, build, settings), told)
     extend_stored(build, layout, windows[: WINDOWS * planes])
+
+
+def _longer_unmoved(unmoved: Resolved, recursive: Array, recursive_count: Array, m: Motion, layout: Layout) -> Resolved:
+    """The same from all frames before: where the surface stands, and did for more samples than lie in the ring."""
+    count, held = (layout.inside(planes).astype(unmoved.count.dtype) for planes in (recursive_count[0], recursive))
+    longer = (m.u == 0) & (m.v == 0) & (count > unmoved.count)
+    r, g, b = (np.where(longer, now, then) for now, then in zip(held[:3], unmoved.rgb, strict=True))
+    alpha = np.where(longer, held[3], unmoved.alpha) if len(held) > 3 else unmoved.alpha
+    return Resolved((r, g, b), alpha, np.where(longer, count, unmoved.count))
 
 
 def _store(planes: Array, said: Resolved, error: Array, where: Array | None = None) -> None:
@@ -197,10 +211,10 @@ def t_of(drift: Drift) -> Array:
     return result
 
 
-def effective(drifts: list[Drift]) -> list[Array]:
+def effective(drifts: list[Drift], settings: Record) -> list[Array]:
     """As much of a drift in each channel as is not chance, by that of the first three that drifted most."""
     r, g, b = (t_of(drift) for drift in drifts[:3])
-    enough = constant("DRIFT_T", r)
+    enough = number(settings["drift_t"], r)
     chance = enough / greater(greater(r, greater(g, b)), enough)
     sure = number(1.0, r) - chance * chance
     return [sure * drift.mean for drift in drifts]
@@ -234,7 +248,7 @@ def weigh_windows(
     for window, (part, error) in enumerate(zip(parts[1:], errors[1:], strict=True), start=1):
         w, own = trust(error, least), layout.inside(part)
         if ends[window] != ends[window - 1]:
-            moved = effective(drifts_of(part[channels], parts[0][channels], build, layout, settings))
+            moved = effective(drifts_of(part[channels], parts[0][channels], build, layout, settings), settings)
         of_light = zip(sums, own[:3], moved[:3], first[:3], strict=True)
         sums = [total + w * ((v + step) - k) for total, v, step, k in of_light]
         darkest = [lesser(k, v) for k, v in zip(darkest, own[:3], strict=True)]

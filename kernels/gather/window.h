@@ -81,6 +81,24 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
     return out;
 }
 
+// The same from all frames before, which the recursive resolve holds: where the pixel's surface stands, and did for more
+// samples than lie in the ring.
+STAGE resolved longer_unmoved(
+    resolved unmoved, history_in recursive, plane_in recursive_count, motion_t m, int x, int y, frame_t frame)
+{
+    const uint at = texel_offset(frame, x, y);
+    const real count = load(recursive_count + at), zero = SPLAT(0.0);
+    const mask longer = (m.u == zero) & (m.v == zero) & (count > unmoved.count);
+    if (!any_of(longer))
+        return unmoved;
+    resolved out = unmoved;
+    out.rgb = choose_colour(longer, load_history_colour(recursive + at, plane_size(frame)), unmoved.rgb);
+    out.count = longer ? count : unmoved.count;
+    if (ALPHA)
+        out.alpha = longer ? load_history(recursive + 3 * plane_size(frame) + at) : unmoved.alpha;
+    return out;
+}
+
 // Whether a window of the ring has no more frames than the one before it.
 STAGE int repeats(int window, int frames)
 {
@@ -163,7 +181,7 @@ typedef struct
 } drifted;
 
 // The drift from a window to the shortest, the mean difference of the texels around, as far as it is not chance:
-// 1 - (DRIFT_T / t)^2 (James and Stein), of the channel of light that drifted most. A texel counts as its light does in
+// 1 - (drift_t / t)^2 (James and Stein), of the channel of light that drifted most. A texel counts as its light does in
 // a mean of samples, then and now: a highlight that comes or goes is no change of the light around it. Twice over the
 // texels: beside a highlight their squares less the square of their mean would leave its rounding.
 STAGE drifted drift_to_shortest(plane_in window, plane_in shortest, frame_t frame, settings_t settings)
@@ -197,8 +215,8 @@ STAGE drifted drift_to_shortest(plane_in window, plane_in shortest, frame_t fram
     const real r = t_of(mean.r, quotient(squares.r, among), quotient(level.r, weight)),
                g = t_of(mean.g, quotient(squares.g, among), quotient(level.g, weight)),
                b = t_of(mean.b, quotient(squares.b, among), quotient(level.b, weight));
-    const real t = greater(greater(r, greater(g, b)), SPLAT(DRIFT_T));
-    const real chance = quotient(SPLAT(DRIFT_T), t), sure = SPLAT(1.0) - chance * chance;
+    const real t = greater(greater(r, greater(g, b)), SPLAT(settings.drift_t));
+    const real chance = quotient(SPLAT(settings.drift_t), t), sure = SPLAT(1.0) - chance * chance;
     const colour light = { sure * mean.r, sure * mean.g, sure * mean.b };
     return (drifted) { light, ALPHA ? sure * quotient(alpha, weight) : zero };
 }

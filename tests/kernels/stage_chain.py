@@ -115,6 +115,8 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "look_ahead",
         "own_motion",
         "reactive",
+        "recursion",
+        "storage",
         "tonemap",
         "weighting",
     ),
@@ -184,6 +186,7 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     given: dict[str, Any] = {"frame": work.frame, "settings": work.settings, **work.planes}
     given |= {"past": work.past, "frames": len(work.past), "standing": len(work.past)}
     if len(work.past):
+        given |= {"recursive": work.planes["history"], "recursive_count": work.planes["history_count"]}
         given["ring"] = ring_of(build.steps, work)
     given |= {f"{name[:-4]}_in": planes for name, planes in work.planes.items() if name.endswith("_out")}
     if "windows" in work.planes:
@@ -196,7 +199,7 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
         for name in {"history_count", "history_at"} & set(names):
             given[name] = with_changes(given[name])
     most = value_of("HALF_LIMIT") if build.storage in HALVES else np.inf
-    for name in {"history", "output"} & set(names):
+    for name in {"history", "output", "recursive"} & set(names):
         with np.errstate(invalid="ignore"):  # signalling NaN
             given[name] = np.clip(given[name], -most, most).astype(storage_dtype(build))
     return {name: given[name] for name in names}

@@ -18,9 +18,9 @@ import pytest
 from msgspec.structs import replace
 
 from cltaa.core.backend import storage_dtype
-from cltaa.core.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Steps, Storage
-from cltaa.core.constants import PAD_X, PAD_Y
-from cltaa.core.parameters import HOST_CHOICES, HOST_SETTINGS, Choices, Rectify, Settings
+from cltaa.core.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Steps, Storage, window_planes
+from cltaa.core.constants import PAD_X, PAD_Y, WINDOWS
+from cltaa.core.parameters import HOST_CHOICES, HOST_SETTINGS, Choices, Illumination, Rectify, Recursion, Settings
 from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset
 from cltaa.opencl.device import POCL
@@ -111,6 +111,22 @@ def test_a_stage_gives_the_bits_of_its_twin(kernel: str, lanes: int) -> None:
 )
 def test_a_stage_gives_the_bits_of_its_twin_for_every_choice(kernel: str, name: str) -> None:
     assert compared(kernel, variants(kernel, strict())[name]) == 0
+
+
+@pytest.mark.parametrize(("lanes", "storage"), [(1, Storage.FLOAT), (8, Storage.FLOAT), (8, Storage.HALF)])
+def test_a_window_of_all_frames_before_has_the_bits_of_its_twin(lanes: int, storage: Storage) -> None:
+    # Every pixel stands, and of every second there are more samples than lie in the ring.
+    steps = replace(ALL_STEPS, camera_motion=False, own_motion=False)
+    choices = Choices(recursion=Recursion.STANDING, illumination=Illumination.WINDOW)
+    build = replace(strict(lanes), steps=steps, choices=choices, storage=storage)
+    work = chain_work()
+    counts = np.where(np.indices((work.layout.rows, work.layout.stride)).sum(0) % 2 == 0, 40.0, 1.0)
+    work.planes["history_count"][0] = counts
+    ours, theirs = (run_stage("gather_windows", build, work, on) for on in (device(), NumpyLauncher()))
+    assert differing(work, ours, theirs) == 0
+    planes = window_planes(steps)
+    held = work.layout.inside(theirs["windows"])[(WINDOWS - 1) * planes + 4] == 40.0
+    assert 0.2 < held.mean() < 0.5  # all, but where fewer than SHORT_WINDOW samples can contradict it
 
 
 @pytest.mark.big

@@ -28,6 +28,7 @@ PRESETS = {  # rings shorter than a part, and longer
     "behind": override(load_preset("gather-8"), {"history_frames": 2}),
     "ahead": override(load_preset("gather-8"), {"history_frames": 4, "look_ahead": 2}),
 }
+RING_ALONE = override(PRESETS["behind"], {"recursion": "none"})
 
 
 @pytest.fixture(scope="module")
@@ -79,9 +80,11 @@ class Watched(Resolver):
         return super().images(watched(), **how)
 
 
-def begun(shot: Path, output: Path, *before: Callable[[int], None], **options: Any) -> list[Watched]:
+def begun(
+    shot: Path, output: Path, *before: Callable[[int], None], preset: cltaa.Preset = PRESETS["behind"], **options: Any
+) -> list[Watched]:
     """Resolve by one job for each of ``before``, and return their resolvers; what they raise is theirs to catch."""
-    resolver, *others = [Watched(PRESETS["behind"], each) for each in before]
+    resolver, *others = [Watched(preset, each) for each in before]
     with suppress(DataError, KeyboardInterrupt):
         resolve_sequence(open_sequence(shot), output, resolver, others=others, **options)
     return [resolver, *others]
@@ -124,15 +127,20 @@ def test_a_wish_to_stop_ends_every_job(shot: Path, tmp_path: Path) -> None:
 
 
 def test_every_step_is_run_by_every_job(shot: Path, tmp_path: Path) -> None:
-    jobs = begun(shot, tmp_path / "out", *[lambda _: None] * 3, effects="all")
+    jobs = begun(shot, tmp_path / "out", *[lambda _: None] * 3, effects="all", preset=RING_ALONE)
     assert [each.every for each in jobs] == [{True}] * 3
     assert [each.began for each in jobs] == [[0, 1, 2], [3, 4, 5, 6], [7, 8, 9, 10]]
     assert [each.kept for each in jobs] == [[], [1, 2], [5, 6]]  # by the rings, and not resolved
 
 
-def test_a_mean_of_all_frames_before_is_no_work_for_several(shot: Path, tmp_path: Path) -> None:
-    first, second = begun(shot, tmp_path / "out", *[lambda _: None] * 2, effects=frozenset())
+@pytest.mark.parametrize("effects", [frozenset[str](), "all"], ids=["mean", "recursion"])
+def test_what_holds_all_frames_before_is_no_work_for_several(
+    effects: Any, shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second = begun(shot, tmp_path / "out", *[lambda _: None] * 2, effects=effects, progress=True)
     assert (first.began, second.began) == ([*range(FRAMES)], [])
+    said = "cltaa: resolved in one part: each result of preset gather-8 holds all frames before it here; plan:"
+    assert said in capsys.readouterr().err
 
 
 def test_jobs_take_devices_of_one_name_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from cltaa.core.backend import Launcher
 from cltaa.core.build import Steps, Storage
-from cltaa.core.parameters import HistoryKind, Illumination
+from cltaa.core.parameters import HistoryKind, Illumination, Recursion
 from cltaa.core.plan import Plan, plan_frame, toggled, with_effects
 from cltaa.core.presets import Preset, Published
 from cltaa.core.record import Past
@@ -152,7 +153,8 @@ def memory(
     kept = HistoryKind.FRAMES in histories
     history_frames = preset.settings.history_frames if kept else 0
     windows = kept and any(each.choices.illumination is Illumination.WINDOW for each in plans)
-    changes = any(
+    recursion = any(each.choices.recursion is not Recursion.NONE for each in plans)
+    changes = recursion or any(
         each.choices.history is HistoryKind.ACCUMULATED and each.choices.illumination is not Illumination.STATIC
         for each in plans
     )
@@ -163,6 +165,7 @@ def memory(
         history_frames=history_frames,
         look_ahead=preset.settings.look_ahead,
         windows=windows,
+        recursion=recursion,
         changes=changes,
         shared=shared,
         half=half,
@@ -179,6 +182,7 @@ def _run(plan: Plan) -> list[bool]:
 def _plans(sequence: FrameSequence, preset: Preset, effects: Asked) -> Iterator[tuple[int, bool, Plan]]:
     """Number, whether history starts, and plan of every frame."""
     past: Past | None = None
+    jitters = deque[tuple[float, float]](maxlen=preset.settings.history_frames + preset.settings.look_ahead)
     for number in sequence.numbers:
         frame = with_effects(sequence.outline(number), effects)
         if past is not None and not past.continues_in(frame, preset.choices):
@@ -186,9 +190,12 @@ def _plans(sequence: FrameSequence, preset: Preset, effects: Asked) -> Iterator[
         yield (
             number,
             past is None,
-            plan_frame(preset, frame, None if past is None else past.camera, every=effects == "all"),
+            plan_frame(
+                preset, frame, None if past is None else past.camera, every=effects == "all", jitters=tuple(jitters)
+            ),
         )
         past = Past.of(frame)
+        jitters.append(frame.jitter_px)
 
 
 def _time(

@@ -1,0 +1,116 @@
+"""The recursive resolve beside gathered samples: what stands has more of them before the ring than in it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cltaa.core.parameters import Recursion
+from cltaa.core.plan import from_ring_alone, plan_frame
+from cltaa.core.presets import Preset, load_preset, override
+from cltaa.core.resolver import Resolver
+from cltaa.errors import UsageError
+from cltaa.frame import Effect, Frame
+from cltaa.reference.real import Array
+from tests.sequence_factory import bits, make_camera, make_frame
+
+WIDTH, HEIGHT = 24, 20
+TWO = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3))
+MOVING = np.s_[:, : WIDTH // 2]
+STANDING = np.s_[:, 2 + WIDTH // 2 :]  # beside what a 3x3 borrows motion from
+OWN = frozenset({Effect.MOTION, Effect.DISOCCLUSION})
+
+
+def drawn(index: int, light: float = 1.0) -> Frame:
+    """A texture of two colours a pixel, either of which a sample may find; its left half moves as it says, along
+    itself."""
+    frame = make_frame(index, width=WIDTH, height=HEIGHT, camera=make_camera(), effects=None)
+    found = np.random.default_rng(index).random((HEIGHT, WIDTH, 1)) < 0.5
+    motion = np.zeros((HEIGHT, WIDTH, 2), np.float32)
+    motion[MOVING] = 1.0, 0.0  # whole texels, which history loses no samples by
+    colour = (light * np.where(found, TWO[0], TWO[1])).astype(np.float32)
+    return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0), motion=motion, jitter_px=(0.0, 0.0))
+
+
+def preset_of(name: str, recursion: str) -> Preset:
+    return override(load_preset(name), {"current_filter": "none", "recursion": recursion})
+
+
+def last(preset: Preset, lights: list[float], device: str | None = None) -> Array:
+    resolver = Resolver(preset, device, strict=True)
+    *_, image = resolver.images(drawn(index, light) for index, light in enumerate(lights))
+    return image
+
+
+def error(image: Array, light: float = 1.0) -> float:
+    """Root mean square where the texture stands."""
+    return float(np.sqrt(np.mean((image[STANDING] - light * TWO.mean(0)[STANDING]) ** 2)))
+
+
+@pytest.mark.parametrize("name", ["gather-8", "gather-8+8"])
+def test_what_stands_is_a_mean_of_more_than_the_ring_holds(name: str) -> None:
+    with_it, without = (error(last(preset_of(name, recursion), [1.0] * 40)) for recursion in ("standing", "none"))
+    assert with_it < 0.75 * without  # 8 or 16 samples against up to 32, in part beside each other
+
+
+def test_what_moves_is_gathered_alone() -> None:
+    with_it, without = (last(preset_of("gather-8", recursion), [1.0] * 20) for recursion in ("standing", "none"))
+    inside = np.s_[:, : WIDTH // 2 - 4]  # windows are weighed by the texels around
+    assert np.array_equal(bits(with_it[inside]), bits(without[inside]))
+
+
+def test_a_lamp_that_goes_on_is_followed() -> None:
+    lights = [1.0] * 30 + [1.5] * 4
+    with_it, without = (
+        error(last(preset_of("gather-8", recursion), lights), 1.5) for recursion in ("standing", "none")
+    )
+    assert with_it < 1.05 * without
+
+
+@pytest.mark.parametrize("name", ["gather-8", "gather-8+8"])
+def test_the_device_has_the_bits_of_the_oracle(name: str) -> None:
+    ours, theirs = (last(load_preset(name), [1.0] * 14, device) for device in (None, "numpy"))
+    assert np.array_equal(bits(ours), bits(theirs))
+
+
+def planned(effects: frozenset[Effect] | None, *, moves: bool = False) -> Recursion:
+    frame = replace(drawn(1), effects=effects)
+    before = make_camera((1.0, 0.0, 5.0)) if moves else frame.camera
+    return plan_frame(load_preset("gather-8"), frame, before).choices.recursion
+
+
+def test_only_a_camera_that_stands_has_it() -> None:
+    assert planned(None) is planned(OWN) is Recursion.STANDING
+    assert planned(None, moves=True) is planned(OWN | {Effect.CAMERA}) is Recursion.NONE
+    assert planned(frozenset({Effect.DISOCCLUSION})) is Recursion.NONE  # there is one window of all frames
+
+
+@pytest.mark.parametrize(("period", "expected"), [(1, "standing"), (4, "none"), (64, "standing")])
+def test_jitter_that_repeats_within_the_ring_leaves_nothing_to_add(period: int, expected: str) -> None:
+    resolver = Resolver("gather-8", "numpy")
+    for index in range(10):
+        resolver.resolve(replace(drawn(index), jitter_px=(0.01 * (index % period), 0.0)))
+    assert resolver.plan is not None
+    assert resolver.plan.choices.recursion == expected
+
+
+def test_a_sequence_is_split_only_where_frames_are_of_the_ring_alone() -> None:
+    assert not from_ring_alone(load_preset("gather-8"), "auto", OWN, None)
+    assert from_ring_alone(load_preset("gather-8"), "auto", OWN | {Effect.CAMERA}, None)
+    assert from_ring_alone(preset_of("gather-8", "none"), "auto", OWN, None)
+    assert from_ring_alone(load_preset("gather-48"), "all", OWN, None)
+    resolver = Resolver("gather-8", "numpy")
+    resolver.keep(drawn(0))
+    with pytest.raises(UsageError, match="resolves this frame from the result before it"):
+        resolver.keep(drawn(1))
+
+
+def test_drift_has_to_be_surer_where_no_light_is_known_to_change() -> None:
+    def drift_t(effects: frozenset[Effect] | None) -> float:
+        return plan_frame(load_preset("gather-48"), replace(drawn(1), effects=effects), None).settings.drift_t
+
+    own = load_preset("gather-48").settings.drift_t
+    assert drift_t(None) == drift_t(OWN | {Effect.ILLUMINATION}) == drift_t(OWN | {Effect.REACTIVE}) == own
+    assert drift_t(OWN) == 2.0 * own
