@@ -9,7 +9,7 @@ import pyopencl as cl
 import pytest
 
 from cltaa.core.resolver import Resolver
-from cltaa.opencl.device import devices
+from cltaa.opencl.device import devices, is_cpu
 from cltaa.opencl.launcher import DeviceLauncher
 from tests.kernels.test_resolve import hard_frames
 from tests.numerics.test_bounds import DEFAULT, check, rows_of
@@ -20,15 +20,11 @@ ONE = "one OpenCL runtime for CPUs is installed, and all other tests run on it; 
 
 def runtimes() -> list[DeviceLauncher]:
     """The first device of each runtime for CPUs; skips where there is one runtime."""
-    cpus = [(device.platform.version, index) for index, device in enumerate(devices()) if _is_cpu(device)]
+    cpus = [(device.platform.version, index) for index, device in enumerate(devices()) if is_cpu(device)]
     first = dict(reversed(cpus))
     if len(first) < 2:
         pytest.skip(ONE)
     return [DeviceLauncher(str(index)) for index in first.values()]
-
-
-def _is_cpu(device: cl.Device) -> bool:
-    return bool(device.type & cl.device_type.CPU)
 
 
 @pytest.mark.optimised
