@@ -61,9 +61,10 @@ def cache() -> str:
 
 def devices() -> list[dict[str, object]]:
     """Return what each OpenCL device can do, in the order in which they are chosen from."""
+    from cltaa.opencl.device import chosen_shape
     from cltaa.opencl.device import devices as found
 
-    return [_facts(device) for device in found()]
+    return [_facts(device) | {"shape": ", ".join(chosen_shape(device))} for device in found()]
 
 
 def _facts(device: Any) -> dict[str, object]:

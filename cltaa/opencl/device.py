@@ -17,8 +17,9 @@ from cltaa.core.backend import DEVICE_VARIABLE, Queue
 from cltaa.core.planes import LARGE_PAGE, bytes_in_large_pages
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
 from cltaa.opencl.cache import check_cache, filling
-from cltaa.opencl.pocl_cpu_name import cpu_vendor, known_lanes, name_unknown_cpu
-from cltaa.opencl.shape import CPU_4, CPU_8, CPU_16, GPU, INTEL_16, NVIDIA, Shape
+from cltaa.opencl.kept_shape import kept_shape
+from cltaa.opencl.pocl_cpu_name import cpu_facts, cpu_vendor, known_lanes, name_unknown_cpu
+from cltaa.opencl.shape import SHAPES, Shape
 from cltaa.process import OneProcess
 
 POCL = "Portable Computing Language"  # the platform's name
@@ -26,6 +27,9 @@ POCL_VERSION = re.compile(r"PoCL (\d+)\.(\d+)")
 # What comes first among CPU devices of several platforms, in the order of docs/devices.md: what has not been measured
 # stands between Intel's runtime and Rusticl.
 PREFERENCE, UNMEASURED = {POCL: 0, "Intel(R) OpenCL": 1, "rusticl": 3}, 2
+# Of a processor, in Linux' words on x86-64 and on aarch64.
+PROCESSOR = ("cpu family", "model", "flags", "CPU part", "Features")
+MEASURED_SHAPES = (POCL, "Intel(R) OpenCL")  # on x86-64 the shapes of CPUs were measured under these
 INTEL = "GenuineIntel"  # what a processor calls its maker; a driver's vendor may be the driver's
 FILL_BYTES = 2**30
 
@@ -60,6 +64,11 @@ def _order(device: cl.Device) -> tuple[int, tuple[int, ...]]:
 def describe(device: cl.Device) -> str:
     """Name, platform and driver version in a line."""
     return f"{device.name.strip()} ({device.platform.name.strip()}, driver {device.driver_version.strip()})"
+
+
+def is_cpu(device: cl.Device) -> bool:
+    """True for a device that is the host's processor."""
+    return bool(device.type & cl.device_type.CPU)
 
 
 def choose_device(requested: str | None = None) -> cl.Device:
@@ -189,7 +198,7 @@ class Device(OneProcess):
         self._describe()
 
     def _describe(self) -> None:
-        self.is_cpu = bool(self.cl_device.type & cl.device_type.CPU)
+        self.is_cpu = is_cpu(self.cl_device)
         self.shares_memory = bool(self.cl_device.host_unified_memory)
 
     @property
@@ -200,11 +209,7 @@ class Device(OneProcess):
     @cached_property
     def shape(self) -> Shape:
         """How kernels are cut up for this device."""
-        if self.is_cpu:
-            width, known = self.cl_device.native_vector_width_float, known_lanes()
-            # Four lanes have been needed on x86-64 alone, where LLVM 14 gives up over eight without AVX.
-            return cpu_shape(max(width, 8) if known is None else min(width, known), cpu_vendor())
-        return NVIDIA if self.cl_device.platform.name == "NVIDIA CUDA" else GPU
+        return SHAPES[chosen_shape(self.cl_device)[0]]
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Memory:
         """Zeroed device memory; raises ResourceError where there is not enough."""
@@ -248,11 +253,53 @@ class Device(OneProcess):
         return filling(kernel) if self.cl_device.platform.name == POCL else nullcontext()
 
 
-def cpu_shape(width: int, vendor: str) -> Shape:
-    """How kernels are cut up for a CPU of ``vendor``, a processor's own word, whose registers hold ``width`` floats."""
+def chosen_shape(device: cl.Device) -> tuple[str, str]:
+    """The name of a device's shape, and whether it is measured (``cltaa bench devices``), built in or a guess."""
+    kept = kept_shape(measured_on(device), candidate_shapes(device))
+    return (kept, "measured") if kept else usual_shape(device)
+
+
+def usual_shape(device: cl.Device) -> tuple[str, str]:
+    """The same where nothing was measured on the device itself."""
+    runtime = device.platform.name
+    if not is_cpu(device):
+        return ("nvidia", "built in") if runtime == "NVIDIA CUDA" else ("gpu", "a guess")
+    width, known = device.native_vector_width_float, known_lanes()
+    # Four lanes have been needed on x86-64 alone, where LLVM 14 gives up over eight without AVX.
+    name = cpu_shape(max(width, 8) if known is None else min(width, known), cpu_vendor())
+    return name, "built in" if known and runtime in MEASURED_SHAPES else "a guess"
+
+
+def cpu_shape(width: int, vendor: str) -> str:
+    """The shape for a CPU of ``vendor``, a processor's own word, whose registers hold ``width`` floats."""
     if width >= 16:
-        return INTEL_16 if vendor == INTEL else CPU_16
-    return CPU_8 if width >= 8 else CPU_4
+        return "intel-16" if vendor == INTEL else "cpu-16"
+    return "cpu-8" if width >= 8 else "cpu-4"
+
+
+def candidate_shapes(device: cl.Device) -> list[str]:
+    """The shapes that are worth a measurement on a device, the quickest to build first.
+
+    Only lanes are tried on a CPU, since rows and fetching ahead make no difference that two cores show; one lane suits
+    a runtime that makes vectors of work-items. The compiler may end the process over more lanes than the CPU has.
+    """
+    usual, _ = usual_shape(device)
+    if not is_cpu(device):
+        return [usual, *(name for name in ("gpu", "gpu-long") if name != usual)]
+    most = known_lanes() or 16
+    others = [name for name in ("gpu", "cpu-4", "cpu-8", "cpu-16") if SHAPES[name].lanes <= most]
+    return [usual if SHAPES[name].lanes == SHAPES[usual].lanes else name for name in others]
+
+
+def measured_on(device: cl.Device) -> dict[str, str]:
+    """What a measured shape holds for: device, runtime and its compiler, and of a CPU what it is and can do."""
+    facts = {
+        "device": describe(device),
+        "runtime": f"{device.platform.version} {device.opencl_c_version}",
+        "units": str(device.max_compute_units),
+    }
+    told = cpu_facts() if is_cpu(device) else {}
+    return facts | {key: told[key] for key in PROCESSOR if key in told}
 
 
 @contextmanager

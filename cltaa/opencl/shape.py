@@ -69,6 +69,7 @@ CPU_4 = CPU_8._replace(lanes=4, rows=32)  # without AVX, where LLVM gives up ove
 CPU_16 = Shape(lanes=16, rows=64, group=(1, 1), columns_ahead=3, far_first=True)
 INTEL_16 = CPU_16._replace(rows=45, far_first=False)
 GPU = Shape(lanes=1, rows=8, group=(64, 2))
+GPU_LONG = Shape(lanes=1, rows=16, group=(128, 1))
 NVIDIA = Shape(
     lanes=1,
     rows=16,
@@ -81,3 +82,13 @@ NVIDIA = Shape(
     registers_for_few=72,
     most_rows=36,
 )
+
+SHAPES = {
+    "cpu-16": CPU_16,
+    "intel-16": INTEL_16,
+    "cpu-8": CPU_8,
+    "cpu-4": CPU_4,
+    "gpu": GPU,
+    "gpu-long": GPU_LONG,
+    "nvidia": NVIDIA,
+}

@@ -14,6 +14,7 @@ from cltaa import doctor, probes
 from cltaa.cli import main
 from cltaa.commands.doctor import _cell
 from cltaa.opencl import cache as kernel_cache
+from cltaa.opencl.device import choose_device, chosen_shape
 
 
 def test_the_machine_that_runs_the_tests_can_do_both(capsys: pytest.CaptureFixture[str]) -> None:
@@ -25,6 +26,7 @@ def test_the_machine_that_runs_the_tests_can_do_both(capsys: pytest.CaptureFixtu
     assert device["driver"] in found["found"]
     assert device["fp64"] is True
     assert device["compute_units"] >= 1
+    assert device["shape"] == ", ".join(chosen_shape(choose_device()))
 
 
 def test_without_a_linker_the_driver_may_abort_and_doctor_goes_on(

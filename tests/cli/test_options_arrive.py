@@ -149,6 +149,13 @@ COMMANDS = {
         },
     ),
     "bench kernels": Command("bench kernels", {"cltaa.commands.bench_times.bench_kernels": begins}),
+    "bench devices": Command(
+        "bench devices",
+        {
+            "cltaa.commands.bench_devices.bench_shapes": begins,
+            "cltaa.commands.bench_devices.forget_shapes": begins,
+        },
+    ),
     "bench files": Command(
         "bench files seq",
         {"cltaa.commands.bench_times.open_each": opened, "cltaa.commands.bench_times.bench_files": begins},
@@ -375,6 +382,10 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--storage half", "bench_kernels.storage", Storage.HALF),
         ("--rounds 7", "bench_kernels.rounds", 7),
         ("--no-oracle", "bench_kernels.oracle", False),
+    ],
+    "bench devices": [
+        ("--device 3", "bench_shapes.device", "3"),
+        ("--forget", "forget_shapes", {}),
     ],
     "bench files": [
         ("--preset basic", "bench_files.preset.name", "basic"),

@@ -49,9 +49,10 @@ def device() -> DeviceLauncher:
     return device_of(os.environ.get("PYOPENCL_BUILD_OPTIONS"))
 
 
-def rows_of(kernel: str, build: Build, side: int = 96) -> list[Row]:
-    work, shaped = chain_work(side, side), device().build(build)
-    written, bounds = run_stage(kernel, shaped, work, device()), bounds_of(kernel, shaped, work)
+def rows_of(kernel: str, build: Build, side: int = 96, on: DeviceLauncher | None = None) -> list[Row]:
+    launcher = on or device()
+    work, shaped = chain_work(side, side), launcher.build(build)
+    written, bounds = run_stage(kernel, shaped, work, launcher), bounds_of(kernel, shaped, work)
     return [row_of(output, work, written, bounds) for output in OUTPUTS if output.kernel == kernel]
 
 

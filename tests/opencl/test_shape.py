@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
+import pyopencl as cl
 import pytest
 
 from cltaa.core.build import Build, Steps, Storage, prelude
@@ -13,49 +14,73 @@ from cltaa.core.presets import load_preset
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Image
 from cltaa.lab.bench.frames import Motion, make_frames
-from cltaa.opencl.device import Device, cpu_shape
+from cltaa.opencl.device import POCL, Device, candidate_shapes, cpu_shape, usual_shape
 from cltaa.opencl.launcher import DeviceLauncher
-from cltaa.opencl.shape import CPU_4, CPU_8, CPU_16, INTEL_16, Shape
+from cltaa.opencl.shape import CPU_16, INTEL_16, Shape
 
 INTEL, AMD = "GenuineIntel", "AuthenticAMD"  # as the processor itself says
 
 
 @pytest.mark.parametrize(
     ("width", "vendor", "shape"),
-    [(16, INTEL, INTEL_16), (16, AMD, CPU_16), (8, INTEL, CPU_8), (8, AMD, CPU_8), (4, INTEL, CPU_4)],
+    [(16, INTEL, "intel-16"), (16, AMD, "cpu-16"), (8, INTEL, "cpu-8"), (8, AMD, "cpu-8"), (4, INTEL, "cpu-4")],
 )
-def test_a_cpu_gets_the_shape_of_its_vectors_and_its_maker(width: int, vendor: str, shape: Shape) -> None:
+def test_a_cpu_gets_the_shape_of_its_vectors_and_its_maker(width: int, vendor: str, shape: str) -> None:
     assert cpu_shape(width, vendor) == shape
 
 
 @pytest.mark.parametrize(
-    ("width", "known", "shape"),
-    [(16, 16, CPU_16), (16, 8, CPU_8), (8, 16, CPU_8), (8, 4, CPU_4), (16, None, CPU_16), (4, None, CPU_8)],
+    ("width", "known", "shape", "candidates"),
+    [
+        (16, 16, "cpu-16", ["gpu", "cpu-4", "cpu-8", "cpu-16"]),
+        (16, 8, "cpu-8", ["gpu", "cpu-4", "cpu-8"]),
+        (8, 16, "cpu-8", ["gpu", "cpu-4", "cpu-8", "cpu-16"]),
+        (8, 4, "cpu-4", ["gpu", "cpu-4"]),
+        (16, None, "cpu-16", ["gpu", "cpu-4", "cpu-8", "cpu-16"]),
+        (4, None, "cpu-8", ["gpu", "cpu-4", "cpu-8", "cpu-16"]),
+    ],
 )
 def test_no_more_lanes_than_the_compiler_s_target_has(
-    width: int, known: int | None, shape: Shape, monkeypatch: pytest.MonkeyPatch
+    width: int, known: int | None, shape: str, candidates: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cltaa.opencl.device.known_lanes", lambda: known)
     monkeypatch.setattr("cltaa.opencl.device.cpu_vendor", lambda: AMD)
-    assert cpu_device(native_vector_width_float=width).shape == shape
+    device = device_of(native_vector_width_float=width)
+    assert usual_shape(device) == (shape, "built in" if known else "a guess")
+    assert candidate_shapes(device) == candidates
 
 
-@pytest.mark.parametrize(("processor", "shape"), [(AMD, CPU_16), (INTEL, INTEL_16)])
+@pytest.mark.parametrize(("processor", "shape"), [(AMD, "cpu-16"), (INTEL, "intel-16")])
 @pytest.mark.parametrize("driver", ["Intel(R) Corporation", "AuthenticAMD", "The pocl project"])
 def test_the_processor_s_maker_decides_not_the_driver_s(
-    processor: str, shape: Shape, driver: str, monkeypatch: pytest.MonkeyPatch
+    processor: str, shape: str, driver: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told = f"processor\t: 0\nvendor_id\t: {processor}\n\nprocessor\t: 1\n"
     monkeypatch.setattr("cltaa.opencl.pocl_cpu_name.Path.read_text", lambda *_, **__: told)
     monkeypatch.setattr("cltaa.opencl.device.known_lanes", lambda: None)
-    assert cpu_device(native_vector_width_float=16, vendor=driver).shape == shape
+    device = device_of(native_vector_width_float=16, vendor=driver)
+    assert usual_shape(device)[0] == shape
+    assert shape in candidate_shapes(device)
 
 
-def cpu_device(**facts: object) -> Device:
-    device = Device.__new__(Device)
-    device.is_cpu = True
-    device.cl_device = cast(Any, SimpleNamespace(**facts))
-    return device
+@pytest.mark.parametrize(
+    ("runtime", "kind", "usual", "candidates"),
+    [
+        ("a new one", cl.device_type.CPU, ("cpu-8", "a guess"), ["gpu", "cpu-4", "cpu-8"]),
+        ("a new one", cl.device_type.GPU, ("gpu", "a guess"), ["gpu", "gpu-long"]),
+        ("NVIDIA CUDA", cl.device_type.GPU, ("nvidia", "built in"), ["nvidia", "gpu", "gpu-long"]),
+    ],
+)
+def test_what_was_not_measured_is_a_guess(
+    runtime: str, kind: int, usual: tuple[str, str], candidates: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cltaa.opencl.device.known_lanes", lambda: 8)
+    device = device_of(runtime, kind, native_vector_width_float=8)
+    assert (usual_shape(device), candidate_shapes(device)) == (usual, candidates)
+
+
+def device_of(runtime: str = POCL, kind: int = cl.device_type.CPU, **facts: object) -> cl.Device:
+    return cast("cl.Device", SimpleNamespace(platform=SimpleNamespace(name=runtime), type=kind, **facts))
 
 
 def resolved(shape: Shape, monkeypatch: pytest.MonkeyPatch) -> tuple[int, Image]:

@@ -1,0 +1,150 @@
+"""``cltaa bench devices``: which of a few shapes of kernels is the fastest on a device."""
+
+from __future__ import annotations
+
+import time
+
+import msgspec
+import numpy as np
+
+from cltaa.core.build import Storage
+from cltaa.core.kernel_source import code_sha256
+from cltaa.core.presets import load_preset
+from cltaa.core.resolver import Resolver
+from cltaa.errors import InternalError
+from cltaa.frame import Frame, Image
+from cltaa.io.atomic import atomic_path, make_folder
+from cltaa.lab.bench.contenders import check_same
+from cltaa.lab.bench.environment import Environment, environment, load_average
+from cltaa.lab.bench.frames import Motion, make_frames
+from cltaa.lab.timing import Clock, Interval, Job, Samples, measure, resolve_job
+from cltaa.opencl.device import candidate_shapes, choose_device, describe, is_cpu, measured_on, usual_shape
+from cltaa.opencl.kept_shape import Kept, kept_folder, kept_path
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.opencl.shape import SHAPES
+from cltaa.progress import track
+
+CPU_SIZE, GPU_SIZE = (640, 360), (1920, 1080)  # a GPU has to be filled, and a CPU is slow where lanes do not suit
+ROUNDS, WARM_UP = 9, 2  # few: a shape that does not suit takes ten times as long
+PAYS = 0.95  # of the usual shape's time, at most: docs/decisions/14 takes no trick for less
+PROOF_SIZE = 160, 90
+WILD = 0.02  # of the pixels that no renderer should write: Rusticl of Mesa 22.3 is right on all others
+LEAST_SHARE = 0.01  # of the host's time that a device's clock tells, if it runs: that of Rusticl tells nanoseconds
+PATIENCE = 60.0  # seconds of building after which no other shape is begun; a compiler may take minutes over vectors
+
+
+class ShapeRow(msgspec.Struct, frozen=True, kw_only=True):
+    """One shape: seconds of two frames, one under each kind of motion, or why it was not timed."""
+
+    shape: str
+    lanes: int
+    seconds: Interval | None = None
+    ratio: Interval | None = None  # to the usual shape, or where that was not timed to the first
+    absent: str | None = None
+
+
+class ShapesBench(msgspec.Struct, frozen=True, kw_only=True):
+    """The whole measurement, what came of it, and where that is kept."""
+
+    usual: str
+    origin: str  # of the usual one: "built in", or "a guess"
+    taken: str
+    kept: str
+    rows: list[ShapeRow]
+    environment: Environment
+
+
+def bench_shapes(device: str | None) -> ShapesBench:
+    """Time the default on ``device`` in each shape, and keep the fastest.
+
+    The usual one stays unless another is faster beyond chance, and by what pays. Raises UsageError for the NumPy
+    launcher, InternalError where no shape builds, and OutputError where nothing can be kept.
+    """
+    cl_device, before = choose_device(device), load_average()
+    (usual, origin), names, facts = usual_shape(cl_device), candidate_shapes(cl_device), measured_on(cl_device)
+    make_folder(kept_folder())
+    jobs, absent = _jobs(device, names, CPU_SIZE if is_cpu(cl_device) else GPU_SIZE)
+    base = usual if usual in jobs else next(iter(jobs))
+    samples = measure([*jobs.values()], ROUNDS, warm_up=WARM_UP, action="timing")
+    clock = clock_of(samples)
+    taken = fastest(samples, base, clock)
+    with atomic_path(kept_path(facts)) as path:
+        path.write_bytes(msgspec.json.encode(Kept(measured_on=facts, code=code_sha256(), shape=taken)))
+    return ShapesBench(
+        usual=usual,
+        origin=origin,
+        taken=taken,
+        kept=str(kept_path(facts)),
+        rows=[_row(name, base, samples, clock, absent) for name in names],
+        environment=environment(describe(cl_device), before, units=cl_device.max_compute_units),
+    )
+
+
+def forget_shapes() -> int:
+    """Remove what is kept, of every device; the number of files that there were."""
+    paths = [*kept_folder().glob("*.json")]
+    for path in paths:
+        path.unlink(missing_ok=True)
+    return len(paths)
+
+
+def clock_of(samples: Samples) -> Clock:
+    """The device's, which leaves out the way there and back, if it runs, else the host's."""
+    runs = [sample for by_round in samples.by_job.values() for sample in by_round.values()]
+    return Clock.DEVICE if all((run.device or 0.0) > LEAST_SHARE * run.wall for run in runs) else Clock.WALL
+
+
+def fastest(samples: Samples, base: str, clock: Clock) -> str:
+    """The shape that pays most over ``base``, or that."""
+    ratios = {name: samples.ratio(name, base, clock) for name in samples.by_job}
+    paying = [name for name, ratio in ratios.items() if ratio.high < 1.0 and ratio.median <= PAYS]
+    return min(paying, key=lambda name: ratios[name].median, default=base)
+
+
+def _jobs(device: str | None, names: list[str], size: tuple[int, int]) -> tuple[dict[str, Job], dict[str, str]]:
+    """A job for each shape that builds and computes what the oracle does, and why the others have none."""
+    motions, proof = [make_frames(*size, motion) for motion in Motion], wild_frames()
+    oracle = _last(Resolver(load_preset(), "numpy"), proof)
+    jobs, absent, deadline = dict[str, Job](), dict[str, str](), time.monotonic() + PATIENCE
+    for name in track(names, len(names), "building", unit="shapes"):
+        if jobs and time.monotonic() > deadline:
+            absent[name] = f"not tried: the others took more than {PATIENCE:.0f} s to build"
+            continue
+        try:
+            launcher = DeviceLauncher(device)
+            launcher.device.shape = SHAPES[name]
+            check_same(name, _last(Resolver(load_preset(), launcher), proof), oracle, Storage.FLOAT)
+            jobs[name] = _job(name, launcher, motions)
+        except InternalError as error:
+            absent[name] = str(error)
+            if name == names[-1] and not jobs:
+                raise
+    return jobs, absent
+
+
+def wild_frames() -> list[Frame]:
+    """Three small frames of which some pixels are no light, and some no distance."""
+    frames, random = make_frames(*PROOF_SIZE, Motion.TURN), np.random.default_rng(0)
+    for frame in frames:
+        for plane, values in ((frame.colour, (np.nan, np.inf, -1.0)), (frame.depth, (np.nan, 0.0))):
+            wild = random.random(plane.shape) < WILD
+            plane[wild] = random.choice(values, int(wild.sum()))
+    return frames
+
+
+def _last(resolver: Resolver, frames: list[Frame]) -> Image:
+    image = [resolver.resolve(frame) for frame in frames][-1]
+    return np.where(np.isnan(image), np.float32(np.inf), image)  # a NaN is less far from nothing than any bound
+
+
+def _job(name: str, launcher: DeviceLauncher, motions: list[list[Frame]]) -> Job:
+    each = [resolve_job(name, Resolver(load_preset(), launcher), frames)[0] for frames in motions]
+    return Job(name, lambda: sum(job.run() or 0.0 for job in each))
+
+
+def _row(name: str, base: str, samples: Samples, clock: Clock, absent: dict[str, str]) -> ShapeRow:
+    lanes = SHAPES[name].lanes
+    if name in absent:
+        return ShapeRow(shape=name, lanes=lanes, absent=absent[name])
+    seconds, ratio = samples.interval(name, clock), samples.ratio(name, base, clock)
+    return ShapeRow(shape=name, lanes=lanes, seconds=seconds, ratio=ratio)
