@@ -184,7 +184,6 @@ CASES: list[tuple[str, int, str]] = [
     ("bench kernels --size 4x4", WRONG, "too small to compare images in"),
     ("bench kernels --rounds 1", USAGE, "x>=3"),
     ("bench kernels --device numpy", WRONG, "bench kernels times OpenCL kernels"),
-    ("bench accuracy seq -o out --task 9999", WRONG, "--task: no such task"),
     ("bench overview seq -o out", MISSING, "not a report"),
     ("tune seq -o out.toml", WRONG, "one of --budget and --target is needed"),
     ("tune seq -o out.toml --target flip", WRONG, "no goal (expected --budget 5ms, or --target flip=0.02"),

@@ -83,7 +83,6 @@ class Accuracy(msgspec.Struct, frozen=True, kw_only=True):
     rounds: int
     variants: list[Variant]
     sequences: list[MeasuredSequence]
-    missing: list[str] = []  # sequences that a limit of time left out
 
 
 def exponential_noise(one_sample: float, weight: float) -> float:
