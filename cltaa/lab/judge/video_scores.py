@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.errors import import_extra
 from cltaa.frame import Frame, Image
 from cltaa.io.display import to_display
 from cltaa.lab.judge.correspondence import Correspondence, Mask, correspondence
@@ -220,14 +218,16 @@ class _Path:
     def __init__(self, found: Correspondence, steady: Mask) -> None:
         moving = steady & (found.motion != 0).any(-1)
         self._stayed, self._moved = np.flatnonzero(steady & ~moving), np.flatnonzero(moving)
-        self._sampler = CubicSampler(steady.shape[0], steady.shape[1], found.x[moving] - 0.5, found.y[moving] - 0.5)
+        self._places = found.y[moving] - 0.5, found.x[moving] - 0.5
 
     def flicker(self, error: Array, before: Array) -> Sums:
         """Change of the error along the motion: what the test changed and the truth did not."""
         pixels, earlier = (image.reshape(-1, image.shape[-1]) for image in (error, before))
         changes = [pixels[self._stayed] - earlier[self._stayed]]
         if self._moved.size:
-            changes.append(pixels[self._moved] - self._sampler(before))
+            planes = np.moveaxis(before, -1, 0)  # by interpolating cubic B-splines, edges repeated
+            there = [import_ndimage().map_coordinates(plane, self._places, order=3, mode="nearest") for plane in planes]
+            changes.append(pixels[self._moved] - np.stack(there, axis=-1))
         return Sums(
             flicker_square=math.fsum(float((change**2).sum()) for change in changes),
             flicker_count=sum(change.size for change in changes),
@@ -238,50 +238,3 @@ def _grown(mask: Mask) -> Mask:
     """The mask and every pixel whose fine detail reaches into it."""
     grown: Mask = import_ndimage().maximum_filter(mask, 2 * REACH + 1)
     return grown
-
-
-MARGIN = 12  # texels repeated around an image, as scipy's own: coefficients feel an edge by 0.27 to this power, 1e-7
-OUTSIDE = 8  # texels outside the image; beyond, all is edge
-
-
-class CubicSampler:
-    """Samples images [H, W, C] of one size at ``n`` fixed places: ``x``, ``y`` in texels, centres at whole numbers.
-
-    By interpolating cubic B-splines (Unser 1999, "Splines: a perfect fit for signal and image processing"), as
-    ``scipy.ndimage.map_coordinates`` does, but faster: the sixteen weights a place are worked out once and are a row of
-    a sparse matrix; an image then costs its spline coefficients and a product.
-
-    Around the image its edge is repeated. Raises UsageError without scipy.
-    """
-
-    def __init__(self, height: int, width: int, x: Array, y: Array) -> None:
-        sparse = import_extra("scipy.sparse", package="scipy", extra="metrics", purpose="judging a sequence in time")
-        row, down = _taps(np.clip(y, -OUTSIDE, height - 1 + OUTSIDE))
-        column, across = _taps(np.clip(x, -OUTSIDE, width - 1 + OUTSIDE))
-        stride = width + 2 * MARGIN
-        places = row[:, :, None] * stride + column[:, None, :]
-        weights = down[:, :, None] * across[:, None, :]
-        starts = np.arange(0, weights.size + 1, 16, dtype=np.int32)
-        shape = (len(x), (height + 2 * MARGIN) * stride)
-        self._matrix: Any = sparse.csr_matrix((weights.ravel(), places.ravel(), starts), shape=shape)
-
-    def __call__(self, image: Array) -> Array:
-        """The values of ``image`` [H, W, C] at the places, [n, C]."""
-        return np.stack([self._matrix @ _coefficients(plane) for plane in np.moveaxis(image, -1, 0)], axis=-1)
-
-
-def _coefficients(plane: Array) -> Array:
-    """Spline coefficients of a plane [H, W] and of a margin around it, flat."""
-    padded = np.pad(plane, MARGIN, mode="edge")
-    flat: Array = import_ndimage().spline_filter(padded, 3, mode="nearest").ravel()
-    return flat
-
-
-def _taps(place: Array) -> tuple[NDArray[np.int32], Array]:
-    """Along one axis: the four coefficients that count at each place, counted in the margin too, and their weights."""
-    whole = np.floor(place)
-    t = place - whole
-    first = whole.astype(np.int32)[:, None] + np.int32(MARGIN - 1)
-    weights = np.stack([(1 - t) ** 3, 4 - 6 * t**2 + 3 * t**3, 1 + 3 * t + 3 * t**2 - 3 * t**3, t**3], axis=-1) / 6
-    taps: NDArray[np.int32] = first + np.arange(4, dtype=np.int32)[None, :]
-    return taps, weights
