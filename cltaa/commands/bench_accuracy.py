@@ -11,7 +11,6 @@ from rich.table import Table
 from cltaa.commands.options import (
     FILE_PATH,
     FOLDER,
-    METRIC_LIST,
     NAMES,
     PRESET,
     device_option,
@@ -53,7 +52,6 @@ from cltaa.printable import counted, json_of, printable, shown
 @click.option("--full", is_flag=True, help="Also every combination of the choices that cost time, for the front.")
 @click.option(
     "--metrics",
-    type=METRIC_LIST,
     default="mse,flip",
     show_default=True,
     metavar="LIST",

@@ -12,12 +12,11 @@ from rich.box import SIMPLE
 from rich.table import Table as Grid
 
 from cltaa.commands.options import (
-    ALL_SCENES,
     FILE_PATH,
     FOLDER,
     FROM_0,
     PRESET,
-    SCENES,
+    SCENE,
     SIZE,
     device_option,
     json_option,
@@ -69,13 +68,15 @@ from cltaa.lab.bench.quality.pictures import write_pictures
 from cltaa.lab.judge.metrics import METRICS, versions_of
 from cltaa.printable import json_of, printable, shown
 
+ALL_SCENES = "all"  # of cltaa scenes
+
 
 @click.command("quality")
 @click.option(
     "--scene",
     "scenes",
     multiple=True,
-    type=SCENES,
+    type=SCENE,
     metavar="NAME",
     help="Scene, file:PATH, or all (of cltaa scenes); repeatable.  [default: all]",
 )

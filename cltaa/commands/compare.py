@@ -13,7 +13,6 @@ from rich.table import Table
 from cltaa.commands.compare_table import Values, compare_table, head, sample_cell, value_cells, video_cells
 from cltaa.commands.options import (
     FILE_PATH,
-    METRIC_LIST,
     SOME_FRAMES,
     STOPS,
     input_options,
@@ -126,7 +125,6 @@ def print_several(results: Sequence[dict[str, Any]], metrics: tuple[Metric, ...]
 @click.option(
     "--metrics",
     "metric_names",
-    type=METRIC_LIST,
     default=",".join(DEFAULT_METRICS),
     show_default=True,
     metavar="LIST",

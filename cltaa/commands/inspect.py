@@ -13,8 +13,6 @@ from click.core import ParameterSource
 from rich.table import Table
 
 from cltaa.commands.options import (
-    ASSIGNMENT,
-    EFFECT_LIST,
     FILE_PATH,
     LAYERS,
     PRESET,
@@ -115,7 +113,6 @@ OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_row
 @click.option("--device", metavar="NAME", help="With --plan: where; its index or a part of its name.")
 @click.option(
     "--effects",
-    type=EFFECT_LIST,
     metavar="LIST",
     default="auto",
     show_default=True,
@@ -125,7 +122,6 @@ OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_row
 @click.option(
     "--set",
     "changes",
-    type=ASSIGNMENT,
     multiple=True,
     metavar="KEY=VALUE",
     help="With --plan: one parameter; may be repeated.",

@@ -8,14 +8,12 @@ from typing import Any
 import click
 
 from cltaa.commands.options import (
-    ASSIGNMENT,
     FILE_PATH,
     LAYERS,
     MILLISECONDS,
     PRESET,
     SECONDS,
     SOME_FRAMES,
-    VIEW_LIST,
     assigned,
     chosen_effects,
     effects_option,
@@ -55,9 +53,7 @@ from cltaa.process import stop_signals
     "--preset", type=PRESET, default="default", show_default=True, help="Named settings; list them with: cltaa presets"
 )
 @click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
-@click.option(
-    "--set", "changes", type=ASSIGNMENT, multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated."
-)
+@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated.")
 @click.option(
     "--look-ahead",
     type=click.IntRange(min=0),
@@ -164,7 +160,6 @@ from cltaa.process import stop_signals
 @click.option(
     "--debug",
     "views",
-    type=VIEW_LIST,
     default="",
     metavar="LIST",
     help=f"Also show what was decided at each pixel, as EXR layers and PNGs: {', '.join(View)}.",
