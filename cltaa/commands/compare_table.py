@@ -173,8 +173,7 @@ MAGNIFIED = 2  # times in a film, each pixel as a square
 
 def write_film(path: Path, one: Round, stops: float) -> None:
     """Write the entries of a sequence and its truth side by side as an MP4, magnified without a filter."""
-    from cltaa.io.display import to_picture
-    from cltaa.io.png import beside
+    from cltaa.io.display import beside, to_picture
 
     first = one.comparisons[0]
     names = [*(entry.name for entry in one.entries), "truth"]

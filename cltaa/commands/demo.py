@@ -15,7 +15,7 @@ from cltaa.commands.printing import answer, print_line, print_table
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Image
-from cltaa.io.png import side_by_side, write_image_png, write_png
+from cltaa.io.display import side_by_side, write_image_png, write_png
 from cltaa.io.sequence import ImageSequence, open_images, open_sequence
 from cltaa.io.video import import_av, write_side_by_side
 from cltaa.lab.judge.equal_quality import equal_quality_samples

@@ -31,7 +31,7 @@ def measure_map(
 
     FLIP is slow, so it is not worked out twice. Raises as ``measure`` does.
     """
-    from cltaa.io.png import error_map
+    from cltaa.io.display import error_map
 
     metrics = tuple(metrics)
     others = [metric for metric in metrics if metric.name != "flip"]
@@ -45,7 +45,7 @@ def measure_map(
 
 def write_map(folder: Path, path: Path, errors: Image) -> None:
     """Write the error map [H, W] of the image at ``path`` under its name; raises OutputError and StorageError."""
-    from cltaa.io.png import heat, write_png
+    from cltaa.io.display import heat, write_png
 
     write_png(folder / f"{path.stem}.png", heat(errors))
 

@@ -20,8 +20,7 @@ from cltaa.camera import inverse_depth
 from cltaa.errors import DataError, InputMissing
 from cltaa.frame import Frame, Image
 from cltaa.io.atomic import atomic_path
-from cltaa.io.display import to_picture
-from cltaa.io.png import heat
+from cltaa.io.display import heat, to_picture
 from cltaa.lab.bench.accuracy.figures import table, write_plots
 from cltaa.lab.bench.accuracy.results import Accuracy
 from cltaa.lab.bench.accuracy.tasks import load

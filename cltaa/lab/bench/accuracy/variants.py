@@ -28,8 +28,7 @@ from cltaa.core.planes import Layout
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Frame, Image
 from cltaa.inputs.open import DEFAULT_READING, Reading
-from cltaa.io.display import Picture, to_picture
-from cltaa.io.png import heat
+from cltaa.io.display import Picture, heat, to_picture
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.bench.accuracy.ladder import Variant
 from cltaa.lab.bench.contenders import least_bytes
