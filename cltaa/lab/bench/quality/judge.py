@@ -26,7 +26,6 @@ from cltaa.io.streams import read_ahead
 from cltaa.lab.bench.quality.cases import redrawn_of
 from cltaa.lab.judge.comparison import content_sha256, truth_of, truth_samples
 from cltaa.lab.judge.correspondence import Mask
-from cltaa.lab.judge.detail import import_ndimage
 from cltaa.lab.judge.equal_quality import equal_quality_samples
 from cltaa.lab.judge.metrics import (
     display_flip,
@@ -37,7 +36,7 @@ from cltaa.lab.judge.metrics import (
     named_metrics,
     psnr,
 )
-from cltaa.lab.judge.video_scores import SCORES, Sums, VideoScores
+from cltaa.lab.judge.video_scores import SCORES, Sums, VideoScores, import_ndimage
 from cltaa.progress import track
 
 Item = TypeVar("Item")

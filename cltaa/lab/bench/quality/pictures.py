@@ -19,8 +19,7 @@ from cltaa.io.display import GAP, Picture, error_map, label, to_picture, write_p
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.bench.quality.judge import ONE_SAMPLE, in_step
 from cltaa.lab.bench.quality.page import DEFAULT, Row, Table
-from cltaa.lab.judge.detail import import_ndimage
-from cltaa.lab.judge.video_scores import SCORES
+from cltaa.lab.judge.video_scores import SCORES, import_ndimage
 from cltaa.progress import track
 
 SHARE = 4  # the crop's side is this part of the image's height
