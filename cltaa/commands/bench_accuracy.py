@@ -17,13 +17,13 @@ from cltaa.commands.options import (
     json_option,
     measured_options,
     open_each,
+    preset_of,
 )
 from cltaa.commands.printing import print_line, print_table, three_digits
 from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.errors import UsageError, known
 from cltaa.inputs.open import Reading
 from cltaa.io.atomic import make_folder
-from cltaa.io.preset_file import preset_of
 from cltaa.lab.bench.accuracy.budget import remember
 from cltaa.lab.bench.accuracy.figures import import_pyplot
 from cltaa.lab.bench.accuracy.ladder import Variant, ladder

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -20,12 +20,13 @@ from cltaa.commands.options import (
     SIZE,
     device_option,
     json_option,
+    load_config,
     measured_options,
     open_each,
 )
 from cltaa.commands.printing import print_line, print_table
 from cltaa.core.backend import Launcher, launcher_for
-from cltaa.core.presets import Preset
+from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.errors import UsageError
 from cltaa.inputs.open import DEFAULT_READING, Reading
 from cltaa.io.sequence import FrameSequence
@@ -38,7 +39,6 @@ from cltaa.lab.bench.quality.cases import (
     by_name,
     capture,
     check_scenes,
-    chosen_presets,
     known_scenes,
     open_case,
     planned,
@@ -212,6 +212,19 @@ def quality(
         _print(table)
         if pictures is not None:
             _print_captions(texts, pictures)
+
+
+def chosen_presets(names: Sequence[str], configs: Sequence[Path]) -> list[Preset]:
+    """The presets of these names and those of TOML files, each called as its file is; without either all of cltaa's.
+
+    A file begins with the default unless it names another preset, and says in its description over which it is.
+    Raises UsageError for two files of one name, and what ``load_preset`` and ``load_config`` raise.
+    """
+    chosen = [load_preset(name) for name in dict.fromkeys(names) or (() if configs else preset_names())]
+    for name, path in by_name(configs, "presets").items():
+        over = load_config(path, load_preset())
+        chosen.append(msgspec.structs.replace(over, name=name, description=over.name))
+    return chosen
 
 
 def _opened(folders: tuple[Path, ...], settled: int, reading: Reading) -> dict[str, FrameSequence]:

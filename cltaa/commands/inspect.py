@@ -21,6 +21,7 @@ from cltaa.commands.options import (
     input_options,
     json_option,
     one_sequence,
+    preset_of,
     storage_option,
 )
 from cltaa.commands.printing import Console, answer, figures, print_line, print_table
@@ -31,7 +32,6 @@ from cltaa.inputs.found import Found
 from cltaa.inputs.open import is_own, open_input
 from cltaa.io.names import selection_of
 from cltaa.io.pixel_statistics import ChannelStatistics
-from cltaa.io.preset_file import preset_of
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.inspect.description import Description, describe_input
 from cltaa.lab.inspect.findings import Inspection, inspect_folder

@@ -70,6 +70,7 @@ KERNEL, SCENE = _Name(_kernels), _Name(_scenes)
 
 
 Command = Callable[..., Any]
+LARGEST_CONFIG = 1 << 16  # bytes; every parameter with a comment takes a few thousand
 DIGITS = "[0-9]{1,20}"  # of a whole number: Python refuses to read one of thousands
 
 
@@ -334,6 +335,23 @@ def chosen_effects(text: str) -> Asked:
         if name and current(name, EFFECTS, frozenset(Effect), "effect") not in [*Effect]:
             raise UsageError(f"--effects: unknown effect {name}", cure=known(name, [*ASKED, *Effect], "effects"))
     return parse_effects(text)
+
+
+def load_config(path: Path, base: Preset) -> Preset:
+    """``base`` with the keys of a TOML file over it, and so named; its optional key ``preset`` names another base."""
+    from cltaa.core.presets import parse_preset
+    from cltaa.io.content import read_text
+
+    parsed = parse_preset(read_text(path, "a TOML file", LARGEST_CONFIG), str(path), base)
+    return msgspec.structs.replace(parsed, name=f"{path.name} over {parsed.name}")
+
+
+def preset_of(name: str, config: Path | None) -> Preset:
+    """The preset of that name, with a TOML file over it where one is given; raises what reading either raises."""
+    from cltaa.core.presets import load_preset
+
+    preset = load_preset(name)
+    return preset if config is None else load_config(config, preset)
 
 
 def assigned(preset: Preset, assignments: tuple[str, ...], option: str = "--set") -> Preset:

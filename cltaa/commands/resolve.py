@@ -21,6 +21,7 @@ from cltaa.commands.options import (
     input_options,
     json_option,
     one_sequence,
+    preset_of,
     storage_option,
     verify_option,
 )
@@ -32,7 +33,6 @@ from cltaa.core.presets import Preset
 from cltaa.errors import UsageError
 from cltaa.inputs.open import open_input
 from cltaa.io.numbered import OnBreak
-from cltaa.io.preset_file import preset_of
 from cltaa.io.sequence import FrameSequence
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY
 from cltaa.pipeline.denoise import DENOISERS
