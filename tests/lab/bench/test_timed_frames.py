@@ -9,7 +9,7 @@ import pytest
 
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
-from cltaa.lab.bench.accuracy.variants import enlarged
+from cltaa.lab.bench.accuracy.measurement import enlarged
 from cltaa.lab.timing import resolve_job
 from tests.kernels.test_resolve import hard_frames
 from tests.sequence_factory import bits, make_frame

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cltaa.lab.bench.accuracy.variants import CONTROL, ranking
+from cltaa.lab.bench.accuracy.measurement import CONTROL, ranking
 from cltaa.lab.timing import (
     FEWEST_RUNS,
     MOST_RUNS,

@@ -17,7 +17,7 @@ from cltaa.io.exr_write import write_frame
 from cltaa.io.sequence import open_sequence
 from cltaa.lab.bench.accuracy.ladder import ladder
 from cltaa.lab.bench.accuracy.measurement import tasks_of
-from cltaa.lab.bench.accuracy.variants import Task, run_task
+from cltaa.lab.bench.accuracy.tasks import Task, run_task
 from cltaa.lab.timing import timed_frames, timed_numbers
 from tests.sequence_factory import make_frame, write_images, write_sequence
 

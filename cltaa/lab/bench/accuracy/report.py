@@ -23,8 +23,7 @@ from cltaa.io.atomic import atomic_path
 from cltaa.io.display import heat, to_picture
 from cltaa.lab.bench.accuracy.figures import table, write_plots
 from cltaa.lab.bench.accuracy.results import Accuracy
-from cltaa.lab.bench.accuracy.tasks import load
-from cltaa.lab.bench.accuracy.variants import COUNT_WHITE, Task, png
+from cltaa.lab.bench.accuracy.tasks import COUNT_WHITE, Task, load, png
 from cltaa.lab.judge.comparison import truth_of
 from cltaa.lab.judge.metrics import METRICS
 from cltaa.printable import counted

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from cltaa.lab.bench.accuracy.ladder import Variant
-from cltaa.lab.bench.accuracy.variants import Rounding
+from cltaa.lab.bench.accuracy.tasks import Rounding
 from cltaa.lab.bench.environment import Environment
 from cltaa.lab.judge.metrics import mean
 from cltaa.lab.timing import Clock, Interval
