@@ -18,7 +18,7 @@ from cltaa.printable import counted, json_of, printable
 from cltaa.progress import shown_progress
 from cltaa_capture.jitter import USUAL
 from cltaa_capture.osmesa import BACKENDS
-from cltaa_datasets.models import MOTIONS
+from cltaa_datasets import MOTIONS
 
 if TYPE_CHECKING:
     from cltaa_capture.sequence import Captured, Request
@@ -107,8 +107,7 @@ def _print_explanation(
     **_: Any,
 ) -> None:
     """On standard output where it is what was asked for, ``alone``; beside a capture, as JSON too, on the other."""
-    from cltaa_capture.costs import measure_costs
-    from cltaa_capture.explain import ALWAYS, explain
+    from cltaa_capture.explain import ALWAYS, explain, measure_costs
     from cltaa_datasets.scenes import build_scene
 
     built = build_scene(scene, seed, motion)

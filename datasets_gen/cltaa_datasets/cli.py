@@ -9,7 +9,7 @@ from cltaa.commands.options import json_option
 from cltaa.commands.printing import Console
 from cltaa.frame import format_effects
 from cltaa.printable import json_of
-from cltaa_datasets.models import FORMATS, MOTIONS
+from cltaa_datasets import FORMATS, MOTIONS
 
 
 @click.command()

@@ -173,7 +173,7 @@ COMMANDS = {
     "capture": Command(
         "capture spinner -o out",
         {
-            "cltaa_capture.costs.measure_costs": begins,
+            "cltaa_capture.explain.measure_costs": begins,
             "cltaa_capture.sequence.capture_sequence": begins,  # first: it keeps the build_scene of then
             "cltaa_datasets.scenes.build_scene": lambda *_: "scene",
         },

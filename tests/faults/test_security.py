@@ -24,8 +24,8 @@ from cltaa.io.exr_write import write_image
 from cltaa.io.manifest import LARGEST_RECORD
 from cltaa.io.sequence import open_sequence
 from cltaa.printable import printable
+from cltaa_datasets import FORMATS
 from cltaa_datasets.gltf_file import GltfFile
-from cltaa_datasets.models import FORMATS
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_sequence
 from tests.test_architecture import imported, sources
 
