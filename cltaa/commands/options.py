@@ -203,7 +203,7 @@ class _WholeNumbers(_Tuple):
 
 FILE_PATH, FOLDER = _FilePath(path_type=Path), _Folder(path_type=Path)
 SIZE, FRAME_RANGE, SOME_FRAMES, NAMES, LAYERS = _Size(), _FrameRange(), _SomeFrames(), _Names(), _Layers()
-FROM_0, FROM_1, FROM_2 = (_WholeNumbers(least) for least in range(3))  # lists of whole numbers
+FROM_0, FROM_2 = _WholeNumbers(0), _WholeNumbers(2)  # lists of whole numbers
 MILLISECONDS, SECONDS = (_Number(unit, min=0.0, min_open=True) for unit in ("ms", "s"))
 STOPS = _Number(min=-EXPOSURE_STOPS, max=EXPOSURE_STOPS)
 

@@ -369,8 +369,6 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
     "bench files": [
         ("--preset basic", "bench_files.preset.name", "basic"),
         ("--device 3", "bench_files.device", "3"),
-        ("--compressions rle", "bench_files.codecs", ("rle",)),
-        ("--threads 3", "bench_files.threads", (3,)),
         ("--commands rle:half", "bench_files.commands", [("rle", True)]),
         ("--rounds 7", "bench_files.rounds", 7),
         *frames_that_are_read("open_each"),

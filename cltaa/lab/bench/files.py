@@ -1,11 +1,10 @@
-"""``cltaa bench files``: what packing and unpacking cost, and how far ``cltaa resolve`` hides stages behind others."""
+"""``cltaa bench files``: how far ``cltaa resolve`` hides reading, resolving and writing behind each other."""
 
 from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,34 +18,18 @@ from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
 from cltaa.io.atomic import make_folder
 from cltaa.io.exr_frame import Pixels
-from cltaa.io.exr_read import read_image
-from cltaa.io.exr_write import write_image
-from cltaa.io.openexr import OpenEXR
 from cltaa.io.sequence import FrameSequence
 from cltaa.io.streams import ReadAhead, Writer
 from cltaa.lab.bench.environment import Environment, environment, load_average
-from cltaa.lab.timing import Interval, Job, interval, measure
+from cltaa.lab.timing import Interval, interval
 from cltaa.pipeline.output import OutputFolder, Source, Written, image_channels, reads
 from cltaa.pipeline.run import resolve_sequence
 from cltaa.process import CORES
 from cltaa.progress import track
 
-# Those that lose nothing and that most programs read; zstd is new.
-CODECS = ("none", "rle", "zips", "zip", "piz", "zstd")
 HELD = 3  # frames in memory while a stage is timed alone
 NO_HASH = "0" * 64
 ALONE, WHOLE = "alone", "whole"  # folders of what is written
-
-
-class Packing(msgspec.Struct, frozen=True, kw_only=True):
-    """One way to write a resolved image. Milliseconds."""
-
-    codec: str
-    half: bool
-    threads: int
-    write: Interval
-    read: Interval
-    megabytes: float
 
 
 class Stages(msgspec.Struct, frozen=True, kw_only=True):
@@ -75,7 +58,6 @@ class FilesBench(msgspec.Struct, frozen=True, kw_only=True):
     frames: int
     rounds: int
     environment: Environment
-    packings: list[Packing]
     stages: list[Stages]
 
 
@@ -84,26 +66,12 @@ def bench_files(
     preset: Preset,
     device: str | None,
     *,
-    codecs: Sequence[str] = CODECS,
-    threads: Sequence[int] = (),
     commands: Sequence[tuple[str, bool]] = (("zip", False),),
     rounds: int = 5,
 ) -> FilesBench:
-    """Time writing and reading a resolved frame of ``sequence`` in every codec, and the command with its stages.
-
-    ``threads`` are OpenEXR's, none: as many as it has now. ``commands`` are codecs with whether to write halves.
-    """
+    """Time the command over ``sequence`` beside its stages; ``commands`` are codecs with whether to write halves."""
     before, resolver = load_average(), Resolver(preset, device)
-    channels = image_channels(resolver.resolve(sequence.frame(sequence.first)))
-    resolver.reset()
-    counts = threads or (OpenEXR.global_thread_count(),)
     with TemporaryDirectory() as folder, pooled_memory():
-        packings = [
-            packing
-            for half in (False, True)
-            if codecs
-            for packing in _packings(Path(folder), _as_half(channels, half), codecs, counts, rounds)
-        ]
         stages = [_stages(Path(folder), sequence, resolver, codec, half, rounds) for codec, half in commands]
     return FilesBench(
         width=sequence.width,
@@ -111,52 +79,8 @@ def bench_files(
         frames=len(sequence),
         rounds=rounds,
         environment=environment(resolver.launcher.description, before),
-        packings=packings,
         stages=stages,
     )
-
-
-def _as_half(channels: dict[str, Pixels], half: bool) -> dict[str, Pixels]:
-    return {name: pixels.astype("float16") if half else pixels for name, pixels in channels.items()}
-
-
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    """OpenEXR with ``count`` threads of its own."""
-    before = OpenEXR.global_thread_count()
-    OpenEXR.set_global_thread_count(count)
-    try:
-        yield
-    finally:
-        OpenEXR.set_global_thread_count(before)
-
-
-def _packings(
-    folder: Path, channels: dict[str, Pixels], codecs: Sequence[str], threads: Sequence[int], rounds: int
-) -> Iterator[Packing]:
-    half = channels["R"].dtype == "float16"
-    for count in threads:
-        with _threads(count):
-            jobs = []
-            for codec in codecs:
-                path = folder / f"{codec}.exr"
-                jobs.append(Job(f"write {codec}", partial(write_image, path, channels, compression=codec)))
-                jobs[-1].run()
-                jobs.append(Job(f"read {codec}", partial(_read, path)))
-            samples = measure(jobs, rounds, warm_up=1, action="timing")
-            for codec in codecs:
-                yield Packing(
-                    codec=codec,
-                    half=half,
-                    threads=count,
-                    write=samples.interval(f"write {codec}").times(1e3),
-                    read=samples.interval(f"read {codec}").times(1e3),
-                    megabytes=(folder / f"{codec}.exr").stat().st_size * 1e-6,
-                )
-
-
-def _read(path: Path) -> None:
-    read_image(path)
 
 
 def _stages(folder: Path, sequence: FrameSequence, resolver: Resolver, codec: str, half: bool, rounds: int) -> Stages:
