@@ -49,7 +49,6 @@ from cltaa.printable import counted, json_of, printable, shown
     help="Only these groups of variants, comma-separated, beside the default.",
 )
 @click.option("--variant", "named", multiple=True, metavar="NAME", help="Only these variants, beside those of --only.")
-@click.option("--full", is_flag=True, help="Also every combination of the choices that cost time, for the front.")
 @click.option(
     "--metrics",
     default="mse,flip",
@@ -100,7 +99,6 @@ def accuracy(
     config: Path | None,
     only: tuple[str, ...],
     named: tuple[str, ...],
-    full: bool,
     metrics: str,
     rounding_frames: int,
     rounds: int,
@@ -121,7 +119,7 @@ def accuracy(
     Timing is always done here, by this process, in shuffled rounds, after all errors.
     """
     names = tuple(metric.name for metric in parse_metrics(metrics))
-    variants = chosen_variants(preset_of(preset, config), only, named, full=full)
+    variants = chosen_variants(preset_of(preset, config), only, named)
     tasks = tasks_of(sequences, variants, device, names, rounding_frames, reading)
     make_folder(output)
     import_pyplot()  # this and what is read how are told before the work, not after it
@@ -145,9 +143,9 @@ def accuracy(
         click.echo(f"look at {printable(output / 'index.html')}")
 
 
-def chosen_variants(preset: Preset, groups: Sequence[str], named: Sequence[str] = (), *, full: bool) -> list[Variant]:
+def chosen_variants(preset: Preset, groups: Sequence[str], named: Sequence[str] = ()) -> list[Variant]:
     """The ladder from that preset, or the named groups and variants of it; raises UsageError for one that is not."""
-    every = ladder(preset, [load_preset(name) for name in preset_names()], full=full)
+    every = ladder(preset, [load_preset(name) for name in preset_names()])
     if not groups and not named:
         return every
     kinds, names = {variant.group for variant in every}, {variant.name for variant in every}

@@ -317,7 +317,6 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--config config.toml", f"chosen_variants.{CHANGED}", 0.375),
         ("--only build", "chosen_variants.groups", ("build",)),
         ("--variant one", "chosen_variants.named", ("one",)),
-        ("--full", "chosen_variants.full", True),
         ("--metrics psnr", "tasks_of.metrics", ("psnr",)),
         ("--rounding-frames 7", "tasks_of.rounding", 7),
         ("--rounds 7", "bench_accuracy.rounds", 7),

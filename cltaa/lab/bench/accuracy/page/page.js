@@ -256,7 +256,7 @@ function barOf(ratio, span, uncertain, better = ratio < 1) {
 }
 function drawSteps() {
   const measured = current(), base = measured.cells[0], host = $("steps"), rows = [];
-  const cells = measured.cells.slice(1).filter((c) => groups[c.variant] !== "combination" && errorOf(c) && errorOf(base));
+  const cells = measured.cells.slice(1).filter((c) => errorOf(c) && errorOf(base));
   host.parentElement.hidden = !cells.length;
   const ratios = cells.map((c) => [errorOf(c).mean / errorOf(base).mean, c.ratio.median]);
   const span = [0, 1].map((i) => Math.max(0.1, ...ratios.map((r) => Math.abs(Math.log2(r[i]))).filter(Number.isFinite)));
