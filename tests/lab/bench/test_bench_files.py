@@ -35,12 +35,16 @@ def test_nothing_is_deleted_within_a_time(tmp_path: Path, monkeypatch: pytest.Mo
     assert deleted == []
 
 
-@pytest.mark.parametrize("commands", ["zip:full", "b44", ""])
+@pytest.mark.parametrize(
+    ("commands", "said"),
+    [("zip:full", "--commands: no compression"), ("b44", "unknown or lossy compression"), ("", "nothing to time")],
+)
 def test_nonsense_is_refused_before_anything_is_timed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, commands: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], commands: str, said: str
 ) -> None:
     monkeypatch.setattr("cltaa.commands.bench_times.bench_files", lambda *_, **__: pytest.fail("it timed"))
     assert main(["bench", "files", str(write_sequence(tmp_path, 1)), "--commands", commands]) == 64
+    assert said in capsys.readouterr().err
 
 
 def test_files_of_other_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
