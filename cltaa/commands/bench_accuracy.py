@@ -24,7 +24,6 @@ from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.errors import UsageError, known
 from cltaa.inputs.open import Reading
 from cltaa.io.atomic import make_folder
-from cltaa.lab.bench.accuracy.budget import remember
 from cltaa.lab.bench.accuracy.figures import import_pyplot
 from cltaa.lab.bench.accuracy.ladder import Variant, ladder
 from cltaa.lab.bench.accuracy.measurement import bench_accuracy, cost, tasks_of
@@ -134,8 +133,6 @@ def accuracy(
         dask=dask,
     )
     write_report(result, output, pictured, {"index.html": page(result, tasks, output, pictured)})
-    if why := remember(result):
-        click.echo(f"not kept for resolve --budget-ms: {printable(why)}", err=True)
     if as_json:
         click.echo(json_of(result))
     else:

@@ -103,7 +103,7 @@ def one_sequence(ctx: click.Context, first: Path, hint: str = "") -> Named:
 
 
 class _Number(click.FloatRange):
-    """A number with its unit, as ``cltaa tune --budget`` has it, or without; neither without end nor NaN."""
+    """A number with its unit or without; neither without end nor NaN."""
 
     def __init__(self, unit: str = "", **limits: Any) -> None:
         super().__init__(**limits)
@@ -204,7 +204,7 @@ class _WholeNumbers(_Tuple):
 FILE_PATH, FOLDER = _FilePath(path_type=Path), _Folder(path_type=Path)
 SIZE, FRAME_RANGE, SOME_FRAMES, NAMES, LAYERS = _Size(), _FrameRange(), _SomeFrames(), _Names(), _Layers()
 FROM_0, FROM_2 = _WholeNumbers(0), _WholeNumbers(2)  # lists of whole numbers
-MILLISECONDS, SECONDS = (_Number(unit, min=0.0, min_open=True) for unit in ("ms", "s"))
+SECONDS = _Number("s", min=0.0, min_open=True)
 STOPS = _Number(min=-EXPOSURE_STOPS, max=EXPOSURE_STOPS)
 
 verify_option = click.option(

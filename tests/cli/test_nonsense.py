@@ -53,7 +53,6 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq -o file.txt", OUTPUT, "file.txt: the folder cannot be created"),
     ("resolve seq -o file.txt/x", OUTPUT, "file.txt/x: the folder cannot be created"),
     ("resolve seq -o /proc/x", OUTPUT, "/proc/x: the folder cannot be created"),
-    ("resolve seq -o out --budget-ms 5m", USAGE, "'5m' is not a valid float range"),
     ("resolve seq -o out --device 99", WRONG, "no OpenCL device matches 99"),
     ("resolve seq -o out --config nowhere.toml", MISSING, "nowhere.toml: the file is missing"),
     ("resolve seq -o out --config file.txt", DATA, "file.txt: not TOML"),
@@ -171,7 +170,6 @@ CASES: list[tuple[str, int, str]] = [
     ("capture file:/dev/zero -o out", WRONG, "no reader"),
     ("resolve seq -o out --set box_scale_static", WRONG, "--set box_scale_static: no value"),
     ("resolve seq -o out --device numpy --compression dwaa", WRONG, "unknown or lossy compression"),
-    ("resolve seq -o out --budget-ms 5 --preset basic", WRONG, "--budget-ms chooses the preset itself"),
     ("presets --against basic", WRONG, "--against compares with a preset"),
     ("compare done twin/seq seq --heatmap maps", WRONG, "--heatmap: maps of several would have one name"),
     (

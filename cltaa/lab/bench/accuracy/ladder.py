@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 
 from cltaa.core.backend import Launcher
-from cltaa.core.build import STORAGES, Build, Real, Storage
+from cltaa.core.build import Build, Real, Storage
 from cltaa.core.parameters import (
     Accumulate,
     Box,
@@ -65,11 +65,6 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
         build = Build(real=self.real, storage=self.storage, strict=self.strict, relaxed=self.relaxed)
         return Resolver(self.preset, device, build=build)
 
-    @property
-    def laboratory(self) -> bool:
-        """True for what only a measurement asks for: other arithmetic, another build, a history in doubles."""
-        return self.strict or self.relaxed or self.real is not Real.FLOAT or self.storage not in STORAGES
-
 
 def steps(base: Variant) -> Iterator[Variant]:
     """``base`` with one step changed, for every step there is."""
@@ -107,7 +102,7 @@ def _other_choices(base: Variant, fields: Iterable[str], **beside: Any) -> Itera
 def ladder(base: Preset, presets: Iterable[Preset] = ()) -> list[Variant]:
     """The default, its steps and the other presets.
 
-    Presets that look ahead are left out: what a budget of time chooses from has its image in the same frame.
+    Presets that look ahead are left out: errors and times are taken frame by frame.
     """
     first = _as_it_is(base, DEFAULT)
     causal = (preset for preset in presets if not preset.settings.look_ahead)
