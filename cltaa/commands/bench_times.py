@@ -58,7 +58,6 @@ from cltaa.process import run_cltaa
 )
 @storage_option
 @click.option("--rounds", default=31, show_default=True, type=click.IntRange(min=3), help="Rounds of all contenders.")
-@click.option("--oracle/--no-oracle", default=True, show_default=True, help="Also time the NumPy oracle, in 3 rounds.")
 @json_option
 def kernels(
     presets: tuple[str, ...],
@@ -67,10 +66,9 @@ def kernels(
     motions: tuple[str, ...],
     storage: str,
     rounds: int,
-    oracle: bool,
     as_json: bool,
 ) -> None:
-    """Time the resolve's kernels against a shader, a plain port, the NumPy oracle and the floor.
+    """Time the resolve's kernels against a shader, a plain port and the floor.
 
     The core is the algorithm that all of them compute: 3x3 variance, the nearest surface's motion, 16 taps of
     Catmull-Rom, clip, weighted blend, a counter. Every round runs all contenders in a new order; ratios are medians
@@ -86,7 +84,6 @@ def kernels(
         motions=[Motion(name) for name in motions] or list(Motion),
         rounds=rounds,
         storage=Storage(storage),
-        oracle=oracle,
     )
     answer(bench, as_json, _print_kernels)
 

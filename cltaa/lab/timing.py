@@ -54,14 +54,10 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """Something to time. ``run`` does it once and waits for the end; it returns the device's own seconds, or None.
-
-    ``rounds`` is the most rounds it takes part in: a job that takes seconds need not hold up all the others.
-    """
+    """Something to time. ``run`` does it once and waits for the end; it returns the device's own seconds, or None."""
 
     name: str
     run: Callable[[], float | None]
-    rounds: int | None = None
 
 
 class Interval(msgspec.Struct, frozen=True, kw_only=True):
@@ -88,28 +84,28 @@ class Interval(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(slots=True)
 class Samples:
-    """What every job took, by round: {job: {round: sample}}."""
+    """What every job took, round after round."""
 
-    by_job: dict[str, dict[int, Sample]] = field(default_factory=dict)
+    by_job: dict[str, list[Sample]] = field(default_factory=dict)
 
-    def add(self, job: str, number: int, sample: Sample) -> None:
-        """Note what ``job`` took in round ``number``."""
-        self.by_job.setdefault(job, {})[number] = sample
+    def add(self, job: str, sample: Sample) -> None:
+        """Note what ``job`` took in the next round."""
+        self.by_job.setdefault(job, []).append(sample)
 
     def seconds(self, job: str, clock: Clock = Clock.WALL) -> NDArray[np.float64]:
         """All times of a job by a clock, by the host's where that has none."""
-        return np.array([_seconds(sample, clock) for sample in self.by_job[job].values()])
+        return np.array([_seconds(sample, clock) for sample in self.by_job[job]])
 
     def has(self, job: str, clock: Clock) -> bool:
         """True where that clock timed every run of the job."""
-        return all(getattr(sample, clock) is not None for sample in self.by_job[job].values())
+        return all(getattr(sample, clock) is not None for sample in self.by_job[job])
 
     def interval(self, job: str, clock: Clock = Clock.WALL) -> Interval:
         """Median seconds of a job with its interval."""
         return interval(self.seconds(job, clock))
 
     def ratio(self, job: str, base: str, clock: Clock = Clock.WALL) -> Interval:
-        """How many times as long as ``base`` a job takes: the median over the rounds that both ran in."""
+        """How many times as long as ``base`` a job takes: the median over the rounds."""
         return interval(self.ratios(job, base, clock))
 
     def faster(self, job: str, other: str, clock: Clock = Clock.WALL) -> bool:
@@ -118,10 +114,8 @@ class Samples:
         return float(np.median(ratios)) < 1.0 and interval(ratios).high < 1.0  # most pairs end at the median
 
     def ratios(self, job: str, base: str, clock: Clock = Clock.WALL) -> NDArray[np.float64]:
-        """What ``ratio`` is the median of: one a round that both ran in."""
-        both = sorted(self.by_job[job].keys() & self.by_job[base].keys())
-        pairs = [(self.by_job[job][number], self.by_job[base][number]) for number in both]
-        return np.array([_seconds(a, clock) / _seconds(b, clock) for a, b in pairs])
+        """What ``ratio`` is the median of: one a round."""
+        return self.seconds(job, clock) / self.seconds(base, clock)
 
 
 def _seconds(sample: Sample, clock: Clock) -> float:
@@ -174,29 +168,27 @@ def measure(
     patience: float = 0.0,
     action: str | None = None,
 ) -> Samples:
-    """Time ``jobs`` in ``rounds`` rounds after ``warm_up`` untimed runs of each (one, where a job takes few rounds).
+    """Time ``jobs`` in ``rounds`` rounds after ``warm_up`` untimed runs of each.
 
     A turn is one run; with ``turn`` as many as fill so many seconds, from FEWEST_RUNS to MOST_RUNS, and what takes LONG
     turns runs once, to warm up too. Where ``enough`` does not find the samples good enough, more rounds follow for at
     most ``patience`` seconds. Where ``action`` says what is being done, progress is shown (``cltaa.progress.track``).
     """
-    runs = {job.name: _runs(job, warm_up if job.rounds is None else 1, turn) for job in jobs}
+    runs = {job.name: _runs(job, warm_up, turn) for job in jobs}
     random = np.random.default_rng(seed)
     samples = Samples()
 
-    def play(number: int) -> None:
-        present = [job for job in jobs if job.rounds is None or number < job.rounds]
-        for place in random.permutation(len(present)):
-            job = present[place]
-            samples.add(job.name, number, _turn(job, runs[job.name]))
+    def play() -> None:
+        for place in random.permutation(len(jobs)):
+            job = jobs[place]
+            samples.add(job.name, _turn(job, runs[job.name]))
 
     numbers = range(rounds)
-    for number in numbers if action is None else track(numbers, rounds, action, unit="rounds"):
-        play(number)
-    deadline, number = time.monotonic() + patience, rounds
+    for _ in numbers if action is None else track(numbers, rounds, action, unit="rounds"):
+        play()
+    deadline = time.monotonic() + patience
     while enough is not None and not enough(samples) and time.monotonic() < deadline:
-        play(number)
-        number += 1
+        play()
     return samples
 
 
@@ -235,7 +227,7 @@ def timed_frames(sequence: FrameSequence) -> list[Frame]:
     return [sequence.frame(number) for number in timed_numbers(sequence)]
 
 
-def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int | None = None) -> tuple[Job, Image]:
+def resolve_job(name: str, resolver: Resolver, frames: list[Frame]) -> tuple[Job, Image]:
     """A job that runs the kernels of the last of two or more ``frames`` again, and the image [H, W, 3 or 4] they give.
 
     Its clock is the device's, in seconds, and there is none on NumPy. Raises what ``Resolver.resolve`` raises.
@@ -254,7 +246,7 @@ def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int 
         resolver.run_again(frames[-1], frames[-2])
         return None if events is None else device_seconds(events)
 
-    return Job(name, run, rounds), image
+    return Job(name, run), image
 
 
 def _keep_before(resolver: Resolver, frame: Frame) -> None:

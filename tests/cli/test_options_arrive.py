@@ -357,7 +357,6 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--motion turn", "bench_kernels.motions", ["turn"]),
         ("--storage half", "bench_kernels.storage", Storage.HALF),
         ("--rounds 7", "bench_kernels.rounds", 7),
-        ("--no-oracle", "bench_kernels.oracle", False),
     ],
     "bench files": [
         ("--preset basic", "bench_files.preset.name", "basic"),

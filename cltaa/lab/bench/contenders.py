@@ -1,4 +1,4 @@
-"""What the resolve is timed against: a plain port, a GLSL fragment shader (extra ``bench``), and the oracle.
+"""What the resolve is timed against: a plain port, a GLSL fragment shader (extra ``bench``), and a copy of its bytes.
 
 ``BASELINE`` is the widely used core (3x3 variance, the nearest surface's motion, 16 taps of Catmull-Rom, clip, weighted
 blend, a counter) without what cltaa adds in its settings; the choices, which decide the time, are those of that core.
@@ -143,9 +143,9 @@ _FOLDER = resources.files("cltaa") / "lab" / "bench"
 
 
 class Shader:
-    """``resolve.frag`` on float textures of an off-screen context; ``taps`` is 16 (fetches) or 9 (bilinear reads)."""
+    """``resolve.frag`` on float textures of an off-screen context."""
 
-    def __init__(self, storage: Storage, width: int, height: int, taps: int) -> None:
+    def __init__(self, storage: Storage, width: int, height: int) -> None:
         moderngl = import_extra("moderngl", package="moderngl", extra="bench", purpose="timing the shader")
         try:
             self._context = moderngl.create_context(standalone=True, backend="egl")
@@ -160,12 +160,9 @@ class Shader:
         for texture in (self._current, self._inverse_depth, self._history, self._output):
             texture.repeat_x = texture.repeat_y = False
             texture.filter = (gl.NEAREST, gl.NEAREST)
-        if taps == 9:
-            self._history.filter = self._output.filter = (gl.LINEAR, gl.LINEAR)
-        fragment = (_FOLDER / "resolve.frag").read_text(encoding="utf-8")
         self._program = gl.program(
             vertex_shader=(_FOLDER / "resolve.vert").read_text(encoding="utf-8"),
-            fragment_shader=fragment.replace("#version 330\n", f"#version 330\n#define TAPS {taps}\n", 1),
+            fragment_shader=(_FOLDER / "resolve.frag").read_text(encoding="utf-8"),
         )
         for unit, name in enumerate(("current", "inverse_depth", "history")):
             self._program[name] = unit

@@ -1,4 +1,4 @@
-"""``cltaa bench kernels``: the kernels against a shader, a plain port, the oracle and the floor, in one run."""
+"""``cltaa bench kernels``: the kernels against a shader, a plain port and the floor, in one run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import msgspec
 from cltaa.core.build import Storage
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
-from cltaa.errors import CltaaError, InternalError, UsageError
+from cltaa.errors import CltaaError, UsageError
 from cltaa.frame import Frame, Image
 from cltaa.lab.bench.contenders import (
     BASELINE,
@@ -33,18 +33,14 @@ from cltaa.lab.timing import (
 )
 from cltaa.opencl.launcher import DeviceLauncher
 
-CORE, COPY, ORACLE = "core", "copy", "oracle"
+CORE, COPY, PORT, SHADER = "core", "copy", "plain port", "GLSL"
 CONTROL = "core again"
-ORACLE_ROUNDS = 3  # it takes seconds
-FETCHES = 16  # reads of a shader that weighs texels itself
-SHADER_TAPS = (FETCHES, 9)
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
     """What one contender took. Bandwidth and floor count the bytes that it would have to move at least."""
 
     name: str
-    rounds: int
     wall_ns: Interval  # a pixel
     device_ns: Interval | None  # a pixel, by the device's events
     least_wall_ns: float
@@ -61,7 +57,7 @@ class Timing(msgspec.Struct, frozen=True, kw_only=True):
     motion: Motion
     rows: list[Row]
     absent: dict[str, str]  # contender: why it could not run
-    opengl: str | None  # who drew the shaders
+    opengl: str | None  # who drew the shader
     noisy: bool  # by the host's clock: rows without device times cannot be ranked
     device_noisy: bool  # by the device's: the others cannot
     floor_ns: float  # a pixel: the core's bytes at the bandwidth of the copy
@@ -89,7 +85,7 @@ class Contenders:
         self.difference: dict[str, float] = {}
         self.absent: dict[str, str] = {}
         self.opengl: str | None = None
-        self._shaders: list[Shader] = []
+        self._shader: Shader | None = None
         self.core = self._add_preset(CORE, BASELINE)
         self.jobs.append(Job(CONTROL, self.jobs[0].run))
         self.moved[CONTROL] = self.moved[CORE]
@@ -107,25 +103,16 @@ class Contenders:
             self._add_preset(preset.name, preset)
 
     def add_ports(self) -> None:
-        """Add the plain port and the shaders, each checked against the core's image."""
-        width, height = self._frames[0].width, self._frames[0].height
-        self._add_port("plain port", PlainPort(self._launcher, self._storage, width, height))
-        for taps in SHADER_TAPS:
-            name = f"GLSL, {taps} reads"
-            try:
-                shader = Shader(self._storage, width, height, taps)
-            except CltaaError as error:
-                self.absent[name] = str(error)
-                continue
-            self._shaders.append(shader)
-            self.opengl = shader.renderer
-            try:
-                self._add_port(name, shader)
-            except InternalError as error:
-                if taps == FETCHES:
-                    raise
-                # OpenGL leaves open in how many bits units weigh; those of GPUs take 8, and give another sum.
-                self.absent[name] = f"texture units weigh its bilinear reads too coarsely; {error}"
+        """Add the plain port and the shader, each checked against the core's image."""
+        size = self._frames[0].width, self._frames[0].height
+        self._add_port(PORT, PlainPort(self._launcher, self._storage, *size))
+        try:
+            self._shader = Shader(self._storage, *size)
+        except CltaaError as error:
+            self.absent[SHADER] = str(error)
+            return
+        self.opengl = self._shader.renderer
+        self._add_port(SHADER, self._shader)
 
     def _add_port(self, name: str, port: PlainPort | Shader) -> None:
         image = self.core
@@ -135,19 +122,10 @@ class Contenders:
         self.jobs.append(Job(name, port.run))
         self.moved[name] = self.moved[CORE]
 
-    def add_oracle(self) -> None:
-        """Add the NumPy twin, whose image is the core's but for the order of some operations."""
-        job, image = resolve_job(
-            ORACLE, Resolver(BASELINE, "numpy", storage=self._storage), self._frames, ORACLE_ROUNDS
-        )
-        self.difference[ORACLE] = check_same(ORACLE, image, self.core, self._storage)
-        self.jobs.append(job)
-        self.moved[ORACLE] = self.moved[CORE]
-
     def release(self) -> None:
-        """Free the OpenGL contexts."""
-        for shader in self._shaders:
-            shader.release()
+        """Free the OpenGL context."""
+        if self._shader is not None:
+            self._shader.release()
 
 
 def bench_kernels(
@@ -159,7 +137,6 @@ def bench_kernels(
     motions: Sequence[Motion],
     rounds: int,
     storage: Storage = Storage.FLOAT,
-    oracle: bool = True,
 ) -> KernelBench:
     """Time the kernels of ``presets`` and of the core against everything else on ``device``.
 
@@ -171,7 +148,7 @@ def bench_kernels(
         expected = f"at least {least}x{least}"
         raise UsageError("too small to compare images in", expected=expected, found=f"{width}x{height}")
     if device == "numpy":
-        raise UsageError("bench kernels times OpenCL kernels", cure="name an OpenCL device; the oracle is timed anyway")
+        raise UsageError("bench kernels times OpenCL kernels", cure="name an OpenCL device")
     launcher, before = DeviceLauncher(device), load_average()
     timings = []
     for motion in motions:
@@ -179,8 +156,6 @@ def bench_kernels(
         try:
             contenders.add_presets(presets)
             contenders.add_ports()
-            if oracle:
-                contenders.add_oracle()
             timings.append(_timing(contenders, launcher, motion, width * height, rounds))
         finally:
             contenders.release()
@@ -227,7 +202,6 @@ def _row(name: str, samples: Samples, pixels: int, moved: int, bandwidth: float,
     seconds = samples.interval(name, Clock.DEVICE).median
     return Row(
         name=name,
-        rounds=len(samples.by_job[name]),
         wall_ns=samples.interval(name).times(a_pixel),
         device_ns=samples.interval(name, Clock.DEVICE).times(a_pixel) if by_device else None,
         least_wall_ns=float(samples.seconds(name).min()) * a_pixel,

@@ -77,8 +77,8 @@ def test_presets_join() -> None:
 def samples_of(times: Mapping[str, Sequence[float]]) -> Samples:
     found = Samples()
     for name, values in times.items():
-        for number, seconds in enumerate(values):
-            found.add(name, number, Sample(seconds))
+        for seconds in values:
+            found.add(name, Sample(seconds))
     return found
 
 
