@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from cltaa.core.backend import Launcher
 from cltaa.core.parameters import HistoryKind
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Frame, Image
@@ -237,14 +238,9 @@ def resolve_job(name: str, resolver: Resolver, frames: list[Frame]) -> tuple[Job
     last = frames[-1]
     ahead = [replace(last, index=last.index + last.step * n) for n in range(1, resolver.look_ahead + 1)]
     image = [image for frame in (*frames, *ahead) for image in resolver.feed(frame)][-1]
-    launcher = resolver.launcher
 
     def run() -> float | None:
-        events: list[tuple[str, Any]] | None = [] if isinstance(launcher, DeviceLauncher) else None
-        if isinstance(launcher, DeviceLauncher):
-            launcher.events = events
-        resolver.run_again(frames[-1], frames[-2])
-        return None if events is None else device_seconds(events)
+        return kernel_seconds(resolver.launcher, lambda: resolver.run_again(frames[-1], frames[-2]))
 
     return Job(name, run), image
 
@@ -259,6 +255,18 @@ def _keep_before(resolver: Resolver, frame: Frame) -> None:
     before = replace(frame, index=frame.index - frame.step)
     resolver.resolve(before)
     resolver.keep_again(before, count)
+
+
+def kernel_seconds(launcher: Launcher, work: Callable[[], object]) -> float | None:
+    """Seconds that the device works on the kernels that ``work`` starts and waits for; None on NumPy."""
+    if not isinstance(launcher, DeviceLauncher):
+        work()
+        return None
+    events: list[tuple[str, Any]] = []
+    launcher.events = events
+    work()
+    launcher.events = None
+    return device_seconds(events)
 
 
 def device_seconds(events: list[tuple[str, Any]]) -> float:
