@@ -18,8 +18,7 @@ from cltaa.frame import Image
 from cltaa.io.display import side_by_side, write_image_png, write_png
 from cltaa.io.sequence import ImageSequence, open_images, open_sequence
 from cltaa.io.video import import_av, write_side_by_side
-from cltaa.lab.judge.equal_quality import equal_quality_samples
-from cltaa.lab.judge.metrics import METRICS, mean, measure, named_metrics
+from cltaa.lab.judge.metrics import METRICS, equal_quality_samples, mean, measure, named_metrics
 from cltaa.pipeline.run import ResolveReport, resolve_sequence
 from cltaa.printable import counted, shown
 from cltaa.process import call_cltaa, stop_signals

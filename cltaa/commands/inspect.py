@@ -33,8 +33,7 @@ from cltaa.inputs.open import is_own, open_input
 from cltaa.io.names import selection_of
 from cltaa.io.pixel_statistics import ChannelStatistics
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.inspect.description import Description, describe_input
-from cltaa.lab.inspect.findings import Inspection, inspect_folder
+from cltaa.lab.inspect.findings import Description, Inspection, describe_input, inspect_folder
 from cltaa.lab.inspect.plan import Section, SequencePlan
 from cltaa.printable import bytes_of, counted, printable, shown, written
 from cltaa.progress import shown_progress

@@ -16,9 +16,18 @@ import numpy as np
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Frame
-from cltaa.lab.bench.environment import Environment, environment, load_average
 from cltaa.lab.bench.frames import Motion, camera_at, make_frames
-from cltaa.lab.timing import Clock, Interval, Job, Samples, kernel_seconds, measure
+from cltaa.lab.timing import (
+    Clock,
+    Environment,
+    Interval,
+    Job,
+    Samples,
+    environment,
+    kernel_seconds,
+    load_average,
+    measure,
+)
 from cltaa.opencl.exchange import PlainCopies, array_on
 from cltaa.opencl.launcher import DeviceLauncher
 

@@ -20,8 +20,7 @@ from cltaa.io.atomic import make_folder
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.sequence import FrameSequence
 from cltaa.io.streams import ReadAhead, Writer
-from cltaa.lab.bench.environment import Environment, environment, load_average
-from cltaa.lab.timing import Interval, interval
+from cltaa.lab.timing import Environment, Interval, environment, interval, load_average
 from cltaa.pipeline.output import OutputFolder, Source, Written, image_channels, reads
 from cltaa.pipeline.run import resolve_sequence
 from cltaa.process import CORES

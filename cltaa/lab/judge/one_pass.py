@@ -17,8 +17,7 @@ from cltaa.io.numbered import ranges
 from cltaa.io.sequence import FrameSequence, ImageSequence
 from cltaa.io.streams import ReadAhead, Task
 from cltaa.lab.judge.comparison import Comparison, truth_samples
-from cltaa.lab.judge.equal_quality import equal_quality
-from cltaa.lab.judge.metrics import METRICS, Metric, finite, flip_map, mean, measure
+from cltaa.lab.judge.metrics import METRICS, Metric, equal_quality, finite, flip_map, mean, measure
 from cltaa.lab.judge.video_scores import SCORES, Sums, VideoScores
 from cltaa.printable import printable
 from cltaa.progress import track

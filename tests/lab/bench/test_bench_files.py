@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 
 from cltaa.cli import main
-from cltaa.lab.bench.environment import environment
 from cltaa.lab.bench.files import FilesBench, Stages
-from cltaa.lab.timing import Interval
+from cltaa.lab.timing import Interval, environment
 from tests.inputs.foreign import frames, side_text, write_blender
 from tests.sequence_factory import write_sequence
 

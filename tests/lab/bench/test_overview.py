@@ -16,8 +16,7 @@ from cltaa.lab.bench.accuracy.ladder import ladder
 from cltaa.lab.bench.accuracy.report import read_report, write_report
 from cltaa.lab.bench.accuracy.results import Accuracy, Cell, MeasuredSequence, spread
 from cltaa.lab.bench.accuracy.tasks import Rounding
-from cltaa.lab.bench.environment import Environment
-from cltaa.lab.timing import Interval
+from cltaa.lab.timing import Environment, Interval
 
 VARIANTS = ladder(load_preset())[:3]
 

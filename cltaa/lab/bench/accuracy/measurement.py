@@ -19,19 +19,20 @@ from cltaa.io.sequence import FrameSequence
 from cltaa.lab.bench.accuracy.ladder import Variant
 from cltaa.lab.bench.accuracy.results import Accuracy, Cell, MeasuredSequence, Yardstick, exponential_noise, spread
 from cltaa.lab.bench.accuracy.tasks import Task, keep, kept, load, run_all, yardstick_errors
-from cltaa.lab.bench.contenders import copy_job, least_bytes
-from cltaa.lab.bench.environment import environment, load_average, pin_threads
+from cltaa.lab.bench.kernels import copy_job, least_bytes
 from cltaa.lab.bench.quality.cases import by_name
 from cltaa.lab.judge.comparison import check_yardsticks, open_yardsticks, stamps, truth_of, truth_samples
-from cltaa.lab.judge.equal_quality import STRATIFIED_EXPONENT
-from cltaa.lab.judge.metrics import METRICS
+from cltaa.lab.judge.metrics import METRICS, STRATIFIED_EXPONENT
 from cltaa.lab.timing import (
     Clock,
     Interval,
     Job,
     Samples,
     device_seconds,
+    environment,
+    load_average,
     measure,
+    pin_threads,
     resolve_job,
     timed_frames,
     too_noisy_among,

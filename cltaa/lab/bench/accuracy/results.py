@@ -9,9 +9,8 @@ import numpy as np
 
 from cltaa.lab.bench.accuracy.ladder import Variant
 from cltaa.lab.bench.accuracy.tasks import Rounding
-from cltaa.lab.bench.environment import Environment
 from cltaa.lab.judge.metrics import mean
-from cltaa.lab.timing import Clock, Interval
+from cltaa.lab.timing import Clock, Environment, Interval
 
 
 class Spread(msgspec.Struct, frozen=True, kw_only=True):

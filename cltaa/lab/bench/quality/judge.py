@@ -26,10 +26,10 @@ from cltaa.io.streams import read_ahead
 from cltaa.lab.bench.quality.cases import redrawn_of
 from cltaa.lab.judge.comparison import content_sha256, truth_of, truth_samples
 from cltaa.lab.judge.correspondence import Mask
-from cltaa.lab.judge.equal_quality import equal_quality_samples
 from cltaa.lab.judge.metrics import (
     display_flip,
     display_ssim,
+    equal_quality_samples,
     finite,
     mean,
     mse,
