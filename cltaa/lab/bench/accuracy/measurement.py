@@ -15,10 +15,11 @@ import numpy as np
 
 from cltaa.frame import Frame, Image, format_effects
 from cltaa.inputs.open import DEFAULT_READING, Reading, is_own, readings
+from cltaa.io.atomic import keep, kept
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.bench.accuracy.ladder import Variant
 from cltaa.lab.bench.accuracy.results import Accuracy, Cell, MeasuredSequence, Yardstick, exponential_noise, spread
-from cltaa.lab.bench.accuracy.tasks import Task, keep, kept, load, run_all, yardstick_errors
+from cltaa.lab.bench.accuracy.tasks import Task, load, run_all, yardstick_errors
 from cltaa.lab.bench.kernels import copy_job, least_bytes
 from cltaa.lab.bench.quality.cases import by_name
 from cltaa.lab.judge.comparison import check_yardsticks, open_yardsticks, stamps, truth_of, truth_samples

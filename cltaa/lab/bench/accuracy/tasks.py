@@ -20,7 +20,7 @@ from functools import cache
 from importlib import import_module
 from io import BytesIO
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -32,10 +32,10 @@ from cltaa.core.build import Build, Real, Storage
 from cltaa.core.kernel_source import code_sha256
 from cltaa.core.planes import Layout
 from cltaa.core.resolver import Resolver
-from cltaa.errors import DataError, ResourceError
+from cltaa.errors import ResourceError
 from cltaa.frame import Frame, Image
 from cltaa.inputs.open import DEFAULT_READING, Reading
-from cltaa.io.atomic import atomic_path, make_folder
+from cltaa.io.atomic import keep, kept
 from cltaa.io.display import Picture, heat, to_picture
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.bench.accuracy.ladder import Variant
@@ -194,27 +194,6 @@ def _rounding(apart: list[tuple[float, float]]) -> Rounding | None:
         return None
     rms = [value for value, _ in apart]
     return Rounding(rms=float(np.sqrt(np.mean(np.square(rms)))), largest=max(value for _, value in apart), frames=rms)
-
-
-Kept = TypeVar("Kept")
-
-
-def keep(path: Path, finished: object) -> None:
-    """Write a struct into a file, atomically; raises OutputError and StorageError."""
-    make_folder(path.parent)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(msgspec.msgpack.encode(finished))
-
-
-def kept(path: Path, kind: type[Kept]) -> Kept | None:
-    """The struct of a file, or None where there is none; raises DataError for a damaged one."""
-    if not path.is_file():
-        return None
-    try:
-        return msgspec.msgpack.decode(path.read_bytes(), type=kind)
-    except msgspec.DecodeError as error:
-        what = f"no finished part of a measurement: {error}"
-        raise DataError(what, path=path, cure="delete it and run again") from None
 
 
 FOLDER = "tasks"
