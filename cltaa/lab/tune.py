@@ -26,7 +26,7 @@ from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError, import_extra
 from cltaa.io.atomic import atomic_path, keep, kept, make_folder
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.judge.comparison import stamps, truth_of
+from cltaa.lab.judge.comparison import content_sha256, truth_of
 from cltaa.lab.judge.metrics import METRICS, named_metrics
 from cltaa.lab.timing import Clock, measure, resolve_job, timed_frames
 from cltaa.printable import counted
@@ -44,7 +44,8 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
 
 def key_of(*decided: object, sequences: Collection[FrameSequence]) -> str:
     """A hash of everything that decides what a trial finds: what was asked for, the code, files and their reading."""
-    return hashlib.sha256(msgspec.json.encode([*decided, code_sha256(), *map(stamps, sequences)])).hexdigest()
+    held = [(content_sha256(sequence), sequence.step) for sequence in sequences]
+    return hashlib.sha256(msgspec.json.encode([*decided, code_sha256(), *held])).hexdigest()
 
 
 STEEPNESS = 4  # how fast a candidate gets worse beyond the limit

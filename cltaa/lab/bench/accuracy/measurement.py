@@ -22,7 +22,7 @@ from cltaa.lab.bench.accuracy.results import Accuracy, Cell, MeasuredSequence, Y
 from cltaa.lab.bench.accuracy.tasks import Task, load, run_all, yardstick_errors
 from cltaa.lab.bench.kernels import copy_job, least_bytes
 from cltaa.lab.bench.quality.cases import by_name
-from cltaa.lab.judge.comparison import check_yardsticks, open_yardsticks, stamps, truth_of, truth_samples
+from cltaa.lab.judge.comparison import check_yardsticks, content_sha256, open_yardsticks, truth_of, truth_samples
 from cltaa.lab.judge.metrics import METRICS, STRATIFIED_EXPONENT
 from cltaa.lab.timing import (
     Clock,
@@ -306,7 +306,7 @@ def tasks_of(
     for folder, how in readings(folders, reading).items():
         # Another tool's files have no record that tells one rendering from the next, nor their reading from another.
         other = not is_own(folder) or how != Reading(step=how.step)
-        files = stamps(how.open(folder)) if other else ""
+        files = content_sha256(how.open(folder)) if other else ""
         tasks += [
             Task(
                 sequence=str(folder),
