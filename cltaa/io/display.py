@@ -35,7 +35,7 @@ def decoded(values: Floats) -> Floats:
 
 Picture = NDArray[np.uint8]  # [H, W, 3], sRGB-encoded
 
-LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709, for encoded R'G'B'
+LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # weights of ITU-R BT.709, and of light in its primaries
 
 
 def shown_light(linear: Image, stops: float = 0.0) -> Image:
