@@ -8,7 +8,6 @@ import click
 
 from cltaa.commands.options import (
     FILE_PATH,
-    NAMES,
     PRESET,
     SIZE,
     device_option,
@@ -166,14 +165,8 @@ def _print_api(bench: ApiBench) -> None:
 @click.argument("sequence", type=FILE_PATH)
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="That resolves.")
 @device_option
-@click.option(
-    "--commands",
-    "commands",
-    type=NAMES,
-    default="zip",
-    show_default=True,
-    help="Compressions of EXR to run the whole command with; with :half behind it, writing halves.",
-)
+@click.option("--half", is_flag=True, help="Write half-precision EXRs.")
+@click.option("--compression", default="zip", show_default=True, help="EXR compression that loses nothing.")
 @click.option("--rounds", default=5, show_default=True, type=click.IntRange(min=3), help="Rounds.")
 @reading_options
 @json_option
@@ -181,7 +174,8 @@ def files(
     sequence: Path,
     preset: str,
     device: str | None,
-    commands: tuple[str, ...],
+    half: bool,
+    compression: str,
     rounds: int,
     reading: Reading,
     as_json: bool,
@@ -193,42 +187,24 @@ def files(
     over that of the slowest stage, which it cannot pass, and "at best" what that would be if no core was ever idle, by
     the "processor" time of all of them together.
     """
-    runs = [_command(text) for text in commands]
-    if not runs:
-        raise UsageError("nothing to time", cure="name a compression in --commands")
-    for name, _ in runs:
-        check_lossless(name)
-    found = bench_files(
-        open_each([sequence], reading)[sequence],
-        load_preset(preset),
-        device,
-        commands=runs,
-        rounds=rounds,
-    )
+    check_lossless(compression)
+    opened = open_each([sequence], reading)[sequence]
+    found = bench_files(opened, load_preset(preset), device, compression=compression, half=half, rounds=rounds)
     answer(found, as_json, _print_files)
-
-
-def _command(text: str) -> tuple[str, bool]:
-    name, colon, kind = text.partition(":")
-    if colon and kind != "half":
-        raise UsageError("--commands: no compression", expected="as zip or zip:half", found=text)
-    return name, bool(colon)
 
 
 def _print_files(found: FilesBench) -> None:
     title = f"cltaa resolve, {counted(found.frames, 'frame')}, milliseconds a frame"
     alone = [f"{stage} alone" for stage in ("read", "resolve", "write")]
     table = figures(title, "compression", *alone, "whole", "processor", "over slowest", "95 %", "at best")
-    for stage in found.stages:
-        seconds = (stage.read, stage.resolve, stage.write, stage.whole, stage.processor)
-        ratio, best = stage.over_slowest, stage.at_best
-        table.add_row(
-            stage.codec + (", half" if stage.half else ""),
-            *(f"{value.median * 1e3:.0f}" for value in seconds),
-            f"{ratio.median:.2f}",
-            _range(ratio, ".2f"),
-            f"{best.median:.2f}",
-        )
+    seconds = (found.read, found.resolve, found.write, found.whole, found.processor)
+    table.add_row(
+        found.compression + (", half" if found.half else ""),
+        *(f"{value.median * 1e3:.0f}" for value in seconds),
+        f"{found.over_slowest.median:.2f}",
+        _range(found.over_slowest, ".2f"),
+        f"{found.at_best.median:.2f}",
+    )
     print_table(table)
     print_line(shown(found.environment.line))
 

@@ -172,11 +172,6 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq -o out --device numpy --compression dwaa", WRONG, "unknown or lossy compression"),
     ("presets --against basic", WRONG, "--against compares with a preset"),
     ("compare done twin/seq seq --heatmap maps", WRONG, "--heatmap: maps of several would have one name"),
-    (
-        "bench files seq --commands zip:x",
-        WRONG,
-        "--commands: no compression (expected as zip or zip:half, found zip:x)",
-    ),
     ("bench kernels --size 4x4", WRONG, "too small to compare images in"),
     ("bench kernels --rounds 1", USAGE, "x>=3"),
     ("bench kernels --device numpy", WRONG, "bench kernels times OpenCL kernels"),

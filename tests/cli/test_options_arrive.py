@@ -361,7 +361,8 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
     "bench files": [
         ("--preset basic", "bench_files.preset.name", "basic"),
         ("--device 3", "bench_files.device", "3"),
-        ("--commands rle:half", "bench_files.commands", [("rle", True)]),
+        ("--half", "bench_files.half", True),
+        ("--compression rle", "bench_files.compression", "rle"),
         ("--rounds 7", "bench_files.rounds", 7),
         *frames_that_are_read("open_each"),
     ],

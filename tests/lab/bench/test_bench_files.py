@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cltaa.cli import main
-from cltaa.lab.bench.files import FilesBench, Stages
+from cltaa.lab.bench.files import FilesBench
 from cltaa.lab.timing import Interval, environment
 from tests.inputs.foreign import frames, side_text, write_blender
 from tests.sequence_factory import write_sequence
@@ -17,33 +17,28 @@ from tests.sequence_factory import write_sequence
 
 def test_the_command_and_its_stages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_sequence(tmp_path / "in", 4)
-    assert main(["bench", "files", str(folder), "--commands", "zip,none:half", "--rounds", "3", "--json"]) == 0
+    assert main(["bench", "files", str(folder), "--compression", "rle", "--half", "--rounds", "3", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert [(stage["codec"], stage["half"]) for stage in found["stages"]] == [("zip", False), ("none", True)]
-    for stage in found["stages"]:
-        assert all(stage[name]["median"] > 0 for name in ("read", "resolve", "write", "whole", "processor"))
-        assert 1 <= stage["at_best"]["median"] <= max(1, 1.01 * stage["over_slowest"]["median"])
+    assert (found["compression"], found["half"]) == ("rle", True)
+    assert all(found[name]["median"] > 0 for name in ("read", "resolve", "write", "whole", "processor"))
+    assert 1 <= found["at_best"]["median"] <= max(1, 1.01 * found["over_slowest"]["median"])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
 
 
 def test_nothing_is_deleted_within_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     deleted: list[Path] = []
     monkeypatch.setattr("cltaa.pipeline.output._clear", deleted.append)
-    arguments = ["--commands", "none", "--rounds", "3", "--json"]
+    arguments = ["--compression", "none", "--rounds", "3", "--json"]
     assert main(["bench", "files", str(write_sequence(tmp_path / "in", 2)), *arguments]) == 0
     assert deleted == []
 
 
-@pytest.mark.parametrize(
-    ("commands", "said"),
-    [("zip:full", "--commands: no compression"), ("b44", "unknown or lossy compression"), ("", "nothing to time")],
-)
 def test_nonsense_is_refused_before_anything_is_timed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], commands: str, said: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("cltaa.commands.bench_times.bench_files", lambda *_, **__: pytest.fail("it timed"))
-    assert main(["bench", "files", str(write_sequence(tmp_path, 1)), "--commands", commands]) == 64
-    assert said in capsys.readouterr().err
+    assert main(["bench", "files", str(write_sequence(tmp_path, 1)), "--compression", "b44"]) == 64
+    assert "unknown or lossy compression" in capsys.readouterr().err
 
 
 def test_files_of_other_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -51,7 +46,7 @@ def test_files_of_other_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     folder = write_blender(tmp_path / "shot", made)
     (tmp_path / "camera.txt").write_text(side_text(made))
     how = ["--profile", "blender", "--camera", str(tmp_path / "camera.txt"), "--input", "motion.scale=1,1"]
-    options = ["--commands", "none", "--rounds", "3", "--json"]
+    options = ["--compression", "none", "--rounds", "3", "--json"]
     assert main(["bench", "files", str(folder), *how, *options]) == 0
     out, notes = capsys.readouterr()
     assert json.loads(out)["frames"] == 2
@@ -59,7 +54,7 @@ def test_files_of_other_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 
 
 def test_the_oracle_is_timed_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = ["--commands", "none", "--rounds", "3", "--device", "numpy"]
+    options = ["--compression", "none", "--rounds", "3", "--device", "numpy"]
     assert main(["bench", "files", str(write_sequence(tmp_path / "in", 1)), *options]) == 0
     assert "\nNumPy (float32 oracle); " in capsys.readouterr().out
 
@@ -72,27 +67,21 @@ def test_what_is_printed_are_the_numbers_that_were_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Each under its heading; seconds as milliseconds."""
-    stages = [
-        Stages(
-            codec="piz",
-            half=half,
-            read=between(0.010, 0.011, 0.012),
-            resolve=between(0.020, 0.021, 0.022),
-            write=between(0.030, 0.031, 0.032),
-            whole=between(0.040, 0.041, 0.042),
-            processor=between(0.050, 0.051, 0.052),
-            over_slowest=between(1.25, 1.5, 1.75),
-            at_best=between(1.0, 1.125, 1.25),
-        )
-        for half in (False, True)
-    ]
     found = FilesBench(
         width=37,
         height=23,
         frames=1,
         rounds=3,
         environment=environment("a device", 0.0),
-        stages=stages,
+        compression="piz",
+        half=True,
+        read=between(0.010, 0.011, 0.012),
+        resolve=between(0.020, 0.021, 0.022),
+        write=between(0.030, 0.031, 0.032),
+        whole=between(0.040, 0.041, 0.042),
+        processor=between(0.050, 0.051, 0.052),
+        over_slowest=between(1.25, 1.5, 1.75),
+        at_best=between(1.0, 1.125, 1.25),
     )
     monkeypatch.setattr("cltaa.commands.bench_times.bench_files", lambda *_, **__: found)
     assert main(["bench", "files", str(write_sequence(tmp_path, 1))]) == 0
@@ -111,7 +100,6 @@ def test_what_is_printed_are_the_numbers_that_were_found(
             "95 %",
             "at best",
         ],
-        ["piz", "11", "21", "31", "41", "51", "1.50", "1.25–1.75", "1.12"],
         ["piz, half", "11", "21", "31", "41", "51", "1.50", "1.25–1.75", "1.12"],
     ]
     assert "cltaa resolve, 1 frame, milliseconds a frame" in said

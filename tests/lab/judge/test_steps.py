@@ -107,7 +107,7 @@ def test_tune_and_files_take_it(
     monkeypatch.setattr("cltaa.lab.tune.LADDER", ("accumulate",))  # the others take long on NumPy
     asked = f"--budget 9999ms --trials 2 --device numpy --step {STEP} -o {tmp_path / 't.toml'}".split()
     assert found(capsys, "tune", stepped, *asked)["trials"] == 2
-    asked = f"--commands none --rounds 3 --step {STEP} --device numpy".split()
+    asked = f"--compression none --rounds 3 --step {STEP} --device numpy".split()
     assert found(capsys, "bench", "files", stepped, *asked)["frames"] == COUNT
     (task, *_) = tasks_of([stepped], ladder(load_preset())[:1], None, ("mse",), 0, Reading(step=STEP))
     assert task.open().step == STEP
