@@ -8,8 +8,6 @@ from pathlib import Path
 
 import click
 import msgspec
-from rich.box import SIMPLE
-from rich.table import Table as Grid
 
 from cltaa.commands.options import (
     FILE_PATH,
@@ -24,7 +22,7 @@ from cltaa.commands.options import (
     measured_options,
     open_each,
 )
-from cltaa.commands.printing import print_line, print_table
+from cltaa.commands.printing import figures, print_line, print_table
 from cltaa.core.backend import Launcher, launcher_for
 from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.errors import UsageError
@@ -267,11 +265,9 @@ def _judge(
 
 def _print(table: Table) -> None:
     for split, means in table.means.items():
-        grid = Grid(title=f"means over sequences, {split}", box=SIMPLE)
-        grid.add_column("preset", no_wrap=True)
         columns = columns_of(means.values())
-        for column in columns:
-            grid.add_column(f"{column.name} {'↑' if column.higher_is_better else '↓'}", justify="right", no_wrap=True)
+        heads = [column.head for column in columns]
+        grid = figures(f"means over sequences, {split}", "preset", *heads, named=True)
         for name in ordered(means):
             grid.add_row(name, *(written(score(column.name, means[name]), column) for column in columns))
         print_table(grid)

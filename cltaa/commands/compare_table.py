@@ -15,9 +15,9 @@ from cltaa.io.atomic import make_folder
 from cltaa.io.numbered import FrameRange
 from cltaa.io.video import USUAL_RATE, import_av, open_video, rate_of
 from cltaa.lab.judge.entries import Entry, Round, divided, lacking, read_entry, resolved_by_us, rounds
-from cltaa.lab.judge.metrics import CVVDP_TITLE, Metric, import_cvvdp, jod, mean_psnr, versions_of
+from cltaa.lab.judge.metrics import CVVDP_TITLE, Measure, Metric, import_cvvdp, jod, mean_psnr, versions_of
 from cltaa.lab.judge.one_pass import judge, summary_of
-from cltaa.lab.judge.video_scores import SCORES, Score
+from cltaa.lab.judge.video_scores import SCORES
 from cltaa.printable import counted, json_of, printable
 
 Row = dict[str, Any]
@@ -27,8 +27,8 @@ BOUNDS = {None: "", "at least": "≥ ", "at most": "≤ "}
 
 def score_heads(metrics: Sequence[Metric], *, moving: bool, samples: bool) -> list[str]:
     """Heads of columns of metrics, of scores as ``moving`` pictures, and of equal-quality ``samples``."""
-    heads = [f"{metric.name} {'↑' if metric.higher_is_better else '↓'}" for metric in metrics]
-    return [*heads, *(f"{score.name} ↓" for score in SCORES if moving), *(["samples ↑"] if samples else [])]
+    heads = [measure.head for measure in (*metrics, *(SCORES if moving else ()))]
+    return [*heads, *(["samples ↑"] if samples else [])]
 
 
 def score_cells(result: Mapping[str, Any], metrics: Sequence[Metric], *, moving: bool, samples: bool) -> list[str]:
@@ -53,7 +53,7 @@ def sample_cell(result: Mapping[str, Any]) -> str:
     return "identical" if math.isinf(equal["samples"]) else f"{BOUNDS[equal['bound']]}{equal['samples']:.1f}"
 
 
-def print_meanings(measures: Iterable[Metric | Score]) -> None:
+def print_meanings(measures: Iterable[Measure]) -> None:
     """Print what each column says."""
     for measure in measures:
         print_line(f"  {measure.name}: {measure.title}", "dim")

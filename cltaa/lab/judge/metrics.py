@@ -31,17 +31,28 @@ FLIP_PIXELS_PER_DEGREE = 67.0  # FLIP's own default: 0.7 m from a 3840 pixel, 0.
 
 
 @dataclass(frozen=True, slots=True)
-class Metric:
-    """A named error measure: ``function(test, reference, stops)``, what it says, and which direction is better.
+class Measure:
+    """What a column of a table holds: its name, what it says, how it is written, and which direction is better."""
+
+    name: str
+    title: str
+    form: str = ".4f"
+    higher_is_better: bool = False
+
+    @property
+    def head(self) -> str:
+        """The head of its column."""
+        return f"{self.name} {'↑' if self.higher_is_better else '↓'}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Metric(Measure):
+    """An error of an image: ``function(test, reference, stops)``.
 
     ``needs`` imports the library that it is worked out by, ``package``; raises UsageError that says what to install.
     """
 
-    name: str
     function: Callable[[Image, Image, float], float]
-    title: str
-    higher_is_better: bool
-    form: str  # format of a value in a table
     needs: Callable[[], object] = lambda: None
     package: str = "numpy"
 
@@ -142,30 +153,37 @@ def _display_psnr(test: Image, reference: Image, stops: float) -> float:
 METRICS = {
     metric.name: metric
     for metric in (
-        Metric("mse", light_mse, "mean squared error of linear light up to white", False, ".4g"),
-        Metric("mse-linear", lambda a, b, _: mse(a, b), "mean squared error of all linear light", False, ".4g"),
-        Metric("psnr", _display_psnr, "PSNR of the display images, dB", True, ".2f"),
+        Metric("mse", "mean squared error of linear light up to white", ".4g", function=light_mse),
+        Metric("mse-linear", "mean squared error of all linear light", ".4g", function=lambda a, b, _: mse(a, b)),
+        Metric("psnr", "PSNR of the display images, dB", ".2f", True, function=_display_psnr),
         Metric(
-            "psnr-linear", lambda a, b, _: psnr(mse(a, b)), "PSNR of all linear light for a peak of 1, dB", True, ".2f"
+            "psnr-linear",
+            "PSNR of all linear light for a peak of 1, dB",
+            ".2f",
+            True,
+            function=lambda a, b, _: psnr(mse(a, b)),
         ),
-        Metric("ssim", ssim, "SSIM of display luma", True, ".4f", _import_skimage, "scikit-image"),
+        Metric(
+            "ssim",
+            "SSIM of display luma",
+            higher_is_better=True,
+            function=ssim,
+            needs=_import_skimage,
+            package="scikit-image",
+        ),
         Metric(
             "flip",
-            lambda a, b, s: float(flip_map(a, b, s).mean()),
             "mean FLIP of the display images",
-            False,
-            ".4f",
-            _import_flip,
-            "flip-evaluator",
+            function=lambda a, b, s: float(flip_map(a, b, s).mean()),
+            needs=_import_flip,
+            package="flip-evaluator",
         ),
         Metric(
             "flip-hdr",
-            lambda a, b, s: float(flip_map(a, b, s, hdr=True).mean()),
             "mean HDR-FLIP",
-            False,
-            ".4f",
-            _import_flip,
-            "flip-evaluator",
+            function=lambda a, b, s: float(flip_map(a, b, s, hdr=True).mean()),
+            needs=_import_flip,
+            package="flip-evaluator",
         ),
     )
 }

@@ -16,6 +16,7 @@ from cltaa.errors import import_extra
 from cltaa.frame import Frame, Image
 from cltaa.io.display import to_display
 from cltaa.lab.judge.correspondence import Correspondence, Mask, correspondence
+from cltaa.lab.judge.metrics import Measure
 
 Array = NDArray[np.float64]
 
@@ -25,20 +26,11 @@ LEAST_WATCHED = 512  # pixels, of all frames together, below which chance decide
 STEADY_PX = 0.5  # most that the motion may differ within 3x3 where a pixel is followed from frame to frame
 
 
-@dataclass(frozen=True, slots=True)
-class Score:
-    """A named score of a sequence; lower is better for all of them."""
-
-    name: str
-    title: str
-    form: str = ".4f"
-
-
-SCORES = (
-    Score("ghosting", "share of what stood there before that still shows at disoccluded pixels", ".3f"),
-    Score("flicker", "change from frame to frame that is not in the truth, rms of display values"),
-    Score("blur", "share of the truth's finest detail that is lost", ".3f"),
-    Score("aliasing", "fine detail that no filter of the truth explains, rms of display values"),
+SCORES = (  # of a sequence; lower is better for all of them
+    Measure("ghosting", "share of what stood there before that still shows at disoccluded pixels", ".3f"),
+    Measure("flicker", "change from frame to frame that is not in the truth, rms of display values"),
+    Measure("blur", "share of the truth's finest detail that is lost", ".3f"),
+    Measure("aliasing", "fine detail that no filter of the truth explains, rms of display values"),
 )
 
 
