@@ -19,7 +19,7 @@ from cltaa.commands.options import (
     open_each,
     preset_of,
 )
-from cltaa.commands.printing import print_line, print_table, three_digits
+from cltaa.commands.printing import figures, print_line, print_table, three_digits
 from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.errors import UsageError, known
 from cltaa.inputs.open import Reading
@@ -171,17 +171,11 @@ def print_accuracy(result: Accuracy) -> None:
 def _table(result: Accuracy, measured: MeasuredSequence) -> Table:
     metric = result.metrics[0]
     frames = counted(len(measured.frames), "frame")
-    table = Table(title=f"{shown(measured.name)}: {frames}, {measured.width} x {measured.height}")
-    table.add_column("variant")
-    for heading in (
-        "ms/Mpx",
-        f"x {shown(result.variants[0].name)}",
-        "95 %",
-        *result.metrics,
-        "bits right",
-        "beaten by",
-    ):
-        table.add_column(heading, justify="left" if heading == "beaten by" else "right")
+    title = f"{shown(measured.name)}: {frames}, {measured.width} x {measured.height}"
+    base = f"x {shown(result.variants[0].name)}"
+    heads = ("variant", "ms/Mpx", base, "95 %", *result.metrics, "bits right", "beaten by")
+    table = figures(title, *heads, named=True)
+    table.columns[-1].justify = "left"
     for cell in sorted(measured.cells, key=lambda cell: cost(metric, cell.errors[metric].mean)):
         time = cell.time(measured.clock)
         table.add_row(

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import click
 import numpy as np
-from rich.table import Table
 
 from cltaa.commands.options import FILE_PATH, SCENE, SIZE, device_option, json_option
-from cltaa.commands.printing import answer, print_line, print_table
+from cltaa.commands.printing import answer, figures, print_line, print_table
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Image
@@ -139,9 +138,8 @@ def _crop(image: Image) -> Image:
 
 def _print(gain: Gain, report: ResolveReport, output: Path) -> None:
     frames = counted(report.frames, "frame")
-    table = Table(title=f"{frames}, {report.width} x {report.height}, judged from frame {SETTLED} on")
-    for column in ("", "one sample", "resolved"):
-        table.add_column(column, justify="left" if not column else "right")
+    title = f"{frames}, {report.width} x {report.height}, judged from frame {SETTLED} on"
+    table = figures(title, "", "one sample", "resolved", named=True)
     table.add_row("PSNR, dB (more is better)", f"{gain.psnr_one_sample:.2f}", f"[bold]{gain.psnr_resolved:.2f}")
     table.add_row("FLIP (less is better)", f"{gain.flip_one_sample:.4f}", f"[bold]{gain.flip_resolved:.4f}")
     table.add_row("samples a pixel for the same error", "1", f"[bold]{gain.equal_quality_samples:.1f}")

@@ -24,7 +24,7 @@ from cltaa.commands.options import (
     preset_of,
     storage_option,
 )
-from cltaa.commands.printing import Console, answer, figures, print_line, print_table
+from cltaa.commands.printing import Console, answer, figures, listing, print_line, print_table
 from cltaa.core.build import Storage
 from cltaa.core.presets import Preset
 from cltaa.errors import DataError, UsageError
@@ -71,9 +71,7 @@ def print_plan(plan: SequencePlan) -> None:
 
 
 def _evidence(found: Found) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for heading in ("effect", "found", "why"):
-        table.add_column(heading)
+    table = listing("effect", "found", "why")
     for each in found.evidence:
         table.add_row(each.effect, "yes" if each.found else "no", each.why)
     return table
@@ -86,9 +84,7 @@ def _table(section: Section, title: str) -> Table:
         # alone.
         same_bits = f"{every:.2f} with every step that leaves the bits as they are ({every / planned:.2f} x)"
         title += f": {planned:.2f} ms a frame, {same_bits}"
-    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for heading in ("step", "runs", "why"):
-        table.add_column(heading)
+    table = listing("step", "runs", "why", title=title)
     table.add_column("ms a frame", justify="right")
     for step in section.steps:
         cost = "" if step.milliseconds is None else f"{step.milliseconds:+.2f}"

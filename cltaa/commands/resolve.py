@@ -254,18 +254,15 @@ def resolve(
 
 
 def _print_report(report: ResolveReport, preview: Path | None, views: str, *, foreign: bool) -> None:
-    from rich.table import Table  # here and below: when the frames are written, and not before the first is read
-
-    from cltaa.commands.printing import print_line, print_table
+    # Here: when the frames are written, and not before the first is read.
+    from cltaa.commands.printing import figures, print_line, print_table
     from cltaa.inputs.intake import OPAQUE
     from cltaa.io.pixel_statistics import missing_lines
 
     what = f"{counted(report.frames, 'frame')}, {report.width} x {report.height}, preset {shown(report.preset)}"
     print_line(what)
     if report.resolved:
-        table = Table()
-        table.add_column("stage")
-        table.add_column("ms a frame", justify="right")
+        table = figures(None, "stage", "ms a frame", named=True)
         for name, milliseconds in stage_rows(report.seconds):
             table.add_row(name, f"{milliseconds:.1f}", end_section=name == "write")
         print_table(table)
