@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.table import Table
 
 from cltaa.commands.options import FILE_PATH, FROM_2, SIZE, json_option
-from cltaa.commands.printing import Console
+from cltaa.commands.printing import Console, listing
 from cltaa.errors import UsageError
 from cltaa.printable import counted, json_of, printable
 from cltaa.progress import shown_progress
 from cltaa_capture.jitter import USUAL
 from cltaa_capture.osmesa import BACKENDS
-from cltaa_datasets.models import MOTIONS
+from cltaa_datasets import MOTIONS
 
 if TYPE_CHECKING:
     from cltaa_capture.sequence import Captured, Request
@@ -107,8 +106,7 @@ def _print_explanation(
     **_: Any,
 ) -> None:
     """On standard output where it is what was asked for, ``alone``; beside a capture, as JSON too, on the other."""
-    from cltaa_capture.costs import measure_costs
-    from cltaa_capture.explain import ALWAYS, explain
+    from cltaa_capture.explain import ALWAYS, explain, measure_costs
     from cltaa_datasets.scenes import build_scene
 
     built = build_scene(scene, seed, motion)
@@ -116,8 +114,7 @@ def _print_explanation(
     if as_json and alone:
         click.echo(json_of({"channels": ALWAYS, "effects": [asdict(row) for row in rows]}))
         return
-    headings = ("effect", "drawn", "why", "channels", "MB a frame", "CPU ms a frame")
-    table = Table(*headings, box=None, padding=(0, 2, 0, 0))
+    table = listing("effect", "drawn", "why", "channels", "MB a frame", "CPU ms a frame")
     for row in rows:
         size_text = f"{row.bytes_a_frame / 1e6:.2f}" if row.channels else ""
         cost = "" if row.milliseconds is None else f"{row.milliseconds:.1f}"

@@ -1,13 +1,107 @@
-"""What a capture draws and writes for each effect, and what it leaves out because the scene does not call for it."""
+"""What a capture draws and writes for each effect, what it leaves out, and what either costs.
+
+The cost is processor time, of all threads together: llvmpipe draws on the processor, and what else runs on the machine
+does not count. A frame is drawn and written with an effect and without it, in turn.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from statistics import median
 
 from cltaa.frame import Effect
-from cltaa_capture.costs import SHADOW, casts_shadow
-from cltaa_datasets.scene import Scene
+from cltaa.io.exr_write import write_frame
+from cltaa_capture.osmesa import open_context
+from cltaa_datasets.scene import Instant, Scene, Sun
+
+ROUNDS = 9
+SHADOW = "shadow map"
+# Effects that a capture does something of its own for; the others are in the colour and in attributes.
+DRAWN = (Effect.MOTION, Effect.REACTIVE, Effect.ALPHA, Effect.SKY)
+INSTANT, BEFORE = 0.5, 0.5 - 1.0 / 30.0  # seconds: a frame in the middle of things
+
+
+def measure_costs(scene: Scene, width: int, height: int, backend: str = "auto") -> dict[str, float]:
+    """Seconds of processor time a frame that each of ``DRAWN`` takes in ``scene``, or would take.
+
+    The shadow map is among them where one is drawn.
+    Medians of paired differences over ``ROUNDS`` rounds. Raises what opening a context raises.
+    """
+    context = open_context(backend)
+    try:
+        with tempfile.TemporaryDirectory(prefix="cltaa-explain-") as folder:
+            return _measure(scene, (width, height), Path(folder))
+    finally:
+        context.close()
+
+
+def casts_shadow(scene: Scene) -> bool:
+    """Tell whether a sun of the scene casts shadows."""
+    return any(isinstance(light, Sun) and light.shadow is not None for light in scene.at(INSTANT).lights)
+
+
+def _measure(scene: Scene, size: tuple[int, int], folder: Path) -> dict[str, float]:
+    variants = {"as it is": (scene, _same)}
+    for effect in DRAWN:
+        variants[effect] = replace(scene, effects=scene.effects ^ {effect}), _same
+    if casts_shadow(scene):
+        variants[SHADOW] = scene, _without_shadow
+    runs, deletes = {}, []
+    for name, (variant, change) in variants.items():
+        run, delete = _drawing(variant, change, size, folder)
+        runs[name] = run
+        deletes.append(delete)
+    try:
+        return _paired(runs, {name for name in runs if name == SHADOW or name in scene.effects})
+    finally:
+        for delete in deletes:
+            delete()
+
+
+def _drawing(
+    scene: Scene, change: Callable[[Instant], Instant], size: tuple[int, int], folder: Path
+) -> tuple[Callable[[], None], Callable[[], None]]:
+    """A call that draws and writes one frame of a scene, and one that frees what that takes."""
+    from cltaa_capture.render import SceneRenderer  # binds PyOpenGL to the platform, which is chosen only now
+
+    renderer = SceneRenderer(scene, *size)
+    now = change(scene.at(INSTANT))
+    # Where no motion is drawn, nothing may move.
+    before = change(scene.at(BEFORE)) if Effect.MOTION in scene.effects else now
+
+    def run() -> None:
+        drawn = renderer.draw(now, before, (0.0, 0.0))
+        write_frame(folder / "frame.0000.exr", drawn.frame(scene, now, index=0, jitter_px=(0.0, 0.0), cut=False))
+
+    return run, renderer.delete
+
+
+def _paired(runs: dict[str, Callable[[], None]], present: set[str]) -> dict[str, float]:
+    """Seconds that each variant differs by from the first; positive is what the effect takes."""
+    seconds: dict[str, list[float]] = {name: [] for name in runs}
+    for number in range(ROUNDS + 1):
+        for name, run in runs.items():
+            started = time.process_time()
+            run()
+            if number:  # the first round compiles shaders
+                seconds[name].append(time.process_time() - started)
+    base, *others = runs
+    differences = {name: median(a - b for a, b in zip(seconds[base], seconds[name], strict=True)) for name in others}
+    return {name: value if name in present else -value for name, value in differences.items()}
+
+
+def _same(instant: Instant) -> Instant:
+    return instant
+
+
+def _without_shadow(instant: Instant) -> Instant:
+    lights = (replace(light, shadow=None) if isinstance(light, Sun) else light for light in instant.lights)
+    return replace(instant, lights=tuple(lights))
+
 
 BYTES_A_CHANNEL = 4  # float32
 
@@ -46,7 +140,7 @@ class Explanation:
 def explain(scene: Scene, width: int, height: int, seconds: Mapping[str, float] | None = None) -> list[Explanation]:
     """Say of every effect whether ``scene`` calls for it, and what that adds to a frame of this size.
 
-    ``seconds`` is what ``costs.measure_costs`` found.
+    ``seconds`` is what ``measure_costs`` found.
     """
     seconds = seconds or {}
 

@@ -32,7 +32,6 @@ SHADER_SUFFIXES = (".vert", ".frag", ".glsl")
 # What talks, measures or keeps the record, and draws nothing.
 NOT_DRAWING = (
     "cltaa_capture/cli.py",
-    "cltaa_capture/costs.py",
     "cltaa_capture/explain.py",
     "cltaa_capture/manifest.py",
     "cltaa_datasets/cli.py",

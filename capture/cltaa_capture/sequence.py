@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from statistics import median
 from time import perf_counter
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cltaa.errors import CltaaError, ResourceError, UsageError
 from cltaa.frame import Effect, Frame, Image, format_effects
 from cltaa.io.atomic import make_folder, owned
+from cltaa.io.exr_frame import Pixels, frame_attributes, frame_planes
 from cltaa.io.exr_header import LARGEST_SIDE
-from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.manifest import file_sha256
+from cltaa.io.streams import Writer
 from cltaa.printable import counted
 from cltaa_capture.jitter import USUAL, jitter_sequence
 from cltaa_capture.manifest import REFERENCE, Manifest, code_sha256, versions
@@ -28,7 +28,7 @@ from cltaa_datasets.scenes import FILE_PREFIX, build_scene
 if TYPE_CHECKING:
     from cltaa_capture.render import SceneRenderer
 
-WAITING_WRITES = 2  # finished pictures in memory behind the one that is being drawn
+UNWRITTEN = 3  # finished pictures in memory behind the one that is being drawn
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,42 +78,6 @@ class Captured:
     kept: int  # frames that were there already
 
 
-class _Writing:
-    """One thread that runs a task a file and hands its SHA-256 to the manifest; at most WAITING_WRITES wait."""
-
-    def __init__(self, manifest: Manifest) -> None:
-        self._manifest = manifest
-        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="cltaa capture writes")
-        self._waiting: list[tuple[Path, Future[str]]] = []
-
-    def submit(self, path: Path, write: Callable[[], None]) -> None:
-        def write_and_digest() -> str:
-            write()
-            return file_sha256(path)
-
-        self._waiting.append((path, self._pool.submit(write_and_digest)))
-        self._settle(WAITING_WRITES)
-
-    def _settle(self, waiting: int) -> None:
-        while len(self._waiting) > waiting:
-            path, future = self._waiting.pop(0)
-            self._manifest.add(path, future.result())
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        try:
-            # What is finished is worth keeping; an error that already ended the run is the one to show.
-            with suppress(*(() if error is None else (CltaaError,))):
-                self._settle(0)
-                self._manifest.save()
-        finally:
-            self._pool.shutdown()
-
-
 def capture_sequence(request: Request, progress: Callable[[int, int], None] | None = None) -> Captured:
     """Capture ``request``; ``progress(done, total)`` is called as frames are finished, those kept included.
 
@@ -159,11 +123,11 @@ def _capture(request: Request, scene: Scene, context: Context, progress: Callabl
     try:
         renderer = SceneRenderer(scene, request.width, request.height)
         pen = _Pen(renderer, seconds)
-        with _Writing(manifest) as writing:
+        with _saved(manifest), Writer(UNWRITTEN, threads=1) as writer:
             for index in range(request.frames):
                 tasks = 0
-                for path, write in _missing_files(request, scene, index, pen, manifest):
-                    writing.submit(path, write)
+                for path, channels, attributes in _missing_files(request, scene, index, pen, manifest):
+                    writer.write(path, channels, attributes, then=partial(_vouch, manifest, path))
                     tasks += 1
                 drawn += tasks > 0
                 if progress is not None:
@@ -176,6 +140,23 @@ def _capture(request: Request, scene: Scene, context: Context, progress: Callabl
         if renderer is not None:
             renderer.delete()
     return Captured(scene, context.backend, opengl, drawn, request.frames - drawn)
+
+
+@contextmanager
+def _saved(manifest: Manifest) -> Iterator[None]:
+    """Save the manifest when the block ends; an error that ended it is the one to show."""
+    try:
+        yield
+    except BaseException:
+        with suppress(CltaaError):  # what is finished is worth keeping
+            manifest.save()
+        raise
+    manifest.save()
+
+
+def _vouch(manifest: Manifest, path: Path) -> None:
+    """List a file that has its final name."""
+    manifest.add(path, file_sha256(path))
 
 
 class _Seconds:
@@ -216,16 +197,22 @@ class _Pen:
         return self._reference[1]
 
 
-def _missing_files(
-    request: Request, scene: Scene, index: int, pen: _Pen, manifest: Manifest
-) -> Iterator[tuple[Path, Callable[[], None]]]:
-    """Draw what the manifest does not vouch for of one frame; yield each file with the call that writes it."""
+class _File(NamedTuple):
+    """What is to be written."""
+
+    path: Path
+    channels: Mapping[str, Pixels]
+    attributes: Mapping[str, object]
+
+
+def _missing_files(request: Request, scene: Scene, index: int, pen: _Pen, manifest: Manifest) -> Iterator[_File]:
+    """Draw what the manifest does not vouch for of one frame."""
     name = f"{scene.name}.{index:04d}.exr"
     now, before = scene.at(index / request.fps), scene.at((index - 1) / request.fps)
     path = request.output / name
     if not manifest.vouches_for(path):
         frame = pen.frame(request, scene, index, now, before)
-        yield path, lambda: write_frame(path, frame)
+        yield _File(path, frame_planes(frame, path), frame_attributes(frame))
     # A yardstick is also a measurement of time, so each of its frames is drawn.
     folders = {f"{REFERENCE}-{samples}": (samples, pen.samples) for samples in request.yardstick}
     if request.reference:
@@ -234,15 +221,14 @@ def _missing_files(
         truth_path = request.output / folder / name
         if not manifest.vouches_for(truth_path):
             make_folder(truth_path.parent)
-            yield truth_path, _writing(truth_path, draw(now, samples), scene, index, samples)
+            yield _truth_file(truth_path, draw(now, samples), scene, index, samples)
 
 
-def _writing(path: Path, truth: Image, scene: Scene, index: int, samples: int) -> Callable[[], None]:
-    channels = {channel: truth[..., place] for place, channel in enumerate("RGBA")}
+def _truth_file(path: Path, truth: Image, scene: Scene, index: int, samples: int) -> _File:
+    channels: dict[str, Pixels] = {channel: truth[..., place] for place, channel in enumerate("RGBA")}
     if Effect.ALPHA not in scene.effects:
         del channels["A"]
-    attributes = {"cltaa:frame": index, "cltaa:scene": scene.name, "cltaa:samples": samples}
-    return lambda: write_image(path, channels, attributes)
+    return _File(path, channels, {"cltaa:frame": index, "cltaa:scene": scene.name, "cltaa:samples": samples})
 
 
 def _frame(request: Request, scene: Scene, index: int, now: Instant, before: Instant, renderer: SceneRenderer) -> Frame:

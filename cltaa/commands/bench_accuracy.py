@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,31 +11,26 @@ from rich.table import Table
 from cltaa.commands.options import (
     FILE_PATH,
     FOLDER,
-    METRIC_LIST,
     NAMES,
     PRESET,
     device_option,
     json_option,
     measured_options,
     open_each,
+    preset_of,
 )
-from cltaa.commands.printing import print_line, print_table, three_digits
+from cltaa.commands.printing import figures, print_line, print_table, three_digits
 from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.errors import UsageError, known
 from cltaa.inputs.open import Reading
 from cltaa.io.atomic import make_folder
-from cltaa.io.preset_file import preset_of
-from cltaa.lab.bench.accuracy.budget import remember
 from cltaa.lab.bench.accuracy.figures import import_pyplot
 from cltaa.lab.bench.accuracy.ladder import Variant, ladder
-from cltaa.lab.bench.accuracy.measurement import ERRORS_SHARE, bench_accuracy, build_programs, cost, tasks_of
+from cltaa.lab.bench.accuracy.measurement import bench_accuracy, cost, tasks_of
 from cltaa.lab.bench.accuracy.report import falling_metrics, merged, page, read_report, write_report
 from cltaa.lab.bench.accuracy.results import Accuracy, MeasuredSequence
-from cltaa.lab.bench.accuracy.tasks import run_all
-from cltaa.lab.bench.accuracy.variants import Task
 from cltaa.lab.judge.metrics import parse_metrics
 from cltaa.lab.timing import Clock
-from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.printable import counted, json_of, printable, shown
 
 
@@ -56,10 +48,8 @@ from cltaa.printable import counted, json_of, printable, shown
     help="Only these groups of variants, comma-separated, beside the default.",
 )
 @click.option("--variant", "named", multiple=True, metavar="NAME", help="Only these variants, beside those of --only.")
-@click.option("--full", is_flag=True, help="Also every combination of the choices that cost time, for the front.")
 @click.option(
     "--metrics",
-    type=METRIC_LIST,
     default="mse,flip",
     show_default=True,
     metavar="LIST",
@@ -88,19 +78,7 @@ from cltaa.printable import counted, json_of, printable, shown
     help="Pixels of the frames that are timed, at least.  [default: what fills the device]",
 )
 @click.option(
-    "--time-limit",
-    default=math.inf,
-    type=click.FloatRange(min=0, min_open=True),
-    metavar="SECONDS",
-    help=f"Begin no error after {ERRORS_SHARE * 100:g} % of so long (with --dask all begin at once), then "
-    "time and report the sequences whose errors are complete; the same command "
-    "goes on from there.",
-)
-@click.option(
     "--jobs", default=1, show_default=True, type=click.IntRange(min=1), help="Processes to measure errors in."
-)
-@click.option(
-    "--build-only", is_flag=True, help="Only build what errors and times of these sequences need, in --jobs processes."
 )
 @click.option("--dask", metavar="ADDRESS", help="Measure errors on a Dask cluster: the scheduler's address.")
 @click.option(
@@ -110,8 +88,6 @@ from cltaa.printable import counted, json_of, printable, shown
     type=click.IntRange(min=0),
     help="Sequences, the first ones, whose frames the page shows and that are plotted.",
 )
-@click.option("--list", "listed", is_flag=True, help="Print one command line a task, for a render farm, and stop.")
-@click.option("--task", "number", type=click.IntRange(min=0), metavar="K", help="Do task K of that list, and stop.")
 @measured_options
 @json_option
 def accuracy(
@@ -122,19 +98,14 @@ def accuracy(
     config: Path | None,
     only: tuple[str, ...],
     named: tuple[str, ...],
-    full: bool,
     metrics: str,
     rounding_frames: int,
     rounds: int,
     patience: float,
     pixels: int | None,
-    time_limit: float,
     jobs: int,
-    build_only: bool,
     dask: str | None,
     pictured: int,
-    listed: bool,
-    number: int | None,
     reading: Reading,
     as_json: bool,
 ) -> None:
@@ -144,25 +115,12 @@ def accuracy(
     frames of another tool with theirs in a folder reference/ (docs/inputs.md).
     Errors are measured in two axes: against the truth, and against the same algorithm in float64. Finished tasks are
     kept in the output folder: the same command again, or with other --jobs, goes on where the last one stopped.
-    Timing is always done here, by this process, in shuffled rounds, after all errors; with --jobs the programs that
-    both need are built first by those processes, each once.
+    Timing is always done here, by this process, in shuffled rounds, after all errors.
     """
     names = tuple(metric.name for metric in parse_metrics(metrics))
-    variants = chosen_variants(preset_of(preset, config), only, named, full=full)
+    variants = chosen_variants(preset_of(preset, config), only, named)
     tasks = tasks_of(sequences, variants, device, names, rounding_frames, reading)
-    if build_only:
-        launcher = DeviceLauncher(device)
-        count = build_programs(tasks, launcher, pixels=pixels, jobs=jobs, until=math.inf)
-        click.echo(f"{counted(count, 'program')} built")
-        return
     make_folder(output)
-    if listed:
-        lines = command_lines(len(tasks))
-        click.echo(json_of(lines) if as_json else "\n".join(lines))
-        return
-    if number is not None:
-        _run_one(tasks, number, output)
-        return
     import_pyplot()  # this and what is read how are told before the work, not after it
     open_each(sequences, reading)
     result = bench_accuracy(
@@ -173,11 +131,8 @@ def accuracy(
         pixels=pixels,
         jobs=jobs,
         dask=dask,
-        time_limit=time_limit,
     )
     write_report(result, output, pictured, {"index.html": page(result, tasks, output, pictured)})
-    if why := remember(result):
-        click.echo(f"not kept for resolve --budget-ms: {printable(why)}", err=True)
     if as_json:
         click.echo(json_of(result))
     else:
@@ -185,9 +140,9 @@ def accuracy(
         click.echo(f"look at {printable(output / 'index.html')}")
 
 
-def chosen_variants(preset: Preset, groups: Sequence[str], named: Sequence[str] = (), *, full: bool) -> list[Variant]:
+def chosen_variants(preset: Preset, groups: Sequence[str], named: Sequence[str] = ()) -> list[Variant]:
     """The ladder from that preset, or the named groups and variants of it; raises UsageError for one that is not."""
-    every = ladder(preset, [load_preset(name) for name in preset_names()], full=full)
+    every = ladder(preset, [load_preset(name) for name in preset_names()])
     if not groups and not named:
         return every
     kinds, names = {variant.group for variant in every}, {variant.name for variant in every}
@@ -201,19 +156,6 @@ def chosen_variants(preset: Preset, groups: Sequence[str], named: Sequence[str] 
     return [every[0], *(variant for variant in every[1:] if variant.group in groups or variant.name in named)]
 
 
-def command_lines(count: int) -> list[str]:
-    """This command line once for each of ``count`` tasks."""
-    words = [word for word in sys.argv[1:] if word not in ("--list", "--json")]
-    return [f"{shlex.join(['cltaa', *words])} --task {number}" for number in range(count)]
-
-
-def _run_one(tasks: list[Task], number: int, output: Path) -> None:
-    if number >= len(tasks):
-        raise UsageError("--task: no such task", expected=f"0 to {len(tasks) - 1}", found=number)
-    for task in run_all([tasks[number]], output):
-        click.echo(f"task {number}: {task.variant.name} over {task.sequence} is done", err=True)
-
-
 def print_accuracy(result: Accuracy) -> None:
     """Print the front and the dearest steps of each sequence."""
     for measured in result.sequences:
@@ -223,26 +165,17 @@ def print_accuracy(result: Accuracy) -> None:
             print_line(f"too noisy to rank by time: {base} differs from its own copy, or by more than 2 %")
         elif measured.clock is Clock.PROCESSOR:
             print_line("ranked by the processor time of the threads that run kernels: what they wait is not in it")
-    if result.missing:
-        missing = shown(", ".join(result.missing))
-        print_line(f"not finished in time: {missing}; the same command again goes on from here")
     print_line(shown(result.environment.line))
 
 
 def _table(result: Accuracy, measured: MeasuredSequence) -> Table:
     metric = result.metrics[0]
     frames = counted(len(measured.frames), "frame")
-    table = Table(title=f"{shown(measured.name)}: {frames}, {measured.width} x {measured.height}")
-    table.add_column("variant")
-    for heading in (
-        "ms/Mpx",
-        f"x {shown(result.variants[0].name)}",
-        "95 %",
-        *result.metrics,
-        "bits right",
-        "beaten by",
-    ):
-        table.add_column(heading, justify="left" if heading == "beaten by" else "right")
+    title = f"{shown(measured.name)}: {frames}, {measured.width} x {measured.height}"
+    base = f"x {shown(result.variants[0].name)}"
+    heads = ("variant", "ms/Mpx", base, "95 %", *result.metrics, "bits right", "beaten by")
+    table = figures(title, *heads, named=True)
+    table.columns[-1].justify = "left"
     for cell in sorted(measured.cells, key=lambda cell: cost(metric, cell.errors[metric].mean)):
         time = cell.time(measured.clock)
         table.add_row(

@@ -2,31 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 import click
 import msgspec
-from rich.box import SIMPLE
-from rich.table import Table as Grid
 
 from cltaa.commands.options import (
-    ALL_SCENES,
     FILE_PATH,
     FOLDER,
     FROM_0,
     PRESET,
-    SCENES,
+    SCENE,
     SIZE,
     device_option,
     json_option,
+    load_config,
     measured_options,
     open_each,
 )
-from cltaa.commands.printing import print_line, print_table
+from cltaa.commands.printing import figures, print_line, print_table
 from cltaa.core.backend import Launcher, launcher_for
-from cltaa.core.presets import Preset
+from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.errors import UsageError
 from cltaa.inputs.open import DEFAULT_READING, Reading
 from cltaa.io.sequence import FrameSequence
@@ -39,7 +37,6 @@ from cltaa.lab.bench.quality.cases import (
     by_name,
     capture,
     check_scenes,
-    chosen_presets,
     known_scenes,
     open_case,
     planned,
@@ -69,13 +66,15 @@ from cltaa.lab.bench.quality.pictures import write_pictures
 from cltaa.lab.judge.metrics import METRICS, versions_of
 from cltaa.printable import json_of, printable, shown
 
+ALL_SCENES = "all"  # of cltaa scenes
+
 
 @click.command("quality")
 @click.option(
     "--scene",
     "scenes",
     multiple=True,
-    type=SCENES,
+    type=SCENE,
     metavar="NAME",
     help="Scene, file:PATH, or all (of cltaa scenes); repeatable.  [default: all]",
 )
@@ -213,6 +212,19 @@ def quality(
             _print_captions(texts, pictures)
 
 
+def chosen_presets(names: Sequence[str], configs: Sequence[Path]) -> list[Preset]:
+    """The presets of these names and those of TOML files, each called as its file is; without either all of cltaa's.
+
+    A file begins with the default unless it names another preset, and says in its description over which it is.
+    Raises UsageError for two files of one name, and what ``load_preset`` and ``load_config`` raise.
+    """
+    chosen = [load_preset(name) for name in dict.fromkeys(names) or (() if configs else preset_names())]
+    for name, path in by_name(configs, "presets").items():
+        over = load_config(path, load_preset())
+        chosen.append(msgspec.structs.replace(over, name=name, description=over.name))
+    return chosen
+
+
 def _opened(folders: tuple[Path, ...], settled: int, reading: Reading) -> dict[str, FrameSequence]:
     """The sequences that are there, by the names of their folders; what cannot be judged is told before the work."""
     by_name(folders, "sequences")
@@ -253,11 +265,9 @@ def _judge(
 
 def _print(table: Table) -> None:
     for split, means in table.means.items():
-        grid = Grid(title=f"means over sequences, {split}", box=SIMPLE)
-        grid.add_column("preset", no_wrap=True)
         columns = columns_of(means.values())
-        for column in columns:
-            grid.add_column(f"{column.name} {'↑' if column.higher_is_better else '↓'}", justify="right", no_wrap=True)
+        heads = [column.head for column in columns]
+        grid = figures(f"means over sequences, {split}", "preset", *heads, named=True)
         for name in ordered(means):
             grid.add_row(name, *(written(score(column.name, means[name]), column) for column in columns))
         print_table(grid)

@@ -8,8 +8,6 @@ import click
 
 from cltaa.commands.options import (
     FILE_PATH,
-    FROM_1,
-    NAMES,
     PRESET,
     SIZE,
     device_option,
@@ -28,15 +26,13 @@ from cltaa.io.exr_layout import check_lossless
 from cltaa.io.sequence import open_sequence
 from cltaa.lab.bench.api import SIZES, ApiBench, bench_api
 from cltaa.lab.bench.effects import EffectRow, cells, judge_effects, line, markdown
-from cltaa.lab.bench.files import CODECS, FilesBench, bench_files
+from cltaa.lab.bench.files import FilesBench, bench_files
 from cltaa.lab.bench.frames import Motion
 from cltaa.lab.bench.kernels import KernelBench, Timing, bench_kernels
 from cltaa.lab.bench.quality.cases import check_scenes, known_scenes
 from cltaa.lab.timing import Interval
 from cltaa.printable import counted, json_of, printable, shown
 from cltaa.process import run_cltaa
-
-MOST_THREADS = 1024  # beyond what machines have; where the system gives none, OpenEXR ends the process
 
 
 @click.command("kernels")
@@ -61,7 +57,6 @@ MOST_THREADS = 1024  # beyond what machines have; where the system gives none, O
 )
 @storage_option
 @click.option("--rounds", default=31, show_default=True, type=click.IntRange(min=3), help="Rounds of all contenders.")
-@click.option("--oracle/--no-oracle", default=True, show_default=True, help="Also time the NumPy oracle, in 3 rounds.")
 @json_option
 def kernels(
     presets: tuple[str, ...],
@@ -70,10 +65,9 @@ def kernels(
     motions: tuple[str, ...],
     storage: str,
     rounds: int,
-    oracle: bool,
     as_json: bool,
 ) -> None:
-    """Time the resolve's kernels against a shader, a plain port, the NumPy oracle and the floor.
+    """Time the resolve's kernels against a shader, a plain port and the floor.
 
     The core is the algorithm that all of them compute: 3x3 variance, the nearest surface's motion, 16 taps of
     Catmull-Rom, clip, weighted blend, a counter. Every round runs all contenders in a new order; ratios are medians
@@ -89,7 +83,6 @@ def kernels(
         motions=[Motion(name) for name in motions] or list(Motion),
         rounds=rounds,
         storage=Storage(storage),
-        oracle=oracle,
     )
     answer(bench, as_json, _print_kernels)
 
@@ -172,16 +165,8 @@ def _print_api(bench: ApiBench) -> None:
 @click.argument("sequence", type=FILE_PATH)
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="That resolves.")
 @device_option
-@click.option("--compressions", type=NAMES, default=",".join(CODECS), show_default=True, help="Of EXR, lossless.")
-@click.option("--threads", type=FROM_1, default="", help="Threads of OpenEXR.  [default: a thread a core]")
-@click.option(
-    "--commands",
-    "commands",
-    type=NAMES,
-    default="zip",
-    show_default=True,
-    help="Compressions to run the whole command with; with :half behind it, writing halves.",
-)
+@click.option("--half", is_flag=True, help="Write half-precision EXRs.")
+@click.option("--compression", default="zip", show_default=True, help="EXR compression that loses nothing.")
 @click.option("--rounds", default=5, show_default=True, type=click.IntRange(min=3), help="Rounds.")
 @reading_options
 @json_option
@@ -189,77 +174,38 @@ def files(
     sequence: Path,
     preset: str,
     device: str | None,
-    compressions: tuple[str, ...],
-    threads: tuple[int, ...],
-    commands: tuple[str, ...],
+    half: bool,
+    compression: str,
     rounds: int,
     reading: Reading,
     as_json: bool,
 ) -> None:
-    """Time writing and reading a resolved frame of SEQUENCE, and the whole resolve against its stages.
+    """Time the whole resolve of SEQUENCE against its stages.
 
     "alone" is a stage with nothing beside it: reading (with all checks), resolving (with the way to the device and
     back) and writing. "whole" is cltaa resolve --layers none, where they overlap; "over slowest" is its time a frame
     over that of the slowest stage, which it cannot pass, and "at best" what that would be if no core was ever idle, by
     the "processor" time of all of them together.
     """
-    runs = [_command(text) for text in commands]
-    if not compressions and not runs:
-        raise UsageError("nothing to time", cure="name something in --compressions or --commands")
-    if max(threads, default=1) > MOST_THREADS:
-        raise UsageError("--threads: too many", expected=f"at most {MOST_THREADS}", found=max(threads))
-    for name in (*compressions, *(name for name, _ in runs)):
-        check_lossless(name)
-    found = bench_files(
-        open_each([sequence], reading)[sequence],
-        load_preset(preset),
-        device,
-        codecs=compressions,
-        threads=threads,
-        commands=runs,
-        rounds=rounds,
-    )
+    check_lossless(compression)
+    opened = open_each([sequence], reading)[sequence]
+    found = bench_files(opened, load_preset(preset), device, compression=compression, half=half, rounds=rounds)
     answer(found, as_json, _print_files)
 
 
-def _command(text: str) -> tuple[str, bool]:
-    name, colon, kind = text.partition(":")
-    if colon and kind != "half":
-        raise UsageError("--commands: no compression", expected="as zip or zip:half", found=text)
-    return name, bool(colon)
-
-
 def _print_files(found: FilesBench) -> None:
-    title = f"a resolved frame, {found.width} x {found.height}, {found.rounds} rounds"
-    table = figures(title, "compression", "pixels", "threads", "write ms", "95 %", "read ms", "95 %", "MB")
-    for row in found.packings:
-        table.add_row(
-            row.codec,
-            "half" if row.half else "float",
-            str(row.threads),
-            f"{row.write.median:.0f}",
-            _range(row.write),
-            f"{row.read.median:.0f}",
-            _range(row.read),
-            f"{row.megabytes:.1f}",
-        )
-    if found.packings:
-        print_table(table)
     title = f"cltaa resolve, {counted(found.frames, 'frame')}, milliseconds a frame"
     alone = [f"{stage} alone" for stage in ("read", "resolve", "write")]
     table = figures(title, "compression", *alone, "whole", "processor", "over slowest", "95 %", "at best")
-    for stage in found.stages:
-        seconds = (stage.read, stage.resolve, stage.write, stage.whole, stage.processor)
-        ratio, best = stage.over_slowest, stage.at_best
-        table.add_row(
-            stage.codec + (", half" if stage.half else ""),
-            *(f"{value.median * 1e3:.0f}" for value in seconds),
-            f"{ratio.median:.2f}",
-            _range(ratio, ".2f"),
-            f"{best.median:.2f}",
-        )
-    if found.stages:
-        print_table(table)
+    seconds = (found.read, found.resolve, found.write, found.whole, found.processor)
+    table.add_row(
+        found.compression + (", half" if found.half else ""),
+        *(f"{value.median * 1e3:.0f}" for value in seconds),
+        f"{found.over_slowest.median:.2f}",
+        _range(found.over_slowest, ".2f"),
+        f"{found.at_best.median:.2f}",
+    )
+    print_table(table)
     print_line(shown(found.environment.line))
 
 

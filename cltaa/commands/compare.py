@@ -8,19 +8,24 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.table import Table
 
-from cltaa.commands.compare_table import Values, compare_table, head, sample_cell, value_cells, video_cells
+from cltaa.commands.compare_table import (
+    Values,
+    compare_table,
+    print_meanings,
+    score_cells,
+    score_heads,
+    value_cells,
+)
 from cltaa.commands.options import (
     FILE_PATH,
-    METRIC_LIST,
     SOME_FRAMES,
     STOPS,
     input_options,
     json_option,
     verify_option,
 )
-from cltaa.commands.printing import print_line, print_table, three_digits
+from cltaa.commands.printing import figures, print_line, print_table, three_digits
 from cltaa.errors import LONGEST_VALUE, UsageError
 from cltaa.io.atomic import make_folder
 from cltaa.io.names import name_of, number_of, selection_of
@@ -42,10 +47,7 @@ from cltaa.printable import counted, json_of, printable, shown
 def print_one(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
     """Print a result frame by frame, with its mean and what was found besides."""
     print_line(f"{shown(result['test'])} against {shown(result['reference'])}")
-    table = Table()
-    table.add_column("frame", justify="right")
-    for metric in metrics:
-        table.add_column(head(metric), justify="right")
+    table = figures(None, "frame", *score_heads(metrics, moving=False, samples=False))
     for row in result["frames"]:
         table.add_row(str(row["frame"]), *value_cells(row["metrics"], metrics))
     table.add_section()
@@ -53,8 +55,7 @@ def print_one(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
     if "mean_one_sample" in result:
         table.add_row("one sample", *value_cells(result["mean_one_sample"], metrics), style="dim")
     print_table(table)
-    for metric in metrics:
-        print_line(f"  {metric.name}: {metric.title}", "dim")
+    print_meanings(metrics)
     for label, name in (("alpha", "alpha"), ("alpha of one sample", "alpha_one_sample")):
         if name in result:
             print_line(f"{label}: {_alpha_text(result[name])}")
@@ -82,41 +83,30 @@ def _print_equal_quality(equal: dict[str, Any]) -> None:
 
 
 def _print_video(result: dict[str, Any]) -> None:
-    table = Table(title="as moving pictures")
-    table.add_column("")
-    for score in SCORES:
-        table.add_column(f"{score.name} ↓", justify="right")
+    table = figures("as moving pictures", "", *score_heads((), moving=True, samples=False), named=True)
     for label, name in (("A", "video"), ("one sample", "video_one_sample")):
         if name in result:
-            table.add_row(label, *video_cells(result[name]), style="bold" if name == "video" else "dim")
+            cells = score_cells({"mean": {}, "video": result[name]}, (), moving=True, samples=False)
+            table.add_row(label, *cells, style="bold" if name == "video" else "dim")
     print_table(table)
-    for score in SCORES:
-        print_line(f"  {score.name}: {score.title}", "dim")
+    print_meanings(SCORES)
 
 
 def print_several(results: Sequence[dict[str, Any]], metrics: tuple[Metric, ...]) -> None:
     """Print the means of several results that were judged against one reference, a line each."""
     first = results[0]
     single = next((result for result in results if "mean_one_sample" in result), None)  # none beside the capture itself
-    scores = SCORES if "video" in first else ()
+    kinds = {"moving": "video" in first, "samples": single is not None}
     print_line(f"{shown(first['reference'])} is the truth; means of {counted(len(first['frames']), 'frame')}")
-    table = Table()
-    table.add_column("")
-    for column in (*(head(metric) for metric in metrics), *(f"{score.name} ↓" for score in scores)):
-        table.add_column(column, justify="right")
-    if single:
-        table.add_column("samples ↑", justify="right")
+    table = figures(None, "", *score_heads(metrics, **kinds), named=True)
     for result in results:
-        moving = video_cells(result["video"]) if scores else []
-        samples = [sample_cell(result)] if single else []
-        table.add_row(shown(result["test"]), *value_cells(result["mean"], metrics), *moving, *samples)
+        table.add_row(shown(result["test"]), *score_cells(result, metrics, **kinds))
     if single:
+        alone = {"mean": single["mean_one_sample"], "video": single.get("video_one_sample")}
         table.add_section()
-        moving = video_cells(single["video_one_sample"]) if scores else []
-        table.add_row("one sample", *value_cells(single["mean_one_sample"], metrics), *moving, "1", style="dim")
+        table.add_row("one sample", *score_cells(alone, metrics, **kinds | {"samples": False}), "1", style="dim")
     print_table(table)
-    for measure in (*metrics, *scores):
-        print_line(f"  {measure.name}: {measure.title}", "dim")
+    print_meanings([*metrics, *(SCORES if kinds["moving"] else ())])
     if single:
         print_line("  samples: equal-quality samples, so many a pixel a supersampler needs for the same error", "dim")
 
@@ -126,7 +116,6 @@ def print_several(results: Sequence[dict[str, Any]], metrics: tuple[Metric, ...]
 @click.option(
     "--metrics",
     "metric_names",
-    type=METRIC_LIST,
     default=",".join(DEFAULT_METRICS),
     show_default=True,
     metavar="LIST",

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.table import Table
 
-from cltaa.commands.printing import print_line, print_table
+from cltaa.commands.printing import figures, print_line, print_table
 from cltaa.errors import UsageError
 from cltaa.io.atomic import make_folder
 from cltaa.io.numbered import FrameRange
 from cltaa.io.video import USUAL_RATE, import_av, open_video, rate_of
 from cltaa.lab.judge.entries import Entry, Round, divided, lacking, read_entry, resolved_by_us, rounds
-from cltaa.lab.judge.metrics import CVVDP_TITLE, Metric, import_cvvdp, jod, mean_psnr, versions_of
+from cltaa.lab.judge.metrics import CVVDP_TITLE, Measure, Metric, import_cvvdp, jod, mean_psnr, versions_of
 from cltaa.lab.judge.one_pass import judge, summary_of
 from cltaa.lab.judge.video_scores import SCORES
 from cltaa.printable import counted, json_of, printable
@@ -26,7 +25,22 @@ Values = Mapping[str, float]
 BOUNDS = {None: "", "at least": "≥ ", "at most": "≤ "}
 
 
-def value_cells(values: Values, metrics: tuple[Metric, ...]) -> list[str]:
+def score_heads(metrics: Sequence[Metric], *, moving: bool, samples: bool) -> list[str]:
+    """Heads of columns of metrics, of scores as ``moving`` pictures, and of equal-quality ``samples``."""
+    heads = [measure.head for measure in (*metrics, *(SCORES if moving else ()))]
+    return [*heads, *(["samples ↑"] if samples else [])]
+
+
+def score_cells(result: Mapping[str, Any], metrics: Sequence[Metric], *, moving: bool, samples: bool) -> list[str]:
+    """The cells of a result under these heads."""
+    cells = value_cells(result["mean"], metrics)
+    if moving:
+        scores = result.get("video", dict.fromkeys((score.name for score in SCORES), math.nan))
+        cells += ["–" if math.isnan(v) else format(v, s.form) for s in SCORES for v in (scores[s.name],)]
+    return [*cells, sample_cell(result)] if samples else cells
+
+
+def value_cells(values: Values, metrics: Sequence[Metric]) -> list[str]:
     """The metrics of a row."""
     return ["identical" if math.isinf(v) else format(v, m.form) for m in metrics for v in (values[m.name],)]
 
@@ -39,14 +53,10 @@ def sample_cell(result: Mapping[str, Any]) -> str:
     return "identical" if math.isinf(equal["samples"]) else f"{BOUNDS[equal['bound']]}{equal['samples']:.1f}"
 
 
-def head(metric: Metric) -> str:
-    """A metric as the head of a column."""
-    return f"{metric.name} {'↑' if metric.higher_is_better else '↓'}"
-
-
-def video_cells(values: Values) -> list[str]:
-    """The scores of moving pictures of a row."""
-    return ["–" if math.isnan(v) else format(v, s.form) for s in SCORES for v in (values[s.name],)]
+def print_meanings(measures: Iterable[Measure]) -> None:
+    """Print what each column says."""
+    for measure in measures:
+        print_line(f"  {measure.name}: {measure.title}", "dim")
 
 
 def compare_table(
@@ -118,27 +128,22 @@ def rate_of_round(one: Round) -> Any:
 
 
 def _print(rows: list[Row], asked: tuple[Metric, ...], *, several: bool, cvvdp: bool) -> None:
-    table = Table()
-    table.add_column("")
-    table.add_column("")
     timed = any("milliseconds" in row for row in rows)
-    heads = [*(head(metric) for metric in asked), *(f"{score.name} ↓" for score in SCORES), "samples ↑"]
-    for column in (*heads, *(["cvvdp ↑"] if cvvdp else []), *(["ms ↓"] if timed else [])):
-        table.add_column(column, justify="right")
+    heads = [*score_heads(asked, moving=True, samples=True), *(["cvvdp ↑"] * cvvdp), *(["ms ↓"] * timed)]
+    table = figures(None, "", "", *heads, named=True)
+    table.columns[1].justify = "left"
     last = ""
     for row in [*rows, *(_means(rows) if several else [])]:
         if last and row["sequence"] != last:
             table.add_section()
         named = printable(row["sequence"]) if row["sequence"] != last else ""
         last = row["sequence"]
-        moving = video_cells(row["video"]) if "video" in row else ["–"] * len(SCORES)
-        cells = [*value_cells(row["mean"], asked), *moving, sample_cell(row)]
+        cells = score_cells(row, asked, moving=True, samples=True)
         cells += [f"{row['cvvdp']:.2f}" if "cvvdp" in row else "–"] if cvvdp else []
         cells += [f"{row['milliseconds']:g}" if "milliseconds" in row else "–"] if timed else []
         table.add_row(named, printable(row["entry"]), *cells)
     print_table(table)
-    for name, title in [(one.name, one.title) for one in asked] + [(one.name, one.title) for one in SCORES]:
-        print_line(f"  {name}: {title}", "dim")
+    print_meanings([*asked, *SCORES])
     if cvvdp:
         print_line(f"  {CVVDP_TITLE}", "dim")
 
@@ -173,8 +178,7 @@ MAGNIFIED = 2  # times in a film, each pixel as a square
 
 def write_film(path: Path, one: Round, stops: float) -> None:
     """Write the entries of a sequence and its truth side by side as an MP4, magnified without a filter."""
-    from cltaa.io.display import to_picture
-    from cltaa.io.png import beside
+    from cltaa.io.display import beside, to_picture
 
     first = one.comparisons[0]
     names = [*(entry.name for entry in one.entries), "truth"]

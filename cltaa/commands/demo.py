@@ -8,18 +8,16 @@ from pathlib import Path
 
 import click
 import numpy as np
-from rich.table import Table
 
 from cltaa.commands.options import FILE_PATH, SCENE, SIZE, device_option, json_option
-from cltaa.commands.printing import answer, print_line, print_table
+from cltaa.commands.printing import answer, figures, print_line, print_table
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Image
-from cltaa.io.png import side_by_side, write_image_png, write_png
+from cltaa.io.display import side_by_side, write_image_png, write_png
 from cltaa.io.sequence import ImageSequence, open_images, open_sequence
 from cltaa.io.video import import_av, write_side_by_side
-from cltaa.lab.judge.equal_quality import equal_quality_samples
-from cltaa.lab.judge.metrics import METRICS, mean, measure, named_metrics
+from cltaa.lab.judge.metrics import METRICS, equal_quality_samples, mean, measure, named_metrics
 from cltaa.pipeline.run import ResolveReport, resolve_sequence
 from cltaa.printable import counted, shown
 from cltaa.process import call_cltaa, stop_signals
@@ -140,9 +138,8 @@ def _crop(image: Image) -> Image:
 
 def _print(gain: Gain, report: ResolveReport, output: Path) -> None:
     frames = counted(report.frames, "frame")
-    table = Table(title=f"{frames}, {report.width} x {report.height}, judged from frame {SETTLED} on")
-    for column in ("", "one sample", "resolved"):
-        table.add_column(column, justify="left" if not column else "right")
+    title = f"{frames}, {report.width} x {report.height}, judged from frame {SETTLED} on"
+    table = figures(title, "", "one sample", "resolved", named=True)
     table.add_row("PSNR, dB (more is better)", f"{gain.psnr_one_sample:.2f}", f"[bold]{gain.psnr_resolved:.2f}")
     table.add_row("FLIP (less is better)", f"{gain.flip_one_sample:.4f}", f"[bold]{gain.flip_resolved:.4f}")
     table.add_row("samples a pixel for the same error", "1", f"[bold]{gain.equal_quality_samples:.1f}")

@@ -13,8 +13,6 @@ from click.core import ParameterSource
 from rich.table import Table
 
 from cltaa.commands.options import (
-    ASSIGNMENT,
-    EFFECT_LIST,
     FILE_PATH,
     LAYERS,
     PRESET,
@@ -23,9 +21,10 @@ from cltaa.commands.options import (
     input_options,
     json_option,
     one_sequence,
+    preset_of,
     storage_option,
 )
-from cltaa.commands.printing import Console, answer, figures, print_line, print_table
+from cltaa.commands.printing import Console, answer, figures, listing, print_line, print_table
 from cltaa.core.build import Storage
 from cltaa.core.presets import Preset
 from cltaa.errors import DataError, UsageError
@@ -33,10 +32,8 @@ from cltaa.inputs.found import Found
 from cltaa.inputs.open import is_own, open_input
 from cltaa.io.names import selection_of
 from cltaa.io.pixel_statistics import ChannelStatistics
-from cltaa.io.preset_file import preset_of
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.inspect.description import Description, describe_input
-from cltaa.lab.inspect.findings import Inspection, inspect_folder
+from cltaa.lab.inspect.findings import Description, Inspection, describe_input, inspect_folder
 from cltaa.lab.inspect.plan import Section, SequencePlan
 from cltaa.printable import bytes_of, counted, printable, shown, written
 from cltaa.progress import shown_progress
@@ -74,9 +71,7 @@ def print_plan(plan: SequencePlan) -> None:
 
 
 def _evidence(found: Found) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for heading in ("effect", "found", "why"):
-        table.add_column(heading)
+    table = listing("effect", "found", "why")
     for each in found.evidence:
         table.add_row(each.effect, "yes" if each.found else "no", each.why)
     return table
@@ -89,9 +84,7 @@ def _table(section: Section, title: str) -> Table:
         # alone.
         same_bits = f"{every:.2f} with every step that leaves the bits as they are ({every / planned:.2f} x)"
         title += f": {planned:.2f} ms a frame, {same_bits}"
-    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for heading in ("step", "runs", "why"):
-        table.add_column(heading)
+    table = listing("step", "runs", "why", title=title)
     table.add_column("ms a frame", justify="right")
     for step in section.steps:
         cost = "" if step.milliseconds is None else f"{step.milliseconds:+.2f}"
@@ -115,7 +108,6 @@ OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_row
 @click.option("--device", metavar="NAME", help="With --plan: where; its index or a part of its name.")
 @click.option(
     "--effects",
-    type=EFFECT_LIST,
     metavar="LIST",
     default="auto",
     show_default=True,
@@ -125,7 +117,6 @@ OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_row
 @click.option(
     "--set",
     "changes",
-    type=ASSIGNMENT,
     multiple=True,
     metavar="KEY=VALUE",
     help="With --plan: one parameter; may be repeated.",

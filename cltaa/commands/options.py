@@ -28,15 +28,12 @@ if TYPE_CHECKING:
     from cltaa.io.sequence import FrameSequence
 
 
-ALL_SCENES = "all"  # every scene of cltaa scenes
-
-
 class _Name(click.ParamType[str]):
-    """One name."""
+    """One name, of those ``listed`` when a shell asks: no command needs them before it runs."""
 
     name = "name"
 
-    def __init__(self, listed: Callable[[], list[str]], *, or_file: bool = False) -> None:
+    def __init__(self, listed: Callable[[], Iterable[str]], *, or_file: bool = False) -> None:
         self._listed, self._or_file = listed, or_file
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -44,35 +41,6 @@ class _Name(click.ParamType[str]):
         return found or [CompletionItem(incomplete, type="file")] * self._or_file
 
 
-class _NameList(_Name):
-    """A comma-separated list of names, or ``instead`` of one a word; what stands in it is not offered again."""
-
-    def __init__(self, listed: Callable[[], list[str]], *, instead: tuple[str, ...] = ()) -> None:
-        super().__init__(listed)
-        self._instead = instead
-
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        before, comma, last = incomplete.rpartition(",")
-        found = super().shell_complete(ctx, param, last)
-        names = [one.value for one in found if one.value not in before.split(",")]
-        names += [word for word in self._instead if not comma and word.startswith(last)]
-        return [CompletionItem(before + comma + name) for name in names]
-
-
-class _Assignment(_Name):
-    """``KEY=VALUE``: one of the keys, then one of its words where it has some."""
-
-    def __init__(self, listed: Callable[[], list[str]], words: Callable[[str], list[str]]) -> None:
-        super().__init__(listed)
-        self._words = words
-
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        key, equals, _ = incomplete.partition("=")
-        begun = [f"{key}={word}" for word in self._words(key)] if equals else [f"{name}=" for name in self._listed()]
-        return [CompletionItem(text) for text in begun if text.startswith(incomplete)]
-
-
-# What lists the names is imported when a shell asks: no command needs it before it runs.
 def _presets() -> list[str]:
     from cltaa.core.presets import preset_names
 
@@ -91,58 +59,18 @@ def _kernels() -> list[str]:
     return kernel_names()
 
 
-def _scenes() -> list[str]:
+def _scenes() -> Iterable[str]:
     from cltaa.lab.bench.quality.cases import known_scenes
 
-    return [*known_scenes()]
-
-
-def _effects() -> list[str]:
-    from cltaa.frame import Effect
-
-    return [*Effect]
-
-
-def _metrics() -> list[str]:
-    from cltaa.lab.judge.metrics import METRICS
-
-    return [*METRICS]
-
-
-def _views() -> list[str]:
-    from cltaa.core.debug_views import View
-
-    return [*View]
-
-
-def _parameters() -> list[str]:
-    from cltaa.core.presets import FIELDS
-
-    return sorted(FIELDS)
-
-
-def _words_of(parameter: str) -> list[str]:
-    from cltaa.core.presets import FIELDS, words_of
-
-    return words_of(parameter) if parameter in FIELDS else []
-
-
-def _keys() -> dict[str, list[str]]:
-    from cltaa.inputs.profile import profile_keys
-
-    return profile_keys()
+    return known_scenes()
 
 
 PRESET, PROFILE = _Name(_presets), _Name(_profiles, or_file=True)
 KERNEL, SCENE = _Name(_kernels), _Name(_scenes)
-SCENES = _Name(lambda: [ALL_SCENES, *_scenes()])  # or all of them
-METRIC_LIST, VIEW_LIST = _NameList(_metrics, instead=("all",)), _NameList(_views)
-EFFECT_LIST = _NameList(_effects, instead=ASKED)
-ASSIGNMENT = _Assignment(_parameters, _words_of)
-INPUT = _Assignment(lambda: [*_keys()], lambda key: _keys().get(key, []))
 
 
 Command = Callable[..., Any]
+LARGEST_CONFIG = 1 << 16  # bytes; every parameter with a comment takes a few thousand
 DIGITS = "[0-9]{1,20}"  # of a whole number: Python refuses to read one of thousands
 
 
@@ -174,33 +102,19 @@ def one_sequence(ctx: click.Context, first: Path, hint: str = "") -> Named:
     return words if ctx.args else first
 
 
-class _Milliseconds(click.FloatRange):
-    """A time above 0, with its unit, as ``cltaa tune --budget`` has it, or without."""
+class _Number(click.FloatRange):
+    """A number with its unit or without; neither without end nor NaN."""
+
+    def __init__(self, unit: str = "", **limits: Any) -> None:
+        super().__init__(**limits)
+        self._unit = unit
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        number: Any = value.removesuffix("ms") if isinstance(value, str) else value
-        return super().convert(number, param, ctx)
-
-
-class _Seconds(click.FloatRange):
-    """A time above 0, with its unit or without; neither without end nor NaN."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        number: Any = value.removesuffix("s") if isinstance(value, str) else value
-        seconds = super().convert(number, param, ctx)
-        if not math.isfinite(seconds):
-            self.fail("not a number of seconds", param, ctx)
-        return seconds
-
-
-class _Stops(click.FloatRange):
-    """Stops of exposure within what a picture can have; not NaN, which lies within every range."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        stops = super().convert(value, param, ctx)
-        if math.isnan(stops):
-            self.fail("no number", param, ctx)
-        return stops
+        text: Any = value.removesuffix(self._unit) if isinstance(value, str) else value
+        number = super().convert(text, param, ctx)
+        if not math.isfinite(number):  # NaN lies within every range
+            self.fail(f"{value!r} is no number", param, ctx)
+        return number
 
 
 class _Tuple(click.ParamType[tuple[Any, ...]]):
@@ -289,9 +203,9 @@ class _WholeNumbers(_Tuple):
 
 FILE_PATH, FOLDER = _FilePath(path_type=Path), _Folder(path_type=Path)
 SIZE, FRAME_RANGE, SOME_FRAMES, NAMES, LAYERS = _Size(), _FrameRange(), _SomeFrames(), _Names(), _Layers()
-FROM_0, FROM_1, FROM_2 = (_WholeNumbers(least) for least in range(3))  # lists of whole numbers
-MILLISECONDS, SECONDS = _Milliseconds(min=0.0, min_open=True), _Seconds(min=0.0, min_open=True)
-STOPS = _Stops(-EXPOSURE_STOPS, EXPOSURE_STOPS)
+FROM_0, FROM_2 = _WholeNumbers(0), _WholeNumbers(2)  # lists of whole numbers
+SECONDS = _Number("s", min=0.0, min_open=True)
+STOPS = _Number(min=-EXPOSURE_STOPS, max=EXPOSURE_STOPS)
 
 verify_option = click.option(
     "--verify/--no-verify",
@@ -310,7 +224,6 @@ def effects_option_of(default: str) -> Callable[[Command], Command]:
     """``--effects`` with that default."""
     return click.option(
         "--effects",
-        type=EFFECT_LIST,
         metavar="LIST",
         default=default,
         show_default=True,
@@ -358,7 +271,6 @@ def input_options(command: Command) -> Command:
         click.option(
             "--input",
             "assignments",
-            type=INPUT,
             multiple=True,
             metavar="SECTION.KEY=VALUE",
             help="One key of the profile, such as motion.scale=1,-1; may be repeated.",
@@ -423,6 +335,23 @@ def chosen_effects(text: str) -> Asked:
         if name and current(name, EFFECTS, frozenset(Effect), "effect") not in [*Effect]:
             raise UsageError(f"--effects: unknown effect {name}", cure=known(name, [*ASKED, *Effect], "effects"))
     return parse_effects(text)
+
+
+def load_config(path: Path, base: Preset) -> Preset:
+    """``base`` with the keys of a TOML file over it, and so named; its optional key ``preset`` names another base."""
+    from cltaa.core.presets import parse_preset
+    from cltaa.io.content import read_text
+
+    parsed = parse_preset(read_text(path, "a TOML file", LARGEST_CONFIG), str(path), base)
+    return msgspec.structs.replace(parsed, name=f"{path.name} over {parsed.name}")
+
+
+def preset_of(name: str, config: Path | None) -> Preset:
+    """The preset of that name, with a TOML file over it where one is given; raises what reading either raises."""
+    from cltaa.core.presets import load_preset
+
+    preset = load_preset(name)
+    return preset if config is None else load_config(config, preset)
 
 
 def assigned(preset: Preset, assignments: tuple[str, ...], option: str = "--set") -> Preset:

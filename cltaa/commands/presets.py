@@ -9,10 +9,9 @@ import click
 import msgspec
 from rich.markup import escape
 from rich.padding import Padding
-from rich.table import Table
 
 from cltaa.commands.options import KERNEL, PRESET, PROFILE, json_option
-from cltaa.commands.printing import Console
+from cltaa.commands.printing import Console, listing
 from cltaa.core.build import Build, Steps
 from cltaa.core.kernel_source import kernel_names
 from cltaa.core.parameters import Choices, Settings
@@ -111,9 +110,8 @@ def _toml_over(base: Preset, rows: list[dict[str, Any]]) -> str:
 
 
 def _print_presets(presets: list[Preset]) -> None:
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    table.add_column("preset", no_wrap=True, overflow="ignore")  # it is there to be copied
-    table.add_column("description")
+    table = listing("preset", "description")
+    table.columns[0].no_wrap, table.columns[0].overflow = True, "ignore"  # it is there to be copied
     for preset in presets:
         table.add_row(preset.name, escape(preset.description))
     Console().print(table)
@@ -153,7 +151,7 @@ def profiles(name: str | None, as_json: bool) -> None:
         rows = [{"profile": known, "description": load_profile(known).description} for known in profile_names()]
         click.echo(json_of(rows))
         return
-    table = Table("profile", "what it reads", box=None)
+    table = listing("profile", "what it reads")
     for known in profile_names():
         table.add_row(known, load_profile(known).description)
     Console().print(table)

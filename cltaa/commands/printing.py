@@ -47,6 +47,11 @@ def figures(title: str | None, *headings: str, named: bool = False) -> Table:
     return table
 
 
+def listing(*headings: str, title: str | None = None) -> Table:
+    """A table of words without lines between them."""
+    return Table(*headings, title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
+
+
 def print_table(table: Table) -> None:
     """Print ``table`` without a figure cut short: where it is wider than the terminal, some columns after the others.
 

@@ -8,14 +8,11 @@ from typing import Any
 import click
 
 from cltaa.commands.options import (
-    ASSIGNMENT,
     FILE_PATH,
     LAYERS,
-    MILLISECONDS,
     PRESET,
     SECONDS,
     SOME_FRAMES,
-    VIEW_LIST,
     assigned,
     chosen_effects,
     effects_option,
@@ -23,19 +20,16 @@ from cltaa.commands.options import (
     input_options,
     json_option,
     one_sequence,
+    preset_of,
     storage_option,
     verify_option,
 )
-from cltaa.core.backend import launcher_for
 from cltaa.core.build import Storage
 from cltaa.core.debug_views import View, parse_views
 from cltaa.core.parameters import Fireflies
-from cltaa.core.presets import Preset
 from cltaa.errors import UsageError
 from cltaa.inputs.open import open_input
 from cltaa.io.numbered import OnBreak
-from cltaa.io.preset_file import preset_of
-from cltaa.io.sequence import FrameSequence
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY
 from cltaa.pipeline.denoise import DENOISERS
 from cltaa.pipeline.folder import resolve_folder
@@ -55,9 +49,7 @@ from cltaa.process import stop_signals
     "--preset", type=PRESET, default="default", show_default=True, help="Named settings; list them with: cltaa presets"
 )
 @click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
-@click.option(
-    "--set", "changes", type=ASSIGNMENT, multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated."
-)
+@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated.")
 @click.option(
     "--look-ahead",
     type=click.IntRange(min=0),
@@ -111,12 +103,6 @@ from cltaa.process import stop_signals
     "* for anything.  [default: all of other tools' files]",
 )
 @storage_option
-@click.option(
-    "--budget-ms",
-    type=MILLISECONDS,
-    metavar="MS",
-    help="Take what cltaa bench accuracy found best on this device within MS a frame.",
-)
 @click.option("--strict", is_flag=True, help="Kernels that match the NumPy oracle bit for bit.")
 @input_options
 @verify_option
@@ -164,7 +150,6 @@ from cltaa.process import stop_signals
 @click.option(
     "--debug",
     "views",
-    type=VIEW_LIST,
     default="",
     metavar="LIST",
     help=f"Also show what was decided at each pixel, as EXR layers and PNGs: {', '.join(View)}.",
@@ -193,7 +178,6 @@ def resolve(
     compression: str | None,
     layers: tuple[str, ...] | None,
     storage: str,
-    budget_ms: float | None,
     strict: bool,
     verify: bool,
     band_rows: int | None,
@@ -233,10 +217,7 @@ def resolve(
     if notes:
         click.echo("\n".join(map(printable, notes)), err=True)
     declared = chosen_effects(effects)
-    settings, kept = assigned(preset_of(preset, config), changes), Storage(storage)
-    if budget_ms is not None:
-        size = size_to_budget(source, named_preset=preset != "default" or config is not None, dask=dask is not None)
-        settings, kept = within_budget(budget_ms, device, size, changes)
+    settings = assigned(preset_of(preset, config), changes)
     if look_ahead is not None:
         settings = assigned(settings, (f"look_ahead={look_ahead}",), "--look-ahead")
     report = resolve_folder(
@@ -246,7 +227,7 @@ def resolve(
         device,
         effects=declared,
         half=half,
-        storage=kept,
+        storage=Storage(storage),
         strict=strict,
         band_rows=band_rows,
         compression=compression,
@@ -272,41 +253,16 @@ def resolve(
         _print_report(report, preview, views, foreign=bool(notes))
 
 
-def size_to_budget(source: Path | FrameSequence, *, named_preset: bool, dask: bool) -> tuple[int, int]:
-    """Width and height of what a preset is to be chosen for; raises UsageError where none can be."""
-    if named_preset:
-        raise UsageError("--budget-ms chooses the preset itself", cure="leave out --preset and --config")
-    if isinstance(source, Path):
-        raise UsageError("--budget-ms asks for the size of a finished sequence", cure="name a --preset to --follow")
-    if dask:
-        raise UsageError("--budget-ms asks for a device of this machine", cure="name a --preset to --dask")
-    return source.width, source.height
-
-
-def within_budget(
-    budget_ms: float, device: str | None, size: tuple[int, int], assignments: tuple[str, ...]
-) -> tuple[Preset, Storage]:
-    """What the last measurement on the device found best within the time; says which and why on standard error."""
-    from cltaa.lab.bench.accuracy.budget import choose
-
-    choice = choose(launcher_for(device).description, budget_ms, *size)
-    click.echo(choice.why, err=True)
-    return assigned(choice.variant.preset, assignments), choice.variant.storage
-
-
 def _print_report(report: ResolveReport, preview: Path | None, views: str, *, foreign: bool) -> None:
-    from rich.table import Table  # here and below: when the frames are written, and not before the first is read
-
-    from cltaa.commands.printing import print_line, print_table
+    # Here: when the frames are written, and not before the first is read.
+    from cltaa.commands.printing import figures, print_line, print_table
     from cltaa.inputs.intake import OPAQUE
     from cltaa.io.pixel_statistics import missing_lines
 
     what = f"{counted(report.frames, 'frame')}, {report.width} x {report.height}, preset {shown(report.preset)}"
     print_line(what)
     if report.resolved:
-        table = Table()
-        table.add_column("stage")
-        table.add_column("ms a frame", justify="right")
+        table = figures(None, "stage", "ms a frame", named=True)
         for name, milliseconds in stage_rows(report.seconds):
             table.add_row(name, f"{milliseconds:.1f}", end_section=name == "write")
         print_table(table)

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import click
 
-from cltaa.commands.options import FILE_PATH, FOLDER, PRESET, json_option, measured_options, open_each
+from cltaa.commands.options import FILE_PATH, FOLDER, PRESET, json_option, measured_options, open_each, preset_of
 from cltaa.commands.printing import answer
 from cltaa.core.backend import launcher_for
 from cltaa.errors import UsageError
 from cltaa.inputs.open import Reading
 from cltaa.io.atomic import check_creatable
-from cltaa.io.preset_file import preset_of
 from cltaa.lab.tune import PRESET as AS_IT_IS
 from cltaa.lab.tune import Tuned, parse_goal, tune
 from cltaa.printable import counted, printable

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from cltaa.camera import displacement, inverse_depth, is_still, reprojected
 from cltaa.errors import CltaaError
 from cltaa.frame import Camera, Effect, Frame, Image, format_effects, outline
+from cltaa.io.display import LUMA
 from cltaa.io.exr_frame import MATRICES
 from cltaa.io.sequence import FrameSequence
 from cltaa.io.streams import ReadAhead
@@ -52,7 +53,6 @@ LOOKED_AT = 2**20  # pixels of a pair of frames at most, in whole rows
 LEAP = 0.25  # of the picture, as far as what lies at infinity moves in a frame; shots that are cut lie farther apart
 BRIGHT = 8.0  # radiance "far above 1"
 LARGEST = 2.0**50  # light beyond it is missing
-LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of linear light with the primaries of Rec. 709
 
 NO_FRAME = "no frame looked at: each place has a cut, or cannot be read"
 

@@ -167,16 +167,6 @@ class Profile(msgspec.Struct, frozen=True, kw_only=True):
     camera: Cameras = Cameras()
 
 
-def profile_keys() -> dict[str, list[str]]:
-    """Every key that an assignment may have, such as depth.kind, and the words that it takes; none of a number."""
-    return {
-        f"{section}.{key}": _words_of(kind)
-        for section, type_ in get_type_hints(Profile).items()
-        if isinstance(type_, type) and issubclass(type_, msgspec.Struct)
-        for key, kind in get_type_hints(type_).items()
-    }
-
-
 def _words_of(kind: Any) -> list[str]:
     if kind is bool:
         return ["true", "false"]

@@ -10,9 +10,14 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TypeVar
 
-from cltaa.errors import OutputError, StorageError, disk_space_cure
+import msgspec
+
+from cltaa.errors import DataError, OutputError, StorageError, disk_space_cure
 from cltaa.printable import printable
+
+Kept = TypeVar("Kept")
 
 LONGEST_NAME = 200  # bytes of a final name in that of its temporary file; file systems end at 255
 
@@ -77,6 +82,24 @@ def atomic_path(path: Path) -> Iterator[Path]:
             raise StorageError(what, path=path, cure=disk_space_cure(error)) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def keep(path: Path, finished: object) -> None:
+    """Write a struct into a file, and the folder that it is in if need be; raises OutputError and StorageError."""
+    make_folder(path.parent)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(msgspec.msgpack.encode(finished))
+
+
+def kept(path: Path, kind: type[Kept]) -> Kept | None:
+    """The struct of a file, or None where there is none; raises DataError for a damaged one."""
+    if not path.is_file():
+        return None
+    try:
+        return msgspec.msgpack.decode(path.read_bytes(), type=kind)
+    except msgspec.DecodeError as error:
+        what = f"no finished part of a measurement: {error}"
+        raise DataError(what, path=path, cure="delete it and run again") from None
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""From linear, scene-referred colour to what a screen shows, for pictures, films and perceptual metrics alike.
+"""From linear, scene-referred colour to what a screen shows, for PNGs, films and perceptual metrics alike.
 
 One transform, on purpose without a tone curve: exposure in stops, cut to [0, 1], sRGB encoding (IEC 61966-2-1). A curve
 that bends highlights would hide errors that a compositor sees; what lies above white is judged by the HDR metrics.
@@ -6,12 +6,16 @@ that bends highlights would hide errors that a compositor sees; what lies above 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cltaa.errors import DataError
 from cltaa.frame import Image
+from cltaa.io.atomic import atomic_path
 
 Floats = TypeVar("Floats", NDArray[np.float32], NDArray[np.float64])
 
@@ -31,7 +35,7 @@ def decoded(values: Floats) -> Floats:
 
 Picture = NDArray[np.uint8]  # [H, W, 3], sRGB-encoded
 
-LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709, for encoded R'G'B'
+LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # weights of ITU-R BT.709, and of light in its primaries
 
 
 def shown_light(linear: Image, stops: float = 0.0) -> Image:
@@ -62,3 +66,81 @@ def luma(display: Image) -> Image:
     """Luma [H, W] of encoded colour [H, W, 3] (ITU-R BT.709)."""
     weighted: Image = display @ LUMA
     return weighted
+
+
+LABEL_SHARE = 1 / 20  # height of a label's letters, of the height of the picture
+SMALLEST_LETTERS = 10  # pixels
+GAP = 2  # white pixels between two pictures
+
+
+def write_png(path: Path, picture: Picture) -> None:
+    """Write an 8-bit picture [H, W, 3] as PNG, atomically; raises OutputError and StorageError."""
+    from PIL import Image as Pillow  # here and below: a resolve starts without
+
+    with atomic_path(path) as temporary:
+        Pillow.fromarray(np.ascontiguousarray(picture)).save(temporary, format="PNG")
+
+
+def write_image_png(path: Path, image: Image, stops: float = 0.0) -> None:
+    """Write linear colour [H, W, 3] as PNG through the display transform of ``cltaa.io.display``."""
+    write_png(path, to_picture(image, stops))
+
+
+def side_by_side(before: Image, after: Image, labels: tuple[str, str] = ("before", "after")) -> Picture:
+    """Two linear images [H, W, 3] next to each other as one picture [H, 2 W + gap, 3], each with its label."""
+    if before.shape != after.shape:
+        raise DataError("images differ in size", expected=list(before.shape), found=list(after.shape))
+    return beside([to_picture(image) for image in (before, after)], labels)
+
+
+def beside(pictures: Sequence[Picture], labels: Sequence[str]) -> Picture:
+    """Pictures [H, W, 3] of one height next to each other, each with its label."""
+    gap = np.full((pictures[0].shape[0], GAP, 3), 255, np.uint8)
+    row: list[Picture] = []
+    for picture, text in zip(pictures, labels, strict=True):
+        row += [*([gap] if row else []), label(picture, text)]
+    return np.concatenate(row, axis=1)
+
+
+def wipe(before: Image, after: Image, share: float, labels: tuple[str, str] = ("before", "after")) -> Picture:
+    """Two linear images [H, W, 3] as one picture: left of a line at ``share`` of the width the one, else the other."""
+    if before.shape != after.shape:
+        raise DataError("images differ in size", expected=list(before.shape), found=list(after.shape))
+    left, right = (label(to_picture(image), text) for image, text in zip((before, after), labels, strict=True))
+    line = round(share * before.shape[1])
+    picture = np.concatenate([left[:, :line], right[:, line:]], axis=1)
+    picture[:, max(line - 1, 0) : line + 1] = 255
+    return picture
+
+
+def label(picture: Picture, text: str) -> Picture:
+    """Return a copy of a picture with ``text`` in its upper left corner, white on a dark ground."""
+    from PIL import Image as Pillow
+    from PIL import ImageDraw, ImageFont
+
+    size = max(SMALLEST_LETTERS, round(picture.shape[0] * LABEL_SHARE))
+    canvas = Pillow.fromarray(np.ascontiguousarray(picture))
+    draw = ImageDraw.Draw(canvas)
+    font = ImageFont.load_default(size)
+    corner, margin = (size // 2, size // 2), size // 4
+    left, top, right, bottom = draw.textbbox(corner, text, font=font)
+    draw.rectangle((left - margin, top - margin, right + margin, bottom + margin), fill=(24, 24, 24))
+    draw.text(corner, text, font=font, fill=(255, 255, 255))
+    return np.asarray(canvas)
+
+
+def error_map(test: Image, reference: Image, stops: float = 0.0) -> Image:
+    """Largest absolute difference of the display images over the channels, [H, W] in [0, 1]."""
+    largest: Image = np.abs(to_display(test, stops) - to_display(reference, stops)).max(axis=-1)
+    return largest
+
+
+def heat(values: Image, white: float = 1.0) -> Picture:
+    """Colour values [H, W] from black at 0 over red and yellow to white at ``white`` and above, [H, W, 3].
+
+    Red, green and blue rise one after another over a third of the range each, so that brightness never falls and
+    the picture reads in grey too.
+    """
+    thirds = 3 * np.clip(values / np.float32(white), 0, 1)
+    ramps = np.stack([np.clip(thirds - start, 0, 1) for start in range(3)], axis=-1)
+    return quantise(ramps)

@@ -13,9 +13,8 @@ import numpy as np
 from cltaa.errors import DataError, StorageError, UsageError, import_extra
 from cltaa.frame import Image
 from cltaa.io.atomic import atomic_path, check_creatable
-from cltaa.io.display import Picture, to_picture
+from cltaa.io.display import Picture, side_by_side, to_picture, wipe
 from cltaa.io.numbered import NumberedFiles
-from cltaa.io.png import side_by_side, wipe
 
 QUALITY = 16  # x264's constant rate factor: finer than its default of 23, whose blocks would hide what is compared
 SUFFIXES = (".mp4", ".m4v")  # players go by them

@@ -2,26 +2,39 @@
 
 Each round gives every job one turn in a freshly shuffled order; what two jobs took in one round is compared, so that a
 load that comes and goes hits both. The statistic is the median of these ratios; resampling rounds gives its interval.
+What a measurement depends on beside the code is kept beside its numbers (``Environment``).
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
+import os
+import platform
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from cltaa import __version__
+from cltaa.core.backend import Launcher
+from cltaa.core.build import Build
+from cltaa.core.kernel_source import kernel_folder
 from cltaa.core.parameters import HistoryKind
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Frame, Image
 from cltaa.io.sequence import FrameSequence
 from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.opencl.pocl_cpu_name import cpu_flags, cpu_name
+from cltaa.printable import counted
+from cltaa.process import CORES, is_own
 from cltaa.progress import track
 
 RESAMPLES = 4000
@@ -54,14 +67,10 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """Something to time. ``run`` does it once and waits for the end; it returns the device's own seconds, or None.
-
-    ``rounds`` is the most rounds it takes part in: a job that takes seconds need not hold up all the others.
-    """
+    """Something to time. ``run`` does it once and waits for the end; it returns the device's own seconds, or None."""
 
     name: str
     run: Callable[[], float | None]
-    rounds: int | None = None
 
 
 class Interval(msgspec.Struct, frozen=True, kw_only=True):
@@ -88,28 +97,28 @@ class Interval(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(slots=True)
 class Samples:
-    """What every job took, by round: {job: {round: sample}}."""
+    """What every job took, round after round."""
 
-    by_job: dict[str, dict[int, Sample]] = field(default_factory=dict)
+    by_job: dict[str, list[Sample]] = field(default_factory=dict)
 
-    def add(self, job: str, number: int, sample: Sample) -> None:
-        """Note what ``job`` took in round ``number``."""
-        self.by_job.setdefault(job, {})[number] = sample
+    def add(self, job: str, sample: Sample) -> None:
+        """Note what ``job`` took in the next round."""
+        self.by_job.setdefault(job, []).append(sample)
 
     def seconds(self, job: str, clock: Clock = Clock.WALL) -> NDArray[np.float64]:
         """All times of a job by a clock, by the host's where that has none."""
-        return np.array([_seconds(sample, clock) for sample in self.by_job[job].values()])
+        return np.array([_seconds(sample, clock) for sample in self.by_job[job]])
 
     def has(self, job: str, clock: Clock) -> bool:
         """True where that clock timed every run of the job."""
-        return all(getattr(sample, clock) is not None for sample in self.by_job[job].values())
+        return all(getattr(sample, clock) is not None for sample in self.by_job[job])
 
     def interval(self, job: str, clock: Clock = Clock.WALL) -> Interval:
         """Median seconds of a job with its interval."""
         return interval(self.seconds(job, clock))
 
     def ratio(self, job: str, base: str, clock: Clock = Clock.WALL) -> Interval:
-        """How many times as long as ``base`` a job takes: the median over the rounds that both ran in."""
+        """How many times as long as ``base`` a job takes: the median over the rounds."""
         return interval(self.ratios(job, base, clock))
 
     def faster(self, job: str, other: str, clock: Clock = Clock.WALL) -> bool:
@@ -118,10 +127,8 @@ class Samples:
         return float(np.median(ratios)) < 1.0 and interval(ratios).high < 1.0  # most pairs end at the median
 
     def ratios(self, job: str, base: str, clock: Clock = Clock.WALL) -> NDArray[np.float64]:
-        """What ``ratio`` is the median of: one a round that both ran in."""
-        both = sorted(self.by_job[job].keys() & self.by_job[base].keys())
-        pairs = [(self.by_job[job][number], self.by_job[base][number]) for number in both]
-        return np.array([_seconds(a, clock) / _seconds(b, clock) for a, b in pairs])
+        """What ``ratio`` is the median of: one a round."""
+        return self.seconds(job, clock) / self.seconds(base, clock)
 
 
 def _seconds(sample: Sample, clock: Clock) -> float:
@@ -174,29 +181,27 @@ def measure(
     patience: float = 0.0,
     action: str | None = None,
 ) -> Samples:
-    """Time ``jobs`` in ``rounds`` rounds after ``warm_up`` untimed runs of each (one, where a job takes few rounds).
+    """Time ``jobs`` in ``rounds`` rounds after ``warm_up`` untimed runs of each.
 
     A turn is one run; with ``turn`` as many as fill so many seconds, from FEWEST_RUNS to MOST_RUNS, and what takes LONG
     turns runs once, to warm up too. Where ``enough`` does not find the samples good enough, more rounds follow for at
     most ``patience`` seconds. Where ``action`` says what is being done, progress is shown (``cltaa.progress.track``).
     """
-    runs = {job.name: _runs(job, warm_up if job.rounds is None else 1, turn) for job in jobs}
+    runs = {job.name: _runs(job, warm_up, turn) for job in jobs}
     random = np.random.default_rng(seed)
     samples = Samples()
 
-    def play(number: int) -> None:
-        present = [job for job in jobs if job.rounds is None or number < job.rounds]
-        for place in random.permutation(len(present)):
-            job = present[place]
-            samples.add(job.name, number, _turn(job, runs[job.name]))
+    def play() -> None:
+        for place in random.permutation(len(jobs)):
+            job = jobs[place]
+            samples.add(job.name, _turn(job, runs[job.name]))
 
     numbers = range(rounds)
-    for number in numbers if action is None else track(numbers, rounds, action, unit="rounds"):
-        play(number)
-    deadline, number = time.monotonic() + patience, rounds
+    for _ in numbers if action is None else track(numbers, rounds, action, unit="rounds"):
+        play()
+    deadline = time.monotonic() + patience
     while enough is not None and not enough(samples) and time.monotonic() < deadline:
-        play(number)
-        number += 1
+        play()
     return samples
 
 
@@ -235,7 +240,7 @@ def timed_frames(sequence: FrameSequence) -> list[Frame]:
     return [sequence.frame(number) for number in timed_numbers(sequence)]
 
 
-def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int | None = None) -> tuple[Job, Image]:
+def resolve_job(name: str, resolver: Resolver, frames: list[Frame]) -> tuple[Job, Image]:
     """A job that runs the kernels of the last of two or more ``frames`` again, and the image [H, W, 3 or 4] they give.
 
     Its clock is the device's, in seconds, and there is none on NumPy. Raises what ``Resolver.resolve`` raises.
@@ -245,16 +250,11 @@ def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int 
     last = frames[-1]
     ahead = [replace(last, index=last.index + last.step * n) for n in range(1, resolver.look_ahead + 1)]
     image = [image for frame in (*frames, *ahead) for image in resolver.feed(frame)][-1]
-    launcher = resolver.launcher
 
     def run() -> float | None:
-        events: list[tuple[str, Any]] | None = [] if isinstance(launcher, DeviceLauncher) else None
-        if isinstance(launcher, DeviceLauncher):
-            launcher.events = events
-        resolver.run_again(frames[-1], frames[-2])
-        return None if events is None else device_seconds(events)
+        return kernel_seconds(resolver.launcher, lambda: resolver.run_again(frames[-1], frames[-2]))
 
-    return Job(name, run, rounds), image
+    return Job(name, run), image
 
 
 def _keep_before(resolver: Resolver, frame: Frame) -> None:
@@ -269,9 +269,97 @@ def _keep_before(resolver: Resolver, frame: Frame) -> None:
     resolver.keep_again(before, count)
 
 
+def kernel_seconds(launcher: Launcher, work: Callable[[], object]) -> float | None:
+    """Seconds that the device works on the kernels that ``work`` starts and waits for; None on NumPy."""
+    if not isinstance(launcher, DeviceLauncher):
+        work()
+        return None
+    events: list[tuple[str, Any]] = []
+    launcher.events = events
+    work()
+    launcher.events = None
+    return device_seconds(events)
+
+
 def device_seconds(events: list[tuple[str, Any]]) -> float:
     """Seconds that the device worked on these finished kernels of one queue; the gaps between them left out.
 
     A gap is the host's: it is in the wall time, and vanishes where the host runs ahead of the device.
     """
     return float(sum(event.profile.end - event.profile.start for _, event in events)) * 1e-9
+
+
+# What of the CPU decides the speed of vector code, among its hundred flags.
+TELLING_FLAGS = ("sse4_2", "avx", "avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_fp16", "asimd", "sve")
+LIBRARIES = ("numpy", "pyopencl")
+
+
+class Environment(msgspec.Struct, frozen=True, kw_only=True):
+    """Where and when something was measured."""
+
+    date: str  # UTC
+    system: str
+    cpu: str
+    cores: int
+    cpu_flags: list[str]
+    load_before: float  # runnable processes, mean of a minute
+    load_after: float
+    device: str
+    libraries: dict[str, str]
+    kernels_sha256: str
+    options: list[str]  # of the OpenCL compiler
+    units: int = 0  # compute units of the device, of PoCL threads; 0 where they were not asked for
+
+    @property
+    def hardware(self) -> str:
+        """The device, and how many units of it worked, where that is known."""
+        return f"{self.device}, {counted(self.units, 'compute unit')}" if self.units else self.device
+
+    @property
+    def line(self) -> str:
+        """All that decides how far the numbers may be compared, in a line."""
+        return (
+            f"{self.hardware}; {self.cpu}, {counted(self.cores, 'core')}, {' '.join(self.cpu_flags)}; "
+            f"load {self.load_before} to {self.load_after}; {self.date} UTC; kernels {self.kernels_sha256[:12]}"
+        )
+
+
+def load_average() -> float:
+    """Runnable processes, mean of the last minute."""
+    return os.getloadavg()[0]
+
+
+def pin_threads() -> None:
+    """Let PoCL, if this process is our own and has not loaded it yet, keep each thread on a processor, of them all.
+
+    Two threads that share a core while another idles take half as long again, in one run and not in the next.
+    """
+    if is_own() and os.cpu_count() == CORES:
+        os.environ.setdefault("POCL_AFFINITY", "1")
+
+
+def kernels_sha256(folder: Path) -> str:
+    """One SHA-256 over every kernel file and its name."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*.[ch]*")):
+        digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def environment(device: str, load_before: float, *, units: int = 0) -> Environment:
+    """The environment of a measurement that has just ended and began at ``load_before``."""
+    flags = cpu_flags()
+    return Environment(
+        date=time.strftime("%Y-%m-%d %H:%M", time.gmtime()),
+        system=platform.platform(terse=True),
+        cpu=cpu_name(),
+        cores=CORES,
+        cpu_flags=[flag for flag in TELLING_FLAGS if flag in flags],
+        load_before=round(load_before, 2),
+        load_after=round(load_average(), 2),
+        device=device,
+        libraries={"cltaa": __version__} | {name: version(name) for name in LIBRARIES},
+        kernels_sha256=kernels_sha256(kernel_folder()),
+        options=list(Build().flags()),
+        units=units,
+    )

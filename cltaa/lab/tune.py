@@ -1,16 +1,15 @@
 """Search for the settings with the least error within a time, or the least time for an error (extra ``tune``).
 
 Finished trials stay on disk, so that a search that was interrupted goes on where it stopped: the sampler asks for the
-same settings again when it is told the same outcomes, and a trial that was measured is looked up by its place. A record
-of another search, or what a kill left of a line, counts as nothing.
+same settings again when it is told the same outcomes, and a trial that was measured is looked up by what decides it.
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
+import shutil
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -24,18 +23,15 @@ from cltaa.core.kernel_source import code_sha256
 from cltaa.core.parameters import Choices
 from cltaa.core.presets import LADDER, Preset, load_preset, override, preset_names
 from cltaa.core.resolver import Resolver
-from cltaa.errors import StorageError, UsageError, disk_space_cure, import_extra
-from cltaa.io.atomic import atomic_path
-from cltaa.io.content import read_text
+from cltaa.errors import UsageError, import_extra
+from cltaa.io.atomic import atomic_path, keep, kept, make_folder
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.judge.comparison import stamps, truth_of
+from cltaa.lab.judge.comparison import content_sha256, truth_of
 from cltaa.lab.judge.metrics import METRICS, named_metrics
 from cltaa.lab.timing import Clock, measure, resolve_job, timed_frames
 from cltaa.printable import counted
 from cltaa.process import is_own
 from cltaa.progress import track
-
-LARGEST = 1 << 26  # bytes; a trial takes 500
 
 
 class Trial(msgspec.Struct, frozen=True, kw_only=True):
@@ -48,64 +44,8 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
 
 def key_of(*decided: object, sequences: Collection[FrameSequence]) -> str:
     """A hash of everything that decides what a trial finds: what was asked for, the code, files and their reading."""
-    return hashlib.sha256(msgspec.json.encode([*decided, code_sha256(), *map(stamps, sequences)])).hexdigest()
-
-
-class Record:
-    """The trials of the search that ``key`` stands for, in a hidden file beside its ``output``."""
-
-    def __init__(self, output: Path, key: str) -> None:
-        """Read what there is; raises OutputError and StorageError where no trial can be kept."""
-        self._path, self._key = output.with_name(f".{output.name}.trials"), key
-        self._trials = _trials(self._path, key)
-        self._kept = 0
-        self._write()
-
-    def replay(self, values: dict[str, str | float]) -> Trial | None:
-        """The next trial where it was measured before with these settings; what stands behind another is dropped."""
-        if self._kept == len(self._trials):
-            return None
-        if self._trials[self._kept].values == values:
-            self._kept += 1
-            return self._trials[self._kept - 1]
-        self._trials = self._trials[: self._kept]
-        self._write()
-        return None
-
-    def add(self, trial: Trial) -> None:
-        """Keep a trial that was measured now; raises StorageError."""
-        self._trials.append(trial)
-        self._kept += 1
-        try:
-            with self._path.open("a", encoding="utf-8") as stream:
-                stream.write(_line(trial))
-        except OSError as error:
-            what = f"a trial cannot be kept: {error.strerror}"
-            raise StorageError(what, path=self._path, cure=disk_space_cure(error)) from error
-
-    def clear(self) -> None:
-        """Delete the record: the search has ended."""
-        self._path.unlink(missing_ok=True)
-
-    def _write(self) -> None:
-        """Write all of it anew: what was measured is there, as it was or as it is, whenever this ends."""
-        with atomic_path(self._path) as temporary:
-            temporary.write_text("".join([f"{self._key}\n", *map(_line, self._trials)]), encoding="utf-8")
-
-
-def _line(trial: Trial) -> str:
-    return f"{msgspec.json.encode(trial).decode()}\n"
-
-
-def _trials(path: Path, key: str) -> list[Trial]:
-    if not path.is_file():
-        return []
-    first, *lines = read_text(path, "a record of trials", LARGEST).splitlines() or [""]
-    trials: list[Trial] = []
-    with suppress(msgspec.DecodeError):  # the last line, of a process that was killed
-        for line in lines if first == key else ():
-            trials.append(msgspec.json.decode(line, type=Trial))  # one by one: those before a damaged one are kept
-    return trials
+    held = [(content_sha256(sequence), sequence.step) for sequence in sequences]
+    return hashlib.sha256(msgspec.json.encode([*decided, code_sha256(), *held])).hexdigest()
 
 
 STEEPNESS = 4  # how fast a candidate gets worse beyond the limit
@@ -249,35 +189,37 @@ def tune(
     study = _study(seed)
     study.enqueue_trial(_values_of(base))
     bench = Bench(searched, goal.metric, launcher)
-    record = Record(output, key_of(goal, base.deciding(), seed, launcher.description, sequences=searched))
+    folder = make_folder(output.with_name(f".{output.name}.trials"))
+    key = key_of(goal.metric, launcher.description, sequences=searched)
     found: list[Trial] = []
     for _ in track(range(trials), trials, "tuning", unit="trials"):
         asked = study.ask()
         values = _suggested(asked)
-        trial = _tried(bench, record, override(base, values, "cltaa tune") if found else base, values)
+        trial = _tried(bench, folder, key, override(base, values, "cltaa tune") if found else base, values)
         study.tell(asked, goal.score(trial.error, trial.milliseconds))
         found.append(trial)
-    found += _presets_as_they_are(bench, record, base)
+    found += _presets_as_they_are(bench, folder, key, base)
     tuned, preset = _judged(found, searched, checked, goal, launcher, base)
     with atomic_path(output) as temporary:
         temporary.write_text(preset_text(tuned, preset), encoding="utf-8")
-    record.clear()
+    shutil.rmtree(folder)
     return tuned
 
 
-def _presets_as_they_are(bench: Bench, record: Record, base: Preset) -> list[Trial]:
+def _presets_as_they_are(bench: Bench, folder: Path, key: str, base: Preset) -> list[Trial]:
     """A trial of each preset of the ladder, below which the search does not end."""
     presets = [load_preset(name) for name in LADDER]
     others = [preset for preset in presets if preset.deciding() != base.deciding()]
-    return [_tried(bench, record, preset, {PRESET: preset.name}) for preset in others]
+    return [_tried(bench, folder, key, preset, {PRESET: preset.name}) for preset in others]
 
 
-def _tried(bench: Bench, record: Record, preset: Preset, values: dict[str, str | float]) -> Trial:
-    """What a preset brings: as the record has it, else measured now."""
-    trial = record.replay(values)
+def _tried(bench: Bench, folder: Path, key: str, preset: Preset, values: dict[str, str | float]) -> Trial:
+    """What a preset brings: as it is kept in ``folder``, else measured now."""
+    path = folder / hashlib.sha256(msgspec.json.encode([key, values, preset.deciding()])).hexdigest()
+    trial = kept(path, Trial)
     if trial is None:
         trial = Trial(values=values, error=bench.error(preset), milliseconds=bench.milliseconds(preset))
-        record.add(trial)
+        keep(path, trial)
     return trial
 
 

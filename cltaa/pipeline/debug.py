@@ -12,8 +12,7 @@ from cltaa.core.debug_views import View
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Image
 from cltaa.io.atomic import make_folder
-from cltaa.io.display import Picture, quantise
-from cltaa.io.png import heat, write_png
+from cltaa.io.display import Picture, heat, quantise, write_png
 
 COLOURS = {
     Reason.KEPT: (0, 0, 0),

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import click
-from rich.table import Table
 
 from cltaa.commands.options import json_option
-from cltaa.commands.printing import Console
+from cltaa.commands.printing import Console, listing
 from cltaa.frame import format_effects
 from cltaa.printable import json_of
-from cltaa_datasets.models import FORMATS, MOTIONS
+from cltaa_datasets import FORMATS, MOTIONS
 
 
 @click.command()
@@ -23,7 +22,7 @@ def scenes(as_json: bool) -> None:
         listed = [{"name": e.name, "description": e.description, "effects": sorted(e.effects)} for e in entries]
         click.echo(json_of({"scenes": listed, "file": {"formats": FORMATS, "motions": MOTIONS}}))
         return
-    table = Table("scene", "what it shows", "effects", box=None, padding=(0, 2, 0, 0))
+    table = listing("scene", "what it shows", "effects")
     for entry in entries:
         table.add_row(entry.name, entry.description, format_effects(entry.effects).replace(",", " "))
     table.add_row("file:PATH", f"your own model ({' '.join(FORMATS)}), --motion {' or '.join(MOTIONS)}", "by motion")

@@ -1,4 +1,7 @@
-"""Anybody's model as a scene, with its textures, on a turntable or seen from an orbit."""
+"""Anybody's model as a scene, with its textures: on a turntable, seen from an orbit, or played as it is animated.
+
+What is played stands before a still camera, on the floor that other models turn on.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +17,11 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.frame import Effect
 from cltaa.io.display import decoded
-from cltaa_datasets import animation, deform, meshes, textures
-from cltaa_datasets.gltf_model import at_rest
-from cltaa_datasets.models import FORMATS, GLTF, MOTIONS
+from cltaa_datasets import FORMATS, GLTF, MOTIONS, animation, deform, meshes, textures
+from cltaa_datasets.gltf_model import AnimatedModel, at_rest
 from cltaa_datasets.scene import AlphaMode, Instant, Material, Matrix, Part, Perspective, Scene, Sky, Sun, Texture
 
 DISTANCE, RISE, FIELD_OF_VIEW = 2.3, 0.6, np.radians(44.0)  # of the camera, from a model of radius 1
@@ -106,7 +108,7 @@ def load_model(path: Path) -> tuple[tuple[Part, ...], list[Matrix], float]:
     """Read a model and stand it on the ground with a bounding radius of 1: its parts, a pose for each, its height.
 
     Read are base colour, metallic-roughness and emissive textures, alpha modes and vertex colours; normal maps,
-    occlusion and lights are not; ``played_models`` reads animation. Raises UsageError, InputMissing and DataError.
+    occlusion and lights are not; ``played_scene`` plays animations. Raises UsageError, InputMissing and DataError.
     """
     if path.suffix.lower() not in FORMATS:
         raise UsageError(
@@ -277,3 +279,44 @@ def _texture(image: Any, shared: dict[int, Texture]) -> Texture | None:
     if id(image) not in shared:
         shared[id(image)] = Texture(np.asarray(image.convert("RGBA"), np.uint8))
     return shared[id(image)]
+
+
+LOOKS = 16  # instants at which the size of what is played is measured
+
+
+def default_motion(path: str) -> str:
+    """How a file is shown where nobody says: as it is animated, else on a turntable."""
+    try:
+        return "play" if AnimatedModel.animates(Path(path)) else "turntable"
+    except CltaaError:
+        return "turntable"  # whose reader knows more formats, and says what is wrong
+
+
+def played_scene(path: str, seed: int) -> Scene:
+    """Stand an animated model on a tiled floor, scaled to a radius of 1 over all that it does; raises DataError."""
+    model = AnimatedModel(Path(path))
+    rng = np.random.default_rng(seed)
+    floor = tiled_floor(rng)
+    stand, height = standing(*_bounds(model), Path(path))
+    stand = animation.rotation(animation.UP, start_angle(rng)) @ stand
+    effects = effects_of(model.parts, Effect.MOTION)
+    lights = (Sun(SUN, (3.2, 3.0, 2.6)),)
+    eye = (0.0, height / 2.0 + RISE, DISTANCE)
+    view, lens = animation.look_at(eye, (0.0, height / 2.0, 0.0)), Perspective(FIELD_OF_VIEW)
+
+    def at(time: float) -> Instant:
+        poses, shapes = model.at(time)
+        placed = (*(stand @ pose for pose in poses), np.eye(4))
+        return Instant(view, lens, placed, lights, SKY, shapes=shapes)
+
+    return Scene(scene_name(path), effects, (*model.parts, floor), at)
+
+
+def _bounds(model: AnimatedModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The least and the greatest coordinates [3] over all that the model does."""
+    corners: list[NDArray[np.float64]] = []
+    for time in np.linspace(0.0, model.tree.duration, LOOKS).tolist():
+        poses, shapes = model.at(time)
+        stood = (shapes[p.name].positions if p.name in shapes else np.asarray(p.mesh.vertices) for p in model.parts)
+        corners += bounds(stood, poses)
+    return np.min(corners, axis=0), np.max(corners, axis=0)

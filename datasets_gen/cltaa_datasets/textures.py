@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from cltaa.io.display import encoded
 from cltaa_datasets.scene import Colour, Texture
 
 Floats = NDArray[np.float64]
@@ -14,18 +15,11 @@ Generator = np.random.Generator
 SIZE = 512  # texels a side
 
 
-def encode_srgb(linear: Floats) -> NDArray[np.uint8]:
-    """Encode linear [0, 1] as 8-bit sRGB (IEC 61966-2-1)."""
-    linear = np.clip(linear, 0.0, 1.0)
-    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
-    return np.asarray(np.rint(encoded * 255.0), np.uint8)
-
-
 def make_texture(colour: Floats, alpha: Floats | None = None, *, smooth: bool = True) -> Texture:
     """Make a texture of linear ``colour`` [H, W, 3] and ``alpha`` [H, W], row 0 at the top."""
-    opaque = np.ones(colour.shape[:2]) if alpha is None else alpha
-    coverage = np.rint(np.clip(opaque, 0.0, 1.0) * 255.0).astype(np.uint8)
-    return Texture(np.ascontiguousarray(np.dstack([encode_srgb(colour), coverage])), smooth=smooth)
+    opaque = np.ones(colour.shape[:2]) if alpha is None else np.clip(alpha, 0.0, 1.0)
+    texels = np.dstack([encoded(np.clip(colour, 0.0, 1.0)), opaque])
+    return Texture(np.rint(texels * 255.0).astype(np.uint8), smooth=smooth)
 
 
 def paint(mask: Floats, off: Colour | Floats, on: Colour | Floats) -> Floats:

@@ -50,7 +50,7 @@ def test_nothing_but_what_was_asked_for_on_stdout(tmp_path: Path, capsys: pytest
 @pytest.fixture
 def few_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is asked of costs is which there are."""
-    monkeypatch.setattr("cltaa_capture.costs.ROUNDS", 3)
+    monkeypatch.setattr("cltaa_capture.explain.ROUNDS", 3)
 
 
 @pytest.mark.usefixtures("few_rounds")

@@ -15,8 +15,9 @@ import cltaa_capture
 import cltaa_datasets
 from cltaa.errors import DataError, OutputError, StorageError, UsageError
 from cltaa.frame import Effect, Image
+from cltaa.io import streams
 from cltaa.io.exr_read import read_colour, read_image
-from cltaa.io.exr_write import write_frame
+from cltaa.io.exr_write import write_image
 from cltaa.io.manifest import file_sha256
 from cltaa.io.sequence import open_sequence
 from cltaa_capture import manifest, sequence
@@ -115,12 +116,12 @@ def test_a_run_that_was_cut_short_goes_on(tmp_path: Path, captured: Path) -> Non
 
 
 def test_a_failed_write_keeps_what_came_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(path: Path, *arguments: object) -> None:
+    def full(path: Path, *arguments: object, **options: object) -> None:
         if "0001" in path.name:
             raise StorageError("writing failed: No space left on device", path=path)
-        write_frame(path, *arguments)  # type: ignore[arg-type]
+        write_image(path, *arguments, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(sequence, "write_frame", full)
+    monkeypatch.setattr(streams, "write_image", full)
     with pytest.raises(StorageError, match="No space left"):
         capture_sequence(request(tmp_path))
     assert "conveyor.0000.exr" in json.loads((tmp_path / "sequence.json").read_text())["files"]

@@ -89,21 +89,7 @@ def completed(words: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
         ("cltaa resolve x --profile bl", "blender"),
         ("cltaa kernels --show gather_w", "gather_windows"),
         ("cltaa bench quality --scene spi", "spinner"),
-        ("cltaa bench quality --scene al", "all"),
         ("cltaa demo --scene spi", "spinner"),
-        ("cltaa resolve x --set box_scale_s", "box_scale_static="),
-        ("cltaa resolve x --set history=fr", "history=frames"),
-        ("cltaa resolve x --debug rej", "reject"),
-        ("cltaa resolve x --debug count,mo", "count,motion"),
-        ("cltaa resolve x --effects mot", "motion"),
-        ("cltaa inspect x --effects sky,th", "sky,thin"),
-        ("cltaa bench accuracy x --effects au", "auto"),
-        ("cltaa check x --input jitter.of", "jitter.offset="),
-        ("cltaa resolve x --input depth.kind=device-r", "depth.kind=device-reversed"),
-        ("cltaa resolve x --input motion.swap=t", "motion.swap=true"),
-        ("cltaa compare x --metrics al", "all"),
-        ("cltaa compare x --metrics mse,ps", "mse,psnr"),
-        ("cltaa bench accuracy --metrics flip,flip-h", "flip,flip-hdr"),
     ],
 )
 def test_completion_of_a_name(
@@ -112,24 +98,6 @@ def test_completion_of_a_name(
     lines = completed(words, monkeypatch, capsys, "bash")
     assert f"plain,{offered}" in lines
     assert all(line.startswith(f"plain,{words.split()[-1]}") for line in lines)
-
-
-@pytest.mark.parametrize(
-    ("words", "offered"),
-    [
-        ("cltaa resolve x --debug reject,clip,", {"plain,reject,clip,count", "plain,reject,clip,motion"}),
-        ("cltaa compare x --metrics mse,al", set()),  # all stands alone
-        ("cltaa resolve x --set box_scale_static=1", set()),
-        ("cltaa resolve x --set nonsense=", set()),
-        ("cltaa resolve x --effects sky,al", {"plain,sky,alpha"}),  # all and auto stand alone
-        ("cltaa resolve x --input motion.scale=1", set()),
-        ("cltaa resolve x --input nonsense=", set()),
-    ],
-)
-def test_what_a_list_has_is_not_completed_again_and_a_number_has_no_words(
-    words: str, offered: set[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert set(completed(words, monkeypatch, capsys, "bash")) == offered
 
 
 def test_completion_of_a_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

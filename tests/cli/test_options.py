@@ -9,8 +9,8 @@ from cltaa.commands.options import (
     FRAME_RANGE,
     FROM_0,
     FROM_2,
-    MILLISECONDS,
     NAMES,
+    SECONDS,
     SIZE,
 )
 
@@ -54,5 +54,4 @@ def test_what_is_refused(kind: click.ParamType[tuple[object, ...]], text: str) -
 
 
 def test_a_time_may_have_its_unit() -> None:
-    """As that of ``cltaa tune --budget`` has."""
-    assert [MILLISECONDS.convert(text, None, None) for text in ("5ms", "0.5 ms", "5")] == [5.0, 0.5, 5.0]
+    assert [SECONDS.convert(text, None, None) for text in ("5s", "0.5 s", "5")] == [5.0, 0.5, 5.0]

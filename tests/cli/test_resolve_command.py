@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
+from cltaa.commands.options import load_config
 from cltaa.commands.presets import parameter_rows
 from cltaa.core.presets import FIELDS, load_preset, preset_names
 from cltaa.core.resolver import Resolver
 from cltaa.io.exr_read import read_frame, read_image
 from cltaa.io.exr_write import write_frame
-from cltaa.io.preset_file import load_config
 from cltaa.io.sequence import open_sequence
 from tests.sequence_factory import bits, write_sequence
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from cltaa.errors import DataError
-from cltaa_datasets.gltf_model import at_rest
-from cltaa_datasets.gltf_vertices import triangles
+from cltaa_datasets.gltf_model import at_rest, triangles
 from cltaa_datasets.meshes import texture_coordinates
 from cltaa_datasets.scene import Part
 from tests.datasets.gltf_writer import BYTE, FLOAT, SHORT, SQUARE, Writer, skinned_square

@@ -71,7 +71,8 @@ def test_look_at() -> None:
 def test_srgb_encoding_at_known_values() -> None:
     # 0.0031308 is where the curve's two pieces meet; 0.21404 is the linear value of code 127.5 (IEC 61966-2-1).
     linear = np.array([0.0, 0.0031308, 0.2140, 0.2141, 1.0, 7.0, -1.0])
-    assert textures.encode_srgb(linear).tolist() == [0, 10, 127, 128, 255, 255, 0]
+    texels = textures.make_texture(np.broadcast_to(linear[:, None, None], (7, 1, 3))).texels
+    assert texels[:, 0].tolist() == [[code, code, code, 255] for code in (0, 10, 127, 128, 255, 255, 0)]
 
 
 RANDOM: dict[str, Callable[[np.random.Generator], Texture]] = {

@@ -15,17 +15,17 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
+from cltaa.commands.options import load_config
 from cltaa.core.presets import load_preset
 from cltaa.errors import DataError, InputMissing
 from cltaa.io.exr_frame import frame_attributes
 from cltaa.io.exr_read import read_frame, read_image
 from cltaa.io.exr_write import write_image
 from cltaa.io.manifest import LARGEST_RECORD
-from cltaa.io.preset_file import load_config
 from cltaa.io.sequence import open_sequence
 from cltaa.printable import printable
+from cltaa_datasets import FORMATS
 from cltaa_datasets.gltf_file import GltfFile
-from cltaa_datasets.models import FORMATS
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_sequence
 from tests.test_architecture import imported, sources
 

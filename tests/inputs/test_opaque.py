@@ -12,7 +12,7 @@ from cltaa.inputs.intake import OPAQUE
 from cltaa.io.exr_read import read_image
 from cltaa.io.exr_write import write_image
 from cltaa.lab.check.report import check_folder
-from cltaa.lab.inspect.description import describe_input
+from cltaa.lab.inspect.findings import describe_input
 from tests.inputs.foreign import frames
 
 

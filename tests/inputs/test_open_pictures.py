@@ -10,7 +10,7 @@ import pytest
 
 from cltaa.errors import DataError
 from cltaa.inputs.foreign import open_pictures
-from cltaa.io.png import write_image_png
+from cltaa.io.display import write_image_png
 from tests.sequence_factory import write_images
 
 IMAGES = [np.full((4, 5, 3), 0.25 * index, np.float32) for index in range(4)]

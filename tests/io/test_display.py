@@ -9,13 +9,16 @@ import pytest
 from PIL import Image as Pillow
 
 from cltaa.errors import DataError, OutputError
-from cltaa.io.display import luma, shown_light, to_display, to_picture
-from cltaa.io.png import (
+from cltaa.io.display import (
     GAP,
     error_map,
     heat,
     label,
+    luma,
+    shown_light,
     side_by_side,
+    to_display,
+    to_picture,
     write_image_png,
     write_png,
 )

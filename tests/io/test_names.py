@@ -165,7 +165,8 @@ def test_every_command_takes_every_naming(naming: str, tmp_path: Path, capsys: p
 
 def test_a_file_is_a_sequence_of_one_frame(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_sequence(tmp_path / "in", 3)
-    assert open_input(folder / "synthetic.0001.exr").numbers == (1,)
+    second = folder / "synthetic.0001.exr"
+    assert open_input(second).numbers == open_images(second).numbers == (1,)
     (folder / "synthetic.0002.exr").rename(tmp_path / "alone.exr")
     write_images(tmp_path / "still", [np.ones((4, 6, 3), np.float32)])
     still = next((tmp_path / "still").glob("*.exr")).rename(tmp_path / "still" / "still.exr")

@@ -94,13 +94,6 @@ def test_select(tmp_path: Path) -> None:
             sequence.select(first, last)
 
 
-def test_single_file(tmp_path: Path) -> None:
-    write_sequence(tmp_path, 3)
-    images = open_images(tmp_path / "synthetic.0001.exr")
-    assert list(images.numbers) == [1]
-    np.testing.assert_array_equal(images.image(1), make_frame(1).colour)
-
-
 @pytest.mark.parametrize("missing", [1, 2, 3])
 def test_gap_names_the_frame(tmp_path: Path, missing: int) -> None:
     write_sequence(tmp_path, 5)

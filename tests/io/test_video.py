@@ -15,9 +15,8 @@ import pytest
 from cltaa.cli import main
 from cltaa.errors import DataError, OutputError, UsageError
 from cltaa.frame import Image
-from cltaa.io.display import to_picture
+from cltaa.io.display import GAP, to_picture
 from cltaa.io.exr_write import write_frame
-from cltaa.io.png import GAP
 from cltaa.io.video import open_video, rate_of, write_side_by_side, write_video, write_wipe
 from tests.sequence_factory import make_frame, write_sequence
 

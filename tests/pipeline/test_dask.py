@@ -274,7 +274,6 @@ def test_what_cannot_be_given_to_workers_is_refused(
         ([], "--dask: preset default resolves each frame from the result before it; leave out --dask, or"),
         ([*gathered, "--debug", "count"], "--dask resolves no frames in turn, as --debug wants"),
         ([*gathered, "--follow"], "--dask resolves no frames in turn, as --follow wants"),
-        (["--budget-ms", "5"], "--budget-ms asks for a device of this machine; name a --preset to --dask"),
         (gathered, "no Dask scheduler answers at tcp://127.0.0.1:9: "),
     ):
         assert main([*command, *options]) == 64

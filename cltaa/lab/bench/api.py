@@ -16,9 +16,18 @@ import numpy as np
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Frame
-from cltaa.lab.bench.environment import Environment, environment, load_average
 from cltaa.lab.bench.frames import Motion, camera_at, make_frames
-from cltaa.lab.timing import Clock, Interval, Job, Samples, device_seconds, measure
+from cltaa.lab.timing import (
+    Clock,
+    Environment,
+    Interval,
+    Job,
+    Samples,
+    environment,
+    kernel_seconds,
+    load_average,
+    measure,
+)
 from cltaa.opencl.exchange import PlainCopies, array_on
 from cltaa.opencl.launcher import DeviceLauncher
 
@@ -86,8 +95,8 @@ def _timed(preset: Preset, launcher: DeviceLauncher, width: int, height: int, ro
     plain = PlainCopies(launcher.device, arrays, out, pinned=False)
     pinned = PlainCopies(launcher.device, arrays, out, pinned=True)
     jobs = [
-        Job(ON_DEVICE, _on_device(Resolver(preset, launcher), launcher, _Rendered(replace(host, **there)), back)),
-        Job(HOST, _one_by_one(Resolver(preset, launcher), _Rendered(host), out)),
+        Job(ON_DEVICE, _calls(Resolver(preset, launcher), _Rendered(replace(host, **there)), back)),
+        Job(HOST, _calls(Resolver(preset, launcher), _Rendered(host), out)),
         Job(COPIES, _times(plain.run)),
         Job(PINNED, _times(pinned.run)),
     ]
@@ -108,25 +117,13 @@ def _each(samples: Samples, job: str, clock: Clock = Clock.WALL) -> Interval:
     return samples.interval(job, clock).times(1 / CALLS)
 
 
-def _on_device(resolver: Resolver, launcher: DeviceLauncher, rendered: _Rendered, out: Any) -> Callable[[], float]:
-    def run() -> float:
-        events: list[tuple[str, Any]] = []
-        launcher.events = events
+def _calls(resolver: Resolver, rendered: _Rendered, out: Any) -> Callable[[], float | None]:
+    def resolve() -> None:
         for frame in rendered.some():
             resolver.resolve(frame, out=out)
-        launcher.finish()
-        launcher.events = None
-        return device_seconds(events)
+        resolver.launcher.finish()
 
-    return run
-
-
-def _one_by_one(resolver: Resolver, rendered: _Rendered, out: Any) -> Callable[[], None]:
-    def run() -> None:
-        for frame in rendered.some():
-            resolver.resolve(frame, out=out)
-
-    return run
+    return lambda: kernel_seconds(resolver.launcher, resolve)
 
 
 def _times(copy: Callable[[], None]) -> Callable[[], None]:

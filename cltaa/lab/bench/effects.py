@@ -6,8 +6,7 @@ nothing were declared (``all``), where plain means and plain weights give way to
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Literal
 
@@ -18,9 +17,9 @@ from cltaa.core.backend import Launcher
 from cltaa.core.plan import Plan, with_effects
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
-from cltaa.frame import Frame, format_effects
+from cltaa.frame import format_effects
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.timing import Clock, Interval, Job, Samples, measure
+from cltaa.lab.timing import Clock, Interval, Samples, measure, resolve_job
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.progress import track
 
@@ -67,6 +66,7 @@ def judge_effects(
         difference = np.abs(planned.astype(np.float64) - everything)
         largest, total = max(largest, float(difference.max())), total + float(difference.mean())
     samples, plan = _time(sequence, preset, launcher, rounds)
+    clock = Clock.DEVICE if isinstance(launcher, DeviceLauncher) and not launcher.device.is_cpu else Clock.PROCESSOR
     return EffectRow(
         scene=sequence.frame_header(sequence.first).scene,
         effects=format_effects(sequence.effects or ()) or ("none" if sequence.effects is not None else "not declared"),
@@ -75,42 +75,29 @@ def judge_effects(
         same_bits=same,
         replaced=largest,
         replaced_mean=total / len(sequence),
-        planned_ms=float(np.median(samples.seconds(PLANNED, Clock.DEVICE))) * 1e3,
-        every_ms=float(np.median(samples.seconds(EVERY, Clock.DEVICE))) * 1e3,
-        all_ms=float(np.median(samples.seconds(ALL, Clock.DEVICE))) * 1e3,
-        saving=samples.ratio(ALL, PLANNED, Clock.DEVICE),
+        planned_ms=float(np.median(samples.seconds(PLANNED, clock))) * 1e3,
+        every_ms=float(np.median(samples.seconds(EVERY, clock))) * 1e3,
+        all_ms=float(np.median(samples.seconds(ALL, clock))) * 1e3,
+        saving=samples.ratio(ALL, PLANNED, clock),
     )
 
 
 def _time(sequence: FrameSequence, preset: str | Preset, launcher: Launcher, rounds: int) -> tuple[Samples, Plan]:
     """Time the kernels of the last frame in the three ways, in turn; also what was planned for it."""
     before, frame = (sequence.frame(number) for number in sequence.numbers[-2:])
-    before, frame = replace(before, cut=True), replace(frame, cut=False)
+    pair = replace(before, cut=True), replace(frame, cut=False)
     jobs, plans = [], {}
     for name in WAYS:
         resolver = Resolver(preset, launcher, every_step=name != PLANNED)
-        pair = [with_effects(one, _named(name)) for one in (before, frame)]
-        for one in pair:
-            resolver.resolve(one)
+        job, _ = resolve_job(name, resolver, [with_effects(one, _named(name)) for one in pair])
         assert resolver.plan is not None
         plans[name] = resolver.plan
-        jobs.append(Job(name, _again(resolver, pair[1], pair[0])))
+        jobs.append(job)
     return measure(jobs, rounds, warm_up=3), plans[PLANNED]
 
 
 def _named(way: str) -> Literal["auto", "all"]:
     return "all" if way == ALL else "auto"
-
-
-def _again(resolver: Resolver, frame: Frame, before: Frame) -> Callable[[], float | None]:
-    on_processor = not isinstance(resolver.launcher, DeviceLauncher) or resolver.launcher.device.is_cpu
-
-    def run() -> float | None:
-        started = time.process_time()
-        resolver.run_again(frame, before)
-        return time.process_time() - started if on_processor else None
-
-    return run
 
 
 def markdown(rows: Iterable[EffectRow]) -> str:

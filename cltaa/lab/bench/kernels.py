@@ -1,50 +1,243 @@
-"""``cltaa bench kernels``: the kernels against a shader, a plain port, the oracle and the floor, in one run."""
+"""``cltaa bench kernels``: the kernels against a GLSL shader (extra ``bench``), a plain port and the floor, in one run.
+
+``BASELINE`` is the widely used core (3x3 variance, the nearest surface's motion, 16 taps of Catmull-Rom, clip, weighted
+blend, a counter) without what cltaa adds in its settings; the choices, which decide the time, are those of that core.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib import resources
+from typing import Any
 
 import msgspec
+import numpy as np
 
-from cltaa.core.build import Storage
-from cltaa.core.presets import Preset
-from cltaa.core.resolver import Resolver
-from cltaa.errors import CltaaError, InternalError, UsageError
-from cltaa.frame import Frame, Image
-from cltaa.lab.bench.contenders import (
-    BASELINE,
-    BORDER,
-    PlainPort,
-    Shader,
-    check_same,
-    copy_job,
-    least_bytes,
+from cltaa.core.backend import storage_dtype
+from cltaa.core.build import Build, Real, Storage, settings_record
+from cltaa.core.parameters import (
+    Accumulate,
+    Box,
+    Choices,
+    Dilation,
+    Rectify,
+    Reject,
+    Settings,
 )
-from cltaa.lab.bench.environment import Environment, environment, load_average
+from cltaa.core.planes import Layout
+from cltaa.core.presets import Preset
+from cltaa.core.record import Past, frame_record
+from cltaa.core.resolver import Resolver
+from cltaa.errors import CltaaError, DeviceMissing, InternalError, UsageError, import_extra
+from cltaa.frame import Frame, Image
 from cltaa.lab.bench.frames import Motion, make_frames
 from cltaa.lab.timing import (
     Clock,
+    Environment,
     Interval,
     Job,
     Samples,
+    device_seconds,
+    environment,
+    load_average,
     measure,
     resolve_job,
     too_noisy,
 )
 from cltaa.opencl.launcher import DeviceLauncher
 
-CORE, COPY, ORACLE = "core", "copy", "oracle"
+BASELINE = Preset(
+    name="baseline",
+    description="the core that the plain ports compute too",
+    choices=Choices(
+        box=Box.VARIANCE,
+        rectify=Rectify.CLIP,
+        dilation=Dilation.CLOSEST,
+        reject=Reject.NONE,
+        accumulate=Accumulate.EXPONENTIAL,
+    ),
+    settings=Settings(resampling_penalty=0.0, clip_penalty=0.0, disocclusion_blur=0.0),
+)
+PLAIN_GROUP = {True: (64, 1), False: (16, 16)}  # work-items a group of the plain port: on a CPU, on a GPU
+COPY_BYTES = 16  # a work-item of copy.cl
+# In float: two orders of the same operations, one with the cancelling variance; 999 of 1000 pixels are within 8e-6 at
+# 1920 x 1080. In half: OpenGL may cut off what does not fit, 2^-10 a frame, where OpenCL rounds; 999 are within 9e-4.
+TOLERANCE = {True: 2.0**-14, False: 4 * 2.0**-10}
+# Past the border the nearest surface is a tie, which either may break; the history filter carries that 2 px a frame.
+BORDER = 8
+# Where a pixel is just outside its box, or the image: decisions that rounding takes.
+ODD_PIXELS = 1e-3
+
+
+class PlainPort:
+    """``kernels/bench/plain.cl`` on a device: interleaved pixels, one a work-item, no halo."""
+
+    def __init__(self, launcher: DeviceLauncher, storage: Storage, width: int, height: int) -> None:
+        self._launcher, self._size = launcher, (width, height)
+        build = Build(choices=BASELINE.choices, real=Real.FLOAT, storage=storage, lanes=1, rows=1)
+        self._kernel = launcher.kernel("bench/plain", build)
+        pixels = storage_dtype(build)
+        self._current = launcher.allocate((height, width, 4))
+        self._inverse_depth = launcher.allocate((height, width))
+        self._history, self._output = (launcher.allocate((height, width, 4), pixels) for _ in range(2))
+        self._record: np.ndarray[Any, Any] | None = None
+
+    def resolve(self, frame: Frame, previous: Frame | None) -> Image:
+        """The resolved image [H, W, 3] float32 of ``frame``, whose history is the output of the call before."""
+        with self._current.mapped(write=True) as pixels:
+            pixels[..., :3], pixels[..., 3] = frame.colour, 1.0
+        with self._inverse_depth.mapped(write=True) as plane:
+            np.divide(np.float32(1.0), frame.depth, out=plane)
+        past = None if previous is None else Past.of(previous)
+        self._record = frame_record(frame, past, Layout(frame.width, frame.height))
+        self._history, self._output = self._output, self._history
+        self.run()
+        with self._output.mapped(write=False) as pixels:
+            return pixels[..., :3].astype(np.float32)
+
+    def run(self) -> float:
+        """Run the kernel on what the last ``resolve`` was given; return the device's seconds."""
+        buffers = {
+            "current": self._current,
+            "inverse_depth": self._inverse_depth,
+            "history": self._history,
+            "output": self._output,
+        }
+        given: dict[str, Any] = {name: getattr(memory, "buffer", None) for name, memory in buffers.items()}
+        given |= {"frame": self._record, "settings": settings_record(BASELINE.settings)}
+        group = PLAIN_GROUP[self._launcher.device.is_cpu]
+        columns, rows = (-(-extent // items) * items for extent, items in zip(self._size, group, strict=True))
+        event = self._kernel.enqueue(self._launcher.device.queue, (columns, rows), group, given)
+        self._launcher.finish()
+        return device_seconds([(self._kernel.name, event)])
+
+
+def copy_job(launcher: DeviceLauncher, moved: int) -> Job:
+    """A job that moves ``moved`` bytes, half of them read and half written: the floor of whatever must move as many."""
+    items = max(moved // (2 * COPY_BYTES), 1)
+    source, target = (launcher.allocate((items, COPY_BYTES // 4)) for _ in range(2))
+    kernel = launcher.kernel("bench/copy", Build(lanes=1, rows=1))
+    given = {"from": getattr(source, "buffer", None), "to": getattr(target, "buffer", None)}
+
+    def run() -> float:
+        event = kernel.enqueue(launcher.device.queue, (items,), None, given)
+        launcher.finish()
+        return device_seconds([(kernel.name, event)])
+
+    return Job("copy", run)
+
+
+def least_bytes(resolver: Resolver, storage: Storage) -> int:
+    """Bytes a pixel that the resolve of the last frame must move: each input read and each output written once."""
+    assert resolver.plan is not None
+    steps, choices = resolver.plan.steps, resolver.plan.choices
+    real, kept = 4, np.dtype(storage_dtype(Build(storage=storage))).itemsize
+    history = int(kept) * (4 if steps.alpha else 3)
+    planes = 3 + 1 + 1 + 1  # colour, inverse depth, count read, count written
+    planes += 2 * steps.own_motion + steps.alpha + steps.reactive + (choices.reject is Reject.DEPTH)
+    return real * planes + 2 * history
+
+
+def check_same(name: str, image: Image, expected: Image, storage: Storage) -> float:
+    """The largest difference over the brightest value; raises InternalError where images are not of one algorithm."""
+    inside = (slice(BORDER, -BORDER), slice(BORDER, -BORDER))
+    tolerance = TOLERANCE[storage is Storage.FLOAT]
+    apart = np.abs(image - expected).max(axis=-1)[inside] / float(np.abs(expected).max())
+    share = float((apart > tolerance).mean())
+    if share > ODD_PIXELS:
+        raise InternalError(
+            f"{name} does not compute what the resolve computes",
+            expected=f"at most {ODD_PIXELS:.2%} of the pixels apart by more than {tolerance:.1e} of the brightest",
+            found=f"{share:.2%}",
+            cure="its time would say nothing; see docs/performance.md",
+        )
+    return float(apart.max())
+
+
+_FOLDER = resources.files("cltaa") / "lab" / "bench"
+
+
+class Shader:
+    """``resolve.frag`` on float textures of an off-screen context."""
+
+    def __init__(self, storage: Storage, width: int, height: int) -> None:
+        moderngl = import_extra("moderngl", package="moderngl", extra="bench", purpose="timing the shader")
+        try:
+            self._context = moderngl.create_context(standalone=True, backend="egl")
+        except Exception as error:  # moderngl raises what its backend raises, Exception itself among others
+            raise DeviceMissing(f"no off-screen OpenGL: {error}", cure="see: cltaa doctor") from error
+        gl = self._context
+        self.renderer = f"{gl.info['GL_RENDERER']}, OpenGL {gl.info['GL_VERSION']}"
+        kept = "f4" if storage is Storage.FLOAT else "f2"
+        self._current = gl.texture((width, height), 4, dtype="f4")
+        self._inverse_depth = gl.texture((width, height), 1, dtype="f4")
+        self._history, self._output = (gl.texture((width, height), 4, dtype=kept) for _ in range(2))
+        for texture in (self._current, self._inverse_depth, self._history, self._output):
+            texture.repeat_x = texture.repeat_y = False
+            texture.filter = (gl.NEAREST, gl.NEAREST)
+        self._program = gl.program(
+            vertex_shader=(_FOLDER / "resolve.vert").read_text(encoding="utf-8"),
+            fragment_shader=(_FOLDER / "resolve.frag").read_text(encoding="utf-8"),
+        )
+        for unit, name in enumerate(("current", "inverse_depth", "history")):
+            self._program[name] = unit
+        settings = BASELINE.settings
+        self._program["limits"] = (
+            settings.sample_limit,
+            settings.blend_weight,
+            settings.luminance_knee,
+            settings.box_floor,
+        )
+        self._program["box"] = (settings.box_scale_static, settings.box_scale_moving, settings.motion_px)
+        self._triangle = gl.vertex_array(self._program, [])
+        self._targets = {texture: gl.framebuffer([texture]) for texture in (self._history, self._output)}
+
+    def resolve(self, frame: Frame, previous: Frame | None) -> Image:
+        """The resolved image [H, W, 3] float32 of ``frame``, whose history is the output of the call before."""
+        pixels = np.ones((frame.height, frame.width, 4), np.float32)
+        pixels[..., :3] = frame.colour
+        self._current.write(pixels.tobytes())
+        self._inverse_depth.write((np.float32(1.0) / frame.depth).tobytes())
+        past = None if previous is None else Past.of(previous)
+        self._program["displacement"] = _matrix(frame_record(frame, past, Layout(frame.width, frame.height)))
+        self._history, self._output = self._output, self._history
+        self.run()
+        kept = np.dtype(np.float16 if self._output.dtype == "f2" else np.float32)
+        read = np.frombuffer(self._output.read(), kept).reshape(frame.height, frame.width, 4)
+        return read[..., :3].astype(np.float32)
+
+    def run(self) -> float | None:
+        """Draw what the last ``resolve`` was given; return the seconds by OpenGL's clock, None where it has none."""
+        for unit, texture in enumerate((self._current, self._inverse_depth, self._history)):
+            texture.use(unit)
+        self._targets[self._output].use()
+        query = self._context.query(time=True)
+        with query:
+            self._triangle.render(vertices=3)
+        self._context.finish()
+        # A software rasteriser's clock stops when the triangle is binned, not when its pixels are done.
+        return None if "pipe" in self.renderer else float(query.elapsed) * 1e-9
+
+    def release(self) -> None:
+        """Free the context."""
+        self._context.release()
+
+
+def _matrix(record: np.ndarray[Any, Any]) -> tuple[float, ...]:
+    """The rows x, y, w of D and the origin, as the columns of a mat4."""
+    rows = [[float(record[letter + by]) for by in "xyq1"] for letter in "xyw"]
+    last = [float(record["origin_x"]), float(record["origin_y"]), float(record["reset"]), 0.0]
+    return tuple(value for row in [*rows, last] for value in row)
+
+
+CORE, COPY, PORT, SHADER = "core", "copy", "plain port", "GLSL"
 CONTROL = "core again"
-ORACLE_ROUNDS = 3  # it takes seconds
-FETCHES = 16  # reads of a shader that weighs texels itself
-SHADER_TAPS = (FETCHES, 9)
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
     """What one contender took. Bandwidth and floor count the bytes that it would have to move at least."""
 
     name: str
-    rounds: int
     wall_ns: Interval  # a pixel
     device_ns: Interval | None  # a pixel, by the device's events
     least_wall_ns: float
@@ -61,7 +254,7 @@ class Timing(msgspec.Struct, frozen=True, kw_only=True):
     motion: Motion
     rows: list[Row]
     absent: dict[str, str]  # contender: why it could not run
-    opengl: str | None  # who drew the shaders
+    opengl: str | None  # who drew the shader
     noisy: bool  # by the host's clock: rows without device times cannot be ranked
     device_noisy: bool  # by the device's: the others cannot
     floor_ns: float  # a pixel: the core's bytes at the bandwidth of the copy
@@ -89,7 +282,7 @@ class Contenders:
         self.difference: dict[str, float] = {}
         self.absent: dict[str, str] = {}
         self.opengl: str | None = None
-        self._shaders: list[Shader] = []
+        self._shader: Shader | None = None
         self.core = self._add_preset(CORE, BASELINE)
         self.jobs.append(Job(CONTROL, self.jobs[0].run))
         self.moved[CONTROL] = self.moved[CORE]
@@ -107,25 +300,16 @@ class Contenders:
             self._add_preset(preset.name, preset)
 
     def add_ports(self) -> None:
-        """Add the plain port and the shaders, each checked against the core's image."""
-        width, height = self._frames[0].width, self._frames[0].height
-        self._add_port("plain port", PlainPort(self._launcher, self._storage, width, height))
-        for taps in SHADER_TAPS:
-            name = f"GLSL, {taps} reads"
-            try:
-                shader = Shader(self._storage, width, height, taps)
-            except CltaaError as error:
-                self.absent[name] = str(error)
-                continue
-            self._shaders.append(shader)
-            self.opengl = shader.renderer
-            try:
-                self._add_port(name, shader)
-            except InternalError as error:
-                if taps == FETCHES:
-                    raise
-                # OpenGL leaves open in how many bits units weigh; those of GPUs take 8, and give another sum.
-                self.absent[name] = f"texture units weigh its bilinear reads too coarsely; {error}"
+        """Add the plain port and the shader, each checked against the core's image."""
+        size = self._frames[0].width, self._frames[0].height
+        self._add_port(PORT, PlainPort(self._launcher, self._storage, *size))
+        try:
+            self._shader = Shader(self._storage, *size)
+        except CltaaError as error:
+            self.absent[SHADER] = str(error)
+            return
+        self.opengl = self._shader.renderer
+        self._add_port(SHADER, self._shader)
 
     def _add_port(self, name: str, port: PlainPort | Shader) -> None:
         image = self.core
@@ -135,19 +319,10 @@ class Contenders:
         self.jobs.append(Job(name, port.run))
         self.moved[name] = self.moved[CORE]
 
-    def add_oracle(self) -> None:
-        """Add the NumPy twin, whose image is the core's but for the order of some operations."""
-        job, image = resolve_job(
-            ORACLE, Resolver(BASELINE, "numpy", storage=self._storage), self._frames, ORACLE_ROUNDS
-        )
-        self.difference[ORACLE] = check_same(ORACLE, image, self.core, self._storage)
-        self.jobs.append(job)
-        self.moved[ORACLE] = self.moved[CORE]
-
     def release(self) -> None:
-        """Free the OpenGL contexts."""
-        for shader in self._shaders:
-            shader.release()
+        """Free the OpenGL context."""
+        if self._shader is not None:
+            self._shader.release()
 
 
 def bench_kernels(
@@ -159,7 +334,6 @@ def bench_kernels(
     motions: Sequence[Motion],
     rounds: int,
     storage: Storage = Storage.FLOAT,
-    oracle: bool = True,
 ) -> KernelBench:
     """Time the kernels of ``presets`` and of the core against everything else on ``device``.
 
@@ -171,7 +345,7 @@ def bench_kernels(
         expected = f"at least {least}x{least}"
         raise UsageError("too small to compare images in", expected=expected, found=f"{width}x{height}")
     if device == "numpy":
-        raise UsageError("bench kernels times OpenCL kernels", cure="name an OpenCL device; the oracle is timed anyway")
+        raise UsageError("bench kernels times OpenCL kernels", cure="name an OpenCL device")
     launcher, before = DeviceLauncher(device), load_average()
     timings = []
     for motion in motions:
@@ -179,8 +353,6 @@ def bench_kernels(
         try:
             contenders.add_presets(presets)
             contenders.add_ports()
-            if oracle:
-                contenders.add_oracle()
             timings.append(_timing(contenders, launcher, motion, width * height, rounds))
         finally:
             contenders.release()
@@ -227,7 +399,6 @@ def _row(name: str, samples: Samples, pixels: int, moved: int, bandwidth: float,
     seconds = samples.interval(name, Clock.DEVICE).median
     return Row(
         name=name,
-        rounds=len(samples.by_job[name]),
         wall_ns=samples.interval(name).times(a_pixel),
         device_ns=samples.interval(name, Clock.DEVICE).times(a_pixel) if by_device else None,
         least_wall_ns=float(samples.seconds(name).min()) * a_pixel,

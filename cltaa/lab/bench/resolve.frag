@@ -1,7 +1,6 @@
 #version 330
 // The resolve of kernels/bench/plain.cl as a fragment shader: the same algorithm, the same order of work. Row 0 of every
 // texture is the top of the image, and so is row 0 of the target, so that y points down here too.
-// TAPS is 16 (texel fetches) or 9 (bilinear reads that weigh the two middle taps of each axis at once).
 uniform sampler2D current, inverse_depth, history;
 uniform mat4 displacement; // rows x, y, w of D, then (origin_x, origin_y, reset, -)
 uniform vec4 limits; // sample_limit, blend_weight, luminance_knee, box_floor
@@ -30,19 +29,9 @@ vec3 catmull_rom(vec2 position, ivec2 last)
     vec2 base = floor(position), f = position - base;
     vec4 wx = weights(f.x), wy = weights(f.y);
     vec3 sum = vec3(0.0);
-#if TAPS == 16
     for (int j = 0; j < 4; ++j)
         for (int i = 0; i < 4; ++i)
             sum += wx[i] * wy[j] * texelFetch(history, clamp(ivec2(base) + ivec2(i - 1, j - 1), ivec2(0), last), 0).rgb;
-#else
-    vec3 weight_x = vec3(wx[0], wx[1] + wx[2], wx[3]), weight_y = vec3(wy[0], wy[1] + wy[2], wy[3]);
-    vec3 at_x = base.x + 0.5 + vec3(-1.0, wx[2] / weight_x[1], 2.0);
-    vec3 at_y = base.y + 0.5 + vec3(-1.0, wy[2] / weight_y[1], 2.0);
-    vec2 texel = 1.0 / vec2(last + 1);
-    for (int j = 0; j < 3; ++j)
-        for (int i = 0; i < 3; ++i)
-            sum += weight_x[i] * weight_y[j] * textureLod(history, vec2(at_x[i], at_y[j]) * texel, 0.0).rgb;
-#endif
     return sum;
 }
 

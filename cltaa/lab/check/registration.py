@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.camera import Displacement, displacement, is_still, sky_inverse_depth
+from cltaa.camera import displacement, is_still, reprojected, sky_inverse_depth
 from cltaa.frame import Camera, Frame, Image
 from cltaa.io.display import LUMA
 
@@ -214,7 +214,9 @@ class Pair:
         moved = displacement(camera, previous, self.frame.width, self.frame.height)
         px = self.x + 0.5 + self.frame.jitter_px[0] - self.frame.width / 2
         py = self.y + 0.5 + self.frame.jitter_px[1] - self.frame.height / 2
-        return apply_displacement(moved, px, py, self.inverse_depth if inverse_depth is None else inverse_depth)
+        inverse_depth = self.inverse_depth if inverse_depth is None else inverse_depth
+        u, v, _, visible = reprojected(px, py, inverse_depth, moved, parallel=False)
+        return np.where(visible, np.stack([u, v]), np.nan)
 
     def motion_under(self, change: Callable[[Camera], Camera], scale: float = 1.0) -> Vector:
         """``camera_motion`` with both cameras changed so, and depth ``scale`` times what it says."""
@@ -223,16 +225,6 @@ class Pair:
     def declared_motion(self) -> Vector:
         """Motion [2, n]: the channel where it holds a vector, else what cameras and depth give."""
         return np.where(np.isfinite(self.own), self.own, self.camera_motion())
-
-
-def apply_displacement(moved: Displacement, px: Vector, py: Vector, inverse_depth: Vector) -> Vector:
-    """Motion [2, n] of points at (px, py) from the image's centre (docs/conventions.md, Matrices)."""
-    by = np.stack([px, py, inverse_depth, np.ones_like(px)])
-    dx, dy, dw = moved.rows @ by
-    w = 1.0 + dw
-    with np.errstate(divide="ignore", invalid="ignore"):
-        motion = np.stack([dx - px * dw, dy - py * dw]) / w
-    return np.where(w > 0, motion, np.nan)
 
 
 @dataclass(slots=True)

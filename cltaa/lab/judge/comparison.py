@@ -276,7 +276,8 @@ def content_sha256(sequence: FrameSequence, others: Iterable[NumberedFiles] = ()
     """
     recorded: dict[str, str] = {}
     paths: list[Path] = []
-    for images in _with_truth(sequence, others):
+    truth = [] if sequence.reference is None else [sequence.reference]
+    for images in (sequence, *truth, *others):
         paths += images.paths
         place = _name(images.folder, sequence)
         below = "" if images.folder == sequence.folder else f"{place}/"
@@ -291,21 +292,6 @@ def content_sha256(sequence: FrameSequence, others: Iterable[NumberedFiles] = ()
     if sequence.reading.keys() - {"step"}:
         digest.update(msgspec.json.encode(sequence.reading))
     return digest.hexdigest()
-
-
-def stamps(sequence: FrameSequence) -> str:
-    """One SHA-256 over place, size and time of every file of the frames and the truth, and over how they are read.
-
-    Quicker than ``content_sha256``; a file that was copied or touched counts as another.
-    """
-    paths = [*sequence.files, *(path for images in _with_truth(sequence)[1:] for path in images.paths)]
-    files = [(str(path.resolve()), path.stat().st_size, path.stat().st_mtime_ns) for path in paths]
-    return hashlib.sha256(msgspec.json.encode([files, sequence.reading, sequence.told])).hexdigest()
-
-
-def _with_truth(sequence: FrameSequence, others: Iterable[NumberedFiles] = ()) -> list[NumberedFiles]:
-    truth = [] if sequence.reference is None else [sequence.reference]
-    return [sequence, *truth, *others]
 
 
 def _name(path: Path, sequence: FrameSequence) -> str:

@@ -1,6 +1,8 @@
-"""Errors of an image against the truth: MSE, PSNR, SSIM, FLIP; definitions and ranges are in ``docs/metrics.md``.
+"""Errors of an image against the truth: MSE, PSNR, SSIM, FLIP, and how many samples a pixel err as little.
 
-All functions take the test image first and the reference second, linear [H, W, 3] float32 of one size.
+Definitions, ranges and laws are in ``docs/metrics.md``.
+
+Functions of two images take the test first and the reference second, linear [H, W, 3] float32 of one size.
 """
 
 from __future__ import annotations
@@ -9,8 +11,9 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,17 +31,28 @@ FLIP_PIXELS_PER_DEGREE = 67.0  # FLIP's own default: 0.7 m from a 3840 pixel, 0.
 
 
 @dataclass(frozen=True, slots=True)
-class Metric:
-    """A named error measure: ``function(test, reference, stops)``, what it says, and which direction is better.
+class Measure:
+    """What a column of a table holds: its name, what it says, how it is written, and which direction is better."""
+
+    name: str
+    title: str
+    form: str = ".4f"
+    higher_is_better: bool = False
+
+    @property
+    def head(self) -> str:
+        """The head of its column."""
+        return f"{self.name} {'↑' if self.higher_is_better else '↓'}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Metric(Measure):
+    """An error of an image: ``function(test, reference, stops)``.
 
     ``needs`` imports the library that it is worked out by, ``package``; raises UsageError that says what to install.
     """
 
-    name: str
     function: Callable[[Image, Image, float], float]
-    title: str
-    higher_is_better: bool
-    form: str  # format of a value in a table
     needs: Callable[[], object] = lambda: None
     package: str = "numpy"
 
@@ -51,7 +65,7 @@ def mse(test: Image, reference: Image) -> float:
 def light_mse(test: Image, reference: Image, stops: float = 0.0) -> float:
     """Mean squared error of the light that a screen can show, linear in [0, 1].
 
-    Linear, so that it falls with the samples of a supersampler by the law of ``cltaa.lab.judge.equal_quality``; cut at
+    Linear, so that it falls with the samples of a supersampler by the law of ``cltaa.lab.judge.metrics``; cut at
     white, because otherwise a few highlights far above it decide and the rest of the picture does not count.
     """
     return mse(shown_light(test, stops), shown_light(reference, stops))
@@ -139,30 +153,37 @@ def _display_psnr(test: Image, reference: Image, stops: float) -> float:
 METRICS = {
     metric.name: metric
     for metric in (
-        Metric("mse", light_mse, "mean squared error of linear light up to white", False, ".4g"),
-        Metric("mse-linear", lambda a, b, _: mse(a, b), "mean squared error of all linear light", False, ".4g"),
-        Metric("psnr", _display_psnr, "PSNR of the display images, dB", True, ".2f"),
+        Metric("mse", "mean squared error of linear light up to white", ".4g", function=light_mse),
+        Metric("mse-linear", "mean squared error of all linear light", ".4g", function=lambda a, b, _: mse(a, b)),
+        Metric("psnr", "PSNR of the display images, dB", ".2f", True, function=_display_psnr),
         Metric(
-            "psnr-linear", lambda a, b, _: psnr(mse(a, b)), "PSNR of all linear light for a peak of 1, dB", True, ".2f"
+            "psnr-linear",
+            "PSNR of all linear light for a peak of 1, dB",
+            ".2f",
+            True,
+            function=lambda a, b, _: psnr(mse(a, b)),
         ),
-        Metric("ssim", ssim, "SSIM of display luma", True, ".4f", _import_skimage, "scikit-image"),
+        Metric(
+            "ssim",
+            "SSIM of display luma",
+            higher_is_better=True,
+            function=ssim,
+            needs=_import_skimage,
+            package="scikit-image",
+        ),
         Metric(
             "flip",
-            lambda a, b, s: float(flip_map(a, b, s).mean()),
             "mean FLIP of the display images",
-            False,
-            ".4f",
-            _import_flip,
-            "flip-evaluator",
+            function=lambda a, b, s: float(flip_map(a, b, s).mean()),
+            needs=_import_flip,
+            package="flip-evaluator",
         ),
         Metric(
             "flip-hdr",
-            lambda a, b, s: float(flip_map(a, b, s, hdr=True).mean()),
             "mean HDR-FLIP",
-            False,
-            ".4f",
-            _import_flip,
-            "flip-evaluator",
+            function=lambda a, b, s: float(flip_map(a, b, s, hdr=True).mean()),
+            needs=_import_flip,
+            package="flip-evaluator",
         ),
     )
 }
@@ -274,3 +295,86 @@ def jod(test: Sequence[Image], reference: Sequence[Image], rate: float, stops: f
     metric = import_cvvdp().cvvdp(display_name=CVVDP_DISPLAY, quiet=True)
     found, _ = metric.predict(*(film.astype(np.float32) for film in films), dim_order="FHWC", frames_per_second=rate)
     return float(found)
+
+
+# An edge crosses about sqrt(n) of a pixel's n strata; only those err, each by variance ~ 1/n^2 (Mitchell 1996,
+# "Consequences of Stratified Sampling in Graphics"): the mean squared error of edges falls as n^(-3/2).
+STRATIFIED_EXPONENT = 1.5
+
+
+def equal_quality_samples(mse: float, one_sample_mse: float, *, truth_samples: int | None = None) -> float:
+    """Stratified samples a pixel that give ``mse``, from the error of one sample and MSE(n) = MSE(1) n^(-3/2).
+
+    Both errors are means of ``light_mse`` against one truth. Where that truth has
+    ``truth_samples`` samples a pixel, its own share of both errors is taken off by the same law, and the result is at
+    most ``truth_samples``: a truth cannot vouch for more. Infinite for no error against an exact truth. Raises
+    DataError for errors that are none.
+    """
+    if not (one_sample_mse > 0 and mse >= 0 and math.isfinite(one_sample_mse) and math.isfinite(mse)):
+        found = f"{mse:g} against {one_sample_mse:g} for one sample"
+        raise DataError("no equal-quality samples for these errors", expected="positive numbers", found=found)
+    truth_error = 0.0
+    if truth_samples is not None:
+        noise = truth_samples**-STRATIFIED_EXPONENT
+        one_sample_mse /= 1 + noise
+        truth_error = one_sample_mse * noise
+    limit = math.inf if truth_samples is None else float(truth_samples)
+    error = mse - truth_error
+    if error <= 0:
+        return limit
+    return float(min(limit, (one_sample_mse / error) ** (1 / STRATIFIED_EXPONENT)))
+
+
+def falls(curve: Sequence[tuple[int, float]]) -> bool:
+    """Whether two or more errors are positive and fall with the samples, so that one can be read off them."""
+    errors = [error for _, error in sorted(curve)]
+    return len(errors) > 1 and min(errors) > 0 and all(later < earlier for earlier, later in pairwise(errors))
+
+
+def samples_on_curve(mse: float, curve: Sequence[tuple[int, float]]) -> float:
+    """Samples a pixel that give ``mse``, read off measured points (samples, error), straight between them in log-log.
+
+    All errors are against one truth, so that its own share cancels. Beyond its ends the curve says nothing: the
+    result is then the nearest end. Raises DataError unless the errors fall as ``falls`` asks.
+    """
+    ordered = sorted(curve)
+    errors = np.array([error for _, error in ordered])
+    if not falls(curve):
+        raise DataError("no curve of error against samples", expected="two or more falling errors", found=ordered)
+    if mse <= 0:
+        return float(ordered[-1][0])
+    samples = np.log([count for count, _ in ordered])
+    return float(np.exp(np.interp(-math.log(mse), -np.log(errors), samples)))
+
+
+def supersampling_curve(one_sample_mse: float, yardsticks: Mapping[int, Sequence[float]]) -> list[tuple[int, float]]:
+    """Mean squared error against samples a pixel, from the errors of each frame of the yardsticks.
+
+    It begins with the single samples; without an error is what was drawn as the truth itself was, which is left out.
+    """
+    means = [(count, sum(errors) / len(errors)) for count, errors in yardsticks.items() if any(errors)]
+    return [(1, one_sample_mse), *means]
+
+
+class EqualQuality(NamedTuple):
+    """Equal-quality samples of a test, how they were found, and whether there may be more of them, or fewer."""
+
+    samples: float
+    method: str  # "measured", or "n^-1.5 law"
+    bound: str | None  # "at least" and "at most" where the curve, or the truth, ends
+
+
+def equal_quality(
+    test_mse: float, one_sample_mse: float, yardsticks: Mapping[int, Sequence[float]], count: int | None
+) -> EqualQuality:
+    """Equal-quality samples of a test, read off its capture's yardsticks where their errors fall, else by the law.
+
+    The errors are those of ``light_mse``: means over the frames of the test, and of the
+    ``yardsticks``, by samples a pixel, those of each frame. ``count`` is the samples of the truth, where known.
+    """
+    curve = supersampling_curve(one_sample_mse, yardsticks)
+    if falls(curve):
+        bound = "at most" if test_mse > one_sample_mse else "at least" if test_mse < curve[-1][1] else None
+        return EqualQuality(samples_on_curve(test_mse, curve), "measured", bound)
+    samples = equal_quality_samples(test_mse, one_sample_mse, truth_samples=count)
+    return EqualQuality(samples, "n^-1.5 law", "at least" if samples == count else None)

@@ -17,8 +17,7 @@ from cltaa.io.numbered import ranges
 from cltaa.io.sequence import FrameSequence, ImageSequence
 from cltaa.io.streams import ReadAhead, Task
 from cltaa.lab.judge.comparison import Comparison, truth_samples
-from cltaa.lab.judge.equal_quality import equal_quality
-from cltaa.lab.judge.metrics import METRICS, Metric, finite, flip_map, mean, measure
+from cltaa.lab.judge.metrics import METRICS, Metric, equal_quality, finite, flip_map, mean, measure
 from cltaa.lab.judge.video_scores import SCORES, Sums, VideoScores
 from cltaa.printable import printable
 from cltaa.progress import track
@@ -31,7 +30,7 @@ def measure_map(
 
     FLIP is slow, so it is not worked out twice. Raises as ``measure`` does.
     """
-    from cltaa.io.png import error_map
+    from cltaa.io.display import error_map
 
     metrics = tuple(metrics)
     others = [metric for metric in metrics if metric.name != "flip"]
@@ -45,7 +44,7 @@ def measure_map(
 
 def write_map(folder: Path, path: Path, errors: Image) -> None:
     """Write the error map [H, W] of the image at ``path`` under its name; raises OutputError and StorageError."""
-    from cltaa.io.png import heat, write_png
+    from cltaa.io.display import heat, write_png
 
     write_png(folder / f"{path.stem}.png", heat(errors))
 

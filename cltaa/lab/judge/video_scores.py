@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from cltaa.errors import import_extra
 from cltaa.frame import Frame, Image
 from cltaa.io.display import to_display
 from cltaa.lab.judge.correspondence import Correspondence, Mask, correspondence
-from cltaa.lab.judge.detail import REACH, Detail, blurred, import_ndimage, judge_detail
+from cltaa.lab.judge.metrics import Measure
 
 Array = NDArray[np.float64]
 
@@ -26,20 +26,11 @@ LEAST_WATCHED = 512  # pixels, of all frames together, below which chance decide
 STEADY_PX = 0.5  # most that the motion may differ within 3x3 where a pixel is followed from frame to frame
 
 
-@dataclass(frozen=True, slots=True)
-class Score:
-    """A named score of a sequence; lower is better for all of them."""
-
-    name: str
-    title: str
-    form: str = ".4f"
-
-
-SCORES = (
-    Score("ghosting", "share of what stood there before that still shows at disoccluded pixels", ".3f"),
-    Score("flicker", "change from frame to frame that is not in the truth, rms of display values"),
-    Score("blur", "share of the truth's finest detail that is lost", ".3f"),
-    Score("aliasing", "fine detail that no filter of the truth explains, rms of display values"),
+SCORES = (  # of a sequence; lower is better for all of them
+    Measure("ghosting", "share of what stood there before that still shows at disoccluded pixels", ".3f"),
+    Measure("flicker", "change from frame to frame that is not in the truth, rms of display values"),
+    Measure("blur", "share of the truth's finest detail that is lost", ".3f"),
+    Measure("aliasing", "fine detail that no filter of the truth explains, rms of display values"),
 )
 
 
@@ -220,14 +211,16 @@ class _Path:
     def __init__(self, found: Correspondence, steady: Mask) -> None:
         moving = steady & (found.motion != 0).any(-1)
         self._stayed, self._moved = np.flatnonzero(steady & ~moving), np.flatnonzero(moving)
-        self._sampler = CubicSampler(steady.shape[0], steady.shape[1], found.x[moving] - 0.5, found.y[moving] - 0.5)
+        self._places = found.y[moving] - 0.5, found.x[moving] - 0.5
 
     def flicker(self, error: Array, before: Array) -> Sums:
         """Change of the error along the motion: what the test changed and the truth did not."""
         pixels, earlier = (image.reshape(-1, image.shape[-1]) for image in (error, before))
         changes = [pixels[self._stayed] - earlier[self._stayed]]
         if self._moved.size:
-            changes.append(pixels[self._moved] - self._sampler(before))
+            planes = np.moveaxis(before, -1, 0)  # by interpolating cubic B-splines, edges repeated
+            there = [import_ndimage().map_coordinates(plane, self._places, order=3, mode="nearest") for plane in planes]
+            changes.append(pixels[self._moved] - np.stack(there, axis=-1))
         return Sums(
             flicker_square=math.fsum(float((change**2).sum()) for change in changes),
             flicker_count=sum(change.size for change in changes),
@@ -240,48 +233,98 @@ def _grown(mask: Mask) -> Mask:
     return grown
 
 
-MARGIN = 12  # texels repeated around an image, as scipy's own: coefficients feel an edge by 0.27 to this power, 1e-7
-OUTSIDE = 8  # texels outside the image; beyond, all is edge
+TILE = 32  # pixels a side of the tiles within which a blur counts as one and the same
+# Binomial filters of 3 and 5 taps; fine detail is what the wide one takes away.
+NARROW, WIDE = np.array([1, 2, 1]) / 4, np.array([1, 4, 6, 4, 1]) / 16
+SLOPE = np.array([-0.5, 0, 0.5])
+REACH = 2  # pixels, of the wide filter
+MARGIN = 2 * REACH  # of two such filters one after another
+LEAST_ROWS = 10  # judged values for each filter of the family; with fewer the family explains anything
+RANK = 1e-10  # eigenvalues of a tile's Gram matrix below this share of the largest carry rounding alone
 
 
-class CubicSampler:
-    """Samples images [H, W, C] of one size at ``n`` fixed places: ``x``, ``y`` in texels, centres at whole numbers.
+class Detail(NamedTuple):
+    """Sums over judged pixels and channels."""
 
-    By interpolating cubic B-splines (Unser 1999, "Splines: a perfect fit for signal and image processing"), as
-    ``scipy.ndimage.map_coordinates`` does, but faster: the sixteen weights a place are worked out once and are a row of
-    a sparse matrix; an image then costs its spline coefficients and a product.
+    product: float  # of the test's fine detail and the truth's
+    square: float  # of the truth's
+    false_square: float  # of what no filter of the truth explains of the test's
+    false_count: int  # how many values that is a sum of
 
-    Around the image its edge is repeated. Raises UsageError without scipy.
+
+def import_ndimage() -> Any:
+    """Import scipy's filters; raises UsageError that says what to install."""
+    return import_extra("scipy.ndimage", package="scipy", extra="metrics", purpose="judging a sequence in time")
+
+
+def blurred(image: Array) -> Array:
+    """The wide filter along both axes of [H, W, ...]; edges repeat."""
+    for axis in (0, 1):
+        margin = [(0, 0)] * image.ndim
+        margin[axis] = (REACH, REACH)
+        # Sums of whole slices take half the time of scipy's filter.
+        padded = np.moveaxis(np.pad(image, margin, mode="edge"), axis, 0)
+        length = image.shape[axis]
+        taps = (weight * padded[at : at + length] for at, weight in enumerate(WIDE))
+        image = np.moveaxis(sum(taps, start=np.zeros(())), 0, axis)
+    return image
+
+
+def judge_detail(truth: Array, tests: list[Array], judged: Mask) -> list[Detail]:
+    """Fine detail of each test against that of the truth, display values [H, W, 3], where ``judged`` [H, W].
+
+    The margin of the image that the filters reach out of is not judged. In bands of tiles, so that the family of
+    filters is in memory for one band only.
     """
-
-    def __init__(self, height: int, width: int, x: Array, y: Array) -> None:
-        sparse = import_extra("scipy.sparse", package="scipy", extra="metrics", purpose="judging a sequence in time")
-        row, down = _taps(np.clip(y, -OUTSIDE, height - 1 + OUTSIDE))
-        column, across = _taps(np.clip(x, -OUTSIDE, width - 1 + OUTSIDE))
-        stride = width + 2 * MARGIN
-        places = row[:, :, None] * stride + column[:, None, :]
-        weights = down[:, :, None] * across[:, None, :]
-        starts = np.arange(0, weights.size + 1, 16, dtype=np.int32)
-        shape = (len(x), (height + 2 * MARGIN) * stride)
-        self._matrix: Any = sparse.csr_matrix((weights.ravel(), places.ravel(), starts), shape=shape)
-
-    def __call__(self, image: Array) -> Array:
-        """The values of ``image`` [H, W, C] at the places, [n, C]."""
-        return np.stack([self._matrix @ _coefficients(plane) for plane in np.moveaxis(image, -1, 0)], axis=-1)
-
-
-def _coefficients(plane: Array) -> Array:
-    """Spline coefficients of a plane [H, W] and of a margin around it, flat."""
-    padded = np.pad(plane, MARGIN, mode="edge")
-    flat: Array = import_ndimage().spline_filter(padded, 3, mode="nearest").ravel()
-    return flat
+    inside = np.zeros_like(judged)
+    inside[MARGIN:-MARGIN, MARGIN:-MARGIN] = judged[MARGIN:-MARGIN, MARGIN:-MARGIN]
+    judged = inside
+    truth_fine = truth - blurred(truth)
+    tests_fine = [test - blurred(test) for test in tests]
+    judged_fine = np.where(judged[..., None], truth_fine, 0.0)
+    square = float((judged_fine**2).sum())
+    false = np.zeros((len(tests), 2))
+    for top in range(0, truth.shape[0], TILE):
+        band = np.s_[top : top + TILE]
+        family = _family(truth, top)
+        false += _unexplained(family, np.stack([fine[band] for fine in tests_fine]), judged[band])
+    return [
+        Detail(float((fine * judged_fine).sum()), square, float(rest), int(count))
+        for fine, (rest, count) in zip(tests_fine, false, strict=True)
+    ]
 
 
-def _taps(place: Array) -> tuple[NDArray[np.int32], Array]:
-    """Along one axis: the four coefficients that count at each place, counted in the margin too, and their weights."""
-    whole = np.floor(place)
-    t = place - whole
-    first = whole.astype(np.int32)[:, None] + np.int32(MARGIN - 1)
-    weights = np.stack([(1 - t) ** 3, 4 - 6 * t**2 + 3 * t**3, 1 + 3 * t + 3 * t**2 - 3 * t**3, t**3], axis=-1) / 6
-    taps: NDArray[np.int32] = first + np.arange(4, dtype=np.int32)[None, :]
-    return taps, weights
+def _family(truth: Array, top: int) -> Array:
+    """The truth's fine detail in one band after 3 widths of blur a direction and after shifts, [rows, W, 3, 11]."""
+    ndimage = import_ndimage()
+    rows = np.arange(top - MARGIN, min(top + TILE, truth.shape[0]) + MARGIN)
+    slab = truth[np.clip(rows, 0, truth.shape[0] - 1)]
+
+    def along(image: Array, kernel: Array, axis: int) -> Array:
+        filtered: Array = ndimage.correlate1d(image, kernel, axis, mode="nearest")
+        return filtered
+
+    across = [slab, along(slab, NARROW, 1), along(slab, WIDE, 1)]
+    both = [filtered for image in across for filtered in (image, along(image, NARROW, 0), along(image, WIDE, 0))]
+    shifts = [along(slab, SLOPE, axis) for axis in (0, 1)]
+    return np.stack([(image - blurred(image))[MARGIN:-MARGIN] for image in (*both, *shifts)], axis=-1)
+
+
+def _unexplained(family: Array, tests: Array, judged: Mask) -> Array:
+    """Sum of squares and count of what least squares over each tile leave of each test, [tests, 2].
+
+    ``family`` [rows, W, 3, F], ``tests`` [tests, rows, W, 3]. By the normal equations, which is all that sums need:
+    the rest is s.s - (F s)' G^-1 (F s) with the Gram matrix G of the tile.
+    """
+    result = np.zeros((len(tests), 2))
+    for left in range(0, judged.shape[1], TILE):
+        seen = judged[:, left : left + TILE]
+        filters = family[:, left : left + TILE][seen].reshape(-1, family.shape[-1])
+        if len(filters) < LEAST_ROWS * family.shape[-1]:
+            continue
+        inverse = np.linalg.pinv(filters.T @ filters, rcond=RANK, hermitian=True)
+        for sums, test in zip(result, tests, strict=True):  # one at a time: the same to the last bit beside any others
+            values = test[:, left : left + TILE][seen].ravel()
+            explained = values @ filters
+            sums += max(float(values @ values - explained @ inverse @ explained), 0.0), len(filters)
+    return result

@@ -6,7 +6,7 @@ To add a scene: write a module here with a function of the seed under ``@registe
 from __future__ import annotations
 
 from cltaa.errors import UsageError, known
-from cltaa_datasets import model_files, played_models
+from cltaa_datasets import model_files
 from cltaa_datasets.registry import SCENES, Entry
 from cltaa_datasets.scene import Scene
 from cltaa_datasets.scenes import (  # noqa: F401 (importing registers)
@@ -36,16 +36,14 @@ def registered() -> list[Entry]:
 
 
 def build_scene(name: str, seed: int = 0, motion: str | None = None) -> Scene:
-    """Build a registered scene, or ``file:PATH`` with one of ``models.MOTIONS`` (default: as the file is animated).
+    """Build a registered scene, or ``file:PATH`` with a motion of ``MOTIONS`` (default: as the file is animated).
 
     Raises UsageError for an unknown name, and what ``model_files.load_model`` raises for a file.
     """
     if name.startswith(FILE_PREFIX):
         path = name.removeprefix(FILE_PREFIX)
-        motion = motion or played_models.default_motion(path)
-        return (
-            played_models.played_scene(path, seed) if motion == "play" else model_files.model_scene(path, motion, seed)
-        )
+        motion = motion or model_files.default_motion(path)
+        return model_files.played_scene(path, seed) if motion == "play" else model_files.model_scene(path, motion, seed)
     if motion is not None:
         raise UsageError(f"--motion {motion} applies to file:PATH, not to scene {name}", cure="leave it out")
     if name not in SCENES:

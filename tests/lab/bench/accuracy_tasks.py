@@ -9,7 +9,7 @@ import numpy as np
 
 from cltaa.core.presets import load_preset
 from cltaa.lab.bench.accuracy.ladder import ladder
-from cltaa.lab.bench.accuracy.variants import Task
+from cltaa.lab.bench.accuracy.tasks import Task
 from tests.sequence_factory import write_images, write_sequence
 
 FRAMES = 4

@@ -12,14 +12,6 @@ from tests.lab.bench.browser import Browser, browser
 from tests.lab.bench.tiny_report import write_report
 
 
-@pytest.fixture(autouse=True, scope="session")
-def data_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep what measurements remember out of the user's own data folder."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_DATA_HOME", str(tmp_path_factory.mktemp("data")))
-        yield
-
-
 @pytest.fixture(scope="session")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a tiny report; its frames lie in ``seq`` beside it."""

@@ -81,16 +81,6 @@ def test_frames_without_error_are_measured_and_read_again(tmp_path: Path, capsys
     assert found.p5 == found.frames[2] < found.mean < found.p95 == math.inf
 
 
-def test_steps_depart_from_a_file_over_a_preset(
-    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "mine.toml").write_text("blend_weight = 0.25\n")
-    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "out"), "--device", "numpy", "--task", "0"]
-    arguments += ["--preset", "basic", "--config", str(tmp_path / "mine.toml"), "--rounding-frames", "0"]
-    assert main(arguments) == 0
-    assert capsys.readouterr().err.startswith("task 0: mine.toml over basic over ")
-
-
 def test_two_sequences_of_one_name_are_refused(
     sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -102,24 +92,9 @@ def test_two_sequences_of_one_name_are_refused(
     assert not (tmp_path / "out" / "tasks").exists()
 
 
-def test_a_render_farm_gets_one_line_a_task(
-    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path), "--only", "reject", "--rounding-frames", "0"]
-    monkeypatch.setattr("sys.argv", ["cltaa", *arguments, "--list"])
-    assert main([*arguments, "--list"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[-2:] for line in lines] == [["--task", "0"], ["--task", "1"]]
-    assert all(line.startswith("cltaa bench accuracy ") for line in lines)
-    assert "--list" not in lines[0]
-    monkeypatch.setattr("sys.argv", ["cltaa", *arguments, "--list", "--json"])
-    assert main([*arguments, "--list", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == lines
-    assert main(lines[1].split()[1:]) == 0
-    assert len(list((tmp_path / "tasks").iterdir())) == 1
-    assert main([*arguments, "--task", "2"]) == 64
-    assert main([*arguments[:-4], "--only", "colour"]) == 64
-    assert main([*arguments[:-4], "--variant", "colour"]) == 64
+@pytest.mark.parametrize("option", ["--only", "--variant"])
+def test_what_is_on_no_ladder_is_refused(sequence: Path, tmp_path: Path, option: str) -> None:
+    assert main(["bench", "accuracy", str(sequence), "-o", str(tmp_path / "out"), option, "colour"]) == 64
 
 
 def test_what_draws_the_report_is_missed_before_the_work(
@@ -131,44 +106,21 @@ def test_what_draws_the_report_is_missed_before_the_work(
     assert not (tmp_path / "tasks").exists()
 
 
-def test_a_limit_of_time_that_errors_used_up_is_told(
-    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """An error that was begun in time ends; what is timed next goes on from there."""
-    monkeypatch.setattr("cltaa.lab.bench.accuracy.measurement.ERRORS_SHARE", math.inf)
-    options = ["--only", "reject", "--rounds", "3", "--rounding-frames", "0", "--metrics", "mse", "--pixels", "1"]
-    options += ["-o", str(tmp_path), "--time-limit", "1e-9", "--preset", "basic"]
-    assert main(["bench", "accuracy", str(sequence), *options]) == 75
-    said = capsys.readouterr().err
-    assert "the 1e-09 s of --time-limit were over before a sequence was timed (found " in said
-    assert "run the same again, which goes on from here, or allow more time" in said
-
-
-def test_a_limit_of_time_leaves_whole_sequences_out(
+def test_what_was_timed_is_not_timed_again(
     sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = write_sequence(tmp_path / "other", 3, reference=True)
-    options = ["-o", str(tmp_path / "out"), "--only", "reject", "--rounds", "3", "--rounding-frames", "0", "--json"]
-    options += ["--metrics", "mse", "--patience", "0", "--pixels", "1", "--preset", "basic", "--pictured", "0"]
-    assert main(["bench", "accuracy", str(other), *options, "--time-limit", "1e-9"]) == 75
-    said = capsys.readouterr().err
-    assert "no sequence has all of its errors (found 0 of 2 after " in said
-    assert "; none is begun after 60 % of --time-limit 1e-09, which leaves the rest for times: run the same" in said
-    assert main(["bench", "accuracy", str(other), *options, "--jobs", "2"]) == 0
-    assert json.loads(capsys.readouterr().out)["missing"] == []
-    monkeypatch.setattr("cltaa.lab.bench.accuracy.measurement.ERRORS_SHARE", 0.0)  # no error is begun
-    both = ["bench", "accuracy", str(sequence), str(other), *options]
-    assert main([*both, "--time-limit", "600"]) == 0
+    both = ["bench", "accuracy", str(sequence), str(other), "-o", str(tmp_path / "out"), "--only", "reject", "--json"]
+    both += ["--rounds", "3", "--rounding-frames", "0", "--metrics", "mse", "--patience", "0", "--pixels", "1"]
+    both += ["--preset", "basic", "--pictured", "0"]
+    assert main([*both, "--jobs", "2"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert result["missing"] == ["seq"]
-    assert [measured["name"] for measured in result["sequences"]] == ["other"]
-    assert "left out" in (tmp_path / "out" / "index.html").read_text()
-    assert main(both) == 0  # goes on: what was timed is not timed again
-    again = json.loads(capsys.readouterr().out)
-    assert again["missing"] == []
-    assert again["sequences"][1] == result["sequences"][0]
-    assert again["environment"]["units"] == DeviceLauncher(None).device.cl_device.max_compute_units
+    assert [measured["name"] for measured in result["sequences"]] == [sequence.name, "other"]
+    assert result["environment"]["units"] == DeviceLauncher(None).device.cl_device.max_compute_units
     before = set((tmp_path / "out" / "times").iterdir())
+    assert main(both) == 0
+    assert json.loads(capsys.readouterr().out)["sequences"] == result["sequences"]
+    assert set((tmp_path / "out" / "times").iterdir()) == before
     monkeypatch.setattr("cltaa.lab.bench.accuracy.measurement.CORES", 77)  # what was timed on others is no answer here
     assert main(both) == 0
     assert len(set((tmp_path / "out" / "times").iterdir()) - before) == 2

@@ -1,4 +1,4 @@
-"""``cltaa bench files``: the table of compressions, and the command against its stages."""
+"""``cltaa bench files``: the command against its stages."""
 
 from __future__ import annotations
 
@@ -6,66 +6,39 @@ import json
 import re
 from pathlib import Path
 
-import OpenEXR
 import pytest
 
 from cltaa.cli import main
-from cltaa.lab.bench.environment import environment
-from cltaa.lab.bench.files import FilesBench, Packing, Stages
-from cltaa.lab.timing import Interval
+from cltaa.lab.bench.files import FilesBench
+from cltaa.lab.timing import Interval, environment
 from tests.inputs.foreign import frames, side_text, write_blender
 from tests.sequence_factory import write_sequence
 
 
-def test_every_compression_and_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder, before = write_sequence(tmp_path / "in", 4), OpenEXR.global_thread_count()
-    arguments = ["--compressions", "none,zip", "--threads", "1,2", "--commands", "zip,none:half", "--rounds", "3"]
-    assert main(["bench", "files", str(folder), *arguments, "--json"]) == 0
+def test_the_command_and_its_stages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_sequence(tmp_path / "in", 4)
+    assert main(["bench", "files", str(folder), "--compression", "rle", "--half", "--rounds", "3", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    ways = [(row["codec"], row["half"], row["threads"]) for row in found["packings"]]
-    assert sorted(ways) == sorted((c, h, t) for c in ("none", "zip") for h in (False, True) for t in (1, 2))
-    size = {way: row["megabytes"] for way, row in zip(ways, found["packings"], strict=True)}
-    assert size["zip", False, 1] < size["none", False, 1]
-    assert size["none", True, 1] < size["none", False, 1]
-    assert [(stage["codec"], stage["half"]) for stage in found["stages"]] == [("zip", False), ("none", True)]
-    for stage in found["stages"]:
-        assert all(stage[name]["median"] > 0 for name in ("read", "resolve", "write", "whole", "processor"))
-        assert 1 <= stage["at_best"]["median"] <= max(1, 1.01 * stage["over_slowest"]["median"])
-    assert OpenEXR.global_thread_count() == before
+    assert (found["compression"], found["half"]) == ("rle", True)
+    assert all(found[name]["median"] > 0 for name in ("read", "resolve", "write", "whole", "processor"))
+    assert 1 <= found["at_best"]["median"] <= max(1, 1.01 * found["over_slowest"]["median"])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
 
 
 def test_nothing_is_deleted_within_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     deleted: list[Path] = []
     monkeypatch.setattr("cltaa.pipeline.output._clear", deleted.append)
-    arguments = ["--compressions", "none", "--threads", "1", "--commands", "none", "--rounds", "3", "--json"]
+    arguments = ["--compression", "none", "--rounds", "3", "--json"]
     assert main(["bench", "files", str(write_sequence(tmp_path / "in", 2)), *arguments]) == 0
     assert deleted == []
 
 
-@pytest.mark.parametrize(
-    ("option", "value", "code"),
-    [
-        ("--compressions", "b44", 64),
-        ("--threads", "x", 2),
-        ("--threads", "1025", 64),
-        ("--commands", "zip:full", 64),
-        ("--commands", "b44", 64),
-    ],
-)
 def test_nonsense_is_refused_before_anything_is_timed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str, value: str, code: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("cltaa.commands.bench_times.bench_files", lambda *_, **__: pytest.fail("it timed"))
-    assert main(["bench", "files", str(write_sequence(tmp_path, 1)), option, value]) == code
-
-
-def test_what_is_not_timed_has_no_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["bench", "files", str(write_sequence(tmp_path, 1)), "--compressions", "", "--commands"]
-    assert main([*arguments, ""]) == 64
-    assert "nothing to time" in capsys.readouterr().err
-    assert main([*arguments, "none", "--rounds", "3"]) == 0
-    assert "a resolved frame" not in capsys.readouterr().out
+    assert main(["bench", "files", str(write_sequence(tmp_path, 1)), "--compression", "b44"]) == 64
+    assert "unknown or lossy compression" in capsys.readouterr().err
 
 
 def test_files_of_other_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -73,7 +46,7 @@ def test_files_of_other_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     folder = write_blender(tmp_path / "shot", made)
     (tmp_path / "camera.txt").write_text(side_text(made))
     how = ["--profile", "blender", "--camera", str(tmp_path / "camera.txt"), "--input", "motion.scale=1,1"]
-    options = ["--compressions", "none", "--threads", "1", "--commands", "none", "--rounds", "3", "--json"]
+    options = ["--compression", "none", "--rounds", "3", "--json"]
     assert main(["bench", "files", str(folder), *how, *options]) == 0
     out, notes = capsys.readouterr()
     assert json.loads(out)["frames"] == 2
@@ -81,7 +54,7 @@ def test_files_of_other_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 
 
 def test_the_oracle_is_timed_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = ["--compressions", "none", "--threads", "1", "--commands", "none", "--rounds", "3", "--device", "numpy"]
+    options = ["--compression", "none", "--rounds", "3", "--device", "numpy"]
     assert main(["bench", "files", str(write_sequence(tmp_path / "in", 1)), *options]) == 0
     assert "\nNumPy (float32 oracle); " in capsys.readouterr().out
 
@@ -93,40 +66,22 @@ def between(low: float, median: float, high: float) -> Interval:
 def test_what_is_printed_are_the_numbers_that_were_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Each under its heading; of packings milliseconds, of stages seconds as milliseconds."""
-    packings = [
-        Packing(
-            codec="zip",
-            half=half,
-            threads=2 + half,
-            write=between(10, 11, 12),
-            read=between(20, 21, 22),
-            megabytes=3.25,
-        )
-        for half in (False, True)
-    ]
-    stages = [
-        Stages(
-            codec="piz",
-            half=half,
-            read=between(0.010, 0.011, 0.012),
-            resolve=between(0.020, 0.021, 0.022),
-            write=between(0.030, 0.031, 0.032),
-            whole=between(0.040, 0.041, 0.042),
-            processor=between(0.050, 0.051, 0.052),
-            over_slowest=between(1.25, 1.5, 1.75),
-            at_best=between(1.0, 1.125, 1.25),
-        )
-        for half in (False, True)
-    ]
+    """Each under its heading; seconds as milliseconds."""
     found = FilesBench(
         width=37,
         height=23,
         frames=1,
         rounds=3,
         environment=environment("a device", 0.0),
-        packings=packings,
-        stages=stages,
+        compression="piz",
+        half=True,
+        read=between(0.010, 0.011, 0.012),
+        resolve=between(0.020, 0.021, 0.022),
+        write=between(0.030, 0.031, 0.032),
+        whole=between(0.040, 0.041, 0.042),
+        processor=between(0.050, 0.051, 0.052),
+        over_slowest=between(1.25, 1.5, 1.75),
+        at_best=between(1.0, 1.125, 1.25),
     )
     monkeypatch.setattr("cltaa.commands.bench_times.bench_files", lambda *_, **__: found)
     assert main(["bench", "files", str(write_sequence(tmp_path, 1))]) == 0
@@ -134,9 +89,6 @@ def test_what_is_printed_are_the_numbers_that_were_found(
     rows = [[cell.strip() for cell in re.split("[│┃]", line)[1:-1]] for line in said.splitlines()]
     rows = [row for row in rows if row]
     assert rows == [
-        ["compression", "pixels", "threads", "write ms", "95 %", "read ms", "95 %", "MB"],
-        ["zip", "float", "2", "11", "10–12", "21", "20–22", "3.2"],
-        ["zip", "half", "3", "11", "10–12", "21", "20–22", "3.2"],
         [
             "compression",
             "read alone",
@@ -148,8 +100,6 @@ def test_what_is_printed_are_the_numbers_that_were_found(
             "95 %",
             "at best",
         ],
-        ["piz", "11", "21", "31", "41", "51", "1.50", "1.25–1.75", "1.12"],
         ["piz, half", "11", "21", "31", "41", "51", "1.50", "1.25–1.75", "1.12"],
     ]
-    assert "a resolved frame, 37 x 23, 3 rounds" in said
     assert "cltaa resolve, 1 frame, milliseconds a frame" in said

@@ -15,9 +15,8 @@ from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import InternalError
 from cltaa.frame import Frame, Image
-from cltaa.lab.bench.contenders import BASELINE, PlainPort, check_same, least_bytes
 from cltaa.lab.bench.frames import SHIFT_PX, Motion, camera_at, make_frames
-from cltaa.lab.bench.kernels import CONTROL, CORE, Contenders
+from cltaa.lab.bench.kernels import BASELINE, CONTROL, CORE, Contenders, PlainPort, check_same, least_bytes
 from cltaa.opencl.launcher import DeviceLauncher
 
 SIZE = ["--size", "72x40", "--rounds", "3"]
@@ -40,7 +39,7 @@ def test_everything_in_one_run() -> None:
     for timing in bench["timings"]:
         rows = {row["name"]: row for row in timing["rows"]}
         assert list(rows)[:4] == [CORE, CONTROL, "default", "plain port"]
-        assert {"oracle", "copy"} <= set(rows)
+        assert "copy" in rows
         assert rows["copy"]["of_floor"] == pytest.approx(1.0)
         assert rows[CORE]["ratio"]["median"] == 1.0
         for row in rows.values():
@@ -51,12 +50,11 @@ def test_everything_in_one_run() -> None:
 
 
 def test_a_machine_without_the_shader_is_told_so() -> None:
-    done = run(*SIZE, "--motion", "turn", "--no-oracle", without="moderngl")
+    done = run(*SIZE, "--motion", "turn", without="moderngl")
     assert done.returncode == 0, done.stderr
-    assert "GLSL, 16 reads is absent" in done.stdout
+    assert "GLSL is absent" in done.stdout
     assert "pip install 'cltaa[bench]'" in done.stdout
     assert "plain port" in done.stdout
-    assert "oracle" not in done.stdout
 
 
 def test_motion_is_what_it_says() -> None:
@@ -83,39 +81,16 @@ def test_plain_port_computes_the_core(motion: Motion, storage: Storage) -> None:
         check_same("another frame", frames[0].colour, expected, storage)
 
 
-class CoarseShader(PlainPort):
-    """A shader of so many reads, of which those of ``COARSE`` are weighed in 8 bits, as texture units may."""
+def test_a_shader_that_computes_something_else_is_not_timed(monkeypatch: pytest.MonkeyPatch) -> None:
+    class OffShader(PlainPort):
+        renderer = "a renderer"
 
-    COARSE: tuple[int, ...] = (9,)
-    renderer = "coarse"
+        def resolve(self, frame: Frame, previous: Frame | None) -> Image:
+            return super().resolve(frame, previous) * np.float32(1.0 + 2.0**-9)
 
-    def __init__(self, storage: Storage, width: int, height: int, taps: int) -> None:
-        super().__init__(DeviceLauncher(), storage, width, height)
-        self._taps = taps
-
-    def resolve(self, frame: Frame, previous: Frame | None) -> Image:
-        image = super().resolve(frame, previous)
-        return image * np.float32(1.0 + 2.0**-9) if self._taps in self.COARSE else image
-
-
-def contenders(monkeypatch: pytest.MonkeyPatch, coarse: tuple[int, ...]) -> Contenders:
-    monkeypatch.setattr("cltaa.lab.bench.kernels.Shader", CoarseShader)
-    monkeypatch.setattr(CoarseShader, "COARSE", coarse)
-    return Contenders(DeviceLauncher(), Storage.FLOAT, make_frames(64, 36, Motion.TURN))
-
-
-def test_a_shader_whose_texture_units_weigh_coarsely_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    timed = contenders(monkeypatch, (9,))
-    timed.add_ports()
-    assert [job.name for job in timed.jobs] == [CORE, CONTROL, "plain port", "GLSL, 16 reads"]
-    assert list(timed.absent) == ["GLSL, 9 reads"]
-    assert "texture units" in timed.absent["GLSL, 9 reads"]
-    assert "% of the pixels" in timed.absent["GLSL, 9 reads"]
-
-
-def test_a_shader_that_fetches_texels_has_no_such_excuse(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InternalError, match="16 reads does not compute"):
-        contenders(monkeypatch, (16,)).add_ports()
+    monkeypatch.setattr("cltaa.lab.bench.kernels.Shader", lambda *shape: OffShader(DeviceLauncher(), *shape))
+    with pytest.raises(InternalError, match="GLSL does not compute"):
+        Contenders(DeviceLauncher(), Storage.FLOAT, make_frames(64, 36, Motion.TURN)).add_ports()
 
 
 @pytest.mark.parametrize("changes", [{}, {"history": "frames", "history_frames": 2}])

@@ -9,8 +9,8 @@ import pytest
 
 from cltaa.core.build import Storage
 from cltaa.errors import DataError, InputMissing
-from cltaa.lab.bench.accuracy.tasks import keep, load, path_of, run_all
-from cltaa.lab.bench.accuracy.variants import Errors, Rounding
+from cltaa.io.atomic import keep
+from cltaa.lab.bench.accuracy.tasks import Errors, Rounding, load, path_of, run_all
 from tests.lab.bench.accuracy_tasks import task
 from tests.sequence_factory import write_sequence
 

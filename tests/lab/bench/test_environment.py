@@ -9,12 +9,12 @@ import pytest
 from cltaa import __version__
 from cltaa.core.build import Build
 from cltaa.core.kernel_source import kernel_folder
-from cltaa.lab.bench import environment as module
-from cltaa.lab.bench.environment import environment, kernels_sha256
+from cltaa.lab import timing as module
+from cltaa.lab.timing import environment, kernels_sha256
 
 
 def test_it_says_what_the_numbers_depend_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cltaa.lab.bench.environment.cpu_flags", lambda: {"sve", "avx2", "hypervisor"})
+    monkeypatch.setattr("cltaa.lab.timing.cpu_flags", lambda: {"sve", "avx2", "hypervisor"})
     found = environment("a device", 1.25)
     assert found.cpu_flags == ["avx2", "sve"]
     assert (found.device, found.load_before, found.options) == ("a device", 1.25, [*Build().flags()])

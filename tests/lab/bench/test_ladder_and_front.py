@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from cltaa.core.build import Real, Storage
 from cltaa.core.parameters import Box, Choices
 from cltaa.core.presets import Preset, Published, load_preset
-from cltaa.lab.bench.accuracy.ladder import COMBINATIONS, DEFAULT, PRESETS, ladder
+from cltaa.lab.bench.accuracy.ladder import DEFAULT, PRESETS, ladder
 from cltaa.lab.bench.accuracy.measurement import dominated_by
 from cltaa.lab.bench.accuracy.results import exponential_noise
 from cltaa.lab.timing import Sample, Samples
@@ -34,7 +34,7 @@ def test_every_choice_and_storage_is_a_rung() -> None:
 
 def test_what_is_published_is_measured_as_published() -> None:
     """The plan leaves nothing out of it, nor of a step from it, whatever a sequence declares."""
-    rungs = ladder(load_preset("karis"), [load_preset("default"), load_preset("fsr3-like")], full=True)
+    rungs = ladder(load_preset("karis"), [load_preset("default"), load_preset("fsr3-like")])
     own = [rung for rung in rungs if rung.name == "default"]
     assert [rung.preset.published for rung in own] == [Published.NO]
     assert {rung.preset.published for rung in rungs if rung not in own} == {Published.ENGINE}
@@ -66,21 +66,19 @@ def test_a_step_changes_one_thing() -> None:
         assert len(changed) + len(settings) == 1 or (changed, settings) == (["accumulate"], ["blend_weight"]), rung.name
 
 
-def test_presets_and_combinations_join() -> None:
+def test_presets_join() -> None:
     base = load_preset()
     other = Preset(name="other", description="", settings=base.settings)
-    rungs = ladder(base, [base, other], full=True)
+    rungs = ladder(base, [base, other])
     assert [rung.name for rung in rungs if rung.group == PRESETS] == ["other"]
-    grid = [rung for rung in rungs if rung.group == COMBINATIONS]
-    assert len({(rung.choices, rung.storage) for rung in rungs if rung.group != PRESETS}) >= len(grid)
     assert len({rung.name for rung in rungs}) == len(rungs)
 
 
 def samples_of(times: Mapping[str, Sequence[float]]) -> Samples:
     found = Samples()
     for name, values in times.items():
-        for number, seconds in enumerate(values):
-            found.add(name, number, Sample(seconds))
+        for seconds in values:
+            found.add(name, Sample(seconds))
     return found
 
 

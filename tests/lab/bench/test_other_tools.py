@@ -18,7 +18,7 @@ from cltaa.inputs.open import Reading, readings
 from cltaa.io.exr_write import write_frame
 from cltaa.lab.bench.accuracy.ladder import ladder
 from cltaa.lab.bench.accuracy.measurement import tasks_of
-from cltaa.lab.bench.accuracy.variants import run_task, yardstick_errors
+from cltaa.lab.bench.accuracy.tasks import run_task, yardstick_errors
 from cltaa.lab.bench.quality.cases import REDRAWN
 from cltaa.lab.bench.quality.judge import Cells, Judged
 from cltaa.lab.timing import timed_numbers

@@ -15,9 +15,8 @@ from cltaa.lab.bench.accuracy.figures import front_figure, overall, table, write
 from cltaa.lab.bench.accuracy.ladder import ladder
 from cltaa.lab.bench.accuracy.report import read_report, write_report
 from cltaa.lab.bench.accuracy.results import Accuracy, Cell, MeasuredSequence, spread
-from cltaa.lab.bench.accuracy.variants import Rounding
-from cltaa.lab.bench.environment import Environment
-from cltaa.lab.timing import Interval
+from cltaa.lab.bench.accuracy.tasks import Rounding
+from cltaa.lab.timing import Environment, Interval
 
 VARIANTS = ladder(load_preset())[:3]
 

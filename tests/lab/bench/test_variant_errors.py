@@ -13,7 +13,7 @@ from cltaa.errors import DataError, InputMissing
 from cltaa.io.exr_read import read_frame
 from cltaa.io.exr_write import write_frame
 from cltaa.lab.bench.accuracy.ladder import ladder
-from cltaa.lab.bench.accuracy.variants import Task, run_task, yardstick_errors
+from cltaa.lab.bench.accuracy.tasks import Task, run_task, yardstick_errors
 from tests.lab.bench.accuracy_tasks import FRAMES, task
 from tests.sequence_factory import write_images, write_sequence
 

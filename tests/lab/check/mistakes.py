@@ -12,10 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cltaa.camera import displacement, is_still
+from cltaa.camera import displacement, is_still, reprojected
 from cltaa.camera import inverse_depth as planar_inverse_depth
 from cltaa.frame import Camera, Frame, Image
-from cltaa.lab.check.registration import apply_displacement
 
 Frames = Sequence[Frame]
 Plant = Callable[[Frames], list[Frame]]
@@ -105,8 +104,8 @@ def camera_motion(frame: Frame, previous: Camera) -> Image:
     y, x = np.mgrid[: frame.height, : frame.width].astype(np.float64)
     px, py = x + 0.5 + frame.jitter_px[0] - frame.width / 2, y + 0.5 + frame.jitter_px[1] - frame.height / 2
     moved = displacement(frame.camera, previous, frame.width, frame.height)
-    u, v = apply_displacement(moved, px.ravel(), py.ravel(), near.ravel().astype(np.float64))
-    return np.stack([u, v], -1).reshape(frame.height, frame.width, 2).astype(np.float32)
+    u, v, _, visible = reprojected(px, py, near.astype(np.float64), moved, parallel=False)
+    return np.where(visible[..., None], np.stack([u, v], -1), np.nan).astype(np.float32)
 
 
 def then(*plants: Plant) -> Plant:

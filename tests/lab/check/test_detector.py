@@ -18,7 +18,7 @@ from tests.lab.check.conftest import Scene
 from tests.lab.check.mistakes import MISTAKES, full_motion
 from tests.sequence_factory import make_camera, make_frame
 
-SCENES = [*(entry.name for entry in registered()), "orbit", "turntable"]
+SCENES = [*(entry.name for entry in registered()), "orbit"]
 FIRST = [(name, mistake.scenes[0]) for name, mistake in MISTAKES.items()]
 OTHERS = [(name, scene) for name, mistake in MISTAKES.items() for scene in mistake.scenes[1:]]
 

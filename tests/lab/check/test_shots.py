@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cltaa.camera import displacement
 from cltaa.frame import Camera, Frame
-from cltaa.lab.check.registration import Pair, Shot, apply_displacement
+from cltaa.lab.check.registration import Pair, Shot
 from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame
 
 Two = tuple[float, float]
@@ -121,10 +120,12 @@ def test_the_declared_motion_is_the_channel_and_elsewhere_the_cameras() -> None:
 
 def test_a_point_that_was_behind_the_camera_has_no_motion() -> None:
     """The camera went back by 5: what is 4 before it now was 1 behind it then."""
-    moved = displacement(make_camera((0.0, 0.0, 5.0)), make_camera((0.0, 0.0, 0.0)), WIDTH, HEIGHT)
-    centre = np.zeros(3)
-    u, v = apply_displacement(moved, centre, centre, 1.0 / np.array([4.0, 5.0, 10.0]))
-    assert np.isfinite(u).tolist() == np.isfinite(v).tolist() == [False, False, True]
+    pair = pair_of(
+        make_frame(1, camera=make_camera((0.0, 0.0, 5.0))), make_frame(0, camera=make_camera((0.0, 0.0, 0.0)))
+    )
+    for distance, seen in ((4.0, False), (10.0, True)):
+        motion = pair.camera_motion(inverse_depth=np.full(len(pair.x), 1.0 / distance))
+        assert np.isfinite(motion).all() == np.isfinite(motion).any() == seen
 
 
 def test_the_change_of_jitter_is_this_frames_minus_the_last_ones() -> None:

@@ -14,8 +14,7 @@ from PIL import Image as Pillow
 from cltaa import __version__
 from cltaa.cli import main
 from cltaa.io.sequence import open_images, open_sequence
-from cltaa.lab.judge.equal_quality import equal_quality_samples
-from cltaa.lab.judge.metrics import light_mse, mean, measure
+from cltaa.lab.judge.metrics import equal_quality_samples, light_mse, mean, measure
 from cltaa.lab.judge.video_scores import VideoScores
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_images, write_sequence
 

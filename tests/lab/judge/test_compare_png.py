@@ -11,7 +11,7 @@ from PIL import Image as Pillow
 
 from cltaa.cli import main
 from cltaa.inputs.foreign import open_png
-from cltaa.io.png import write_image_png
+from cltaa.io.display import write_image_png
 from cltaa.io.sequence import open_images
 from tests.lab.judge.test_compare_command import refusal, run_json
 from tests.sequence_factory import write_sequence

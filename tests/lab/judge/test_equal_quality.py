@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.errors import DataError
-from cltaa.lab.judge.equal_quality import STRATIFIED_EXPONENT, equal_quality_samples, samples_on_curve
+from cltaa.lab.judge.metrics import STRATIFIED_EXPONENT, equal_quality_samples, samples_on_curve
 
 PIXELS, FRAMES, TRUTH_SIDE = 400, 30, 200
 

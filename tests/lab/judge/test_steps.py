@@ -16,7 +16,8 @@ from cltaa.io.exr_read import read_colour
 from cltaa.io.exr_write import write_frame
 from cltaa.io.sequence import open_sequence
 from cltaa.lab.bench.accuracy.ladder import ladder
-from cltaa.lab.bench.accuracy.variants import Task, run_task
+from cltaa.lab.bench.accuracy.measurement import tasks_of
+from cltaa.lab.bench.accuracy.tasks import Task, run_task
 from cltaa.lab.timing import timed_frames, timed_numbers
 from tests.sequence_factory import make_frame, write_images, write_sequence
 
@@ -106,10 +107,7 @@ def test_tune_and_files_take_it(
     monkeypatch.setattr("cltaa.lab.tune.LADDER", ("accumulate",))  # the others take long on NumPy
     asked = f"--budget 9999ms --trials 2 --device numpy --step {STEP} -o {tmp_path / 't.toml'}".split()
     assert found(capsys, "tune", stepped, *asked)["trials"] == 2
-    asked = f"--compressions none --threads 1 --commands none --rounds 3 --step {STEP} --device numpy".split()
+    asked = f"--compression none --rounds 3 --step {STEP} --device numpy".split()
     assert found(capsys, "bench", "files", stepped, *asked)["frames"] == COUNT
-    monkeypatch.setattr(
-        "cltaa.commands.bench_accuracy.run_all", lambda tasks, _: [task for task in tasks if task.open()]
-    )
-    task = ["bench", "accuracy", str(stepped), "-o", str(tmp_path / "report"), "--variant", "fast", "--task", "0"]
-    assert main([*task, "--step", str(STEP)]) == 0
+    (task, *_) = tasks_of([stepped], ladder(load_preset())[:1], None, ("mse",), 0, Reading(step=STEP))
+    assert task.open().step == STEP

@@ -113,7 +113,7 @@ def perfect(_index: int, truth: Display) -> Display:
 
 
 # float32 colour, decoded and encoded again, moves a display value by 1e-7; what the least squares of
-# cltaa.lab.judge.detail take for rounding is 1e-5 (the root of RANK) of a detail below 0.5.
+# cltaa.lab.judge.video_scores take for rounding is 1e-5 (the root of RANK) of a detail below 0.5.
 QUIET = 5e-6
 
 

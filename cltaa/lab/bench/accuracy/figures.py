@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from cltaa.errors import import_extra
 from cltaa.io.atomic import atomic_path
-from cltaa.lab.bench.accuracy.ladder import COMBINATIONS, DEFAULT, PRESETS
+from cltaa.lab.bench.accuracy.ladder import DEFAULT, PRESETS
 from cltaa.lab.bench.accuracy.results import Accuracy, Cell, MeasuredSequence
 from cltaa.lab.judge.metrics import METRICS
 from cltaa.lab.timing import Clock, Interval
@@ -255,8 +255,7 @@ def noise_lines(measured: MeasuredSequence, metric: str, weight: float) -> Itera
 def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: dict[str, str]) -> Any:
     """Error and time of each step as a multiple of those of what the ladder departs from."""
     name, base = measured.cells[0].variant, measured.cells[0].errors[metric].mean
-    left_out = {DEFAULT, PRESETS, COMBINATIONS}
-    cells = [cell for cell in measured.cells if groups[cell.variant] not in left_out]
+    cells = [cell for cell in measured.cells if groups[cell.variant] not in (DEFAULT, PRESETS)]
     figure, both = pyplot.subplots(1, 2, figsize=(8, 0.7 + 0.19 * max(len(cells), 2)), sharey=True)
     names = [cell.variant for cell in cells]
     ratios = [_over(cell.errors[metric].mean, base) for cell in cells]

@@ -1,35 +1,28 @@
 """The ladder: every variant of the resolve whose error and time ``cltaa bench accuracy`` measures.
 
 One step is changed at a time, so that each bar of the ablation has one cause; whatever is added to the choices
-(``cltaa.core.parameters``) or the storages (``cltaa.core.build``) is on the ladder by itself. ``combinations``
-is the grid for the front.
+(``cltaa.core.parameters``) or the storages (``cltaa.core.build``) is on the ladder by itself.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Iterator
 from typing import Any
 
 import msgspec
 
 from cltaa.core.backend import Launcher
-from cltaa.core.build import STORAGES, Build, Real, Storage
+from cltaa.core.build import Build, Real, Storage
 from cltaa.core.parameters import (
     Accumulate,
     Box,
     Choices,
-    Dilation,
-    HistoryFilter,
-    Neighbourhood,
-    Rectify,
-    Reject,
     Settings,
 )
 from cltaa.core.presets import Preset, Published
 from cltaa.core.resolver import Resolver
 
-DEFAULT, PRESETS, COMBINATIONS = "default", "preset", "combination"
+DEFAULT, PRESETS = "default", "preset"
 
 # Continuous steps worth a rung: what the count of samples is limited by, and the blur of pixels without a past.
 SETTINGS_RUNGS: dict[str, tuple[float, ...]] = {
@@ -72,11 +65,6 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
         build = Build(real=self.real, storage=self.storage, strict=self.strict, relaxed=self.relaxed)
         return Resolver(self.preset, device, build=build)
 
-    @property
-    def laboratory(self) -> bool:
-        """True for what only a measurement asks for: other arithmetic, another build, a history in doubles."""
-        return self.strict or self.relaxed or self.real is not Real.FLOAT or self.storage not in STORAGES
-
 
 def steps(base: Variant) -> Iterator[Variant]:
     """``base`` with one step changed, for every step there is."""
@@ -111,35 +99,15 @@ def _other_choices(base: Variant, fields: Iterable[str], **beside: Any) -> Itera
                 yield _changed(base, field, f"{choice}{also}", choices={field: choice, **beside})
 
 
-def combinations(base: Variant) -> Iterator[Variant]:
-    """Every combination of the choices that cost time, but for those that the steps already have."""
-    grid = {
-        "history_filter": HistoryFilter,
-        "neighbourhood": Neighbourhood,
-        "rectify": (Rectify.NONE, Rectify.CLAMP, Rectify.CLIP),
-        "dilation": Dilation,
-        "reject": Reject,
-        "storage": STORAGES,
-    }
-    for values in itertools.product(*grid.values()):
-        chosen: dict[str, Any] = dict(zip(grid, values, strict=True))
-        storage = chosen.pop("storage")
-        changed = {field: value for field, value in chosen.items() if value is not getattr(base.choices, field)}
-        if len(changed) + (storage is not base.storage) >= 2:
-            what = [f"{field} {value}" for field, value in changed.items()]
-            what += [f"storage {storage}"] if storage is not base.storage else []
-            yield _changed(base, COMBINATIONS, ", ".join(what), choices=changed, storage=storage)
+def ladder(base: Preset, presets: Iterable[Preset] = ()) -> list[Variant]:
+    """The default, its steps and the other presets.
 
-
-def ladder(base: Preset, presets: Iterable[Preset] = (), *, full: bool = False) -> list[Variant]:
-    """The default, its steps, the other presets and, if ``full``, the combinations.
-
-    Presets that look ahead are left out: what a budget of time chooses from has its image in the same frame.
+    Presets that look ahead are left out: errors and times are taken frame by frame.
     """
     first = _as_it_is(base, DEFAULT)
     causal = (preset for preset in presets if not preset.settings.look_ahead)
     others = [_as_it_is(preset, PRESETS) for preset in causal if preset.name != base.name]
-    return [first, *steps(first), *others, *(combinations(first) if full else ())]
+    return [first, *steps(first), *others]
 
 
 def _as_it_is(preset: Preset, group: str) -> Variant:

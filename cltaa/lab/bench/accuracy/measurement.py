@@ -3,39 +3,41 @@
 from __future__ import annotations
 
 import hashlib
-import time
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
+import numpy as np
 
-from cltaa.errors import ResourceError
-from cltaa.frame import format_effects
+from cltaa.frame import Frame, Image, format_effects
 from cltaa.inputs.open import DEFAULT_READING, Reading, is_own, readings
+from cltaa.io.atomic import keep, kept
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.bench.accuracy.ladder import Variant
 from cltaa.lab.bench.accuracy.results import Accuracy, Cell, MeasuredSequence, Yardstick, exponential_noise, spread
-from cltaa.lab.bench.accuracy.tasks import (
-    Program,
-    build_all,
-    dearest_first,
-    keep,
-    kept,
-    load,
-    path_of,
-    programs_needed,
-    run_all,
-)
-from cltaa.lab.bench.accuracy.variants import TURN, Ranking, Task, jobs_of, ranking, yardstick_errors
-from cltaa.lab.bench.contenders import copy_job
-from cltaa.lab.bench.environment import environment, load_average, pin_threads
+from cltaa.lab.bench.accuracy.tasks import Task, load, run_all, yardstick_errors
+from cltaa.lab.bench.kernels import copy_job, least_bytes
 from cltaa.lab.bench.quality.cases import by_name
-from cltaa.lab.judge.comparison import check_yardsticks, open_yardsticks, stamps, truth_of, truth_samples
-from cltaa.lab.judge.equal_quality import STRATIFIED_EXPONENT
-from cltaa.lab.judge.metrics import METRICS
-from cltaa.lab.timing import Clock, Samples, measure
+from cltaa.lab.judge.comparison import check_yardsticks, content_sha256, open_yardsticks, truth_of, truth_samples
+from cltaa.lab.judge.metrics import METRICS, STRATIFIED_EXPONENT
+from cltaa.lab.timing import (
+    Clock,
+    Interval,
+    Job,
+    Samples,
+    device_seconds,
+    environment,
+    load_average,
+    measure,
+    pin_threads,
+    resolve_job,
+    timed_frames,
+    too_noisy_among,
+)
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.process import CORES
 from cltaa.progress import track
@@ -55,6 +57,105 @@ def dominated_by(errors: Mapping[str, float], faster: Callable[[str, str], bool]
         if found is not None:
             result[name] = found
     return result
+
+
+CONTROL = "(A/A)"
+# What fills each compute unit of a CPU and of a GPU, in pixels, and the limits of a frame: with less it is launches
+# that are timed, and the wait for the last of many threads.
+FILLING_A_UNIT = {True: 40_000, False: 15_000}
+LIMITS = {True: (250_000, 2_000_000), False: (1_000_000, 4_000_000)}
+STAGE_PASSES = 5  # over which the time of each stage is a median
+TURN = 0.02  # seconds that a job runs again and again for in a round: its least is what nothing held up
+
+
+class Ranking(NamedTuple):
+    """By which clock variants are compared, and what the default against its own copy says of that."""
+
+    clock: Clock
+    control: Interval
+    noisy: bool
+
+
+def enlargement(captured: FrameSequence, launcher: DeviceLauncher, pixels: int | None = None) -> int:
+    """How many times as wide and high frames must be to have ``pixels`` at least; None: to fill the device."""
+    is_cpu, units = launcher.device.is_cpu, launcher.device.cl_device.max_compute_units
+    least, most = LIMITS[is_cpu]
+    filling = pixels or min(max(FILLING_A_UNIT[is_cpu] * units, least), most)
+    return math.ceil(math.sqrt(filling / (captured.width * captured.height)))
+
+
+def jobs_of(
+    captured: FrameSequence, tasks: Sequence[Task], launcher: DeviceLauncher, least_pixels: int | None
+) -> tuple[list[Job], int, int, dict[str, float]]:
+    """A job for each variant and a copy of the default's; pixels and least bytes of a frame; the default's steps."""
+    factor = enlargement(captured, launcher, least_pixels)
+    frames = [enlarged(frame, factor) for frame in timed_frames(captured)]
+    pixels = frames[0].width * frames[0].height
+    jobs: list[Job] = []
+    moved, stages = 0, dict[str, float]()
+    for place, task in enumerate(tasks):
+        resolver = task.variant.resolver(launcher)
+        job, _ = resolve_job(task.variant.name, resolver, frames)
+        jobs.append(job)
+        if place == 0:
+            moved = least_bytes(resolver, task.variant.storage) * pixels
+            stages = stage_seconds(task.variant, launcher, frames)
+            jobs.append(Job(f"{task.variant.name} {CONTROL}", job.run))
+    return jobs, pixels, moved, stages
+
+
+def ranking(samples: Samples, default: str, controls: int, *, is_cpu: bool, units: int = 0) -> Ranking:
+    """Rank by the device's clock, or, where that is too noisy on a CPU, by processor time, if that is not.
+
+    Of one thread (``units``) processor time comes first: it is the device's clock without the waits for a processor,
+    which a long kernel on a shared one never escapes, and of which the default and its copy, both short, say nothing.
+    ``controls`` is the number of sequences that are ranked in one run, each of which may exclude 1 by chance.
+    """
+    found = []
+    wanted = (Clock.DEVICE, Clock.PROCESSOR)[: 1 + is_cpu]
+    clocks = [clock for clock in wanted[:: -1 if units == 1 else 1] if samples.has(default, clock)]
+    for clock in clocks or [Clock.WALL]:
+        pair = f"{default} {CONTROL}", default, clock
+        noisy = too_noisy_among(samples.ratios(*pair), controls * max(len(clocks), 1))
+        found.append(Ranking(clock, samples.ratio(*pair), noisy))
+    return next((each for each in found if not each.noisy), found[0])
+
+
+def enlarged(frame: Frame, factor: int) -> Frame:
+    """The frame with every pixel repeated ``factor`` times along both axes, and motion as many times as long."""
+
+    def repeat(image: Image | None, scale: float = 1.0) -> Image | None:
+        return None if image is None else (image * np.float32(scale)).repeat(factor, 0).repeat(factor, 1)
+
+    colour, depth = repeat(frame.colour), repeat(frame.depth)
+    assert colour is not None
+    assert depth is not None
+    return replace(
+        frame,
+        colour=colour,
+        depth=depth,
+        motion=repeat(frame.motion, factor),
+        alpha=repeat(frame.alpha),
+        reactive=repeat(frame.reactive),
+    )
+
+
+def stage_seconds(variant: Variant, launcher: DeviceLauncher, frames: Sequence[Frame]) -> dict[str, float]:
+    """Median seconds of upload, each kernel by the device's clock, and read-back, over ``STAGE_PASSES`` passes."""
+    resolver = variant.resolver(launcher)
+    seen: dict[str, list[float]] = {}
+    for _ in range(STAGE_PASSES):
+        for frame in frames:
+            events: list[tuple[str, Any]] = []
+            launcher.events = events
+            resolver.resolve(frame)
+            launcher.events = None
+        seen.setdefault("upload", []).append(resolver.times.upload)
+        for kernel in dict.fromkeys(name for name, _ in events):
+            own = [(name, event) for name, event in events if name == kernel]
+            seen.setdefault(kernel, []).append(device_seconds(own))
+        seen.setdefault("read back", []).append(resolver.times.read_back)
+    return {name: float(np.median(values)) for name, values in seen.items()}
 
 
 class Timing(NamedTuple):
@@ -185,7 +286,6 @@ def _truth_noise(captured: FrameSequence, yardstick: Sequence[Yardstick]) -> flo
 
 
 TIMES = "times"  # folder of what is finished of each sequence
-ERRORS_SHARE = 0.6  # of a limit of time, after which no error is begun and what is complete is timed
 
 
 def tasks_of(
@@ -196,7 +296,7 @@ def tasks_of(
     rounding: int,
     reading: Reading = DEFAULT_READING,
 ) -> list[Task]:
-    """Every variant over every sequence, in a fixed order: what ``--list`` prints and ``--task`` counts.
+    """Every variant over every sequence.
 
     ``reading`` is for all of them (``readings``). Raises UsageError for two sequences of one name, and what opening
     another tool's raises.
@@ -206,7 +306,7 @@ def tasks_of(
     for folder, how in readings(folders, reading).items():
         # Another tool's files have no record that tells one rendering from the next, nor their reading from another.
         other = not is_own(folder) or how != Reading(step=how.step)
-        files = stamps(how.open(folder)) if other else ""
+        files = content_sha256(how.open(folder)) if other else ""
         tasks += [
             Task(
                 sequence=str(folder),
@@ -231,15 +331,12 @@ def bench_accuracy(
     pixels: int | None,
     jobs: int,
     dask: str | None,
-    time_limit: float,
 ) -> Accuracy:
-    """Build what ``tasks`` need in ``jobs`` processes, run what is missing, time every variant here; all together.
+    """Run those of ``tasks`` that are missing, time every variant here, and put all together.
 
-    A sequence that is finished is kept in ``output``. No error is begun after ``ERRORS_SHARE`` of ``time_limit``
-    seconds, but on Dask, where all begin at once; then those sequences are timed whose errors are complete, and none
-    but the first that would end beyond the limit. The others are ``missing``; raises ResourceError where that is all.
+    A sequence that is finished is kept in ``output``.
     """
-    before, begun = load_average(), time.monotonic()
+    before = load_average()
     for task in {task.sequence: task for task in tasks}.values():
         sequence = task.open()  # what lacks is missed now, and not after the sequences before it
         truth_of(sequence)
@@ -249,66 +346,23 @@ def bench_accuracy(
     folders = list(dict.fromkeys(task.sequence for task in tasks))
     units = launcher.device.cl_device.max_compute_units
     timing = Timing(rounds, patience, len(folders), units, CORES, pixels)
-    paths = {folder: _path(output, tasks, folder, launcher, timing) for folder in folders}
-    open_ones = [task for task in tasks if not paths[task.sequence].is_file()]
-    until = begun + ERRORS_SHARE * time_limit
-    if jobs > 1 and dask is None:
-        build_programs(open_ones, launcher, pixels=pixels, jobs=jobs, until=until)
-    work = run_all(tasks, output, jobs=jobs, dask=dask, until=until)
-    for _ in track(work, len(tasks), "measuring errors", "tasks"):
+    for _ in track(run_all(tasks, output, jobs=jobs, dask=dask), len(tasks), "measuring errors", "tasks"):
         pass
-    sequences, slowest = list[MeasuredSequence](), 0.0
+    sequences = list[MeasuredSequence]()
     for folder in folders:
-        mine, started = [task for task in tasks if task.sequence == folder], time.monotonic()
-        complete = all(path_of(task, output).is_file() for task in mine)
-        if not paths[folder].is_file() and started + slowest < begun + time_limit and complete:
-            captured = mine[0].open()
-            keep(paths[folder], measure_sequence(captured, mine, output, launcher, timing))
-            slowest = max(slowest, time.monotonic() - started)
-        if (measured := kept(paths[folder], MeasuredSequence)) is not None:
-            sequences.append(measured)
-    if not sequences:
-        raise _none_finished(tasks, output, time.monotonic() - begun, time_limit)
-    finished = {measured.folder for measured in sequences}
+        mine, path = [task for task in tasks if task.sequence == folder], _path(output, tasks, folder, launcher, timing)
+        measured = kept(path, MeasuredSequence)
+        if measured is None:
+            measured = measure_sequence(mine[0].open(), mine, output, launcher, timing)
+            keep(path, measured)
+        sequences.append(measured)
     return Accuracy(
         environment=environment(launcher.description, before, units=units),
         metrics=list(tasks[0].metrics),
         rounds=rounds,
         variants=list(dict.fromkeys(task.variant for task in tasks)),
         sequences=sequences,
-        missing=[Path(folder).name for folder in folders if folder not in finished],
     )
-
-
-def _none_finished(tasks: Sequence[Task], output: Path, spent: float, time_limit: float) -> ResourceError:
-    """The error where ``spent`` seconds finished no sequence: for want of errors, or of time after them."""
-    again = "run the same again, which goes on from here, or allow more time"
-    lacking = {task.sequence for task in tasks if not path_of(task, output).is_file()}
-    if lacking != {task.sequence for task in tasks}:
-        what = f"the {time_limit:g} s of --time-limit were over before a sequence was timed"
-        return ResourceError(what, path=output, found=f"{spent:.3g} s", cure=again)
-    done = sum(path_of(task, output).is_file() for task in tasks)
-    share = f"{ERRORS_SHARE * 100:g} % of --time-limit {time_limit:g}"
-    return ResourceError(
-        "no sequence has all of its errors",
-        path=output,
-        found=f"{done} of {len(tasks)} after {spent:.3g} s",
-        cure=f"none is begun after {share}, which leaves the rest for times: {again}",
-    )
-
-
-def build_programs(
-    tasks: Sequence[Task], launcher: DeviceLauncher, *, pixels: int | None, jobs: int, until: float
-) -> int:
-    """Build every program that errors and times of ``tasks`` need, each once; returns how many there are."""
-    found = set[Program]()
-    sequences = len({task.sequence for task in tasks})
-    for _ in track(programs_needed(tasks, launcher, pixels, found), sequences, "planning", "sequences"):
-        pass
-    building = build_all(dearest_first(found), tasks[0].device, jobs=jobs, until=until) if found else ()
-    for _ in track(building, len(found), "building", "programs"):
-        pass
-    return len(found)
 
 
 def _path(output: Path, tasks: Sequence[Task], folder: str, launcher: DeviceLauncher, timing: Timing) -> Path:

@@ -20,12 +20,10 @@ from cltaa.camera import inverse_depth
 from cltaa.errors import DataError, InputMissing
 from cltaa.frame import Frame, Image
 from cltaa.io.atomic import atomic_path
-from cltaa.io.display import to_picture
-from cltaa.io.png import heat
+from cltaa.io.display import heat, to_picture
 from cltaa.lab.bench.accuracy.figures import table, write_plots
 from cltaa.lab.bench.accuracy.results import Accuracy
-from cltaa.lab.bench.accuracy.tasks import load
-from cltaa.lab.bench.accuracy.variants import COUNT_WHITE, Task, png
+from cltaa.lab.bench.accuracy.tasks import COUNT_WHITE, Task, load, png
 from cltaa.lab.judge.comparison import truth_of
 from cltaa.lab.judge.metrics import METRICS
 from cltaa.printable import counted

@@ -8,10 +8,9 @@ import msgspec
 import numpy as np
 
 from cltaa.lab.bench.accuracy.ladder import Variant
-from cltaa.lab.bench.accuracy.variants import Rounding
-from cltaa.lab.bench.environment import Environment
+from cltaa.lab.bench.accuracy.tasks import Rounding
 from cltaa.lab.judge.metrics import mean
-from cltaa.lab.timing import Clock, Interval
+from cltaa.lab.timing import Clock, Environment, Interval
 
 
 class Spread(msgspec.Struct, frozen=True, kw_only=True):
@@ -83,7 +82,6 @@ class Accuracy(msgspec.Struct, frozen=True, kw_only=True):
     rounds: int
     variants: list[Variant]
     sequences: list[MeasuredSequence]
-    missing: list[str] = []  # sequences that a limit of time left out
 
 
 def exponential_noise(one_sample: float, weight: float) -> float:

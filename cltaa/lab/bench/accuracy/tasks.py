@@ -1,142 +1,203 @@
-"""Tasks of an accuracy measurement, in this process, in spawned ones or on a Dask cluster, and their results on disk.
+"""Tasks of an accuracy measurement: the error of a variant over a sequence, wherever it is worked out, and kept.
 
-A compiler takes a second for a program, and processes that want the same one at once would each build it. Which
-programs a frame calls for is decided by its header and channels, so that one pixel of each frame tells them all.
+Two axes are kept apart. *Model*: against the truth that was captured. *Rounding*: against the same algorithm in float64
+throughout, arithmetic, history and counts, by the NumPy twin.
 
-A finished task is a file under ``tasks/``, named by what it depends on, so that any of these ways, mixed or cut short,
-adds to the same result and nothing is done twice. Errors may be spread over machines; timings never are.
+A finished task is a file under ``tasks/``, named by what it depends on, so that this process, spawned ones and a Dask
+cluster, mixed or cut short, add to the same result and nothing is done twice. Errors may be spread over machines;
+timings never are.
 """
 
 from __future__ import annotations
 
-import math
+import hashlib
 import multiprocessing
 import os
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import replace
-from functools import partial
+from functools import cache
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as Pillow
 
-from cltaa.core.backend import DEVICE_VARIABLE
-from cltaa.core.build import Build
+from cltaa.core.backend import DEVICE_VARIABLE, Buffer, Launcher, launcher_for
+from cltaa.core.build import Build, Real, Storage
+from cltaa.core.kernel_source import code_sha256
 from cltaa.core.planes import Layout
-from cltaa.errors import DataError, ResourceError
-from cltaa.frame import Frame
-from cltaa.io.atomic import atomic_path, make_folder
+from cltaa.core.resolver import Resolver
+from cltaa.errors import ResourceError
+from cltaa.frame import Frame, Image
+from cltaa.inputs.open import DEFAULT_READING, Reading
+from cltaa.io.atomic import keep, kept
+from cltaa.io.display import Picture, heat, to_picture
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.bench.accuracy.variants import Errors, Task, enlargement, opened, run_task
-from cltaa.lab.timing import resolve_job, timed_numbers
-from cltaa.opencl.launcher import DeviceLauncher
-from cltaa.opencl.program import source
+from cltaa.lab.bench.accuracy.ladder import Variant
+from cltaa.lab.judge.comparison import open_yardsticks, truth_of
+from cltaa.lab.judge.metrics import METRICS, finite, flip_map, measure
 from cltaa.pipeline.cluster import connected
 from cltaa.process import CORES, configure
 from cltaa.reference.launcher import NumpyLauncher
 
-Kept = TypeVar("Kept")
+KEY_DIGITS = 16  # hexadecimal
+COUNT_WHITE = 32  # samples in the history that the picture of them shows white
 
 
-def keep(path: Path, finished: object) -> None:
-    """Write a struct into a file, atomically; raises OutputError and StorageError."""
-    make_folder(path.parent)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(msgspec.msgpack.encode(finished))
+class Task(msgspec.Struct, frozen=True, kw_only=True):
+    """One variant over one sequence, on one device."""
+
+    sequence: str  # folder
+    variant: Variant
+    device: str | None
+    metrics: tuple[str, ...]
+    rounding_frames: int  # of the first frames; 0 leaves that axis out
+    reading: Reading = DEFAULT_READING
+    files: str = ""  # what vouches for the files of another tool, which record nothing, and for how they are read
+
+    def open(self) -> FrameSequence:
+        """The sequence."""
+        return self.reading.open(Path(self.sequence))
+
+    def key(self) -> str:
+        """What the result depends on, as a name for its file: another sequence or other code has another key."""
+        digest = hashlib.sha256(msgspec.json.encode(self) + code_sha256().encode())
+        if self.device is None:  # whatever is chosen where nothing is named
+            digest.update(os.environ.get(DEVICE_VARIABLE, "").encode())
+        for name in ("sequence.json", "resolve.json"):
+            path = Path(self.sequence) / name
+            digest.update(path.read_bytes() if path.is_file() else b"")
+        return digest.hexdigest()[:KEY_DIGITS]
 
 
-def kept(path: Path, kind: type[Kept]) -> Kept | None:
-    """The struct of a file, or None where there is none; raises DataError for a damaged one."""
-    if not path.is_file():
-        return None
-    try:
-        return msgspec.msgpack.decode(path.read_bytes(), type=kind)
-    except msgspec.DecodeError as error:
-        what = f"no finished part of a measurement: {error}"
-        raise DataError(what, path=path, cure="delete it and run again") from None
+class Rounding(msgspec.Struct, frozen=True, kw_only=True):
+    """Distance from the float64 twin over the frames: root mean square and largest, relative to the image's own."""
+
+    rms: float
+    largest: float
+    frames: list[float]  # rms of each
+
+    @property
+    def bits(self) -> float:
+        """Bits that are right: -log2 of the relative rms error; infinite where there is none, as in a first frame."""
+        return float(-np.log2(self.rms)) if self.rms > 0 else float("inf")
 
 
-class Program(msgspec.Struct, frozen=True, kw_only=True):
-    """A kernel and all that it is built from."""
+class Errors(msgspec.Struct, frozen=True, kw_only=True):
+    """What a task found; ``frames`` is {metric: [a value a frame]}, ``pictures`` {name: PNG}."""
 
-    kernel: str
-    build: Build
+    frames: dict[str, list[float]]
+    rounding: Rounding | None
+    pictures: dict[str, bytes]
 
 
-class Rehearsal(NumpyLauncher):
-    """Notes which programs another launcher would need for planes of a layout, and runs none."""
+class DoubleTwin(NumpyLauncher):
+    """The NumPy twin with float64 everywhere: inputs as they are, arithmetic, history and counts in double."""
 
-    def __init__(self, launcher: DeviceLauncher, layout: Layout) -> None:
-        self._launcher, self._layout = launcher, layout
-        self.programs: set[Program] = set()
+    description = "NumPy (float64)"
 
     def build(self, plan_build: Build) -> Build:
-        """The build as the other launcher shapes it."""
-        return self._launcher.build(plan_build)
+        """The same algorithm in double."""
+        return msgspec.structs.replace(plan_build, real=Real.DOUBLE, storage=Storage.FLOAT)
 
-    def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
-        """Only note the program."""
-        self.programs.add(Program(kernel=kernel, build=self._launcher.fitted(kernel, build, self._layout, arguments)))
+    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
+        """Zeros; numbers with a fraction are float64, whatever is asked for."""
+        return super().allocate(shape, np.float64 if np.dtype(dtype).kind == "f" else dtype)
 
 
-def programs_of(tasks: Sequence[Task], launcher: DeviceLauncher, pixels: int | None = None) -> set[Program]:
-    """What errors and times of ``tasks``, all over one sequence, need.
+@cache
+def opened(device: str | None) -> Launcher:
+    """A launcher of a device for all tasks of this process: to open one anew takes a GPU as long as many frames."""
+    return launcher_for(device)
 
-    ``pixels`` are those of a frame that is timed, at least; None: what fills the device.
+
+def run_task(task: Task) -> Errors:
+    """Resolve the whole sequence and measure; raises InputMissing where the sequence has no truth."""
+    sequence = task.open()
+    truth = truth_of(sequence)
+    resolver = task.variant.resolver(opened(task.device or os.environ.get(DEVICE_VARIABLE)))
+    twin = Resolver(task.variant.preset, DoubleTwin()) if task.rounding_frames else None
+    frames: dict[str, list[float]] = {name: [] for name in task.metrics}
+    apart: list[tuple[float, float]] = []
+    image: Image = np.empty(0, np.float32)
+    for place, frame in enumerate(sequence):
+        image = resolver.resolve(frame)[..., :3]
+        found = measure(image, truth.image(frame.index), [METRICS[name] for name in task.metrics], frame=frame.index)
+        for name, value in found.items():
+            frames[name].append(value)
+        if twin is not None and place < task.rounding_frames:
+            twin.resolve(frame)
+            apart.append(_apart(_kept(resolver, frame), _kept(twin, frame)))
+    pictures = {"picture": png(to_picture(image)), "count": png(heat(_count(resolver, sequence), COUNT_WHITE))}
+    if "flip" in task.metrics:
+        pictures["flip"] = png(heat(flip_map(image, truth.image(sequence.last))))
+    return Errors(frames=frames, rounding=_rounding(apart), pictures=pictures)
+
+
+def yardstick_errors(sequence: FrameSequence, metrics: tuple[str, ...]) -> dict[int, dict[str, list[float]]]:
+    """Errors a frame of each supersampled sequence there is, by samples a pixel; one sample is the capture itself.
+
+    What is not finite in the capture is black, as in the table of ``cltaa bench quality``. Raises DataError for NaN or
+    infinity in a supersampled image or the truth.
     """
-    captured = tasks[0].open()
-    frames = {number: _pixel_of(captured, number) for number in captured.numbers}
-    pair = [frames[number] for number in timed_numbers(captured)]
-    factor = enlargement(captured, launcher, pixels)
-    found: set[Program] = set()
-    for task in tasks:
-        whole = Rehearsal(launcher, Layout(captured.width, captured.height))
-        resolver = task.variant.resolver(whole)
-        for frame in frames.values():
-            resolver.resolve(frame)
-        timed = Rehearsal(launcher, Layout(captured.width * factor, captured.height * factor))
-        resolve_job(task.variant.name, task.variant.resolver(timed), pair)
-        found |= whole.programs | timed.programs
+    truth, chosen, yardsticks = truth_of(sequence), [METRICS[name] for name in metrics], open_yardsticks(sequence)
+    found: dict[int, dict[str, list[float]]] = {n: {name: [] for name in metrics} for n in (1, *yardsticks)}
+    for number in sequence.numbers:
+        reference, truth_path = truth.image(number), truth.path(number)
+        for samples, frames in found.items():
+            if samples in yardsticks:
+                image, path = yardsticks[samples].image(number), yardsticks[samples].path(number)
+            else:
+                image, path = finite(sequence.frame(number).colour), sequence.path(number)
+            values = measure(image, reference, chosen, path=path, truth_path=truth_path, frame=number)
+            for name, value in values.items():
+                frames[name].append(value)
     return found
 
 
-def programs_needed(
-    tasks: Sequence[Task], launcher: DeviceLauncher, pixels: int | None, found: set[Program]
-) -> Iterator[str]:
-    """Add to ``found`` what the tasks need, and yield each sequence when that is done."""
-    for folder in dict.fromkeys(task.sequence for task in tasks):
-        found |= programs_of([task for task in tasks if task.sequence == folder], launcher, pixels)
-        yield folder
+def png(picture: Picture) -> bytes:
+    """An 8-bit picture as the bytes of a PNG."""
+    stream = BytesIO()
+    Pillow.fromarray(np.ascontiguousarray(picture)).save(stream, format="PNG")
+    return stream.getvalue()
 
 
-def dearest_first(programs: Iterable[Program]) -> list[Program]:
-    """In an order in which many processes end together: a compiler's time follows the length of the text."""
-    return sorted(programs, key=lambda program: (-len(source(program.kernel, program.build)), repr(program)))
+def _count(resolver: Resolver, sequence: FrameSequence) -> Image:
+    """Samples that the history of each pixel stands for, [H, W]."""
+    _, memory = resolver.recurrent()
+    with memory["history_count"].mapped(write=False) as planes:
+        count: Image = Layout(sequence.width, sequence.height).inside(planes)[0].astype(np.float32)
+    return count
 
 
-def _pixel_of(captured: FrameSequence, number: int) -> Frame:
-    """A frame of one pixel with the header and the channels of a captured one."""
-    outline = captured.outline(number)
-    plane, pair = np.zeros((1, 1), np.float32), np.zeros((1, 1, 2), np.float32)
-    return replace(
-        outline,
-        colour=np.zeros((1, 1, 3), np.float32),
-        depth=plane + 1,
-        motion=None if outline.motion is None else pair,
-        alpha=None if outline.alpha is None else plane,
-        reactive=None if outline.reactive is None else plane,
-    )
+def _kept(resolver: Resolver, frame: Frame) -> NDArray[np.float64]:
+    """The image that was made of ``frame`` in the numbers that the history is kept in, [H, W, 3]."""
+    _, memory = resolver.recurrent()
+    with memory["history"].mapped(write=False) as planes:
+        return np.moveaxis(Layout(frame.width, frame.height).inside(planes)[:3].astype(np.float64), 0, -1)
+
+
+def _apart(image: NDArray[np.float64], exact: NDArray[np.float64]) -> tuple[float, float]:
+    """Relative root mean square and largest distance."""
+    difference = image - exact
+    size = float(np.sqrt(np.mean(np.square(exact)))) or 1.0
+    return float(np.sqrt(np.mean(np.square(difference)))) / size, float(np.abs(difference).max()) / size
+
+
+def _rounding(apart: list[tuple[float, float]]) -> Rounding | None:
+    if not apart:
+        return None
+    rms = [value for value, _ in apart]
+    return Rounding(rms=float(np.sqrt(np.mean(np.square(rms)))), largest=max(value for _, value in apart), frames=rms)
 
 
 FOLDER = "tasks"
 RETRIES = 3  # of a task whose worker was lost
-
-Item = TypeVar("Item", Task, Program)
 
 
 def path_of(task: Task, output: Path) -> Path:
@@ -149,14 +210,11 @@ def load(task: Task, output: Path) -> Errors | None:
     return kept(path_of(task, output), Errors)
 
 
-def run_all(
-    tasks: Iterable[Task], output: Path, *, jobs: int = 1, dask: str | None = None, until: float = math.inf
-) -> Iterator[Task]:
+def run_all(tasks: Iterable[Task], output: Path, *, jobs: int = 1, dask: str | None = None) -> Iterator[Task]:
     """Run the tasks whose files are missing, and yield each task when its file is there, once.
 
     ``jobs`` processes are spawned, never forked: a forked child hangs once PoCL was used. ``dask`` is the address of a
-    scheduler whose workers see the sequences under the same paths. When the monotonic clock shows ``until``, what has
-    not begun is left. Raises ResourceError where a worker dies for good.
+    scheduler whose workers see the sequences under the same paths. Raises ResourceError where a worker dies for good.
     """
     waiting = []
     for task in {task.key(): task for task in tasks}.values():
@@ -167,46 +225,24 @@ def run_all(
     if dask is not None:
         yield from _on_dask(waiting, output, dask)
     elif jobs > 1:
-        for task, errors in _in_processes(run_encoded, waiting, jobs, until):
-            keep(path_of(task, output), msgspec.msgpack.decode(errors, type=Errors))
+        for task, errors in _in_processes(waiting, jobs):
+            keep(path_of(task, output), errors)
             yield task
     else:
         for task in waiting:
-            if time.monotonic() > until:
-                return
             keep(path_of(task, output), run_task(task))
             yield task
 
 
-def build_all(
-    programs: Iterable[Program], device: str | None, *, jobs: int, until: float = math.inf
-) -> Iterator[Program]:
-    """Have the driver build, and keep, each of ``programs`` in one of ``jobs`` processes, in their order; yield each.
-
-    A driver that keeps nothing builds them for nothing. ``until`` and errors as for ``run_all``.
-    """
-    for program, _ in _in_processes(partial(build_encoded, device), programs, jobs, until):
-        yield program
-
-
-def _in_processes(
-    function: Callable[[bytes], bytes], items: Iterable[Item], jobs: int, until: float
-) -> Iterator[tuple[Item, bytes]]:
-    """Each of ``items`` with what ``function`` makes of it, as they end."""
+def _in_processes(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, Errors]]:
+    """Each task with what it found, as they end."""
     context = multiprocessing.get_context("spawn")
     threads = max(CORES // jobs, 1)
     with ProcessPoolExecutor(jobs, context, initializer=share_processors, initargs=(threads,)) as pool:
-        items_of = {pool.submit(function, msgspec.msgpack.encode(item)): item for item in items}
-        pending = set(items_of)
+        tasks_of = {pool.submit(run_encoded, msgspec.msgpack.encode(task)): task for task in tasks}
         try:
-            while pending:
-                left = None if until == math.inf else max(until - time.monotonic(), 0.0)
-                done, pending = wait(pending, left, FIRST_COMPLETED)
-                if not done:  # the time is up: what has begun ends, the rest is left
-                    pool.shutdown(cancel_futures=True)
-                    done, pending = {future for future in pending if not future.cancelled()}, set()
-                for future in done:
-                    yield items_of[future], future.result()
+            for future in as_completed(tasks_of):
+                yield tasks_of[future], msgspec.msgpack.decode(future.result(), type=Errors)
         except BrokenProcessPool as error:
             cure = "run the same again, with fewer --jobs; what is finished is kept"
             raise ResourceError("a worker process was killed", cure=cure) from error
@@ -229,8 +265,8 @@ def _on_dask(tasks: list[Task], output: Path, address: str) -> Iterator[Task]:
             client.submit(run_encoded, msgspec.msgpack.encode(task), key=task.key(), pure=True, retries=RETRIES): task
             for task in tasks
         }
-        as_completed: Any = import_module("distributed").as_completed
-        for future in as_completed(futures, loop=client.loop):
+        distributed: Any = import_module("distributed")
+        for future in distributed.as_completed(futures, loop=client.loop):
             keep(path_of(futures[future], output), msgspec.msgpack.decode(future.result(), type=Errors))
             yield futures[future]
 
@@ -238,10 +274,3 @@ def _on_dask(tasks: list[Task], output: Path, address: str) -> Iterator[Task]:
 def run_encoded(task: bytes) -> bytes:
     """``run_task`` between processes and machines: bytes in, bytes out."""
     return msgspec.msgpack.encode(run_task(msgspec.msgpack.decode(task, type=Task)))
-
-
-def build_encoded(device: str | None, program: bytes) -> bytes:
-    """Build a program of ``build_all`` on a device of this process; answers nothing."""
-    asked = msgspec.msgpack.decode(program, type=Program)
-    opened(device or os.environ.get(DEVICE_VARIABLE)).prepare(asked.kernel, asked.build)
-    return b""

@@ -6,18 +6,14 @@ The two packages know each other by their command lines alone (docs/decisions/01
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-import msgspec
-
-from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.errors import CltaaError, InputMissing, UsageError, known
 from cltaa.frame import Effect
 from cltaa.io.numbered import ranges
-from cltaa.io.preset_file import load_config
 from cltaa.io.sequence import FrameSequence, ImageSequence, open_sequence
 from cltaa.process import run_cltaa
 
@@ -30,19 +26,6 @@ def by_name(paths: Iterable[Path], what: str) -> dict[str, Path]:
             told, cure = f"two {what} of one name, which tables go by", "rename one of them"
             raise UsageError(told, path=path, found=named[path.name], cure=cure)
     return named
-
-
-def chosen_presets(names: Sequence[str], configs: Sequence[Path]) -> list[Preset]:
-    """The presets of these names and those of TOML files, each called as its file is; without either all of cltaa's.
-
-    A file begins with the default unless it names another preset, and says in its description over which it is.
-    Raises UsageError for two files of one name, and what ``load_preset`` and ``load_config`` raise.
-    """
-    chosen = [load_preset(name) for name in dict.fromkeys(names) or (() if configs else preset_names())]
-    for name, path in by_name(configs, "presets").items():
-        over = load_config(path, load_preset())
-        chosen.append(msgspec.structs.replace(over, name=name, description=over.name))
-    return chosen
 
 
 REDRAWN = "again"  # folder of such a capture, inside the sequence's

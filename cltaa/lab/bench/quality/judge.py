@@ -26,18 +26,19 @@ from cltaa.io.streams import read_ahead
 from cltaa.lab.bench.quality.cases import redrawn_of
 from cltaa.lab.judge.comparison import content_sha256, truth_of, truth_samples
 from cltaa.lab.judge.correspondence import Mask
-from cltaa.lab.judge.detail import import_ndimage
-from cltaa.lab.judge.equal_quality import equal_quality_samples
 from cltaa.lab.judge.metrics import (
+    METRICS,
+    Measure,
     display_flip,
     display_ssim,
+    equal_quality_samples,
     finite,
     mean,
     mse,
     named_metrics,
     psnr,
 )
-from cltaa.lab.judge.video_scores import SCORES, Sums, VideoScores
+from cltaa.lab.judge.video_scores import SCORES, Sums, VideoScores, import_ndimage
 from cltaa.progress import track
 
 Item = TypeVar("Item")
@@ -46,26 +47,14 @@ ONE_SAMPLE = "one sample"  # what was captured, judged beside its resolves
 LEAST_FRESH = 100  # disoccluded pixels for a score: with fewer, single samples at other places score 0.3 to 7
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
-    """A score of the table: what it says, how it is written, and which direction is better."""
-
-    name: str
-    title: str
-    form: str
-    higher_is_better: bool = False
-
-
 COLUMNS = (
-    Column("psnr", "PSNR of the display images, dB", ".2f", True),
-    Column("ssim", "SSIM of display luma", ".4f", True),
-    Column("flip", "mean FLIP of the display images", ".4f"),
-    Column("samples", "equal-quality samples a pixel, mean of the judged frames", ".1f", True),
-    Column("last", "the same in the last frame", ".1f", True),
-    Column("disoccluded", "the same over pixels in the frame in which they appear", ".2f", True),
-    *(Column(score.name, score.title, score.form) for score in SCORES),
+    *(METRICS[name] for name in ("psnr", "ssim", "flip")),
+    Measure("samples", "equal-quality samples a pixel, mean of the judged frames", ".1f", True),
+    Measure("last", "the same in the last frame", ".1f", True),
+    Measure("disoccluded", "the same over pixels in the frame in which they appear", ".2f", True),
+    *SCORES,
 )
-ALPHA = Column("alpha", "root mean square error of alpha", ".4f")
+ALPHA = Measure("alpha", "root mean square error of alpha")
 
 
 class Judged(msgspec.Struct, kw_only=True):

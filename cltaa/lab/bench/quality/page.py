@@ -19,9 +19,9 @@ from cltaa.errors import DataError
 from cltaa.io.atomic import atomic_path, check_creatable
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.bench.quality.cases import Case
-from cltaa.lab.bench.quality.judge import ALPHA, COLUMNS, ONE_SAMPLE, Column, Judged
+from cltaa.lab.bench.quality.judge import ALPHA, COLUMNS, ONE_SAMPLE, Judged
 from cltaa.lab.judge.comparison import truth_of, truth_samples
-from cltaa.lab.judge.metrics import mean_psnr
+from cltaa.lab.judge.metrics import Measure, mean_psnr
 
 DEFAULT = "default"
 DECIDING = ("flip", "psnr")  # the two that a preset is called better by
@@ -132,7 +132,7 @@ def _duel(rows: list[Row], preset: str, against: str) -> Duel:
     )
 
 
-def columns_of(scores: Iterable[Mapping[str, float | None]]) -> tuple[Column, ...]:
+def columns_of(scores: Iterable[Mapping[str, float | None]]) -> tuple[Measure, ...]:
     """The columns of a table; that of alpha only where it was judged."""
     return (*COLUMNS, ALPHA) if any(each.get(ALPHA.name) is not None for each in scores) else COLUMNS
 
@@ -274,9 +274,7 @@ def _overview(table: Table, beside: str) -> Iterable[str]:
         yield "*Published*: the best preset of an article or an engine, cell by cell."
         shown = {"best published": others} | shown
     columns = [column for column in COLUMNS if column.name in OVERVIEW]
-    heads = [
-        f"{column.name} {'↑' if column.higher_is_better else '↓'} {title}" for column in columns for title in shown
-    ]
+    heads = [f"{column.head} {title}" for column in columns for title in shown]
     lines = [f"| scene | {' | '.join(heads)} |", "|---|" + "---:|" * len(heads)]
     for scene, rows in _by_scene(table).items():
         cells = []
@@ -344,7 +342,7 @@ def _splits(splits: Iterable[str]) -> str:
 def _grid(cells: Mapping[str, list[dict[str, float | None]]]) -> str:
     """A Markdown table of presets by scores; the best resolve of each column stands in bold."""
     columns = columns_of(values for several in cells.values() for values in several)
-    heads = [f"{column.name} {'↑' if column.higher_is_better else '↓'}" for column in columns]
+    heads = [column.head for column in columns]
     lines = [f"| preset | {' | '.join(heads)} |", "|---|" + "---:|" * len(heads)]
     resolves = [values for name, values in cells.items() if name != ONE_SAMPLE] or [*cells.values()]
     best = [[_best(column, (values[n] for values in resolves)) for n in range(len(resolves[0]))] for column in columns]
@@ -357,7 +355,7 @@ def _grid(cells: Mapping[str, list[dict[str, float | None]]]) -> str:
     return "\n".join(lines)
 
 
-def _best(column: Column, scores: Iterable[dict[str, float | None]]) -> float | None:
+def _best(column: Measure, scores: Iterable[dict[str, float | None]]) -> float | None:
     """The best value of a column; for shares around 0 that is the one nearest to 0."""
     values = [value for each in scores if (value := score(column.name, each)) is not None]
     if not values:
@@ -365,12 +363,12 @@ def _best(column: Column, scores: Iterable[dict[str, float | None]]) -> float | 
     return max(values) if column.higher_is_better else min(values, key=abs)
 
 
-def _cell(value: float | None, column: Column, best: float | None) -> str:
+def _cell(value: float | None, column: Measure, best: float | None) -> str:
     text = written(value, column)
     return f"**{text}**" if value is not None and value == best else text
 
 
-def written(value: float | None, column: Column) -> str:
+def written(value: float | None, column: Measure) -> str:
     """A score as the tables have it."""
     return "–" if value is None else "∞" if math.isinf(value) else format(value, column.form)
 

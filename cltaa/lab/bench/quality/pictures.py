@@ -15,13 +15,11 @@ from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Image
 from cltaa.io.atomic import make_folder
-from cltaa.io.display import Picture, to_picture
-from cltaa.io.png import GAP, error_map, label, write_png
+from cltaa.io.display import GAP, Picture, error_map, label, to_picture, write_png
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.bench.quality.judge import ONE_SAMPLE, in_step
 from cltaa.lab.bench.quality.page import DEFAULT, Row, Table
-from cltaa.lab.judge.detail import import_ndimage
-from cltaa.lab.judge.video_scores import SCORES
+from cltaa.lab.judge.video_scores import SCORES, import_ndimage
 from cltaa.progress import track
 
 SHARE = 4  # the crop's side is this part of the image's height

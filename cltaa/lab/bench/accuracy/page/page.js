@@ -256,7 +256,7 @@ function barOf(ratio, span, uncertain, better = ratio < 1) {
 }
 function drawSteps() {
   const measured = current(), base = measured.cells[0], host = $("steps"), rows = [];
-  const cells = measured.cells.slice(1).filter((c) => groups[c.variant] !== "combination" && errorOf(c) && errorOf(base));
+  const cells = measured.cells.slice(1).filter((c) => errorOf(c) && errorOf(base));
   host.parentElement.hidden = !cells.length;
   const ratios = cells.map((c) => [errorOf(c).mean / errorOf(base).mean, c.ratio.median]);
   const span = [0, 1].map((i) => Math.max(0.1, ...ratios.map((r) => Math.abs(Math.log2(r[i]))).filter(Number.isFinite)));
@@ -342,8 +342,7 @@ function drawOverview() {
 function drawAll() {
   const measured = current(), where = report.environment;
   $("where").textContent = `${measured.name}: ${counted(measured.frames.length, "frame")}, ${measured.width} × ${measured.height}, ${measured.effects.replaceAll(",", ", ") || "no effects declared"}${measured.profile ? `, read by profile ${measured.profile}` : ""}. ` +
-    `${where.device}${where.units ? `, ${counted(where.units, "compute unit")}` : ""}; ${where.cpu}, ${counted(where.cores, "core")}, load ${where.load_before} to ${where.load_after}; ${where.date} UTC; kernels ${where.kernels_sha256.slice(0, 12)}.` +
-    (report.missing.length ? ` Not finished in time, and left out: ${report.missing.join(", ")}.` : "");
+    `${where.device}${where.units ? `, ${counted(where.units, "compute unit")}` : ""}; ${where.cpu}, ${counted(where.cores, "core")}, load ${where.load_before} to ${where.load_after}; ${where.date} UTC; kernels ${where.kernels_sha256.slice(0, 12)}.`;
   $("noise").hidden = !measured.noisy && measured.clock !== "processor";
   $("noise").textContent = !measured.noisy ? "Ranked by the processor time of all threads that run kernels together: what they wait for a processor is not in it." : `Too noisy to rank by time: ${baseName} against its own copy took ${number(measured.control.median)} times as long [${number(measured.control.low)}, ${number(measured.control.high)}]. Errors are exact.`;
   fillChoices(); drawFront(); drawSteps(); drawFrames(); drawStages(); drawDebug(); drawNumbers(); drawOverview(); paint();
