@@ -81,8 +81,8 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
     return out;
 }
 
-// The same from all frames before, which the recursive resolve holds: where the pixel's surface stands, and did for more
-// samples than lie in the ring.
+// The same from all frames before, which the recursive resolve holds: where the pixel's surface stands, and did for
+// more samples than lie in the ring.
 STAGE resolved longer_unmoved(
     resolved unmoved, history_in recursive, plane_in recursive_count, motion_t m, int x, int y, frame_t frame)
 {

@@ -14,10 +14,19 @@ from cltaa.core.resolver import Resolver
 from cltaa.errors import InternalError
 from cltaa.frame import Frame, Image
 from cltaa.io.atomic import atomic_path, make_folder
-from cltaa.lab.bench.contenders import check_same
-from cltaa.lab.bench.environment import Environment, environment, load_average
 from cltaa.lab.bench.frames import Motion, make_frames
-from cltaa.lab.timing import Clock, Interval, Job, Samples, measure, resolve_job
+from cltaa.lab.bench.kernels import check_same
+from cltaa.lab.timing import (
+    Clock,
+    Environment,
+    Interval,
+    Job,
+    Samples,
+    environment,
+    load_average,
+    measure,
+    resolve_job,
+)
 from cltaa.opencl.device import candidate_shapes, choose_device, describe, is_cpu, measured_on, usual_shape
 from cltaa.opencl.kept_shape import Kept, kept_folder, kept_path
 from cltaa.opencl.launcher import DeviceLauncher
@@ -90,7 +99,7 @@ def forget_shapes() -> int:
 
 def clock_of(samples: Samples) -> Clock:
     """The device's, which leaves out the way there and back, if it runs, else the host's."""
-    runs = [sample for by_round in samples.by_job.values() for sample in by_round.values()]
+    runs = [sample for by_round in samples.by_job.values() for sample in by_round]
     return Clock.DEVICE if all((run.device or 0.0) > LEAST_SHARE * run.wall for run in runs) else Clock.WALL
 
 

@@ -76,16 +76,16 @@ def test_a_compiler_that_takes_its_time_is_not_asked_for_all(monkeypatch: pytest
 )
 def test_another_shape_is_taken_where_it_pays_beyond_chance(other: list[float], taken: str) -> None:
     samples = Samples()
-    for number, seconds in enumerate(other):
-        samples.add("usual", number, Sample(9.0, 1.0))
-        samples.add("other", number, Sample(9.0, seconds))
-        samples.add("slow", number, Sample(1.0, 0.99))
+    for seconds in other:
+        samples.add("usual", Sample(9.0, 1.0))
+        samples.add("other", Sample(9.0, seconds))
+        samples.add("slow", Sample(1.0, 0.99))
     assert devices.fastest(samples, "usual", devices.clock_of(samples)) == taken
 
 
 @pytest.mark.parametrize(("device", "clock"), [(0.1, Clock.DEVICE), (2e-9, Clock.WALL), (None, Clock.WALL)])
 def test_a_clock_that_does_not_run_is_not_asked(device: float | None, clock: Clock) -> None:
     samples = Samples()
-    samples.add("one", 0, Sample(1.0, 0.5))
-    samples.add("other", 0, Sample(1.0, device))
+    samples.add("one", Sample(1.0, 0.5))
+    samples.add("other", Sample(1.0, device))
     assert devices.clock_of(samples) is clock
