@@ -22,11 +22,7 @@ def devices(device: str | None, forget: bool, as_json: bool) -> None:
     processor and version of the kernels, and changes no bit of a strict build.
     """
     if forget:
-        answer(
-            {"forgotten": forget_shapes()},
-            as_json,
-            lambda found: print_line(f"forgotten: {counted(found['forgotten'], 'shape')}"),
-        )
+        answer({"forgotten": forget_shapes()}, as_json, _print_forgotten)
     else:
         answer(bench_shapes(device), as_json, _print)
 

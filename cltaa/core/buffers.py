@@ -175,12 +175,19 @@ class Buffers:
         tests = choices.history is HistoryKind.ACCUMULATED and choices.illumination is not Illumination.STATIC
         if tests:
             self.hold_changes()
-        if tests and read and not self.holds_changes:
-            with self.history_count.mapped(write=False) as counts:
-                count = counts[0].copy()
-            with self.history_count.mapped(write=True) as counts:  # all of it: a GPU's host has an older copy
-                counts[0], counts[1] = count, 0.0
+        if tests and read:
+            self.settle_counts()
         self.holds_changes = tests
+
+    def settle_counts(self) -> None:
+        """Let the counts of the last frame hold no change in a second plane that it did not write."""
+        if self._counts == 1 or self.holds_changes:
+            return
+        with self.history_count.mapped(write=False) as counts:
+            count = counts[0].copy()
+        with self.history_count.mapped(write=True) as counts:  # all of it: a GPU's host has an older copy
+            counts[0], counts[1] = count, 0.0
+        self.holds_changes = True
 
     def hold_changes(self) -> None:
         """Give the counts a plane more, for illumination changes, unless they have one."""

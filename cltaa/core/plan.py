@@ -190,7 +190,7 @@ def _with_recursion(
 
 def recursive_choices(choices: Choices) -> Choices | None:
     """The choices of the recursive resolve beside gathered samples; None where there is none."""
-    if choices.recursion is Recursion.NONE:
+    if choices.recursion is Recursion.NONE or choices.history is not HistoryKind.FRAMES:
         return None
     return msgspec.structs.replace(
         choices, history=HistoryKind.ACCUMULATED, illumination=Illumination.TEST, recursion=Recursion.NONE
@@ -299,7 +299,7 @@ def plan_frame(
 ) -> Plan:
     """The plan of ``frame`` whose predecessor was seen by ``previous`` (None at the start and after a cut).
 
-    ``jitters`` are those of the other frames in the ring, in pixels.
+    ``jitters`` are those of the frames before it that one ring can hold, in pixels (``JittersBefore``).
     ``every`` adds each step that the preset allows and the frame does not call for: it costs time and changes no bit.
     """
     facts = Facts(
@@ -316,6 +316,26 @@ def plan_frame(
         frame.width,
     )
     return _planned(preset, facts, every)
+
+
+class JittersBefore:
+    """Jitters of the frames of one history, as many as a ring of ``preset`` has places."""
+
+    def __init__(self, preset: Preset) -> None:
+        self._places = preset.settings.history_frames + 1 + preset.settings.look_ahead
+        self._of: dict[int, tuple[float, float]] = {}
+
+    def of(self, frame: Frame, *, goes_on: bool) -> list[tuple[float, float]]:
+        """Those before ``frame``, none where no history ``goes_on`` in it; its own is among them from then on."""
+        first = frame.index - self._places * frame.step
+        self._of = {index: jitter for index, jitter in self._of.items() if goes_on and first <= index < frame.index}
+        before = list(self._of.values())
+        self._of[frame.index] = frame.jitter_px
+        return before
+
+    def restore(self, before: Iterable[tuple[int, tuple[float, float]]]) -> None:
+        """Go on after frames of these numbers and jitters."""
+        self._of = dict(before)
 
 
 def _repeats(jitter: tuple[float, float], others: set[tuple[float, float]]) -> bool:
@@ -371,7 +391,8 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
         estimated = [Reason(REJECTION, False, "no depth") if why.step == REJECTION else why for why in estimated]
     if (moves or facts.repeats) and choices.recursion is not Recursion.NONE:
         choices = msgspec.structs.replace(choices, recursion=Recursion.NONE)
-        why = "the camera moves, so that nothing stands" if moves else "the jitter repeats within the ring"
+        why = "no frame before it" if facts.first else "the camera moves, so that nothing stands"
+        why = "the jitter repeats within the ring" if facts.repeats else why
         alone = Reason(RECURSION, False, why)
         estimated = [alone if reason.step == RECURSION else reason for reason in estimated]
     return Plan(choices, settings, steps, (*reasons, *estimated))

@@ -21,9 +21,9 @@ from cltaa.core.cuts import Coarse, coarse_colours, looks_cut
 from cltaa.core.debug_views import parse_views
 from cltaa.core.frame_checks import check_frame
 from cltaa.core.kernel_source import code_sha256
-from cltaa.core.parameters import Choices, HistoryKind, Illumination, Recursion, Settings
+from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.passes import Passes
-from cltaa.core.plan import Plan, channel_steps, plan_frame, recursive_choices
+from cltaa.core.plan import JittersBefore, Plan, channel_steps, from_ring_alone, plan_frame, recursive_choices
 from cltaa.core.planes import Layout, checked_out, empty_result, result_shape
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.record import Past, frame_record
@@ -111,6 +111,7 @@ class Resolver:
         self._buffers: Buffers | None = None
         self._frame_ring: FrameRing | None = None
         self._previous: Past | None = None
+        self._jitters = JittersBefore(self.preset)
         # Ahead of it: the frame that came last, and outlines of those that wait for later ones.
         self._latest: Past | None = None
         self._waiting: deque[Frame] = deque()
@@ -304,7 +305,7 @@ class Resolver:
         self._previous = self._latest if self.look_ahead else self._previous
         started, (previous, build) = perf_counter(), self._begin(frame)
         assert self.plan is not None
-        if self.plan.choices.history is not HistoryKind.FRAMES or self.plan.choices.recursion is not Recursion.NONE:
+        if not from_ring_alone(self.preset, "auto", frame.effects, frame.found):
             what = f"preset {self.preset.name} resolves this frame from the result before it, so none is only kept"
             raise UsageError(what, cure="call resolve() or feed()")
         steps = self._channel_steps(frame) if self.look_ahead else build.steps
@@ -460,12 +461,13 @@ class Resolver:
 
     @one_thread
     def recurrent(self) -> tuple[Past, dict[str, Buffer]]:
-        """What the next frame depends on: facts about the last one, and the memory that holds its result.
+        """What the next frame depends on: facts about the last one, and the memory that the next one reads of it.
 
         Raises ValueError before the first frame and after ``reset``.
         """
         if self._previous is None or self._buffers is None:
             raise ValueError("there is no history")
+        self._buffers.settle_counts()
         memory, past = self._buffers.recurrent(), replace(self._previous, holds_changes=self._buffers.holds_changes)
         if self._frame_ring is None:
             return past, memory
@@ -477,6 +479,7 @@ class Resolver:
         layout = Layout(past.shape[1], past.shape[0])
         buffers = self._allocate(layout, past.alpha or self.every_step)
         self._previous, self._frame_ring = past, None
+        self._jitters.restore((each.index, each.jitter_px) for each in (past, *past.earlier))
         buffers.holds_changes = past.holds_changes
         if past.holds_changes:
             buffers.hold_changes()
@@ -500,8 +503,7 @@ class Resolver:
             goes_on = previous.continues_in(frame, self.preset.choices)
             if not goes_on or self._is_cut(previous, frame, self._coarse):
                 previous = None
-        ring = () if self._frame_ring is None else self._frame_ring.past
-        jitters = [past.jitter_px for past in ring if past.index != frame.index]
+        jitters = self._jitters.of(frame, goes_on=previous is not None)
         camera = previous.camera if previous else None
         self.plan = plan_frame(self.preset, frame, camera, every=self.every_step, jitters=jitters)
         return previous, self._build(self.plan)

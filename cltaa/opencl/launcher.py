@@ -145,7 +145,7 @@ class DeviceLauncher(OneProcess):
             return (-(-columns // group[0]) * group[0], rows), group
         rows = build.rows if kernel in SLIDING else 1
         columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
-        group = self.device.shape.group
+        group = (1, 1) if build.lanes > 1 else self.device.shape.group  # a build may have other lanes than the shape
         return (-(-columns // group[0]) * group[0], -(-steps // group[1]) * group[1]), group
 
     def copy(self, source: Buffer, target: Buffer, offset: int, start: int = 0) -> None:

@@ -1,6 +1,6 @@
 // What one would write first, to measure against: the temporal resolve ported from a shader, one pixel a work-item,
 // interleaved float4 pixels, coordinates clamped at the border, the library's max, clamp and sqrt. The same algorithm
-// as `resolve.cl` with the choices of cltaa/lab/bench/contenders.py, without its repair of bad texels.
+// as `resolve.cl` with the choices of cltaa/lab/bench/kernels.py, without its repair of bad texels.
 #if STORAGE_HALF
 typedef half texel;
 #define LOAD(p, i) vload_half4(i, p)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Effect, Frame
+from cltaa.pipeline.checkpoint import Checkpoints
 from cltaa.reference.real import Array
 from tests.sequence_factory import bits, make_camera, make_frame
 
@@ -101,10 +103,8 @@ def test_a_sequence_is_split_only_where_frames_are_of_the_ring_alone() -> None:
     assert from_ring_alone(load_preset("gather-8"), "auto", OWN | {Effect.CAMERA}, None)
     assert from_ring_alone(preset_of("gather-8", "none"), "auto", OWN, None)
     assert from_ring_alone(load_preset("gather-48"), "all", OWN, None)
-    resolver = Resolver("gather-8", "numpy")
-    resolver.keep(drawn(0))
     with pytest.raises(UsageError, match="resolves this frame from the result before it"):
-        resolver.keep(drawn(1))
+        Resolver("gather-8", "numpy").keep(drawn(0))
 
 
 def test_drift_has_to_be_surer_where_no_light_is_known_to_change() -> None:
@@ -114,3 +114,48 @@ def test_drift_has_to_be_surer_where_no_light_is_known_to_change() -> None:
     own = load_preset("gather-48").settings.drift_t
     assert drift_t(None) == drift_t(OWN | {Effect.ILLUMINATION}) == drift_t(OWN | {Effect.REACTIVE}) == own
     assert drift_t(OWN) == 2.0 * own
+
+
+def jittered(index: int, period: int) -> Frame:
+    return replace(drawn(index), jitter_px=(0.01 * (index % period), 0.0))
+
+
+@pytest.mark.parametrize("period", [4, 64], ids=["off again", "on"])
+def test_a_checkpoint_goes_on_to_the_same_bits(period: int, tmp_path: Path) -> None:
+    whole, begun, goes_on = (Resolver("gather-8", "numpy") for _ in range(3))
+    checkpoints = Checkpoints(tmp_path, "same")
+    for index in range(12):
+        expected = whole.resolve(jittered(index, period))
+    for index in range(10):
+        begun.resolve(jittered(index, period))
+    checkpoints.save(begun)
+    assert checkpoints.restore(goes_on, before=10) == 9
+    *_, image = goes_on.images(jittered(index, period) for index in (10, 11))
+    assert np.array_equal(bits(image), bits(expected))
+
+
+def test_a_ring_ahead_holds_a_period_too() -> None:
+    resolver = Resolver("gather-8+8", "numpy")
+    for index in range(26):
+        resolver.feed(jittered(index, 16))
+    assert resolver.plan is not None
+    assert resolver.plan.choices.recursion is Recursion.NONE  # of frame 17
+
+
+def test_a_frame_that_is_given_again_has_its_plan() -> None:
+    resolver = Resolver("gather-8", "numpy")
+    for index in range(10):
+        resolver.resolve(jittered(index, 8))
+    resolver._begin(jittered(10, 8))
+    first = resolver.plan
+    resolver._begin(jittered(10, 8))
+    assert resolver.plan == first
+
+
+def test_without_a_ring_there_is_nothing_beside_it() -> None:
+    alone = override(load_preset("gather-8"), {"history": "accumulated"})
+    effects = frozenset({Effect.DISOCCLUSION})
+    for_both = [Resolver(override(alone, {"recursion": recursion}), "numpy") for recursion in ("standing", "none")]
+    for index in range(6):
+        one, other = (resolver.resolve(replace(drawn(index), effects=effects)) for resolver in for_both)
+    assert np.array_equal(bits(one), bits(other))

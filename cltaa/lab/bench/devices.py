@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -11,7 +12,7 @@ from cltaa.core.build import Storage
 from cltaa.core.kernel_source import code_sha256
 from cltaa.core.presets import load_preset
 from cltaa.core.resolver import Resolver
-from cltaa.errors import InternalError
+from cltaa.errors import InternalError, OutputError
 from cltaa.frame import Frame, Image
 from cltaa.io.atomic import atomic_path, make_folder
 from cltaa.lab.bench.frames import Motion, make_frames
@@ -71,7 +72,8 @@ def bench_shapes(device: str | None) -> ShapesBench:
     """
     cl_device, before = choose_device(device), load_average()
     (usual, origin), names, facts = usual_shape(cl_device), candidate_shapes(cl_device), measured_on(cl_device)
-    make_folder(kept_folder())
+    make_folder(_folder())
+    names.sort(key=lambda name: name != usual)  # first, so that it is timed however long the others take to build
     jobs, absent = _jobs(device, names, CPU_SIZE if is_cpu(cl_device) else GPU_SIZE)
     base = usual if usual in jobs else next(iter(jobs))
     samples = measure([*jobs.values()], ROUNDS, warm_up=WARM_UP, action="timing")
@@ -91,10 +93,17 @@ def bench_shapes(device: str | None) -> ShapesBench:
 
 def forget_shapes() -> int:
     """Remove what is kept, of every device; the number of files that there were."""
-    paths = [*kept_folder().glob("*.json")]
+    paths = [path for path in _folder().glob("*.json") if path.is_file()]
     for path in paths:
         path.unlink(missing_ok=True)
     return len(paths)
+
+
+def _folder() -> Path:
+    try:
+        return kept_folder()
+    except RuntimeError:
+        raise OutputError("no home to keep shapes in", cure="name a folder by XDG_CACHE_HOME") from None
 
 
 def clock_of(samples: Samples) -> Clock:

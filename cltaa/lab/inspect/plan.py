@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
@@ -11,8 +10,8 @@ import numpy as np
 
 from cltaa.core.backend import Launcher
 from cltaa.core.build import Steps, Storage
-from cltaa.core.parameters import HistoryKind, Illumination, Recursion
-from cltaa.core.plan import Plan, plan_frame, toggled, with_effects
+from cltaa.core.parameters import HistoryKind, Illumination
+from cltaa.core.plan import JittersBefore, Plan, plan_frame, recursive_choices, toggled, with_effects
 from cltaa.core.presets import Preset, Published
 from cltaa.core.record import Past
 from cltaa.core.resolver import Resolver
@@ -118,7 +117,8 @@ def plan(
                 timed[key] = section
             elif key in timed:
                 _copy_times(timed[key], section)
-    kernels = len({(planned.choices, planned.steps) for planned in plans})
+    run = [(choices, each.steps) for each in plans for choices in (each.choices, recursive_choices(each.choices))]
+    kernels = len({(choices, steps) for choices, steps in run if choices is not None})
     needed = memory(sequence, resolver, plans, half=half, layers=carried_kinds(sequence, layers), rows=band_rows)
     return SequencePlan(
         folder=str(sequence.folder),
@@ -153,7 +153,7 @@ def memory(
     kept = HistoryKind.FRAMES in histories
     history_frames = preset.settings.history_frames if kept else 0
     windows = kept and any(each.choices.illumination is Illumination.WINDOW for each in plans)
-    recursion = any(each.choices.recursion is not Recursion.NONE for each in plans)
+    recursion = any(recursive_choices(each.choices) is not None for each in plans)
     changes = recursion or any(
         each.choices.history is HistoryKind.ACCUMULATED and each.choices.illumination is not Illumination.STATIC
         for each in plans
@@ -182,20 +182,14 @@ def _run(plan: Plan) -> list[bool]:
 def _plans(sequence: FrameSequence, preset: Preset, effects: Asked) -> Iterator[tuple[int, bool, Plan]]:
     """Number, whether history starts, and plan of every frame."""
     past: Past | None = None
-    jitters = deque[tuple[float, float]](maxlen=preset.settings.history_frames + preset.settings.look_ahead)
+    jitters = JittersBefore(preset)
     for number in sequence.numbers:
         frame = with_effects(sequence.outline(number), effects)
         if past is not None and not past.continues_in(frame, preset.choices):
             past = None
-        yield (
-            number,
-            past is None,
-            plan_frame(
-                preset, frame, None if past is None else past.camera, every=effects == "all", jitters=tuple(jitters)
-            ),
-        )
+        camera, before = None if past is None else past.camera, jitters.of(frame, goes_on=past is not None)
+        yield number, past is None, plan_frame(preset, frame, camera, every=effects == "all", jitters=before)
         past = Past.of(frame)
-        jitters.append(frame.jitter_px)
 
 
 def _time(

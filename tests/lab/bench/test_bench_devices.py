@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
 
 from cltaa.cli import main
 from cltaa.core.resolver import Resolver
-from cltaa.errors import InternalError
+from cltaa.errors import InternalError, OutputError
 from cltaa.frame import Frame
 from cltaa.lab.bench import devices
 from cltaa.lab.timing import Clock, Sample, Samples
@@ -45,7 +45,7 @@ def test_it_keeps_an_answer_until_it_is_forgotten(
     monkeypatch.setattr(devices, "fastest", lambda samples, base, _: next(n for n in samples.by_job if n != base))
     assert main(["bench", "devices", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    none, wrong, base, other = found["rows"]
+    base, none, wrong, other = found["rows"]
     assert (wrong["ratio"], none["ratio"]) == (None, None)
     assert "does not build" in none["absent"]
     assert wrong["absent"].startswith("gpu-long does not compute what the resolve computes")
@@ -89,3 +89,27 @@ def test_a_clock_that_does_not_run_is_not_asked(device: float | None, clock: Clo
     samples.add("one", Sample(1.0, 0.5))
     samples.add("other", Sample(1.0, device))
     assert devices.clock_of(samples) is clock
+
+
+def test_without_a_home_nothing_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(devices, "kept_folder", homeless)
+    for command in (lambda: devices.bench_shapes(None), devices.forget_shapes):
+        with pytest.raises(OutputError, match="no home to keep shapes in"):
+            command()
+
+
+def test_the_usual_shape_is_timed_first(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    asked = list[str]()
+
+    def jobs(_: object, names: list[str], __: object) -> NoReturn:
+        asked.extend(names)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(devices, "kept_folder", lambda: tmp_path)
+    monkeypatch.setattr(devices, "_jobs", jobs)
+    with pytest.raises(KeyboardInterrupt):
+        devices.bench_shapes(None)
+    assert asked[0] == usual_shape(choose_device(None))[0]

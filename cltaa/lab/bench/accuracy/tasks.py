@@ -169,17 +169,22 @@ def png(picture: Picture) -> bytes:
 
 def _count(resolver: Resolver, sequence: FrameSequence) -> Image:
     """Samples that the history of each pixel stands for, [H, W]."""
-    _, memory = resolver.recurrent()
-    with memory["history_count"].mapped(write=False) as planes:
+    with _written(resolver, "output_count").mapped(write=False) as planes:
         count: Image = Layout(sequence.width, sequence.height).inside(planes)[0].astype(np.float32)
     return count
 
 
 def _kept(resolver: Resolver, frame: Frame) -> NDArray[np.float64]:
     """The image that was made of ``frame`` in the numbers that the history is kept in, [H, W, 3]."""
-    _, memory = resolver.recurrent()
-    with memory["history"].mapped(write=False) as planes:
+    with _written(resolver, "output").mapped(write=False) as planes:
         return np.moveaxis(Layout(frame.width, frame.height).inside(planes)[:3].astype(np.float64), 0, -1)
+
+
+def _written(resolver: Resolver, name: str) -> Buffer:
+    """The memory that the last frame's result lies in; beside a ring it is not what recurs."""
+    assert resolver.last is not None
+    written: Buffer = resolver.last.arguments[name]
+    return written
 
 
 def _apart(image: NDArray[np.float64], exact: NDArray[np.float64]) -> tuple[float, float]:
