@@ -63,7 +63,8 @@ def test_every_image_comes_once_and_in_order(lanes_of: str | None) -> None:
 def test_frames_that_are_only_kept_are_gathered_as_if_they_had_been_resolved(ahead: int, device: str | None) -> None:
     frames = [replace(frame, effects=None) for frame in hard_frames(count=10)]
     frames[5] = replace(frames[5], cut=True)
-    preset = override(load_preset("gather-8"), {"history_frames": KEPT, "look_ahead": ahead})
+    changes = {"history_frames": KEPT, "look_ahead": ahead, "recursion": "none"}
+    preset = override(load_preset("gather-8"), changes)
     whole, resolver = images(frames, preset, device), Resolver(preset, device)
     for first in (4, 6, 8):  # the last frame kept, or one of them, is the cut
         resolver.reset()
