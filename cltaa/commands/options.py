@@ -113,7 +113,7 @@ class _Number(click.FloatRange):
         text: Any = value.removesuffix(self._unit) if isinstance(value, str) else value
         number = super().convert(text, param, ctx)
         if not math.isfinite(number):  # NaN lies within every range
-            self.fail(f"{value!r} is no number", param, ctx)
+            self.fail(f"{value!r} is not a number", param, ctx)
         return number
 
 

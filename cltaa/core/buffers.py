@@ -159,8 +159,8 @@ class Buffers:
     def beside(self) -> dict[str, Buffer]:
         """Memory for a result that is not the history of the next frame, allocated when first asked for."""
         if not self._beside:
-            planes = {"output": self._planes(self.result_planes, self._dtype), "output_count": self._planes(1)}
-            self._beside = planes
+            image = self._planes(self.result_planes, self._dtype)
+            self._beside = {"output": image, "output_count": self._planes(1)}
         return self._beside
 
     def swap(self) -> None:

@@ -89,7 +89,7 @@ def estimate(
         reasons.append(_gathered(choices, still=still, recursive=recursive))
         choices, reason = _with_recursion(preset, choices, declared, word)
         reasons.append(reason)
-        if not _light_may_change(declared):
+        if not _illumination_may_change(declared):
             settings = msgspec.structs.replace(settings, drift_t=SURER * settings.drift_t)
     rectified = choices.rectify is not Rectify.NONE
     reasons.append(Reason(RECTIFICATION, rectified, _why_rectified(preset, rectified)))
@@ -138,11 +138,6 @@ def _why_rectified(preset: Preset, rectified: bool) -> str:
     if preset.choices.rectify is Rectify.NONE:
         return "the preset says rectify = none"
     return "declared still: plain mean of all samples"
-
-
-def _light_may_change(declared: frozenset[Effect] | None) -> bool:
-    """Whether light is known to change, or nothing is."""
-    return declared is None or bool(declared & {Effect.ILLUMINATION, Effect.REACTIVE, Effect.EXPOSURE})
 
 
 def _illumination_may_change(declared: frozenset[Effect] | None) -> bool:

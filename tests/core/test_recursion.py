@@ -15,6 +15,7 @@ from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Effect, Frame
 from cltaa.pipeline.checkpoint import Checkpoints
+from cltaa.reference.launcher import NumpyLauncher
 from cltaa.reference.real import Array
 from tests.sequence_factory import bits, make_camera, make_frame
 
@@ -142,14 +143,29 @@ def test_a_ring_ahead_holds_a_period_too() -> None:
     assert resolver.plan.choices.recursion is Recursion.NONE  # of frame 17
 
 
-def test_a_frame_that_is_given_again_has_its_plan() -> None:
-    resolver = Resolver("gather-8", "numpy")
+class Interrupted(NumpyLauncher):
+    """Is interrupted where it is waited for, after so many ``waits`` more."""
+
+    waits = -1
+
+    def finish(self) -> None:
+        self.waits -= 1
+        if self.waits == 0:
+            raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("waits", [1, 2, 3], ids=["uploaded", "resolved", "read back"])
+def test_a_frame_that_is_given_again_has_its_bits(waits: int) -> None:
+    launcher = Interrupted()
+    whole, resolver = Resolver("gather-8", "numpy"), Resolver("gather-8", launcher)
+    for index in range(11):
+        expected = whole.resolve(jittered(index, 8))
     for index in range(10):
         resolver.resolve(jittered(index, 8))
-    resolver._begin(jittered(10, 8))
-    first = resolver.plan
-    resolver._begin(jittered(10, 8))
-    assert resolver.plan == first
+    launcher.waits = waits
+    with pytest.raises(KeyboardInterrupt):
+        resolver.resolve(jittered(10, 8))
+    assert np.array_equal(bits(resolver.resolve(jittered(10, 8))), bits(expected))
 
 
 def test_without_a_ring_there_is_nothing_beside_it() -> None:
