@@ -119,7 +119,7 @@ CASES: list[tuple[str, int, str]] = [
     ("compare seq --metrics ''", WRONG, "no metric is named"),
     ("compare seq --frames x", USAGE, "is no range of frames, such as 8-47"),
     ("compare seq --frames 0-99999999999999999999", WRONG, "no such frame"),
-    ("compare seq --stops nan", USAGE, "no number"),
+    ("compare seq --stops nan", USAGE, "not a number"),
     ("compare seq --stops 1e9", USAGE, "not in the range"),
     ("compare seq --heatmap file.txt", OUTPUT, "file.txt: the folder cannot be created"),
     ("presets nonsense", WRONG, "unknown preset nonsense"),
