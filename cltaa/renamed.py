@@ -32,6 +32,7 @@ KEYS = {
 # Words of a choice, by the key of today.
 WORDS = {
     "history": {"result": "accumulated", "samples": "frames"},
+    "history_filter": {"lanczos-3": "cross-20"},
     "illumination": {"ignore": "static", "spans": "window"},
 }
 PRESETS = {

@@ -33,7 +33,7 @@ class HistoryFilter(Choice):
     CATMULL_ROM = "catmull-rom", "4x4 texels"
     CATMULL_ROM_5 = "catmull-rom-5", "regrouped into nine reads between texels, without the four in the corners"
     CATMULL_ROM_5_RAW = "catmull-rom-5-raw", "those five as they are: between texels they sum to less than 1"
-    LANCZOS_3 = "lanczos-3", "6x6 texels"
+    CROSS_20 = "cross-20", "20 texels: six along each axis, ringing held within a quarter of the contrast"
 
 
 class HistoryRange(Choice):

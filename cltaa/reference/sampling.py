@@ -12,37 +12,31 @@ from cltaa.core.build import Build, Record
 from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.parameters import HistoryFilter
 from cltaa.core.planes import Layout
-from cltaa.reference.real import Array, Mask, number
+from cltaa.reference.real import Array, Mask, greater, lesser, limit, number
 from cltaa.reference.reprojection import Motion
 
-SIX_TAPS: Final = (HistoryFilter.LANCZOS_3,)
 FIVE_PAIRS: Final = (HistoryFilter.CATMULL_ROM_5, HistoryFilter.CATMULL_ROM_5_RAW)
-
-LANCZOS_3_REST: Final = (
-    1.08880002e-9,
-    -5.33705067e-8,
-    1.250181346e-6,
-    -1.846066788e-5,
-    1.8136861741e-4,
-    -1.0968711551e-3,
-    3.08639261435e-3,
-)
 
 
 class Weights(NamedTuple):
-    """Of all taps but tap 1; of Catmull-Rom's 16 taps those of the steps from tap to tap."""
+    """Of all taps but tap 1; of Catmull-Rom's 16 taps those of the steps from tap to tap; of the cross what
+    the six weigh beyond a linear filter, tap 1 among them, and ``linear`` is what tap 2 weighs in that."""
 
     first: Array
     w0: Array
+    w1: Array
     w2: Array
     w3: Array
     last: Array
+    linear: Array
 
 
 class RowTaps(NamedTuple):
-    """What the taps of a row come to: their mean, or a pair in the middle and what the sides add to it."""
+    """What the taps of a row come to: their mean, or a pair in the middle and what the sides add to it; of the cross
+    taps 1 and 2, and what the six add to a linear filter between them."""
 
     middle: Array
+    right: Array
     sides: Array
 
 
@@ -57,27 +51,20 @@ def catmull_rom(t: Array, build: Build) -> Weights:
         w0 = t * (k(0.5) - t * (k(1.0) - k(0.5) * t))
         w2 = t * (k(0.5) + t * (k(1.5) - t))
     zero = np.zeros_like(t)
-    return Weights(zero, w0, w2, w3, zero)
+    return Weights(zero, w0, zero, w2, w3, zero, zero)
 
 
-def lanczos_3(s: Array) -> Array:
-    """sinc(x) sinc(x / 3) for ``s`` = x^2 <= 9."""
-    k = s.dtype.type
-    q = k(LANCZOS_3_REST[0]) * s + k(LANCZOS_3_REST[1])
-    for coefficient in LANCZOS_3_REST[2:]:
-        q = q * s + k(coefficient)
-    double_zero = k(9.0) - s
-    w: Array = ((k(1.0) - s) * (k(4.0) - s)) * ((double_zero * double_zero) * q)
-    return w
-
-
-def lanczos(t: Array) -> Weights:
-    """Six taps of Lanczos' kernel (Duchon 1979) at fraction ``t``, made to sum to 1."""
+def least_squares(t: Array) -> Weights:
+    """Six taps at fraction ``t`` whose response is nearest to a displacement by ``t`` up to 0.3 cycles a texel, of all
+    weights t (1 - t) (a + b t) that keep ramps and parabolas (Laakso et al. 1996)."""
     k = t.dtype.type
-    a, b, c, d, e = t + k(2.0), t + k(1.0), k(1.0) - t, k(2.0) - t, k(3.0) - t
-    first, w0, w2, w3, last = (lanczos_3(x * x) for x in (a, b, c, d, e))
-    total = ((first + last) + (w0 + w3)) + (w2 + lanczos_3(t * t))
-    return Weights(first / total, w0 / total, w2 / total, w3 / total, last / total)
+    u = k(1.0) - t
+    both = t * u
+    first, last = both * (k(0.105) - k(0.0376) * t), both * (k(0.105) - k(0.0376) * u)
+    w0, w3 = both * (k(0.3342) * t - k(0.6758)), both * (k(0.3342) * u - k(0.6758))
+    w2 = ((first + first) + w0) - ((w3 + w3) + k(3.0) * last)
+    w1 = -(((first + last) + (w0 + w3)) + w2)
+    return Weights(first, w0, w1, w2, w3, last, t)
 
 
 def history_weights(t: Array, build: Build) -> Weights:
@@ -85,26 +72,49 @@ def history_weights(t: Array, build: Build) -> Weights:
     k, kind = t.dtype.type, build.choices.history_filter
     zero = np.zeros_like(t)
     if kind is HistoryFilter.NEAREST:
-        return Weights(zero, zero, np.where(t >= k(0.5), k(1.0), k(0.0)), zero, zero)
+        return Weights(zero, zero, zero, np.where(t >= k(0.5), k(1.0), k(0.0)), zero, zero, zero)
     if kind is HistoryFilter.BILINEAR:
-        return Weights(zero, zero, t, zero, zero)
-    return lanczos(t) if kind in SIX_TAPS else catmull_rom(t, build)
+        return Weights(zero, zero, zero, t, zero, zero, zero)
+    return least_squares(t) if kind is HistoryFilter.CROSS_20 else catmull_rom(t, build)
+
+
+def six_taps(p: Sequence[Array], w: Weights) -> Array:
+    """What six taps add to a linear filter."""
+    first, p0, p1, p2, p3, last = p
+    added: Array = ((((w.first * first + w.last * last) + w.w0 * p0) + w.w3 * p3) + w.w1 * p1) + w.w2 * p2
+    return added
+
+
+def between(a: Array, b: Array, t: Array) -> Array:
+    """Linearly from ``a`` to ``b``."""
+    v: Array = a + t * (b - a)
+    return v
 
 
 def weigh(p: Sequence[Array], w: Weights, build: Build) -> RowTaps:
     """The taps of a line as one of them, or their pair in the middle, plus weighted differences from it."""
     kind = build.choices.history_filter
-    first, (p0, p1, p2, p3), last = (p[0], p[1:5], p[5]) if kind in SIX_TAPS else (None, p, None)
+    if kind is HistoryFilter.CROSS_20:
+        return RowTaps(p[2], p[3], six_taps(p, w))
+    p0, p1, p2, p3 = p
     pair: Array = p1 + w.w2 * (p2 - p1)
     middle, sides = pair, np.zeros_like(pair)
     if kind is HistoryFilter.CATMULL_ROM:
         middle = ((p1 + w.w0 * (p1 - p0)) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p2)
     if kind in FIVE_PAIRS:
         sides = w.w0 * (p0 - pair) + w.w3 * (p3 - pair)
-    if first is not None and last is not None:
-        inner = (w.w0 * (p0 - p1) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p1)
-        middle = p1 + (inner + (w.first * (first - p1) + w.last * (last - p1)))
-    return RowTaps(middle, sides)
+    return RowTaps(middle, pair, sides)
+
+
+def cross(rows: Sequence[RowTaps], wx: Weights, wy: Weights) -> Array:
+    """Both arms of the cross, held within a quarter of the range of the four texels in the middle beyond it."""
+    r1, r2 = rows[2], rows[3]
+    left = between(r1.middle, r2.middle, wy.linear) + six_taps([row.middle for row in rows], wy)
+    right = between(r1.right, r2.right, wy.linear) + six_taps([row.right for row in rows], wy)
+    low = lesser(lesser(r1.middle, r1.right), lesser(r2.middle, r2.right))
+    high = greater(greater(r1.middle, r1.right), greater(r2.middle, r2.right))
+    more, along_x = number(0.25, low) * (high - low), between(r1.sides, r2.sides, wy.linear)
+    return limit(between(left, right, wx.linear) + along_x, low - more, high + more)
 
 
 def without_corners(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Build) -> Array:
@@ -123,6 +133,8 @@ def without_corners(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Bu
 
 def weigh_rows(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Build) -> Array:
     """Rows weighed along y."""
+    if build.choices.history_filter is HistoryFilter.CROSS_20:
+        return cross(rows, wx, wy)
     if build.choices.history_filter in FIVE_PAIRS:
         return without_corners(rows, wx, wy, build)
     return weigh([row.middle for row in rows], wy, build).middle
@@ -157,7 +169,7 @@ def footprint_of(m: Motion, valid: Mask, layout: Layout) -> Footprint:
 
 def sample_plane(plane: Array, f: Footprint, wx: Weights, wy: Weights, build: Build, real: Any) -> Array:
     """The padded plane [rows, stride] filtered at the footprint, along x first."""
-    reach = range(-2, 4) if build.choices.history_filter in SIX_TAPS else range(-1, 3)
+    reach = range(-2, 4) if build.choices.history_filter is HistoryFilter.CROSS_20 else range(-1, 3)
     rows: list[RowTaps] = []
     for j in reach:
         taps = [plane[f.row + j, f.column + i].astype(real) for i in reach]

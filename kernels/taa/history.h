@@ -47,9 +47,9 @@ STAGE colour sample_in_range(history_in p, footprint f, weights wx, weights wy, 
     real tap[3][6];
     row_taps row[3][6];
     NO_UNROLL
-    for (int j = SIX_TAPS ? 0 : 1; j < (SIX_TAPS ? 6 : 5); ++j) {
+    for (int j = CROSS ? 0 : 1; j < (CROSS ? 6 : 5); ++j) {
         NO_UNROLL
-        for (int i = SIX_TAPS ? 0 : 1; i < (SIX_TAPS ? 6 : 5); ++i) {
+        for (int i = CROSS ? 0 : 1; i < (CROSS ? 6 : 5); ++i) {
             history_in q = p + (j - 2) * (ptrdiff_t)stride + (i - 2);
             const colour c = history_in_range(load_colour_apart(q, f, plane, stride), frame);
             tap[0][i] = c.r, tap[1][i] = c.g, tap[2][i] = c.b;

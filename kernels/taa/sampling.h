@@ -7,34 +7,39 @@
 #endif
 
 // The history's filters: what the taps around a position weigh. Taps 0 to 3 surround it, tap 1 is the texel at its
-// whole part; a filter of six has one more before them and one behind. Every filter is applied to differences from a
-// tap, so that equal taps give exactly their value, and a fraction of 0 gives exactly tap 1.
-#define SIX_TAPS (HISTORY_FILTER == HISTORY_FILTER_LANCZOS_3)
+// whole part; a filter of six has one more before them and one behind. Equal taps give exactly their value, and a
+// fraction of 0 gives exactly tap 1: filters are applied to differences from a tap, and the cross is limited.
+//
+// The cross reads six texels along each axis, through the four in the middle, and is what both axes' filters come to
+// without the product of what they add to a linear one.
+#define CROSS (HISTORY_FILTER == HISTORY_FILTER_CROSS_20)
 // Taps 1 and 2 are read as one pair, as a texture unit would read them: w2 is then the place between the two.
 #define FIVE_PAIRS                                                                                                     \
     (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5 || HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5_RAW)
 
 // All weights but that of tap 1, which is what is left of 1. Of Catmull-Rom's 16 taps they are those of the steps from
-// tap to tap instead: w0 of that from tap 0 to 1, w2 of that from 1 to 2, w3 of that from 2 to 3.
+// tap to tap instead: w0 of that from tap 0 to 1, w2 of that from 1 to 2, w3 of that from 2 to 3. Of the cross they are
+// what the six weigh beyond a linear filter, tap 1 among them, and `linear` is what tap 2 weighs in that.
 typedef struct
 {
-    real first, w0, w2, w3, last;
+    real first, w0, w1, w2, w3, last, linear;
 } weights;
 
 // The sum of a row's taps: their weighted mean, or the pair of taps 1 and 2 and, apart from it, the share of 0 and 3.
+// Of the cross taps 1 and 2, and what the six add to a linear filter between them.
 typedef struct
 {
-    real middle, sides;
+    real middle, right, sides;
 } row_taps;
 
-#define NO_TAPS { SPLAT(0.0), SPLAT(0.0) }
+#define NO_TAPS { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) }
 
 // Catmull and Rom 1974, tension 1/2, at fraction t.
 STAGE weights catmull_rom(real t)
 {
     weights w;
     w.w3 = (t * t) * (K(-0.5) + K(0.5) * t);
-    w.first = w.last = SPLAT(0.0);
+    w.first = w.last = w.w1 = w.linear = SPLAT(0.0);
     if (!FIVE_PAIRS) {
         w.w0 = t * (K(0.5) - t * (K(1.0) - K(0.5) * t));
         w.w2 = t * (K(0.5) + t * (K(1.5) - t));
@@ -46,59 +51,51 @@ STAGE weights catmull_rom(real t)
     return w;
 }
 
-// sinc(x) sinc(x / 3) for s = x^2 <= 9: its zeros as factors, so that they are exact, and a polynomial for the rest,
-// interpolated in the Chebyshev nodes of [0, 9]; within 1e-5 of the function.
-STAGE real lanczos_3(real s)
+// Six taps of least squares: of all weights t (1 - t) (a + b t) that keep ramps and parabolas, those whose response is
+// nearest to a displacement by t at frequencies up to 0.3 cycles a texel (Laakso et al. 1996).
+STAGE weights least_squares(real t)
 {
-    real q = K(1.08880002e-9) * s + K(-5.33705067e-8);
-    q = q * s + K(1.250181346e-6);
-    q = q * s + K(-1.846066788e-5);
-    q = q * s + K(1.8136861741e-4);
-    q = q * s + K(-1.0968711551e-3);
-    q = q * s + K(3.08639261435e-3);
-    const real double_zero = SPLAT(9.0) - s;
-    return ((SPLAT(1.0) - s) * (SPLAT(4.0) - s)) * ((double_zero * double_zero) * q);
-}
-
-// Six taps of Lanczos' kernel (Duchon 1979) at fraction t, made to sum to 1.
-STAGE weights lanczos(real t)
-{
-    const real a = t + K(2.0), b = t + K(1.0), c = SPLAT(1.0) - t, d = SPLAT(2.0) - t, e = SPLAT(3.0) - t;
-    weights w = { lanczos_3(a * a), lanczos_3(b * b), lanczos_3(c * c), lanczos_3(d * d), lanczos_3(e * e) };
-    const real sum = ((w.first + w.last) + (w.w0 + w.w3)) + (w.w2 + lanczos_3(t * t));
-    w.first = w.first / sum;
-    w.w0 = w.w0 / sum;
-    w.w2 = w.w2 / sum;
-    w.w3 = w.w3 / sum;
-    w.last = w.last / sum;
+    const real u = SPLAT(1.0) - t, both = t * u;
+    weights w;
+    w.first = both * (K(0.105) - K(0.0376) * t);
+    w.last = both * (K(0.105) - K(0.0376) * u);
+    w.w0 = both * (K(0.3342) * t - K(0.6758));
+    w.w3 = both * (K(0.3342) * u - K(0.6758));
+    w.w2 = ((w.first + w.first) + w.w0) - ((w.w3 + w.w3) + K(3.0) * w.last);
+    w.w1 = -(((w.first + w.last) + (w.w0 + w.w3)) + w.w2);
+    w.linear = t;
     return w;
 }
 
 STAGE weights history_weights(real t)
 {
     const real zero = SPLAT(0.0);
-    weights w = { zero, zero, t, zero, zero }; // bilinear
+    weights w = { zero, zero, zero, t, zero, zero, zero }; // bilinear
     if (HISTORY_FILTER == HISTORY_FILTER_NEAREST)
         w.w2 = t >= SPLAT(0.5) ? SPLAT(1.0) : zero;
     if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM || FIVE_PAIRS)
         return catmull_rom(t);
-    if (HISTORY_FILTER == HISTORY_FILTER_LANCZOS_3)
-        return lanczos(t);
+    if (CROSS)
+        return least_squares(t);
     return w;
+}
+
+// What six taps add to a linear filter.
+STAGE real six_taps(real first, real p0, real p1, real p2, real p3, real last, weights w)
+{
+    return ((((w.first * first + w.last * last) + w.w0 * p0) + w.w3 * p3) + w.w1 * p1) + w.w2 * p2;
 }
 
 STAGE row_taps weigh(real first, real p0, real p1, real p2, real p3, real last, weights w)
 {
-    row_taps v = { p1 + w.w2 * (p2 - p1), SPLAT(0.0) };
+    if (CROSS)
+        return (row_taps) { p1, p2, six_taps(first, p0, p1, p2, p3, last, w) };
+    row_taps v = { p1 + w.w2 * (p2 - p1), SPLAT(0.0), SPLAT(0.0) };
     const real pair = v.middle;
     if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM)
         v.middle = ((p1 + w.w0 * (p1 - p0)) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p2);
     if (FIVE_PAIRS)
         v.sides = w.w0 * (p0 - pair) + w.w3 * (p3 - pair);
-    if (HISTORY_FILTER == HISTORY_FILTER_LANCZOS_3) {
-        const real inner = (w.w0 * (p0 - p1) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p1);
-        v.middle = p1 + (inner + (w.first * (first - p1) + w.last * (last - p1)));
-    }
     return v;
 }
 
@@ -113,10 +110,29 @@ STAGE real without_corners(row_taps r0, row_taps r1, row_taps r2, row_taps r3, w
     return HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5_RAW ? sum * centre + rest : centre + rest / sum;
 }
 
+STAGE real between(real a, real b, real t) { return a + t * (b - a); }
+
+// Both arms of the cross. What they add may leave the range of the four texels in the middle by a quarter of it: a
+// sharp filter rings beside an edge, and a history gathers what rings.
+STAGE real cross_of(
+    row_taps first, row_taps r0, row_taps r1, row_taps r2, row_taps r3, row_taps last, weights wx, weights wy)
+{
+    const real left = between(r1.middle, r2.middle, wy.linear)
+        + six_taps(first.middle, r0.middle, r1.middle, r2.middle, r3.middle, last.middle, wy);
+    const real right = between(r1.right, r2.right, wy.linear)
+        + six_taps(first.right, r0.right, r1.right, r2.right, r3.right, last.right, wy);
+    const real low = lesser(lesser(r1.middle, r1.right), lesser(r2.middle, r2.right)),
+               high = greater(greater(r1.middle, r1.right), greater(r2.middle, r2.right));
+    const real more = K(0.25) * (high - low), along_x = between(r1.sides, r2.sides, wy.linear);
+    return limit(between(left, right, wx.linear) + along_x, low - more, high + more);
+}
+
 // Rows weighed along y.
 STAGE real weigh_rows(
     row_taps first, row_taps r0, row_taps r1, row_taps r2, row_taps r3, row_taps last, weights wx, weights wy)
 {
+    if (CROSS)
+        return cross_of(first, r0, r1, r2, r3, last, wx, wy);
     if (FIVE_PAIRS)
         return without_corners(r0, r1, r2, r3, wx, wy);
     return weigh(first.middle, r0.middle, r1.middle, r2.middle, r3.middle, last.middle, wy).middle;
@@ -176,7 +192,7 @@ STAGE footprint own_texel(uint at)
 STAGE row_taps row_alike(history_in p, weights w)
 {
     real first = SPLAT(0.0), last = SPLAT(0.0);
-    if (SIX_TAPS) {
+    if (CROSS) {
         first = load_history(p - 2);
         last = load_history(p + 3);
     }
@@ -189,28 +205,31 @@ STAGE row_taps row_close(history_in p, weights w, whole step)
     const real a = load_history(p - 1), b = load_history(p), c = load_history(p + 1), d = load_history(p + 2),
                e = load_history(p + 3);
     real first = SPLAT(0.0), last = SPLAT(0.0);
-    if (SIX_TAPS) {
+    if (CROSS) {
         first = right ? a : load_history(p - 2);
         last = right ? load_history(p + 4) : e;
     }
     return weigh(first, right ? b : a, right ? c : b, right ? d : c, right ? e : d, last, w);
 }
 
-// A row of taps; p points at the segment's own. Reading them takes so long that the loops around it cost nothing, and
-// written out they were half of what a compiler had to work through.
-STAGE row_taps row_apart(history_in p, weights w, whole steps)
+// Row j of six of taps; p points at the segment's own. Reading them takes so long that the loops around it cost
+// nothing, and written out they were half of what a compiler had to work through.
+STAGE row_taps row_apart(history_in p, weights w, whole steps, int j)
 {
     real tap[6];
-    tap[0] = tap[5] = SPLAT(0.0);
+    for (int i = 0; i < 6; ++i)
+        tap[i] = SPLAT(0.0);
+    const int pair = CROSS & ((j < 2) | (j > 3)); // all that the cross reads of such a row
+    const int from = pair ? 2 : CROSS ? 0 : 1, to = pair ? 4 : CROSS ? 6 : 5;
     NO_UNROLL
-    for (int i = SIX_TAPS ? 0 : 1; i < (SIX_TAPS ? 6 : 5); ++i)
+    for (int i = from; i < to; ++i)
         tap[i] = history_apart(p + (i - 2), steps);
     return weigh(tap[0], tap[1], tap[2], tap[3], tap[4], tap[5], w);
 }
 
 STAGE row_taps choose_row(mask m, row_taps a, row_taps b)
 {
-    const row_taps v = { m ? a.middle : b.middle, m ? a.sides : b.sides };
+    const row_taps v = { m ? a.middle : b.middle, m ? a.right : b.right, m ? a.sides : b.sides };
     return v;
 }
 
@@ -228,7 +247,7 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
         const row_taps a = row_close(q - line, wx, f.step_x), b = row_close(q, wx, f.step_x),
                        c = row_close(q + line, wx, f.step_x), d = row_close(q + 2 * line, wx, f.step_x),
                        e = row_close(q + 3 * line, wx, f.step_x);
-        if (SIX_TAPS) {
+        if (CROSS) {
             first = choose_row(down, a, row_close(q - 2 * line, wx, f.step_x));
             last = choose_row(down, row_close(q + 4 * line, wx, f.step_x), e);
         }
@@ -240,11 +259,11 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
         row_taps row[6];
         row[0] = row[5] = first;
         NO_UNROLL
-        for (int i = SIX_TAPS ? 0 : 1; i < (SIX_TAPS ? 6 : 5); ++i)
-            row[i] = row_apart(p + f.own + (i - 2) * (ptrdiff_t)stride, wx, steps);
+        for (int i = CROSS ? 0 : 1; i < (CROSS ? 6 : 5); ++i)
+            row[i] = row_apart(p + f.own + (i - 2) * (ptrdiff_t)stride, wx, steps, i);
         return weigh_rows(row[0], row[1], row[2], row[3], row[4], row[5], wx, wy);
     }
-    if (SIX_TAPS) {
+    if (CROSS) {
         first = row_alike(ROW_BELOW(p, f.at, -2, stride), wx);
         last = row_alike(ROW_BELOW(p, f.at, 3, stride), wx);
     }

@@ -192,7 +192,7 @@ def test_where_history_may_be_wrong_it_is_tested(effects: set[Effect] | None, *,
     frame = make_frame(1, camera=make_camera(), effects=None if effects is None else frozenset(effects))
     plan = plan_frame(load_preset(), frame, frame.camera)
     assert (plan.choices.illumination is Illumination.TEST) == tested
-    assert (plan.choices.rectify, plan.settings.resampling_penalty) == (Rectify.NONE, 1.0)
+    assert (plan.choices.rectify, plan.settings.resampling_penalty) == (Rectify.NONE, 0.8)
 
 
 @pytest.mark.parametrize(("effects", "scale"), [(LIT, 1.0), (None, 1.0), (frozenset({Effect.CAMERA}), 1.5)])

@@ -55,7 +55,7 @@ CODE: dict[str, tuple[str, dict[str, bool], dict[str, object]]] = {
         {},
         {"rectify": Rectify.CLAMP, "box": Box.VARIANCE, "variance": Variance.NAIVE},
     ),
-    "six taps": ("double_zero * double_zero", {"camera_motion": True}, {"history_filter": HistoryFilter.LANCZOS_3}),
+    "six taps": ("K(0.105)", {"camera_motion": True}, {"history_filter": HistoryFilter.CROSS_20}),
     "luminance weights": ("SPLAT(settings.luminance_knee)", {}, {"weighting": Weighting.LUMINANCE}),
 }
 # Term of the settings -> a word that only its code holds.

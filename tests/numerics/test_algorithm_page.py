@@ -7,6 +7,7 @@ is that of whole matrices, and statistics are NumPy's.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,7 +28,7 @@ HEIGHT, WIDTH, FRAMES = 24, 40, 6
 TOLERANCE = 1e-6
 KNEE, FALLOFF, FILTER_SAMPLES, SAMPLE_LIMIT = 4.0, 1.5, 8.0, 24.0
 LIGHT_T, COVERED_T, LIGHT_DECAY, LIGHT_FLOOR, MOST_CHANGE = 2.6, 0.8, 0.72, 0.03, 8.0
-EDGE, DEPTH, CLIP_PENALTY, RESAMPLING_PENALTY, BOX_FLOOR = 0.03, 0.05, 0.5, 1.0, 2.0**-10
+EDGE, DEPTH, CLIP_PENALTY, RESAMPLING_PENALTY, BOX_FLOOR = 0.03, 0.05, 0.5, 0.8, 2.0**-10
 AROUND = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
 Y, X = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
 
@@ -136,10 +137,26 @@ def reproject(
     return (clip[..., 0] / w + 1) * WIDTH / 2 - x, (1 - clip[..., 1] / w) * HEIGHT / 2 - y, depth / w
 
 
-def spline(f: Array) -> tuple[Array, Array, Array, Array]:
-    """Step 6."""
-    w0, w2, w3 = f * (-0.5 + f * (1 - f / 2)), f * (0.5 + f * (2 - 1.5 * f)), f * f * (-0.5 + f / 2)
-    return w0, 1 - w0 - w2 - w3, w2, w3
+def taps_along(f: Array) -> tuple[dict[int, Array], dict[int, Array]]:
+    """Step 5: what taps -2 to 3 weigh in the linear filter, and what the six add to it."""
+    g, linear = 1 - f, {0: 1 - f, 1: f}
+    six = {-2: f * g * (0.105 - 0.0376 * f), -1: f * g * (0.3342 * f - 0.6758)}
+    six |= {2: f * g * (0.3342 * g - 0.6758), 3: f * g * (0.105 - 0.0376 * g)}
+    six[1] = f + 2 * six[-2] + six[-1] - 2 * six[2] - 3 * six[3]
+    six[0] = 1 - np.sum(list(six.values()), 0)
+    whole = {tap: linear.get(tap, np.zeros_like(f)) for tap in range(-2, 4)}
+    return whole, {tap: six[tap] - whole[tap] for tap in whole}
+
+
+def sampled(texel: Callable[[int, int], Array], fx: Array, fy: Array) -> Array:
+    """Step 5: the cross of 20 texels, held within a quarter of the range of the four around the place beyond it."""
+    (lx, sx), (ly, sy) = taps_along(fx), taps_along(fy)
+    weights = {(i, j): lx[i] * ly[j] + sx[i] * ly[j] + lx[i] * sy[j] for i in lx for j in ly}
+    history = np.sum([weight[..., None] * texel(i, j) for (i, j), weight in weights.items()], 0)
+    four = [texel(i, j) for i in (0, 1) for j in (0, 1)]
+    low, high = np.min(four, 0), np.max(four, 0)
+    held: Array = np.clip(history, low - (high - low) / 4, high + (high - low) / 4)
+    return held
 
 
 def filtered(colour: Array, jitter: tuple[float, float]) -> Array:
@@ -179,8 +196,7 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
         four = [past(left.inverse_depth, dx, dy) for dx in (0, 1) for dy in (0, 1)]
         valid &= np.any([(t >= far * scale - slack) & (t <= near * scale + slack) for t in four], 0)
         covered = np.any([t > near * scale + slack for t in four], 0)
-    taps = ((wx * wy, i - 1, j - 1) for j, wy in enumerate(spline(fy)) for i, wx in enumerate(spline(fx)))
-    history = sum((w[..., None] * past(left.colour, dx, dy) for w, dx, dy in taps), np.zeros_like(colour))
+    history = sampled(lambda dx, dy: past(left.colour, dx, dy), fx, fy)
     past_colour = history
     linear = ((wx * wy, dx, dy) for dx, wx in ((0, 1 - fx), (1, fx)) for dy, wy in ((0, 1 - fy), (1, fy)))
     count = sum((w * past(left.samples, dx, dy) for w, dx, dy in linear), np.zeros_like(q))
