@@ -118,6 +118,7 @@ DRAWN_AS: dict[Effect, tuple[str, tuple[str, ...]]] = {
     Effect.CUT: ("attribute cltaa:cut", ()),
     Effect.ALPHA: ("coverage", ("A",)),
     Effect.SKY: ("a full-screen pass behind everything; its depth is +inf", ()),
+    Effect.NOISE: ("nothing: no sample is drawn by chance", ()),
 }
 ALWAYS = ("R", "G", "B", "Z")
 

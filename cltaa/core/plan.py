@@ -19,6 +19,7 @@ import msgspec
 from cltaa.camera import is_still
 from cltaa.core.build import Steps
 from cltaa.core.parameters import (
+    Box,
     Choices,
     Dilation,
     ExposureChange,
@@ -60,6 +61,9 @@ CHANGING = frozenset(
 CHANGING_LIGHT = frozenset({Effect.ILLUMINATION, Effect.MOTION, Effect.REACTIVE, Effect.THIN})
 
 SURER = 2.0  # times drift_t, where no light is known to change
+# Where samples scatter: times falling_t, since dim samples of noise agree and bright ones do not, and times a box of
+# deviations, which noise makes wide.
+NOISY_FALLING, NOISY_BOX = 1.2, 0.5
 
 FOUND, DECLARED = "found", "declared"
 
@@ -95,11 +99,14 @@ def estimate(
     reasons.append(Reason(RECTIFICATION, rectified, _why_rectified(preset, rectified)))
     choices, reason = _rejecting(preset, choices, declared, word)
     reasons.append(reason)
-    if free and declared is not None and Effect.HDR not in declared:
+    noisy = free and declared is not None and Effect.NOISE in declared
+    if noisy:
+        settings = among_noise(choices, settings)
+    if noisy or (free and declared is not None and Effect.HDR not in declared):
         choices = msgspec.structs.replace(choices, weighting=Weighting.NONE)
     weighted = choices.weighting is Weighting.LUMINANCE
     why = declined(preset, "weighting", Weighting.LUMINANCE)
-    why = why or (declared_or_not(Effect.HDR, declared, word) if free else "as published")
+    why = why or (declared_or_not(Effect.NOISE if noisy else Effect.HDR, declared, word) if free else "as published")
     reasons.append(Reason(WEIGHTS, weighted, why))
     return choices, settings, reasons
 
@@ -129,6 +136,17 @@ def with_narrow_box(settings: Settings) -> Settings:
         settings,
         box_scale_static=min(settings.box_scale_static, 1.0),
         box_scale_moving=min(settings.box_scale_moving, 1.0),
+    )
+
+
+def among_noise(choices: Choices, settings: Settings) -> Settings:
+    """Samples of one place scatter: what tells by them is as sure of bright ones as of dim ones."""
+    box = NOISY_BOX if choices.box is Box.VARIANCE else 1.0
+    return msgspec.structs.replace(
+        settings,
+        falling_t=NOISY_FALLING * settings.falling_t,
+        box_scale_static=box * settings.box_scale_static,
+        box_scale_moving=box * settings.box_scale_moving,
     )
 
 

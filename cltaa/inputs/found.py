@@ -39,6 +39,10 @@ DEPTH_SLACK = 0.05  # of the inverse depth: as far as two samples of one surface
 # Share of tiles whose mean moves by more than a block's texture explains by chance: 0 in 22 scenes of standing light,
 # under any camera, and beside two lamps that flash faintly; 0.25 behind panes of glass, 0.8 where shadows run.
 SHIFTED_SHARE, LEAST_TILES, LEAST_SHARE = 0.01, 4, 0.2
+# A pixel's light scatters in time by more than this much of it, and its square over that of what texture moves it by:
+# the squared steps to its four neighbours in the mean over time, halved, of which jitter makes a twelfth and chance
+# twice as much. Of the middle pixel: 0.43 at most without noise, 0.8 and more with four samples a pixel.
+NOISE_LEAST, NOISE_RATIO, NOISE_FRAMES = 0.02, 0.6, 4
 # Of a tile's mean light over a span, and light: in single frames jitter moves it by a tenth, by more where it is dark.
 FLASH, FLASH_LEAST = 0.25, 0.02
 SHADE = 0.02  # of a block's mean: less is no change that anybody sees
@@ -77,6 +81,12 @@ class Found(msgspec.Struct, kw_only=True, frozen=True):
         """Those that were found or cannot be told."""
         return frozenset(each.effect for each in self.evidence if each.found)
 
+    def without(self, effect: Effect, why: str) -> Found:
+        """The same, less one effect."""
+        less = Evidence(effect=effect, found=False, why=why)
+        evidence = tuple(less if each.effect is effect else each for each in self.evidence)
+        return msgspec.structs.replace(self, evidence=evidence)
+
     @property
     def line(self) -> str:
         """What was found, in one line."""
@@ -109,6 +119,7 @@ def find_effects(sequence: FrameSequence, advance: Advance | None = None) -> Fou
         Effect.ILLUMINATION: witness.illumination(),
         Effect.HDR: (not witness.brightest <= BRIGHT, f"values up to {witness.brightest:.4g}"),
         Effect.SKY: (witness.sky, "depth is infinite" if witness.sky else "depth is finite"),
+        Effect.NOISE: witness.noise(),
     }
     if told[Effect.CUT][0] and not any(each.cut for each in outlines[1:]):
         said[Effect.ILLUMINATION] = (True, "light is compared in one shot only")
@@ -199,6 +210,7 @@ class _Witness:
         self._hidden: list[float] = []
         self._moving: list[float] = []
         self._flashed: list[float] = []  # share of tiles, of each span
+        self._scatter: list[float] = []  # median of blocks, of each span
         self._moves, self._depth = moves, False
         self.looked: set[int] = set()
         self.brightest, self.sky = 0.0, False
@@ -219,6 +231,8 @@ class _Witness:
                 continue
             span = spans[frame.index in late]
             span.add(look)
+            if span.moving is None and (apart := self._apart(look, frame.motion, *span.places)) is not None:
+                span.moving = apart > MOVED_PX
             # The first pair of each span is enough.
             if before is not None and frame.index == before.frame.index + frame.step:
                 view = _View(look, before, *_places_of(look, LOOKED_AT))
@@ -231,20 +245,25 @@ class _Witness:
             share = _shifted(*spans)
             self._shifted += [] if share is None else [share]
             self._flashed += [share for span in spans if (share := span.flashed()) is not None]
+            self._scatter += [ratio for span in spans if (ratio := span.scatter()) is not None]
 
     def _motion(self, look: _Look, motion: Image | None) -> None:
         """Compare vectors with those that the camera makes since the frame before, whether that is looked at or not."""
+        apart = self._apart(look, motion, *_places_of(look, LOOKED_AT // 8))
+        if apart is not None:
+            self._moving.append(float((apart > MOVED_PX).mean()))  # NaN, which means the camera's, is not more
+
+    def _apart(self, look: _Look, motion: Image | None, rows: Array, columns: Array) -> Array | None:
+        """How many pixels vectors are from the camera's at these places; None: nothing tells."""
         before = None if self._cameras is None else self._cameras.get(look.frame.index - look.frame.step)
         if motion is None or (self._cameras is not None and before is None):
-            return
-        rows, columns = _places_of(look, LOOKED_AT // 8)
+            return None
         u: Array | float = 0.0
         v: Array | float = 0.0
         if before is not None and not is_still(look.frame.camera, before):
             u, v, _, _ = _moved(look, before, rows, columns)
         at = rows.astype(np.intp), columns.astype(np.intp)
-        apart = np.maximum(np.abs(motion[..., 0][at] - u), np.abs(motion[..., 1][at] - v))
-        self._moving.append(float((apart > MOVED_PX).mean()))  # NaN, which means the camera's, is not more
+        return np.asarray(np.maximum(np.abs(motion[..., 0][at] - u), np.abs(motion[..., 1][at] - v)))
 
     def motion(self, sequence: FrameSequence) -> tuple[bool, str]:
         """Whether something moves on its own."""
@@ -273,6 +292,13 @@ class _Witness:
             return True, "too little is seen in two spans of frames, or nothing tells a camera"
         share = max(self._shifted + self._flashed)
         return share > SHIFTED_SHARE, f"{share:.1%} of the image changes its light within {3 * SPAN} frames"
+
+    def noise(self) -> tuple[bool, str]:
+        """Whether the samples of one place scatter more than texture explains."""
+        if not self._scatter:
+            return False, "too little of one place is seen in four frames"
+        ratio = float(np.mean(self._scatter))
+        return ratio > NOISE_RATIO, f"light scatters in time by {ratio:.2f} of the steps of texture"
 
 
 class _Look:
@@ -359,7 +385,14 @@ class _Span:
         self._rows, self._columns = _tiles(height, width)
         self._total, self._count = np.zeros(self._rows.shape), np.zeros(self._rows.shape)
         self._tiles: list[Array] = []  # mean light of each frame's tiles, NaN where little of one is seen
+        self._ripple, self._ripples = np.zeros(self._rows.shape), np.zeros(self._rows.shape)
+        self.moving: Mask | None = None  # pixels that move on their own; None: nothing tells
         self.frames = 0
+
+    @property
+    def places(self) -> tuple[Array, Array]:
+        """Rows and columns of the pixels of the tiles."""
+        return self._rows, self._columns
 
     def fits(self, look: _Look) -> bool:
         """Whether a frame is as large as the anchor, and seen through as parallel a lens."""
@@ -375,6 +408,34 @@ class _Span:
         seen = same.sum((1, 2))
         tiles = np.where(same, light, 0.0).sum((1, 2)) / np.maximum(seen, 1)
         self._tiles.append(np.where(seen >= SEEN * light[0].size, tiles, np.nan))
+        # What changes a whole block is not noise.
+        mean = np.where(same, light, 0.0).sum(2, keepdims=True) / np.maximum(same.sum(2, keepdims=True), 1)
+        ripple = np.where(same, light - mean, 0.0)
+        self._ripple += ripple
+        self._ripples += ripple**2
+
+    def scatter(self) -> float | None:
+        """The median over the pixels of how much their light scatters in time (``NOISE_RATIO``); None: too few tell.
+
+        They have depth and stand in the world: the sky has no noise, and a texture that moves on its own is none.
+        """
+        place = self._rows.astype(np.intp), self._columns.astype(np.intp)
+        near = self._anchor.inverse[place] > 0 if not self._anchor.frame.camera.orthographic else True
+        seen = (self._count == self.frames) & near & (True if self.moving is None else ~self.moving)
+        square = (*seen.shape[:2], BLOCK, BLOCK)
+        mean, seen = (self._total / max(self.frames, 1)).reshape(square), seen.reshape(square)
+        tells = seen[:, :, 1:-1, 1:-1]
+        steps = np.zeros(tells.shape)
+        for axis in (2, 3):
+            for there in (slice(2, None), slice(None, -2)):
+                beside = tuple(there if at == axis else slice(1, -1) for at in (2, 3))
+                tells = tells & seen[:, :, *beside]
+                steps += (mean[:, :, *beside] - mean[:, :, 1:-1, 1:-1]) ** 2 / 2
+        if self.frames < NOISE_FRAMES or tells.sum() < LEAST_SHARE * max(tells.size, 1):
+            return None
+        scatter = (self._ripples - self._ripple**2 / self.frames).reshape(square)[:, :, 1:-1, 1:-1] / (self.frames - 1)
+        ratio = scatter / np.maximum(steps, np.finfo(np.float64).tiny)
+        return float(np.median(np.where(scatter > (NOISE_LEAST * mean[:, :, 1:-1, 1:-1]) ** 2, ratio, 0.0)[tells]))
 
     def flashed(self) -> float | None:
         """Share of tiles whose light leaves its mean over the span in a frame by more than jitter moves it; None: none

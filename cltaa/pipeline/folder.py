@@ -117,6 +117,11 @@ def with_fireflies(preset: Preset, sequence: FrameSequence, asked: str | None) -
     return override(preset, {"fireflies": asked})
 
 
+def for_denoised(preset: Preset) -> Preset:
+    """``preset`` for frames that a denoiser has filtered already; a transcription does what it does with all frames."""
+    return preset if preset.published is not Published.NO else override(preset, {"current_filter": "none"})
+
+
 def resolve_folder(
     source: str | Path | FrameSequence,
     output: str | Path,
@@ -150,7 +155,8 @@ def resolve_folder(
     scheduler, its workers do so, as many parts as they have threads unless ``jobs`` says another number; they have the
     folders under the same paths, and devices that are alike. ``reading`` are the arguments of
     ``cltaa.open`` for a ``source`` that is not opened yet: ``profile``, ``side_file``, ``frames`` and others.
-    ``fireflies`` is ``keep`` or ``clamp``; by itself what the preset or else the profile says.
+    ``fireflies`` is ``keep`` or ``clamp``; by itself what the preset or else the profile says. Frames that ``denoise``
+    in ``options`` filters are not filtered again (``current_filter``).
     Of a sequence that declares no effects they are found first (``cltaa.inputs.found``), but with ``follow``, and for a
     transcription, which does what it does on every scene.
     What is given neither ``compression`` nor ``layers`` keeps those that the command keeps.
@@ -169,6 +175,8 @@ def resolve_folder(
     refuse_place(Path(output), sequence)
     carried = chosen_layers(layers, sequence)
     preset = with_fireflies(preset, sequence, fireflies)
+    if denoised := options.get("denoise", "none") != "none":
+        preset = for_denoised(preset)
     made: dict[str, Any] = {"strict": strict, "storage": storage}
     how: dict[str, Any] = {
         **options,
@@ -182,7 +190,15 @@ def resolve_folder(
     }
     anew, follows = options.get("restart", False), arrivals is not None
     known = partial(
-        with_known_effects, sequence, preset, effects, Path(output), anew=anew, follow=follows, progress=progress
+        with_known_effects,
+        sequence,
+        preset,
+        effects,
+        Path(output),
+        anew=anew,
+        follow=follows,
+        progress=progress,
+        denoised=denoised,
     )  # when all else was found to be right: it takes a while
     if dask is not None:
         from cltaa.pipeline.cluster import Cluster, Tool, connected  # here: an extra, and it takes from this module
@@ -207,7 +223,15 @@ def resolve_folder(
 
 
 def with_known_effects(
-    sequence: FrameSequence, preset: Preset, effects: Asked, output: Path, *, anew: bool, follow: bool, progress: bool
+    sequence: FrameSequence,
+    preset: Preset,
+    effects: Asked,
+    output: Path,
+    *,
+    anew: bool,
+    follow: bool,
+    progress: bool,
+    denoised: bool = False,
 ) -> tuple[FrameSequence, Found | None]:
     """``sequence`` as it is to be resolved into ``output``, with the effects that were found where none are declared.
 
@@ -233,6 +257,8 @@ def with_known_effects(
     else:
         with shown_progress("finding effects") if progress else nullcontext() as advance:
             found = find_effects(sequence, advance)
+        if denoised:
+            found = found.without(Effect.NOISE, "each frame is denoised first")
         line = found.line
     if progress and line:
         print(line, file=sys.stderr)

@@ -107,7 +107,8 @@ def illumination_test(
 
     The change is Student's t of the channel that changed most, negative where luminance falls, and
     ``illumination_decay`` of the change that the frame before left; the square of its size over ``illumination_t``
-    divides, where it is more than 1; where the surface was partly ``covered`` [H, W], that over ``disocclusion_t``.
+    divides, where it is more than 1; where the surface was partly ``covered`` [H, W], that over ``disocclusion_t``;
+    where light falls, over ``falling_t`` of either.
     ``current`` [3, rows, stride], ``history`` [3 or 4, rows, stride] and
     ``history_change`` [rows, stride], which that frame left, are padded planes.
     """
@@ -142,7 +143,8 @@ def illumination_test(
     t = lesser(largest, constant("DOMAIN_LIMIT", level))
     before = history_change[row, column].astype(real)
     change = np.where(ta < number(0.0, level), -t, t) + number(settings["illumination_decay"], level) * before
-    least_t = np.where(covered, *(number(settings[name], level) for name in ("disocclusion_t", "illumination_t")))
+    rising = np.where(covered, *(number(settings[name], level) for name in ("disocclusion_t", "illumination_t")))
+    least_t = np.where(change < number(0.0, level), number(settings["falling_t"], level) * rising, rising)
     by = greater(np.abs(change) / least_t, number(1.0, level))
     drawn = _drawn(current, layout, zero)
     untested = sample_is_missing(current, layout) & (drawn < number(5.0, drawn))

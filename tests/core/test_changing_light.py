@@ -85,6 +85,16 @@ def test_less_is_a_change_where_something_nearer_stood_beside() -> None:
     assert (there >= elsewhere).all()
 
 
+def test_light_that_falls_is_asked_for_falling_t_times_as_much() -> None:
+    noisy = np.random.default_rng(1).normal(0.5, 0.1, (3, HEIGHT, WIDTH)).astype(np.float32)
+    for covered in (False, True):
+        for light, factor in ((1.2, 1.0), (0.8, 2.0)):
+            once, asked = (divisors(np.float32(light) * noisy, noisy, covered=covered, falling_t=t) for t in (1.0, 2.0))
+            changed = asked > NONE
+            assert changed.any()
+            assert np.allclose(once[changed], factor**2 * asked[changed], rtol=1e-5)
+
+
 def test_what_the_jitter_makes_is_no_change_and_what_a_lamp_makes_is() -> None:
     random = np.random.default_rng(1)
     then = np.full((3, HEIGHT, WIDTH), 0.5, np.float32)

@@ -11,8 +11,8 @@ import pytest
 
 from cltaa.core.backend import Launcher
 from cltaa.core.build import Build, Steps, Terms
-from cltaa.core.parameters import Choices, Rectify, Reject, Settings
-from cltaa.core.plan import plan_frame, with_effects
+from cltaa.core.parameters import Choices, Rectify, Reject, Settings, Weighting
+from cltaa.core.plan import Reason, plan_frame, with_effects
 from cltaa.core.presets import load_preset, override, preset_names
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Camera, Effect, Frame
@@ -119,6 +119,17 @@ def test_what_may_change_anything_is_no_plain_mean(effect: Effect) -> None:
         for effects in (frozenset({Effect.HDR, Effect.CUT}), frozenset({effect}))
     )
     assert (plain, held) == (Rectify.NONE, DEFAULT.choices.rectify)
+
+
+def test_among_noise_bright_samples_count_as_much_as_dim_ones() -> None:
+    frame = make_frame(1, effects=frozenset({Effect.ILLUMINATION, Effect.HDR, Effect.NOISE}))
+    for preset, box in ((DEFAULT, 1.0), (load_preset("fast"), 0.5)):
+        plan = plan_frame(preset, frame, STANDING)
+        assert plan.choices.weighting is Weighting.NONE
+        assert Reason("luminance weights", False, "effect noise is declared") in plan.reasons
+        given, planned = preset.settings, plan.settings
+        assert planned.falling_t > given.falling_t
+        assert planned.box_scale_static == planned.box_scale_moving == box * given.box_scale_static
 
 
 def test_own_motion_is_not_read_where_the_preset_follows_the_camera_alone() -> None:

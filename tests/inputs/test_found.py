@@ -77,6 +77,15 @@ def moving(speed: float, late: int = 0) -> Change:
     return change
 
 
+def noisy(frame: Frame, _across: Array, index: int) -> Frame:
+    """As a path tracer's few samples are."""
+    return lit(frame, np.random.default_rng(index).gamma(2.0, 0.5, (HEIGHT, WIDTH)))
+
+
+def a_belt(frame: Frame, across: Array, index: int) -> Frame:
+    return replace(noisy(frame, across, index), motion=np.ones((HEIGHT, WIDTH, 2), np.float32))
+
+
 STANDING = {Effect.DISOCCLUSION}  # which nothing disproves
 CASES: dict[str, tuple[Change | None, float, set[Effect]]] = {
     "standing light": (None, 0.0, STANDING),
@@ -102,6 +111,9 @@ CASES: dict[str, tuple[Change | None, float, set[Effect]]] = {
         0.0,
         STANDING | {Effect.ILLUMINATION},
     ),
+    "noise": (noisy, 0.0, STANDING | {Effect.NOISE}),
+    "noise, a camera that slides": (noisy, 0.03, STANDING | {Effect.CAMERA, Effect.NOISE}),
+    "noise, on a belt that carries all of the wall": (a_belt, 0.0, STANDING | {Effect.MOTION}),
     "wires": (a_wire, 0.0, STANDING | {Effect.THIN}),
     "highlights": (lambda f, _, _i: lit(f, 40.0), 0.0, STANDING | {Effect.HDR}),
     "sky": (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -47,11 +48,14 @@ def test_each_frame_is_denoised_before_the_resolve(tmp_path: Path, monkeypatch: 
     (tmp_path / "in").mkdir()
     for index in range(2):
         write_frame(tmp_path / "in" / f"a.{index:04d}.exr", make_frame(index, normal=True))
-    for name, options in (("plain", []), ("clean", ["--denoise", "oidn"])):
+    # What is denoised is not filtered again, and has no noise.
+    for name, options in (("plain", ["--set", "current_filter=none"]), ("clean", ["--denoise", "oidn"])):
         command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / name), "--device", "numpy", *options]
-        assert main([*command, "--set", "weighting=none"]) == 0
+        assert main([*command, "--effects", "find", "--set", "weighting=none"]) == 0
     plain, clean = (read_image(tmp_path / name / "a.0000.exr")[0]["G"] for name in ("plain", "clean"))
     np.testing.assert_array_equal(clean, plain / 2)
+    outcome = json.loads((tmp_path / "clean" / "resolve.json").read_text())["outcome"]
+    assert "each frame is denoised first" in [each["why"] for each in outcome["found"]["evidence"]]
     assert [sorted(each) for each in given] == [["hdr", "normal"]] * 2
     # What is missing stays so, and its history stands in.
     frame = make_frame(0)

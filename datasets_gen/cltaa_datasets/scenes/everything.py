@@ -24,7 +24,11 @@ SWING = 3.0  # seconds
 PLACES = tuple(animation.translation(place) for place in ((1.0, 1.2, 1.0), (-0.6, 0.3, 1.4), (-0.4, 0.4, -2.6)))
 
 
-@register("everything", "A courtyard with every effect that does not exclude another", set(Effect) - {Effect.ALPHA})
+@register(
+    "everything",
+    "A courtyard with every effect that does not exclude another",
+    set(Effect) - {Effect.ALPHA, Effect.NOISE},
+)
 def everything(seed: int) -> Staging:
     """Let sparks fly, smoke rise, a cloth wave and the sun run, while the camera walks, zooms, cuts and adapts."""
     rng = np.random.default_rng(seed)

@@ -51,7 +51,7 @@ TRAIN, HELD_OUT, GIVEN = "train", "held-out", "given"
 MODEL = "file:"  # begins the name of a scene that is a model's path
 OTHER_JITTERS = ("halton:64", "r2:64")  # of the capture REDRAWN: the second where the sequence itself has the first
 # Without any of these nothing changes from frame to frame, and the truth has to be better than any resolve can get.
-_CHANGES = {*Effect} - {Effect.SKY, Effect.HDR, Effect.THIN, Effect.ALPHA}
+_CHANGES = {*Effect} - {Effect.SKY, Effect.HDR, Effect.THIN, Effect.ALPHA, Effect.NOISE}
 
 
 class Shape(NamedTuple):
