@@ -39,17 +39,22 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
                 out = resolve_gathered(near.sums, far.sums, l, p, m, current, x, y, frame, settings);
                 error = window_error(near.sums, p, out, settings);
             }
+            if (RECURSION == RECURSION_STANDING && window == ALL_FRAMES) {
+                out = longer_history(out, (mask)(-1), recursive, recursive_count, x, y, frame);
+                error = window_error(near.sums, p, out, settings);
+            }
             store_window(windows, window, out, error, x, y, frame);
             from = to;
         }
         if (REACTIVE)
             stand_in(windows, near.sums, out, error, x, y, frame);
 
-        // The window without motion. It is valid where enough of the latest samples can contradict it.
+        // The window without motion. It is valid where enough of the latest samples can contradict it. Its history is
+        // that of a surface that stands.
         gathered unmoved_sums;
         resolved unmoved = resolve_unmoved(&unmoved_sums, ring, past, standing, p, x, y, frame, settings);
         if (RECURSION == RECURSION_STANDING)
-            unmoved = longer_unmoved(unmoved, recursive, recursive_count, m, x, y, frame);
+            unmoved = longer_history(unmoved, in_place(m), recursive, recursive_count, x, y, frame);
         const mask valid = unmoved_sums.recent_count >= SPLAT(SHORT_WINDOW);
         out.rgb = choose_colour(valid, unmoved.rgb, out.rgb);
         out.alpha = valid ? unmoved.alpha : out.alpha;

@@ -28,8 +28,7 @@ from cltaa.reference.gather import Gathering
 from cltaa.reference.gather_fit import Gathered, own_samples
 from cltaa.reference.gather_track import ring_alpha, ring_reactive
 from cltaa.reference.planes import extend_stored, real_type, store_resolved
-from cltaa.reference.real import Array, constant, greater, lesser, limit, number, quiet
-from cltaa.reference.reprojection import Motion
+from cltaa.reference.real import Array, Mask, constant, greater, lesser, limit, number, quiet
 
 TEXELS = (2 * WINDOW_REACH + 1) ** 2
 
@@ -113,6 +112,8 @@ def gather_windows(
     for window, end in enumerate(window_ends(frames)):
         gathering.add(past[begun:end], build, layout, frame, settings, before=begun, recent=SHORT_WINDOW - begun)
         said = gathering.resolved(build, layout, settings)
+        if build.choices.recursion is Recursion.STANDING and window == WINDOWS - 2:
+            said = _longer_history(said, None, recursive, recursive_count, layout)
         error = window_error(gathering.near, own, said, build, settings)
         _store(target[window], said, error)
         begun = end
@@ -122,20 +123,23 @@ def gather_windows(
             _store(target[window], said, error, unlike)
     unmoved, sums = resolve_unmoved(gathering.slots, past[:standing], gathering.pixel, build, layout, settings)
     if build.choices.recursion is Recursion.STANDING:
-        unmoved = _longer_unmoved(unmoved, recursive, recursive_count, gathering.motion, layout)
+        stands = (gathering.motion.u == 0) & (gathering.motion.v == 0)
+        unmoved = _longer_history(unmoved, stands, recursive, recursive_count, layout)
     told = sums.recent_count >= number(SHORT_WINDOW, error)
     _store(target[-1], said, error)
     _store(target[-1], unmoved, window_error(sums, own, unmoved, build, settings), told)
     extend_stored(build, layout, windows[: WINDOWS * planes])
 
 
-def _longer_unmoved(unmoved: Resolved, recursive: Array, recursive_count: Array, m: Motion, layout: Layout) -> Resolved:
-    """The same from all frames before: where the surface stands, and did for more samples than lie in the ring."""
-    count, held = (layout.inside(planes).astype(unmoved.count.dtype) for planes in (recursive_count[0], recursive))
-    longer = (m.u == 0) & (m.v == 0) & (count > unmoved.count)
-    r, g, b = (np.where(longer, now, then) for now, then in zip(held[:3], unmoved.rgb, strict=True))
-    alpha = np.where(longer, held[3], unmoved.alpha) if len(held) > 3 else unmoved.alpha
-    return Resolved((r, g, b), alpha, np.where(longer, count, unmoved.count))
+def _longer_history(
+    window: Resolved, where: Mask | None, recursive: Array, recursive_count: Array, layout: Layout
+) -> Resolved:
+    """A window, or ``where`` the recursive resolve holds more samples than it, that: it knows all frames before."""
+    count, held = (layout.inside(planes).astype(window.count.dtype) for planes in (recursive_count[0], recursive))
+    longer = (count > window.count) & (True if where is None else where)
+    r, g, b = (np.where(longer, now, then) for now, then in zip(held[:3], window.rgb, strict=True))
+    alpha = np.where(longer, held[3], window.alpha) if len(held) > 3 else window.alpha
+    return Resolved((r, g, b), alpha, np.where(longer, count, window.count))
 
 
 def _store(planes: Array, said: Resolved, error: Array, where: Array | None = None) -> None:

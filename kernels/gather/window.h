@@ -81,21 +81,22 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
     return out;
 }
 
-// The same from all frames before, which the recursive resolve holds: where the pixel's surface stands, and did for
-// more samples than lie in the ring.
-STAGE resolved longer_unmoved(
-    resolved unmoved, history_in recursive, plane_in recursive_count, motion_t m, int x, int y, frame_t frame)
+STAGE mask in_place(motion_t m) { return (m.u == SPLAT(0.0)) & (m.v == SPLAT(0.0)); }
+
+// A window, or `where` the recursive resolve holds more samples than it, that: it knows all frames before.
+STAGE resolved longer_history(
+    resolved window, mask where, history_in recursive, plane_in recursive_count, int x, int y, frame_t frame)
 {
     const uint at = texel_offset(frame, x, y);
-    const real count = load(recursive_count + at), zero = SPLAT(0.0);
-    const mask longer = (m.u == zero) & (m.v == zero) & (count > unmoved.count);
+    const real count = load(recursive_count + at);
+    const mask longer = where & (count > window.count);
     if (!any_of(longer))
-        return unmoved;
-    resolved out = unmoved;
-    out.rgb = choose_colour(longer, load_history_colour(recursive + at, plane_size(frame)), unmoved.rgb);
-    out.count = longer ? count : unmoved.count;
+        return window;
+    resolved out = window;
+    out.rgb = choose_colour(longer, load_history_colour(recursive + at, plane_size(frame)), window.rgb);
+    out.count = longer ? count : window.count;
     if (ALPHA)
-        out.alpha = longer ? load_history(recursive + 3 * plane_size(frame) + at) : unmoved.alpha;
+        out.alpha = longer ? load_history(recursive + 3 * plane_size(frame) + at) : window.alpha;
     return out;
 }
 
