@@ -36,10 +36,13 @@ from tests.kernels.stage_chain import (
     UNWRITTEN,
     WRITES,
     chain_work,
+    changed,
     differing,
     every_variant,
+    others,
+    rows_together,
     run_stage,
-    variant_names,
+    value_in,
     variants,
 )
 from tests.numerics.kernel_text import kernel_files, without_comments
@@ -106,10 +109,37 @@ def test_a_stage_gives_the_bits_of_its_twin(kernel: str, lanes: int) -> None:
     assert compared(kernel, strict(lanes)) == 0
 
 
+@pytest.mark.parametrize(("kernel", "row"), [(k, n) for k in STAGES for n in range(len(rows_together(k, strict())))])
+def test_a_stage_gives_the_bits_of_its_twin_for_many_choices(kernel: str, row: int) -> None:
+    changes = rows_together(kernel, strict())[row]
+    assert compared(kernel, changed(strict(), changes)) == 0, changes
+
+
+@pytest.mark.parametrize("kernel", STAGES)
+def test_every_choice_is_tried_where_it_is_seen(kernel: str) -> None:
+    """Where the usual value gives other bits, as it does where nothing else is changed."""
+    work, rows = chain_work(), rows_together(kernel, strict())
+
+    def is_seen(row: dict[str, Any], name: str, value: Any) -> bool:
+        usual = value_in(strict(), name)
+        found = [
+            run_stage(kernel, changed(strict(), row | {name: each}), work, NumpyLauncher()) for each in (value, usual)
+        ]
+        one, other = ([(planes.shape, planes.dtype) for planes in written.values()] for written in found)
+        return one != other or differing(work, *found) > 0
+
+    for name, values in others(kernel, strict()).items():
+        for value in values:
+            if f"{name}={value}" not in ALIKE.get(kernel, {}) and is_seen({}, name, value):
+                assert any(is_seen(row, name, value) for row in rows if row[name] == value), (name, value)
+
+
+@pytest.mark.big
 @pytest.mark.parametrize(
-    ("kernel", "name"), [names for k in WRITES for names in variant_names(k, strict()) if "default" not in names.values]
+    ("kernel", "name"), [(k, name) for k in WRITES for name in variants(k, strict()) if name != "default"]
 )
 def test_a_stage_gives_the_bits_of_its_twin_for_every_choice(kernel: str, name: str) -> None:
+    """One at a time: what is wrong with one of many."""
     assert compared(kernel, variants(kernel, strict())[name]) == 0
 
 
