@@ -12,6 +12,7 @@ import json
 import platform
 import time
 from contextlib import suppress
+from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -39,6 +40,7 @@ NOT_DRAWING = (
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
 
 
+@cache
 def code_sha256() -> str:
     """SHA-256 over the code and shaders of capture and scenes that draw: other code may draw other pixels.
 

@@ -13,6 +13,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import pytest
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
@@ -125,6 +126,12 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
 # Seeds of the rows of several choices, with which each value is in one that shows it, and no clip that rounding in one
 # channel can turn is in RGB.
 PACE = {"surface_motion": 33, "rectify_history": 5, "blend": 1}
+# Values that give the bits of the usual one where nothing else is changed, by ways of their own: each has a row alone.
+UNSEEN = {
+    "sample_history": ["storage=double"],
+    "rectify_history": ["box=rounded"],
+    "blend": ["anti_flicker=clamp-distance", "rectify=clip"],
+}
 LONG_RING = 48  # frames
 # Values that a stage's code does not tell from another one.
 ALIKE: dict[str, dict[str, str]] = {
@@ -274,6 +281,14 @@ def differing(work: Work, a: Planes, b: Planes, *, halo: bool = False) -> int:
     return count
 
 
+def variant_names(kernel: str, build: Build) -> list[Any]:
+    """Parameters of a test: kernel and name of each variant, all heavy but the default; the fused kernels' are built as
+    users have them."""
+    marks = [pytest.mark.big, *([pytest.mark.optimised] if kernel in FUSED else [])]
+    names = variants(kernel, build)
+    return [pytest.param(kernel, name, marks=pytest.mark.optimised if name == "default" else marks) for name in names]
+
+
 def variants(kernel: str, build: Build) -> dict[str, Build]:
     """``build``, with each choice or step that a stage looks at changed on its own, and as it is shipped; by name.
 
@@ -329,4 +344,5 @@ def rows_together(kernel: str, build: Build) -> list[dict[str, Any]]:
     turns = {name: [column[at % len(column)] for at in range(count)] for name, column in columns.items()}
     for turn in turns.values():
         chance.shuffle(turn)
-    return [{name: turn[at] for name, turn in turns.items()} for at in range(count)]
+    alone = [{name: v} for name in found for v in found[name] if f"{name}={v}" in UNSEEN.get(kernel, [])]
+    return [{name: turn[at] for name, turn in turns.items()} for at in range(count)] + alone

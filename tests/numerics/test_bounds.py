@@ -14,7 +14,17 @@ from cltaa.core.build import Build, Storage
 from cltaa.core.parameters import Accumulate
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.reference.real import greater
-from tests.kernels.stage_chain import ALL_STEPS, STAGES, WRITES, chain_work, changed, rows_together, run_stage, variants
+from tests.kernels.stage_chain import (
+    ALL_STEPS,
+    STAGES,
+    WRITES,
+    chain_work,
+    changed,
+    rows_together,
+    run_stage,
+    variant_names,
+    variants,
+)
 from tests.numerics.bounded import Bounded
 from tests.numerics.decision import Decision
 from tests.numerics.tolerances import (
@@ -83,12 +93,7 @@ def test_parts_of_numbers_carry_what_rounding_may_turn() -> None:
 # What is left out leaves no sum in another order.
 @pytest.mark.parametrize(
     ("kernel", "name"),
-    [
-        pytest.param(k, name, marks=[pytest.mark.optimised] if name == "default" else [pytest.mark.big])
-        for k in WRITES
-        for name in variants(k, DEFAULT)
-        if not name.endswith(("=False", "=none"))
-    ],
+    [names for k in WRITES for names in variant_names(k, DEFAULT) if not names.values[1].endswith(("=False", "=none"))],
 )
 def test_a_fast_kernel_lies_inside_its_bound_and_near_it(kernel: str, name: str) -> None:
     check(rows_of(kernel, variants(kernel, DEFAULT)[name]))
