@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scipy import ndimage
 import trimesh
+from scipy import ndimage
 
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.scene import Texture
