@@ -31,12 +31,7 @@ LIBRARIES = ("numpy", "OpenEXR", "pyrender", "PyOpenGL", "trimesh", "scipy", "Pi
 SAVE_EVERY = 1.0  # seconds; what a kill can cost
 SHADER_SUFFIXES = (".vert", ".frag", ".glsl")
 # What talks, measures or keeps the record, and draws nothing.
-NOT_DRAWING = (
-    "cltaa_capture/cli.py",
-    "cltaa_capture/explain.py",
-    "cltaa_capture/manifest.py",
-    "cltaa_datasets/cli.py",
-)
+NOT_DRAWING = ("cltaa_capture/cli.py", "cltaa_capture/explain.py", "cltaa_capture/manifest.py", "cltaa_datasets/cli.py")
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
 
 
