@@ -92,7 +92,7 @@ COMMANDS = {
 MEASUREMENTS = {
     "accuracy": Entry("cltaa.commands.bench_accuracy", "accuracy", "Measure what each step of accuracy costs in time."),
     "api": Entry("cltaa.commands.bench_times", "api", "Time a call from a program against its kernels and the bus."),
-    "devices": Entry("cltaa.commands.bench_devices", "devices", "Measure how kernels are best cut up for a device."),
+    "devices": Entry("cltaa.commands.bench_times", "devices", "Measure how kernels are best cut up for a device."),
     "effects": Entry("cltaa.commands.bench_times", "effects", "Measure what the plan saves."),
     "files": Entry("cltaa.commands.bench_times", "files", "Time files, and how well the stages of a resolve overlap."),
     "kernels": Entry("cltaa.commands.bench_times", "kernels", "Time the kernels against the alternatives."),
@@ -107,9 +107,7 @@ GOES_ON = {("capture",), ("demo",), ("resolve",), ("bench", "accuracy"), ("bench
 
 
 @click.group(
-    cls=LazyGroup,
-    entries=COMMANDS,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    cls=LazyGroup, entries=COMMANDS, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
 )
 @click.version_option(__version__)
 @click.option("--debug", is_flag=True, help="Show the whole traceback of an error.")

@@ -11,8 +11,15 @@ from hypothesis import HealthCheck, settings
 
 from cltaa.process import configure
 
+TOP = Path(__file__).parents[1]
+
 # Tests call the command line in their own process; what the library leaves alone is for tests/test_host_process.py.
 configure()
+# Built kernels stay where they are for any command; of all else that the user keeps, as the shape of a device, no test
+# knows. Other libraries keep their own there, as fonts and shaders, from run to run.
+CACHE = TOP / ".pytest_cache" / "user"
+CACHE.mkdir(parents=True, exist_ok=True)
+os.environ["XDG_CACHE_HOME"] = str(CACHE)
 
 import pyopencl as cl  # noqa: E402
 
@@ -23,8 +30,6 @@ from cltaa.opencl.device import POCL  # noqa: E402
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
 settings.register_profile("big", settings.get_profile("patient"), max_examples=500, derandomize=False)
 settings.load_profile("patient")
-
-TOP = Path(__file__).parents[1]
 
 # The tests spend most of their time on builds of kernels, and PoCL builds one in half the time without LLVM's
 # optimisation. Those that are about what users have ask for it; the bits are the same. Other drivers build as ever.

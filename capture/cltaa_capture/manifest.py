@@ -12,6 +12,7 @@ import json
 import platform
 import time
 from contextlib import suppress
+from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -30,15 +31,11 @@ LIBRARIES = ("numpy", "OpenEXR", "pyrender", "PyOpenGL", "trimesh", "scipy", "Pi
 SAVE_EVERY = 1.0  # seconds; what a kill can cost
 SHADER_SUFFIXES = (".vert", ".frag", ".glsl")
 # What talks, measures or keeps the record, and draws nothing.
-NOT_DRAWING = (
-    "cltaa_capture/cli.py",
-    "cltaa_capture/explain.py",
-    "cltaa_capture/manifest.py",
-    "cltaa_datasets/cli.py",
-)
+NOT_DRAWING = ("cltaa_capture/cli.py", "cltaa_capture/explain.py", "cltaa_capture/manifest.py", "cltaa_datasets/cli.py")
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
 
 
+@cache
 def code_sha256() -> str:
     """SHA-256 over the code and shaders of capture and scenes that draw: other code may draw other pixels.
 

@@ -123,15 +123,7 @@ def accuracy(
     make_folder(output)
     import_pyplot()  # this and what is read how are told before the work, not after it
     open_each(sequences, reading)
-    result = bench_accuracy(
-        tasks,
-        output,
-        rounds=rounds,
-        patience=patience,
-        pixels=pixels,
-        jobs=jobs,
-        dask=dask,
-    )
+    result = bench_accuracy(tasks, output, rounds=rounds, patience=patience, pixels=pixels, jobs=jobs, dask=dask)
     write_report(result, output, pictured, {"index.html": page(result, tasks, output, pictured)})
     if as_json:
         click.echo(json_of(result))
@@ -146,10 +138,7 @@ def chosen_variants(preset: Preset, groups: Sequence[str], named: Sequence[str] 
     if not groups and not named:
         return every
     kinds, names = {variant.group for variant in every}, {variant.name for variant in every}
-    for option, kind, chosen, there in (
-        ("--variant", "variant", named, names),
-        ("--only", "group", groups, kinds),
-    ):
+    for option, kind, chosen, there in (("--variant", "variant", named, names), ("--only", "group", groups, kinds)):
         for name in chosen:
             if name not in there:
                 raise UsageError(f"{option}: unknown {kind} {name}", cure=known(name, sorted(there), f"{kind}s"))

@@ -119,11 +119,7 @@ ALL_SCENES = "all"  # of cltaa scenes
     help="FLIP, the slowest score, judges the last frame and every N-th before it.",
 )
 @click.option(
-    "--work",
-    default=Path("quality"),
-    show_default=True,
-    type=FILE_PATH,
-    help="Folder of captures and finished cells.",
+    "--work", default=Path("quality"), show_default=True, type=FILE_PATH, help="Folder of captures and finished cells."
 )
 @click.option("--any-code", is_flag=True, help="Keep cells that other versions of the code measured.")
 @click.option(
@@ -180,10 +176,7 @@ def quality(
     if scenes or not folders:
         cases += _planned(scenes, seeds, shape, work)
     if msgspec.structs.replace(reading, effects="auto") != DEFAULT_READING and not folders:
-        what, cure = (
-            "profile, input, camera, step and truth are of frames that are there",
-            "name them: --sequence",
-        )
+        what, cure = ("profile, input, camera, step and truth are of frames that are there", "name them: --sequence")
         raise UsageError(what, cure=cure)
     sequences = _opened(folders, settled, reading)
     launcher = launcher_for(device)  # one for all sequences, so that each kernel is built once

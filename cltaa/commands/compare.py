@@ -9,22 +9,8 @@ from typing import Any
 
 import click
 
-from cltaa.commands.compare_table import (
-    Values,
-    compare_table,
-    print_meanings,
-    score_cells,
-    score_heads,
-    value_cells,
-)
-from cltaa.commands.options import (
-    FILE_PATH,
-    SOME_FRAMES,
-    STOPS,
-    input_options,
-    json_option,
-    verify_option,
-)
+from cltaa.commands.compare_table import Values, compare_table, print_meanings, score_cells, score_heads, value_cells
+from cltaa.commands.options import FILE_PATH, SOME_FRAMES, STOPS, input_options, json_option, verify_option
 from cltaa.commands.printing import figures, print_line, print_table, three_digits
 from cltaa.errors import LONGEST_VALUE, UsageError
 from cltaa.io.atomic import make_folder
@@ -32,13 +18,7 @@ from cltaa.io.names import name_of, number_of, selection_of
 from cltaa.io.numbered import even_step, named_frames, ranges
 from cltaa.io.sequence import FrameSequence, ImageSequence
 from cltaa.lab.judge.comparison import Comparison, doubts, pair_up
-from cltaa.lab.judge.metrics import (
-    DEFAULT_METRICS,
-    METRICS,
-    Metric,
-    parse_metrics,
-    versions_of,
-)
+from cltaa.lab.judge.metrics import DEFAULT_METRICS, METRICS, Metric, parse_metrics, versions_of
 from cltaa.lab.judge.one_pass import judge, stale_maps, summary_of
 from cltaa.lab.judge.video_scores import SCORES
 from cltaa.printable import counted, json_of, printable, shown

@@ -1,15 +1,181 @@
-"""``cltaa doctor``: what this machine offers to capture and resolve."""
+"""``cltaa doctor``: what this machine offers to capture and resolve, each probed apart, each fault with its cure."""
 
 from __future__ import annotations
 
+import json
+import os
+import platform
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
 import click
+import msgspec
 from rich.table import Table
 
 from cltaa.commands.options import json_option
 from cltaa.commands.printing import Console
-from cltaa.doctor import Diagnosis, diagnose
-from cltaa.errors import DeviceMissing
-from cltaa.printable import json_of, shown
+from cltaa.errors import DeviceMissing, UsageError
+from cltaa.opencl import cache as kernel_cache
+from cltaa.opencl.pocl_cpu_name import cpu_facts, cpu_flags, cpu_name, level_of
+from cltaa.printable import counted, json_of, shown
+
+# A cold build of every kernel takes about 10 s on one core, 60 s on one that ten others want too; far beyond that a
+# probe hangs.
+PROBE_SECONDS = 600
+
+LINKER_CURE = "sudo apt-get install -y gcc libc6-dev"
+OPENCL_CURE = "python -m pip install 'pyopencl[pocl]'"
+OSMESA_CURE = "sudo apt-get install -y libosmesa6"
+EGL_CURE = "sudo apt-get install -y libegl1 libegl-mesa0 libgl1"
+RESOLVE_CURE = "see to the lines above first; cltaa resolve --debug shows the whole error"
+ABORT_CURE = (
+    "see to the lines above first; else --device numpy does without a driver (slowly), another OpenCL driver may do; "
+    "a report of this should hold the whole table"
+)
+KEPT_CURE = "what was built earlier is at fault: remove the folder of the kernel cache"
+PACKAGES_CURE = "sh scripts/setup, or python -m pip install 'cltaa[all]'"
+
+
+class Finding(msgspec.Struct, frozen=True):
+    """One thing looked for: ``found`` says what there is or what went wrong, ``cure`` what to do where it is not ok.
+
+    ``serves`` is what the thing is for, "capture" or "resolve", or "both"; ``died`` whether the driver ended the probe.
+    """
+
+    name: str
+    serves: str
+    ok: bool
+    found: str
+    cure: str | None = None
+    devices: list[dict[str, object]] = []
+    died: bool = False
+
+
+class Diagnosis(msgspec.Struct, frozen=True):
+    """Every finding, and the two answers that count."""
+
+    capture: bool
+    resolve: bool
+    findings: list[Finding]
+
+    def hurts(self, finding: Finding) -> bool:
+        """Return whether what the finding serves does not work; without EGL, say, capture may still have OSMesa."""
+        works = {"capture": self.capture, "resolve": self.resolve, "both": self.capture and self.resolve}
+        return not finding.ok and not works[finding.serves]
+
+
+def diagnose() -> Diagnosis:
+    """Look at everything, the slow things side by side, and return the findings in a fixed order."""
+    looks: list[Callable[[], Finding]] = [
+        look_at_python,
+        look_at_processor,
+        lambda: probe("EXR files", "both", PACKAGES_CURE, "files"),
+        look_at_linker,
+        lambda: probe("kernel cache", "resolve", kernel_cache.CURE, "cache"),
+        lambda: probe("OpenCL devices", "resolve", OPENCL_CURE, "devices"),
+        look_at_resolve,
+        lambda: probe("capture on OSMesa", "capture", OSMESA_CURE, "capture", "osmesa"),
+        lambda: probe("capture on EGL", "capture", EGL_CURE, "capture", "egl"),
+    ]
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        findings = list(pool.map(lambda look: look(), looks))
+    ok = {finding.name: finding.ok for finding in findings}
+    return Diagnosis(
+        capture=ok["EXR files"] and (ok["capture on OSMesa"] or ok["capture on EGL"]),
+        resolve=ok["EXR files"] and ok["resolve"],
+        findings=findings,
+    )
+
+
+def probe(name: str, serves: str, cure: str, *arguments: str, **environment: str) -> Finding:
+    """Run ``python -m cltaa.probes ARGUMENTS`` in a process of its own, which may die, and say what came of it."""
+    command = [sys.executable, "-m", "cltaa.probes", *arguments]
+    try:
+        child = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=PROBE_SECONDS,
+            check=False,
+            env=os.environ | environment,
+        )
+    except subprocess.TimeoutExpired:
+        return Finding(name, serves, ok=False, found=f"no answer in {PROBE_SECONDS} s", cure=cure)
+    if child.returncode:
+        if child.returncode == UsageError.exit_code:  # of a probe: a Python package is missing, and no driver's fault
+            cure = PACKAGES_CURE
+        died = child.returncode < 0
+        found = why_it_died(child.stderr, -child.returncode) if died else _last_line(child.stderr, child.returncode)
+        return Finding(name, serves, ok=False, found=found, cure=cure, died=died)
+    answer = json.loads(child.stdout.splitlines()[-1])
+    if isinstance(answer, str):
+        return Finding(name, serves, ok=True, found=answer)
+    first = f", first {answer[0]['device']} ({answer[0]['driver']})" if answer else ""
+    return Finding(name, serves, ok=bool(answer), found=f"{len(answer)} found{first}", cure=cure, devices=answer)
+
+
+def _last_line(said: str, code: int) -> str:
+    lines = [line for line in said.splitlines() if line.strip()]
+    return lines[-1].removeprefix("cltaa: error: ") if lines else f"ended with {code}"
+
+
+def why_it_died(said: str, number: int) -> str:
+    """The line in which a driver that ended its process says why, and the signal.
+
+    That is seldom the last: LLVM goes on about the function, and PoCL about what it still holds.
+    """
+    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    telling = [line for mark in ("LLVM ERROR", "error:") for line in lines if mark in line] or lines
+    return " ".join([*telling[:1], f"(ended by {signal.Signals(number).name})"])
+
+
+def look_at_resolve() -> Finding:
+    """Resolve with the kernels that are kept; where that ends the process, again with none.
+
+    What an aborted build leaves behind makes the driver say something else the second time.
+    """
+    kept = probe("resolve", "resolve", RESOLVE_CURE, "resolve")
+    if not kept.died:
+        return kept
+    with tempfile.TemporaryDirectory() as empty:
+        anew = probe("resolve", "resolve", ABORT_CURE, "resolve", POCL_CACHE_DIR=empty)
+    return msgspec.structs.replace(kept, cure=KEPT_CURE) if anew.ok else anew
+
+
+def look_at_python() -> Finding:
+    """Name the interpreter and the machine; an interpreter that is too old could not have been installed into."""
+    return Finding("Python", "both", ok=True, found=f"{platform.python_version()} on {platform.platform(terse=True)}")
+
+
+def look_at_processor() -> Finding:
+    """Name the processor, and on x86-64 its level, which is what kernels are built for where PoCL does not know it."""
+    told, words = cpu_facts(), [cpu_name()]
+    words += [f"{key.removeprefix('cpu ')} {told[key]}" for key in ("cpu family", "model") if key in told]
+    words += [level_of(cpu_flags()).name.decode()] * (platform.machine() == "x86_64")
+    return Finding("processor", "both", ok=True, found=", ".join([*words, counted(os.cpu_count() or 1, "core")]))
+
+
+def look_at_linker() -> Finding:
+    """Link a shared object against the C library, as PoCL does for every kernel."""
+    name = "linker and C files"
+    compiler = shutil.which("gcc")
+    if compiler is None or shutil.which("ld") is None:
+        return Finding(name, "resolve", ok=False, found="gcc or ld is not in PATH", cure=LINKER_CURE)
+    with tempfile.TemporaryDirectory() as folder:
+        command = [compiler, "-shared", "-x", "c", "-o", str(Path(folder, "probe.so")), "-"]
+        source = "#include <math.h>\nint probe(void) { return 0; }\n"
+        child = subprocess.run(command, input=source, capture_output=True, text=True, errors="replace", check=False)
+    if child.returncode:
+        found = _last_line(child.stderr, child.returncode)
+        return Finding(name, "resolve", ok=False, found=found, cure=LINKER_CURE)
+    return Finding(name, "resolve", ok=True, found=f"{compiler} links")
 
 
 @click.command()

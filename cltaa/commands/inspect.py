@@ -98,11 +98,7 @@ OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_row
 
 @click.command(context_settings={"allow_extra_args": True})  # of files that a shell lists
 @click.argument("folder", metavar="SEQUENCE", type=FILE_PATH)
-@click.option(
-    "--pixels",
-    is_flag=True,
-    help="Decode every frame: ranges, NaN, infinities, promises kept.",
-)
+@click.option("--pixels", is_flag=True, help="Decode every frame: ranges, NaN, infinities, promises kept.")
 @click.option("--plan", "planned", is_flag=True, help="Say which steps a resolve runs, why, and what each costs here.")
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="With --plan: whose steps.")
 @click.option("--device", metavar="NAME", help="With --plan: where; its index or a part of its name.")
@@ -115,11 +111,7 @@ OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_row
 )
 @click.option("--config", type=FILE_PATH, help="With --plan: TOML file of parameters, over the preset.")
 @click.option(
-    "--set",
-    "changes",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="With --plan: one parameter; may be repeated.",
+    "--set", "changes", multiple=True, metavar="KEY=VALUE", help="With --plan: one parameter; may be repeated."
 )
 @partial(storage_option, where="With --plan: ")
 @click.option(

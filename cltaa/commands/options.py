@@ -136,26 +136,18 @@ class _Size(_Tuple):
         return int(match[1]), int(match[2])
 
 
-class _FrameRange(_Tuple):
-    """The first and the last of some frames, both included, or one frame alone."""
-
-    name = "FIRST-LAST"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        match = re.fullmatch(rf"(-?{DIGITS})(?:-(-?{DIGITS}))?", value)
-        if match is None:
-            self.fail(f"{value!r} is no range of frames, such as 8-47 or 12", param, ctx)
-        return int(match[1]), int(match[2] or match[1])
-
-
-class _SomeFrames(_FrameRange):
-    """The same, or a number of frames from the first on."""
+class _SomeFrames(_Tuple):
+    """A number of frames from the first on, or the numbers of the first and the last, both included."""
 
     name = "N|FIRST-LAST"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        counted = re.fullmatch(DIGITS, str(value))
-        return click.IntRange(min=1).convert(value, param, ctx) if counted else super().convert(value, param, ctx)
+        if re.fullmatch(DIGITS, str(value)):
+            return click.IntRange(min=1).convert(value, param, ctx)
+        match = re.fullmatch(rf"(-?{DIGITS})(?:-(-?{DIGITS}))?", value)
+        if match is None:
+            self.fail(f"{value!r} is no range of frames, such as 8-47 or 12", param, ctx)
+        return int(match[1]), int(match[2] or match[1])
 
 
 def frame_range(named: Named, frames: int | FrameRange | None) -> FrameRange | None:
@@ -202,7 +194,7 @@ class _WholeNumbers(_Tuple):
 
 
 FILE_PATH, FOLDER = _FilePath(path_type=Path), _Folder(path_type=Path)
-SIZE, FRAME_RANGE, SOME_FRAMES, NAMES, LAYERS = _Size(), _FrameRange(), _SomeFrames(), _Names(), _Layers()
+SIZE, SOME_FRAMES, NAMES, LAYERS = _Size(), _SomeFrames(), _Names(), _Layers()
 FROM_0, FROM_2 = _WholeNumbers(0), _WholeNumbers(2)  # lists of whole numbers
 SECONDS = _Number("s", min=0.0, min_open=True)
 STOPS = _Number(min=-EXPOSURE_STOPS, max=EXPOSURE_STOPS)

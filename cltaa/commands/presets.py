@@ -72,10 +72,7 @@ def parameter_rows(preset: Preset | None = None) -> list[dict[str, Any]]:
                 (meta,) = hint.__metadata__
                 extra = meta.extra
                 unit = "" if extra["unit"] == "1" else f", in {extra['unit']}"
-                row |= {
-                    "values": allowed(field.name),
-                    "meaning": f"{meta.description}{unit} [{extra['source']}]",
-                }
+                row |= {"values": allowed(field.name), "meaning": f"{meta.description}{unit} [{extra['source']}]"}
             else:
                 doc = (hint.__doc__ or "").strip().rstrip(".")
                 row |= {"values": allowed(field.name), "meaning": doc}

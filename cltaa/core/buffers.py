@@ -101,13 +101,7 @@ class Buffers:
         self._unpack("depth", depth, self.inverse_depth, kind, below, at)
 
     def _unpack(
-        self,
-        name: str,
-        array: Any,
-        target: Buffer,
-        kind: Kind = Kind.AS_IT_IS,
-        below: float = 0.0,
-        at: float = 0.0,
+        self, name: str, array: Any, target: Buffer, kind: Kind = Kind.AS_IT_IS, below: float = 0.0, at: float = 0.0
     ) -> None:
         if isinstance(array, np.ndarray) and flat(array) is None:
             array = np.array(array, np.float16 if array.dtype == np.float16 else np.float32, order="C")

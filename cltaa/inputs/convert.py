@@ -12,17 +12,7 @@ from numpy.typing import NDArray
 
 from cltaa.errors import DataError
 from cltaa.frame import Camera, Image, Matrix
-from cltaa.inputs.profile import (
-    Cameras,
-    Depth,
-    DepthKind,
-    Encoding,
-    Jitter,
-    Motion,
-    Profile,
-    Units,
-    convert_profile,
-)
+from cltaa.inputs.profile import Cameras, Depth, DepthKind, Encoding, Jitter, Motion, Profile, Units, convert_profile
 from cltaa.io.display import decoded
 
 # Keys of a camera that a second correction turns back.

@@ -17,15 +17,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cltaa.errors import DataError, UsageError
-from cltaa.inputs.profile import (
-    Names,
-    Profile,
-    channels_option,
-    load_profile,
-    option_text,
-    override,
-    profile_names,
-)
+from cltaa.inputs.profile import Names, Profile, channels_option, load_profile, option_text, override, profile_names
 from cltaa.io.manifest import NAME as MANIFEST
 from cltaa.io.names import Named, number_of, selection_of
 from cltaa.io.numbered import captures_below, files_in, no_frames, only_below
@@ -35,12 +27,7 @@ REFERENCE = "reference"  # folders of this name, or that begin with it, hold tru
 
 
 # The key of a profile that names the channels of each role that a frame can do without.
-KEYS = {
-    "depth": "depth.channels",
-    "motion": "motion.channels",
-    "alpha": "colour.alpha",
-    "reactive": "colour.reactive",
-}
+KEYS = {"depth": "depth.channels", "motion": "motion.channels", "alpha": "colour.alpha", "reactive": "colour.reactive"}
 
 
 class Place(NamedTuple):

@@ -7,7 +7,6 @@ What a measurement depends on beside the code is kept beside its numbers (``Envi
 
 from __future__ import annotations
 
-import hashlib
 import math
 import os
 import platform
@@ -16,7 +15,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
@@ -26,7 +24,7 @@ from numpy.typing import NDArray
 from cltaa import __version__
 from cltaa.core.backend import Launcher
 from cltaa.core.build import Build
-from cltaa.core.kernel_source import kernel_folder
+from cltaa.core.kernel_source import code_sha256
 from cltaa.core.parameters import HistoryKind
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Frame, Image
@@ -306,7 +304,7 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
     load_after: float
     device: str
     libraries: dict[str, str]
-    kernels_sha256: str
+    kernels_sha256: str  # and of the constants that they are built with
     options: list[str]  # of the OpenCL compiler
     units: int = 0  # compute units of the device, of PoCL threads; 0 where they were not asked for
 
@@ -338,14 +336,6 @@ def pin_threads() -> None:
         os.environ.setdefault("POCL_AFFINITY", "1")
 
 
-def kernels_sha256(folder: Path) -> str:
-    """One SHA-256 over every kernel file and its name."""
-    digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*.[ch]*")):
-        digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
-
-
 def environment(device: str, load_before: float, *, units: int = 0) -> Environment:
     """The environment of a measurement that has just ended and began at ``load_before``."""
     flags = cpu_flags()
@@ -359,7 +349,7 @@ def environment(device: str, load_before: float, *, units: int = 0) -> Environme
         load_after=round(load_average(), 2),
         device=device,
         libraries={"cltaa": __version__} | {name: version(name) for name in LIBRARIES},
-        kernels_sha256=kernels_sha256(kernel_folder()),
+        kernels_sha256=code_sha256(),
         options=list(Build().flags()),
         units=units,
     )

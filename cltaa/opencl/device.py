@@ -17,9 +17,8 @@ from cltaa.core.backend import DEVICE_VARIABLE, Queue
 from cltaa.core.planes import LARGE_PAGE, bytes_in_large_pages
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
 from cltaa.opencl.cache import check_cache, filling
-from cltaa.opencl.kept_shape import kept_shape
 from cltaa.opencl.pocl_cpu_name import cpu_facts, cpu_vendor, known_lanes, name_unknown_cpu
-from cltaa.opencl.shape import SHAPES, Shape
+from cltaa.opencl.shape import SHAPES, Shape, kept_shape
 from cltaa.process import OneProcess
 
 POCL = "Portable Computing Language"  # the platform's name
@@ -278,7 +277,7 @@ def cpu_shape(width: int, vendor: str) -> str:
 
 
 def candidate_shapes(device: cl.Device) -> list[str]:
-    """The shapes that are worth a measurement on a device, the quickest to build first.
+    """The shapes that are worth a measurement on a device: the usual one, then the others, the quickest to build first.
 
     Only lanes are tried on a CPU, since rows and fetching ahead make no difference that two cores show; one lane suits
     a runtime that makes vectors of work-items. The compiler may end the process over more lanes than the CPU has.
@@ -286,9 +285,8 @@ def candidate_shapes(device: cl.Device) -> list[str]:
     usual, _ = usual_shape(device)
     if not is_cpu(device):
         return [usual, *(name for name in ("gpu", "gpu-long") if name != usual)]
-    most = known_lanes() or 16
-    others = [name for name in ("gpu", "cpu-4", "cpu-8", "cpu-16") if SHAPES[name].lanes <= most]
-    return [usual if SHAPES[name].lanes == SHAPES[usual].lanes else name for name in others]
+    most, lanes = known_lanes() or 16, SHAPES[usual].lanes
+    return [usual, *(name for name in ("gpu", "cpu-4", "cpu-8", "cpu-16") if lanes != SHAPES[name].lanes <= most)]
 
 
 def measured_on(device: cl.Device) -> dict[str, str]:

@@ -77,11 +77,7 @@ class Staged:
             with device_errors(self._device):
                 self._moving.append(
                     cl.enqueue_copy(
-                        self._device.queue,
-                        self.buffer,
-                        self._pinned[part],
-                        dst_offset=part.start,
-                        is_blocking=False,
+                        self._device.queue, self.buffer, self._pinned[part], dst_offset=part.start, is_blocking=False
                     )
                 )
 
@@ -95,11 +91,7 @@ class Staged:
         with device_errors(self._device):
             self._moving = [
                 cl.enqueue_copy(
-                    self._device.queue,
-                    self._pinned[part],
-                    self.buffer,
-                    src_offset=part.start,
-                    is_blocking=False,
+                    self._device.queue, self._pinned[part], self.buffer, src_offset=part.start, is_blocking=False
                 )
                 for part in self._parts
             ]

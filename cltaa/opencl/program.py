@@ -92,11 +92,7 @@ class Kernel(OneProcess):
         self._starting = Lock()  # arguments are the kernel's own: of two threads one starts it after the other
 
     def enqueue(
-        self,
-        queue: cl.CommandQueue,
-        size: tuple[int, ...],
-        group: tuple[int, ...] | None,
-        arguments: Mapping[str, Any],
+        self, queue: cl.CommandQueue, size: tuple[int, ...], group: tuple[int, ...] | None, arguments: Mapping[str, Any]
     ) -> cl.Event:
         """Start the kernel over ``size`` work-items in groups of ``group``; raises InternalError for a wrong name."""
         values = [arguments[name] for name in self.arguments if name in arguments]

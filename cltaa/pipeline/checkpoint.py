@@ -23,16 +23,7 @@ from cltaa.io.atomic import atomic_path
 CHECKPOINT_EVERY = 32  # frames; what an interruption without a warning can cost
 SLOTS = (".checkpoint-0.npz", ".checkpoint-1.npz")
 # What a damaged slot raises, whichever of its bytes is wrong.
-_DAMAGED = (
-    OSError,
-    ValueError,
-    KeyError,
-    EOFError,
-    MemoryError,
-    zipfile.BadZipFile,
-    zlib.error,
-    NotImplementedError,
-)
+_DAMAGED = (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error, NotImplementedError)
 
 
 class _Facts(msgspec.Struct, frozen=True):

@@ -8,27 +8,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from cltaa.reference import (
-    gather,
-    gather_window,
-    resolve,
-    stages,
-    store,
-)
+from cltaa.reference import gather, gather_window, planes, resolve, stages
 
 # Kernel name -> twin; called with (build, layout, **arguments by the kernel's own names).
 KERNELS: dict[str, Callable[..., Any]] = {
     "blend": stages.blend_kernel,
-    "extend_edges": store.extend_edges,
+    "extend_edges": planes.extend_edges,
     "gather": gather.gather,
     "gather_windows": gather_window.gather_windows,
-    "pack": store.pack,
+    "pack": planes.pack,
     "neighbourhood_statistics": stages.neighbourhood_statistics_kernel,
     "rectify_history": stages.rectify_history_kernel,
     "repair_colour": stages.repair_colour_kernel,
     "resolve": resolve.resolve,
     "sample_history": stages.sample_history_kernel,
     "surface_motion": stages.surface_motion_kernel,
-    "unpack": store.unpack,
+    "unpack": planes.unpack,
     "weigh_windows": gather_window.weigh_windows,
 }

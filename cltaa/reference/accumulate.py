@@ -235,12 +235,7 @@ def load_shares(
 
 
 def current_pixel(
-    rows: tuple[Row, Row, Row],
-    alpha: Array | None,
-    reactive: Array | None,
-    build: Build,
-    layout: Layout,
-    frame: Record,
+    rows: tuple[Row, Row, Row], alpha: Array | None, reactive: Array | None, build: Build, layout: Layout, frame: Record
 ) -> Pixel:
     """Each pixel from the rows above, at and below it, and from padded planes [1, rows, stride] of shares."""
     stats = neighbourhood_statistics(*rows, build, frame)

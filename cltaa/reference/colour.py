@@ -8,15 +8,7 @@ from cltaa.core.build import Build, Real
 from cltaa.core.constants import FILL_REACH, PAD_X, PAD_Y
 from cltaa.core.parameters import BoxSpace, Tonemap
 from cltaa.core.planes import Layout
-from cltaa.reference.real import (
-    Array,
-    Mask,
-    constant,
-    greater,
-    number,
-    outside_domain,
-    quiet,
-)
+from cltaa.reference.real import Array, Mask, constant, greater, number, outside_domain, quiet
 
 Colour = tuple[Array, Array, Array]
 

@@ -147,14 +147,7 @@ def distrust(reactivity: Array, build: Build) -> Array:
 
 
 def resolve_gathered(
-    g: Gathered,
-    far: Gathered,
-    layers: Layers,
-    p: Pixel,
-    m: Motion,
-    build: Build,
-    layout: Layout,
-    settings: Record,
+    g: Gathered, far: Gathered, layers: Layers, p: Pixel, m: Motion, build: Build, layout: Layout, settings: Record
 ) -> Resolved:
     """The pixel from its samples, the current one among them where it is not missing; filled where there are none."""
     current, alpha = p.own, p.alpha

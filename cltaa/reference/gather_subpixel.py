@@ -26,13 +26,7 @@ class SubpixelFeature(NamedTuple):
 
 
 def find_subpixel_feature(
-    s: Surface,
-    layers: Layers,
-    ring: Array,
-    past: Any,
-    build: Build,
-    layout: Layout,
-    settings: Record,
+    s: Surface, layers: Layers, ring: Array, past: Any, build: Build, layout: Layout, settings: Record
 ) -> tuple[Surface, Layers]:
     """``s`` and ``layers`` with the surface that the latest frames in the ring show in front of all that the 3x3 shows
     now, where it now lies near the pixel's centre and the camera alone moves it."""

@@ -20,15 +20,7 @@ from cltaa.reference.colour import (
     to_range,
 )
 from cltaa.reference.neighbourhood import spread_of_three
-from cltaa.reference.real import (
-    Array,
-    Mask,
-    constant,
-    greater,
-    lesser,
-    limit,
-    number,
-)
+from cltaa.reference.real import Array, Mask, constant, greater, lesser, limit, number
 from cltaa.reference.sampling import Footprint
 
 

@@ -11,24 +11,8 @@ from cltaa.core.build import Build, Record
 from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.parameters import Box, BoxSpace, CurrentFilter, Dilation, Neighbourhood, Variance
 from cltaa.core.planes import Layout
-from cltaa.reference.colour import (
-    Colour,
-    from_box_space,
-    in_units,
-    luminance,
-    to_box_space,
-    to_boxed,
-    to_range,
-)
-from cltaa.reference.real import (
-    Array,
-    constant,
-    greater,
-    lesser,
-    limit,
-    number,
-    outside_domain,
-)
+from cltaa.reference.colour import Colour, from_box_space, in_units, luminance, to_box_space, to_boxed, to_range
+from cltaa.reference.real import Array, constant, greater, lesser, limit, number, outside_domain
 
 
 class Moments(NamedTuple):

@@ -1,6 +1,6 @@
-"""What every twin reads of padded planes, and writes into them: twin of ``store_recurrent`` and ``extend_stored``.
+"""How twins read padded planes and write into them: twin of ``platform/storage.h``, ``store.cl`` and ``arrays.cl``.
 
-The first is of ``taa/accumulate.h``, the second of ``schedule/edges.h``.
+``store_recurrent`` is that of ``taa/accumulate.h``, ``extend_stored`` that of ``schedule/edges.h``.
 """
 
 from __future__ import annotations
@@ -8,15 +8,126 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
+from numpy.typing import NDArray
 
-from cltaa.core.build import Build, Real, Record
-from cltaa.core.planes import Layout
+from cltaa.camera import invert
+from cltaa.core.build import Build, Real, Record, Storage
+from cltaa.core.planes import Kind, Layout
 from cltaa.reference.accumulate import Resolved
 from cltaa.reference.colour import repaired_planes
 from cltaa.reference.illumination import tests_light
 from cltaa.reference.neighbourhood import Row, read_row
-from cltaa.reference.real import Array, constant
-from cltaa.reference.store import stored_history
+from cltaa.reference.real import Array, constant, quiet
+
+Words = NDArray[np.uint32]
+
+
+def half_storable(v: Array) -> Array:
+    """Within the range of halves, and +0 rather than what would round to -0."""
+    most, tiny = constant("HALF_LIMIT", v), constant("HALF_TINY", v)
+    limited = np.where(v > most, most, np.where(v < -most, -most, v))
+    return np.where(np.abs(limited) <= tiny, v.dtype.type(0.0), limited)
+
+
+def spread_bits(v: Words) -> Words:
+    """32 well spread bits from a number (the integer hash "lowbias32", Wellons 2018)."""
+    v = (v ^ (v >> np.uint32(16))) * np.uint32(0x7FEB352D)
+    v = (v ^ (v >> np.uint32(15))) * np.uint32(0x846CA68B)
+    return v ^ (v >> np.uint32(16))
+
+
+def storage_dither(layout: Layout, frame: Record) -> Array:
+    """A number in [0, 1) that is new for every pixel and frame and the same for every run, [H, W] float32."""
+    x, y = np.arange(layout.width, dtype=np.uint32), np.arange(layout.height, dtype=np.uint32)
+    row = spread_bits(y + spread_bits(np.array([frame["number"]], np.uint32)))
+    bits = spread_bits(x[None, :] ^ row[:, None])
+    dither = (bits >> np.uint32(8)).astype(np.float32)
+    result: Array = dither * constant("DITHER_STEP", dither)
+    return result
+
+
+def stochastic_half(v: Array, dither: Array) -> Array:
+    """One of the two halves around float32 ``v``, the upper one with the probability of the fraction between them."""
+    power = (v.view(np.int32) & np.int32(0x7F800000)).view(np.float32)
+    step = np.where(power > constant("HALF_NORMAL", v), power, constant("HALF_NORMAL", v)) * constant("HALF_STEP", v)
+    scaled = v / step
+    low = np.floor(scaled)
+    rounded: Array = np.where(scaled - low > dither, low + v.dtype.type(1.0), low) * step
+    return rounded
+
+
+def stored_history(v: Array, build: Build, layout: Layout, frame: Record) -> NDArray[Any]:
+    """``v`` [H, W] in the numbers of the history."""
+    if build.storage in (Storage.FLOAT, Storage.DOUBLE):
+        return v
+    rounded = half_storable(v.astype(np.float32))
+    if build.storage is Storage.HALF_STOCHASTIC:
+        rounded = stochastic_half(rounded, storage_dither(layout, frame)) + np.float32(0.0)  # no -0
+    return rounded.astype(np.float16)  # to the nearest, as vstore_half_rte does
+
+
+@quiet
+def pack(
+    build: Build,  # noqa: ARG001
+    layout: Layout,
+    *,
+    image: Array,
+    target: Array,
+    planes: int,
+    halves: int,
+    **places: int,
+) -> None:
+    """Twin of ``arrays.cl``: the result as an array, rounded to ``halves``, infinite from the largest half on."""
+    v = layout.inside(image)[:planes].astype(np.float32)
+    if halves:
+        v = np.where(np.abs(v) >= constant("HALF_LIMIT", v), v + v, v)
+    strided(target, v.shape, **places)[...] = v
+
+
+def unpack(
+    build: Build,  # noqa: ARG001
+    layout: Layout,
+    *,
+    source: Array,
+    target: Array,
+    planes: int,
+    kind: int,
+    below: float,
+    at: float,
+    **places: int,
+) -> None:
+    """Twin of ``arrays.cl``: planes with their halo from an array, of distances the inverse depth."""
+    inside = layout.inside(target)[:planes]
+    taken = strided(source, inside.shape, **places)
+    if kind == Kind.AS_IT_IS:
+        inside[...] = taken
+    else:
+        invert(taken.astype(np.float32, copy=False), inside, parallel=kind == Kind.PARALLEL)
+        inside[inside <= below] = at
+    layout.extend_edges(target[:planes])
+
+
+def strided(array: Array, shape: tuple[int, ...], **places: int) -> Array:
+    """The planes of that ``shape`` that lie in a flat ``array`` where kernels are told so."""
+    steps = (places[f"{axis}_step"] * array.itemsize for axis in ("plane", "row", "column"))
+    return as_strided(array[places["first"] :], shape, tuple(steps))
+
+
+def extend_edges(
+    build: Build,  # noqa: ARG001
+    layout: Layout,
+    *,
+    image: Array,
+    floats: Array | None,
+    frame: Record,  # noqa: ARG001
+    planes: int,
+    more: int,
+) -> None:
+    """Repeat the edge of the first ``planes`` planes of ``image``, and of ``more`` of ``floats``, into the halo."""
+    layout.extend_edges(image[:planes])
+    if floats is not None:
+        layout.extend_edges(floats[:more])
 
 
 def real_type(build: Build) -> Any:

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from cltaa import doctor, probes
+from cltaa import probes
 from cltaa.cli import main
-from cltaa.commands.doctor import _cell
+from cltaa.commands import doctor
 from cltaa.opencl import cache as kernel_cache
 from cltaa.opencl.device import choose_device, chosen_shape
 
@@ -125,4 +125,4 @@ def test_memory_of_others_is_told_by_the_extensions_for_it(extensions: str, foun
     device = SimpleNamespace(name="D", platform=platform, opencl_c_version="1.2", extensions=extensions, **numbers)
     facts = probes._facts(device)
     assert facts["external_memory"] == found
-    assert said in _cell("external_memory", found)
+    assert said in doctor._cell("external_memory", found)

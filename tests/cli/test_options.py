@@ -5,14 +5,7 @@ from __future__ import annotations
 import click
 import pytest
 
-from cltaa.commands.options import (
-    FRAME_RANGE,
-    FROM_0,
-    FROM_2,
-    NAMES,
-    SECONDS,
-    SIZE,
-)
+from cltaa.commands.options import FROM_0, FROM_2, NAMES, SECONDS, SIZE, SOME_FRAMES
 
 
 @pytest.mark.parametrize(
@@ -20,8 +13,9 @@ from cltaa.commands.options import (
     [
         (SIZE, "640x360", (640, 360)),
         (SIZE, "640X360", (640, 360)),
-        (FRAME_RANGE, "8-47", (8, 47)),
-        (FRAME_RANGE, "12", (12, 12)),
+        (SOME_FRAMES, "8-47", (8, 47)),
+        (SOME_FRAMES, "-3", (-3, -3)),
+        (SOME_FRAMES, "12", 12),
         (NAMES, " zip, piz,", ("zip", "piz")),
         (NAMES, "", ()),
         (FROM_0, "0, 7", (0, 7)),
@@ -29,7 +23,7 @@ from cltaa.commands.options import (
         (FROM_2, "2,4", (2, 4)),
     ],
 )
-def test_what_is_understood(kind: click.ParamType[tuple[object, ...]], text: str, value: tuple[object, ...]) -> None:
+def test_what_is_understood(kind: click.ParamType[tuple[object, ...]], text: str, value: object) -> None:
     assert kind.convert(text, None, None) == value
 
 
@@ -39,9 +33,9 @@ def test_what_is_understood(kind: click.ParamType[tuple[object, ...]], text: str
         (SIZE, "0x4"),
         (SIZE, "640"),
         (SIZE, "1" * 5000 + "x1"),
-        (FRAME_RANGE, "-"),
-        (FRAME_RANGE, "2..3"),
-        (FRAME_RANGE, "1" * 5000),
+        (SOME_FRAMES, "-"),
+        (SOME_FRAMES, "2..3"),
+        (SOME_FRAMES, "1" * 5000),
         (FROM_0, "-1"),
         (FROM_0, "1" * 5000),
         (FROM_2, "2,1"),

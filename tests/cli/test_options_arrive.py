@@ -147,8 +147,8 @@ COMMANDS = {
     "bench devices": Command(
         "bench devices",
         {
-            "cltaa.commands.bench_devices.bench_shapes": begins,
-            "cltaa.commands.bench_devices.forget_shapes": begins,
+            "cltaa.commands.bench_times.bench_shapes": begins,
+            "cltaa.commands.bench_times.forget_shapes": begins,
         },
     ),
     "bench files": Command(

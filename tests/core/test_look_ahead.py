@@ -58,14 +58,12 @@ def test_every_image_comes_once_and_in_order(lanes_of: str | None) -> None:
     assert same([image for some in ready for image in some] + last, images(frames, looking(), lanes_of))
 
 
-@pytest.mark.parametrize("device", [None, "numpy"])
-@pytest.mark.parametrize("ahead", [0, AHEAD])
+@pytest.mark.parametrize(("ahead", "device"), [(0, "numpy"), (AHEAD, "numpy"), (AHEAD, None)])
 def test_frames_that_are_only_kept_are_gathered_as_if_they_had_been_resolved(ahead: int, device: str | None) -> None:
     frames = [replace(frame, effects=None) for frame in hard_frames(count=10)]
     frames[5] = replace(frames[5], cut=True)
-    changes = {"history_frames": KEPT, "look_ahead": ahead, "recursion": "none"}
-    preset = override(load_preset("gather-8"), changes)
-    whole, resolver = images(frames, preset, device), Resolver(preset, device)
+    preset = looking(look_ahead=ahead, recursion="none")
+    whole, resolver = images(frames, preset, device, strict=True), Resolver(preset, device, strict=True)
     for first in (4, 6, 8):  # the last frame kept, or one of them, is the cut
         resolver.reset()
         for frame in frames[first - KEPT : first]:

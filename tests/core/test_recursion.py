@@ -93,7 +93,7 @@ def test_a_lamp_that_goes_on_is_followed() -> None:
 
 @pytest.mark.parametrize("name", ["gather-8", "gather-8+8"])
 def test_the_device_has_the_bits_of_the_oracle(name: str) -> None:
-    ours, theirs = (last(load_preset(name), [1.0] * 14, device) for device in (None, "numpy"))
+    ours, theirs = (last(preset_of(name, "standing"), [1.0] * 14, device) for device in (None, "numpy"))
     assert np.array_equal(bits(ours), bits(theirs))
 
 

@@ -93,7 +93,7 @@ def copying(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("call", CALLS)
 @pytest.mark.parametrize(
-    ("stride", "turn"), [(9, 0), pytest.param(1, 0, marks=pytest.mark.big), pytest.param(1, 1, marks=pytest.mark.big)]
+    ("stride", "turn"), [(13, 0), pytest.param(1, 0, marks=pytest.mark.big), pytest.param(1, 1, marks=pytest.mark.big)]
 )
 def test_device_lost_at_the_nth_call(
     tmp_path: Path,
@@ -153,7 +153,7 @@ def test_no_memory_for_the_nth_buffer(
 ) -> None:
     """Buffers are touched when they are made: a lack of memory shows before the first frame, with the bytes needed.
 
-    Those of the first frame one after another, and every seventh of those that each later frame asks for alike.
+    Those of the first frame one after another, and every thirteenth of those that each later frame asks for alike.
     """
     copies = more is None
     if more is None:
@@ -167,7 +167,7 @@ def test_no_memory_for_the_nth_buffer(
     assert gathers or expected.items() <= on_device[1].items()
     ring = load_preset("gather-8").settings.history_frames + 1  # and the one in work
     while reached:
-        at += 1 if at < 12 else 7
+        at += 1 if at < 12 else 13
         failing = Failing(real, at, failure)
         monkeypatch.setattr(cl, name, failing)
         code = main([*command, *more, "--restart"])

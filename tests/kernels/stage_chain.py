@@ -7,6 +7,7 @@ wrote. What a stage needs is read from the signature of its twin, so that a new 
 from __future__ import annotations
 
 import inspect
+import random
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -121,6 +122,15 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "weighting",
     ),
     "weigh_windows": ("alpha", "storage", "weighting"),
+}
+# Seeds of the rows of several choices, with which each value is in one that shows it, and no clip that rounding in one
+# channel can turn is in RGB.
+PACE = {"surface_motion": 33, "rectify_history": 5, "blend": 1}
+# Values that give the bits of the usual one where nothing else is changed, by ways of their own: each has a row alone.
+UNSEEN = {
+    "sample_history": ["storage=double"],
+    "rectify_history": ["box=rounded"],
+    "blend": ["anti_flicker=clamp-distance", "rectify=clip"],
 }
 LONG_RING = 48  # frames
 # Values that a stage's code does not tell from another one.
@@ -272,8 +282,9 @@ def differing(work: Work, a: Planes, b: Planes, *, halo: bool = False) -> int:
 
 
 def variant_names(kernel: str, build: Build) -> list[Any]:
-    """Parameters of a test: kernel and name of each variant; those of the fused kernels, 5 s to build, are big."""
-    marks = [pytest.mark.big, pytest.mark.optimised] if kernel in FUSED else []
+    """Parameters of a test: kernel and name of each variant, all heavy but the default; the fused kernels' are built as
+    users have them."""
+    marks = [pytest.mark.big, *([pytest.mark.optimised] if kernel in FUSED else [])]
     names = variants(kernel, build)
     return [pytest.param(kernel, name, marks=pytest.mark.optimised if name == "default" else marks) for name in names]
 
@@ -289,17 +300,49 @@ def variants(kernel: str, build: Build) -> dict[str, Build]:
 
 def every_variant(kernel: str, build: Build) -> dict[str, Build]:
     """``variants``, and those that are alike."""
-    named = {"default": build}
-    for name in LOOKS_AT[kernel]:
-        part = next((part for part in ("choices", "steps") if hasattr(getattr(build, part), name)), "")
-        holder = getattr(build, part) if part else build
-        before = getattr(holder, name)
-        for value in [not before] if isinstance(before, bool) else [v for v in type(before) if v is not before]:
-            changed = replace(holder, **{name: value})
-            named[f"{name}={value}"] = replace(build, **{part: changed}) if part else changed
+    changes = [(name, value) for name, values in others(kernel, build).items() for value in values]
+    named = {"default": build} | {f"{name}={value}": changed(build, {name: value}) for name, value in changes}
     if kernel in SHIPPED:
         shipped = load_preset(SHIPPED[kernel]).choices
         if kernel == "gather":  # which the plan asks only where no illumination change is declared
             shipped = replace(shipped, illumination=Illumination.STATIC)
         named[f"preset={SHIPPED[kernel]}"] = replace(build, choices=shipped)
     return named
+
+
+def others(kernel: str, build: Build) -> dict[str, list[Any]]:
+    """The values that each choice or step that a stage looks at does not have in ``build``."""
+    found = {}
+    for name in LOOKS_AT[kernel]:
+        usual = value_in(build, name)
+        found[name] = [not usual] if isinstance(usual, bool) else [v for v in type(usual) if v is not usual]
+    return found
+
+
+def value_in(build: Build, name: str) -> Any:
+    """The value of a choice or step, or of the build's own."""
+    return getattr(next((part for part in (build.choices, build.steps) if hasattr(part, name)), build), name)
+
+
+def changed(build: Build, row: dict[str, Any]) -> Build:
+    """``build`` with the values of a row."""
+    for name, value in row.items():
+        part = next((part for part in ("choices", "steps") if hasattr(getattr(build, part), name)), None)
+        changes = {name: value} if part is None else {part: replace(getattr(build, part), **{name: value})}
+        build = replace(build, **changes)
+    return build
+
+
+def rows_together(kernel: str, build: Build) -> list[dict[str, Any]]:
+    """What ``variants`` of a stage change one at a time, several at once, for a build takes most of a second: of each
+    choice one value after another, the usual one among them, shuffled apart from the others'."""
+    alike, found = ALIKE.get(kernel, {}), others(kernel, build)
+    values = {name: [v for v in found[name] if f"{name}={v}" not in alike] for name in found}
+    columns = {name: [*rest, value_in(build, name)] for name, rest in values.items() if rest}
+    chance = random.Random(PACE.get(kernel, 0))
+    count = max(map(len, columns.values()), default=0)
+    turns = {name: [column[at % len(column)] for at in range(count)] for name, column in columns.items()}
+    for turn in turns.values():
+        chance.shuffle(turn)
+    alone = [{name: v} for name in found for v in found[name] if f"{name}={v}" in UNSEEN.get(kernel, [])]
+    return [{name: turn[at] for name, turn in turns.items()} for at in range(count)] + alone

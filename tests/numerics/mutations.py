@@ -28,7 +28,7 @@ BITS = [
     "tests/kernels/test_twins.py::test_a_reset_uses_no_history_and_gives_the_bits_of_the_twin",
     "tests/kernels/test_twins.py::test_edges_are_extended_as_the_twin_extends_them",
     "tests/kernels/test_twins.py::test_a_kernel_writes_its_pixels_and_at_most_the_rest_of_a_segment",
-    "tests/kernels/test_twins.py::test_a_stage_gives_the_bits_of_its_twin_for_every_choice",
+    "tests/kernels/test_twins.py::test_a_stage_gives_the_bits_of_its_twin_for_many_choices",
     "tests/kernels/test_resolve.py::test_same_bits_for_every_storage",
 ]
 # What the table calls ``bound of KERNEL-CHOICE``, ``twin of KERNEL-CHOICE`` and so on; gpu is a program of one lane.

@@ -14,7 +14,17 @@ from cltaa.core.build import Build, Storage
 from cltaa.core.parameters import Accumulate
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.reference.real import greater
-from tests.kernels.stage_chain import ALL_STEPS, WRITES, chain_work, run_stage, variant_names, variants
+from tests.kernels.stage_chain import (
+    ALL_STEPS,
+    STAGES,
+    WRITES,
+    chain_work,
+    changed,
+    rows_together,
+    run_stage,
+    variant_names,
+    variants,
+)
 from tests.numerics.bounded import Bounded
 from tests.numerics.decision import Decision
 from tests.numerics.tolerances import (
@@ -56,8 +66,12 @@ def rows_of(kernel: str, build: Build, side: int = 96, on: DeviceLauncher | None
     return [row_of(output, work, written, bounds) for output in OUTPUTS if output.kernel == kernel]
 
 
+def outside(rows: list[Row]) -> list[Row]:
+    return [row for row in rows if row.outside or row.open > MOST_OPEN]
+
+
 def check(rows: list[Row]) -> None:
-    assert [row for row in rows if row.outside or row.open > MOST_OPEN] == []
+    assert outside(rows) == []
     assert [row for row in rows if row.rounded > MANY and row.ratio < TOO_LOOSE] == []
 
 
@@ -83,6 +97,12 @@ def test_parts_of_numbers_carry_what_rounding_may_turn() -> None:
 )
 def test_a_fast_kernel_lies_inside_its_bound_and_near_it(kernel: str, name: str) -> None:
     check(rows_of(kernel, variants(kernel, DEFAULT)[name]))
+
+
+@pytest.mark.parametrize(("kernel", "row"), [(k, n) for k in STAGES for n in range(len(rows_together(k, DEFAULT)))])
+def test_many_choices_lie_inside_their_bounds(kernel: str, row: int) -> None:
+    changes = rows_together(kernel, DEFAULT)[row]
+    assert not outside(rows_of(kernel, changed(DEFAULT, changes))), changes
 
 
 # One lane, not strict: the minimum and maximum of a GPU, and of NVIDIA's its reciprocal and root.

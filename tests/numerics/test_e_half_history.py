@@ -12,7 +12,7 @@ from cltaa.core.build import Storage
 from cltaa.core.planes import Layout
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.reference.launcher import NumpyLauncher
-from cltaa.reference.store import stochastic_half, storage_dither
+from cltaa.reference.planes import stochastic_half, storage_dither
 from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_of, still_frame
 from tests.sequence_factory import bits
 

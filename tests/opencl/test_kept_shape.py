@@ -15,8 +15,8 @@ from cltaa.core.resolver import Resolver
 from cltaa.lab.bench.frames import Motion, make_frames
 from cltaa.opencl import device
 from cltaa.opencl.device import choose_device, chosen_shape, measured_on, usual_shape
-from cltaa.opencl.kept_shape import Kept, kept_path
 from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.opencl.shape import Kept, kept_path
 
 
 @pytest.fixture

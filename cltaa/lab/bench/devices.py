@@ -17,21 +17,10 @@ from cltaa.frame import Frame, Image
 from cltaa.io.atomic import atomic_path, make_folder
 from cltaa.lab.bench.frames import Motion, make_frames
 from cltaa.lab.bench.kernels import check_same
-from cltaa.lab.timing import (
-    Clock,
-    Environment,
-    Interval,
-    Job,
-    Samples,
-    environment,
-    load_average,
-    measure,
-    resolve_job,
-)
+from cltaa.lab.timing import Clock, Environment, Interval, Job, Samples, environment, load_average, measure, resolve_job
 from cltaa.opencl.device import candidate_shapes, choose_device, describe, is_cpu, measured_on, usual_shape
-from cltaa.opencl.kept_shape import Kept, kept_folder, kept_path
 from cltaa.opencl.launcher import DeviceLauncher
-from cltaa.opencl.shape import SHAPES
+from cltaa.opencl.shape import SHAPES, Kept, kept_folder, kept_path
 from cltaa.progress import track
 
 CPU_SIZE, GPU_SIZE = (640, 360), (1920, 1080)  # a GPU has to be filled, and a CPU is slow where lanes do not suit
@@ -40,7 +29,9 @@ PAYS = 0.95  # of the usual shape's time, at most: docs/decisions/14 takes no tr
 PROOF_SIZE = 160, 90
 WILD = 0.02  # of the pixels that no renderer should write: Rusticl of Mesa 22.3 is right on all others
 LEAST_SHARE = 0.01  # of the host's time that a device's clock tells, if it runs: that of Rusticl tells nanoseconds
-PATIENCE = 60.0  # seconds of building after which no other shape is begun; a compiler may take minutes over vectors
+# Seconds of building after which no other shape is begun; a compiler may take minutes over vectors. The usual one comes
+# first.
+PATIENCE = 60.0
 
 
 class ShapeRow(msgspec.Struct, frozen=True, kw_only=True):
@@ -73,7 +64,6 @@ def bench_shapes(device: str | None) -> ShapesBench:
     cl_device, before = choose_device(device), load_average()
     (usual, origin), names, facts = usual_shape(cl_device), candidate_shapes(cl_device), measured_on(cl_device)
     make_folder(_folder())
-    names.sort(key=lambda name: name != usual)  # first, so that it is timed however long the others take to build
     jobs, absent = _jobs(device, names, CPU_SIZE if is_cpu(cl_device) else GPU_SIZE)
     base = usual if usual in jobs else next(iter(jobs))
     samples = measure([*jobs.values()], ROUNDS, warm_up=WARM_UP, action="timing")

@@ -45,13 +45,7 @@ class EffectRow(msgspec.Struct, kw_only=True):
     saving: Interval
 
 
-def judge_effects(
-    sequence: FrameSequence,
-    preset: str | Preset,
-    launcher: Launcher,
-    *,
-    rounds: int,
-) -> EffectRow:
+def judge_effects(sequence: FrameSequence, preset: str | Preset, launcher: Launcher, *, rounds: int) -> EffectRow:
     """Resolve ``sequence`` in the three ways, compare all frames in strict mode, and time the last one.
 
     Scenes that share a ``launcher`` share its kernels.

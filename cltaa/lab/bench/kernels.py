@@ -15,15 +15,7 @@ import numpy as np
 
 from cltaa.core.backend import storage_dtype
 from cltaa.core.build import Build, Real, Storage, settings_record
-from cltaa.core.parameters import (
-    Accumulate,
-    Box,
-    Choices,
-    Dilation,
-    Rectify,
-    Reject,
-    Settings,
-)
+from cltaa.core.parameters import Accumulate, Box, Choices, Dilation, Rectify, Reject, Settings
 from cltaa.core.planes import Layout
 from cltaa.core.presets import Preset
 from cltaa.core.record import Past, frame_record
@@ -366,13 +358,7 @@ def bench_kernels(
     )
 
 
-def _timing(
-    contenders: Contenders,
-    launcher: DeviceLauncher,
-    motion: Motion,
-    pixels: int,
-    rounds: int,
-) -> Timing:
+def _timing(contenders: Contenders, launcher: DeviceLauncher, motion: Motion, pixels: int, rounds: int) -> Timing:
     moved = contenders.moved[CORE] * pixels
     jobs = [*contenders.jobs, copy_job(launcher, moved)]
     samples = measure(jobs, rounds, action="timing")

@@ -22,12 +22,7 @@ TILT = np.radians(45.0)
 
 def _printed(texture: Texture) -> Material:
     """Shine by itself: what is printed is what is measured, whatever the light."""
-    return Material(
-        base_colour=(0.0, 0.0, 0.0, 1.0),
-        specular=0.0,
-        emissive=(1.0, 1.0, 1.0),
-        emissive_texture=texture,
-    )
+    return Material(base_colour=(0.0, 0.0, 0.0, 1.0), specular=0.0, emissive=(1.0, 1.0, 1.0), emissive_texture=texture)
 
 
 @lru_cache(KEPT)

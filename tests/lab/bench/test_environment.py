@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from cltaa import __version__
 from cltaa.core.build import Build
-from cltaa.core.kernel_source import kernel_folder
+from cltaa.core.kernel_source import code_sha256
 from cltaa.lab import timing as module
-from cltaa.lab.timing import environment, kernels_sha256
+from cltaa.lab.timing import environment
 
 
 def test_it_says_what_the_numbers_depend_on(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -20,21 +18,7 @@ def test_it_says_what_the_numbers_depend_on(monkeypatch: pytest.MonkeyPatch) -> 
     assert (found.device, found.load_before, found.options) == ("a device", 1.25, [*Build().flags()])
     assert found.cores >= 1
     assert found.cpu
-    assert found.kernels_sha256 == kernels_sha256(kernel_folder())
-
-
-def test_a_changed_kernel_changes_the_hash(tmp_path: Path) -> None:
-    (tmp_path / "below").mkdir()
-    for name in ("a.cl", "below/b.h"):
-        before = kernels_sha256(tmp_path)
-        (tmp_path / name).write_text("x")
-        assert kernels_sha256(tmp_path) != before
-    before = kernels_sha256(tmp_path)
-    (tmp_path / "a.cl").rename(tmp_path / "c.cl")
-    assert kernels_sha256(tmp_path) != before
-    (tmp_path / "notes.txt").write_text("x")
-    (tmp_path / "c.cl").rename(tmp_path / "a.cl")
-    assert kernels_sha256(tmp_path) == before
+    assert found.kernels_sha256 == code_sha256()
 
 
 def test_a_checkout_that_is_not_installed_knows_its_version(monkeypatch: pytest.MonkeyPatch) -> None:

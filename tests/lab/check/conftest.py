@@ -14,6 +14,7 @@ from cltaa.frame import Frame
 from cltaa.io.sequence import open_sequence
 from cltaa_capture.sequence import Request, capture_sequence
 
+MOTIONS = {"orbit": "orbit", "turning": "turntable"}  # of a model, by names that no scene has
 SLOW = {"dolly": 4.0, "halt": 4.0}  # frames a second, so that 8 frames see the camera change its speed
 
 Scene = Callable[[str], list[Frame]]
@@ -21,14 +22,13 @@ Scene = Callable[[str], list[Frame]]
 
 @pytest.fixture(scope="session")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
-    """Frames of a scene, 8 of 160 x 90; ``orbit`` and ``turntable`` are those motions of a model."""
+    """Frames of a scene, or of a model under one of ``MOTIONS``, 8 of 160 x 90."""
     folder = tmp_path_factory.mktemp("checked")
 
     @cache
     def capture(name: str) -> list[Frame]:
-        source, motion = name, None
-        if name in ("orbit", "turntable"):
-            source, motion = f"file:{_model(folder)}", name
+        motion = MOTIONS.get(name)
+        source = name if motion is None else f"file:{_model(folder)}"
         capture_sequence(
             Request(
                 source,

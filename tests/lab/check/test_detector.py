@@ -14,11 +14,11 @@ from cltaa.lab.check.camera import check_structure, sound
 from cltaa.lab.check.hypotheses import Finding
 from cltaa.lab.check.report import check_frames
 from cltaa_datasets.scenes import registered
-from tests.lab.check.conftest import Scene
+from tests.lab.check.conftest import MOTIONS, Scene
 from tests.lab.check.mistakes import MISTAKES, full_motion
 from tests.sequence_factory import make_camera, make_frame
 
-SCENES = [*(entry.name for entry in registered()), "orbit"]
+SCENES = [*(entry.name for entry in registered()), *MOTIONS]
 FIRST = [(name, mistake.scenes[0]) for name, mistake in MISTAKES.items()]
 OTHERS = [(name, scene) for name, mistake in MISTAKES.items() for scene in mistake.scenes[1:]]
 

@@ -13,12 +13,7 @@ import msgspec
 
 from cltaa.core.backend import Launcher
 from cltaa.core.build import Build, Real, Storage
-from cltaa.core.parameters import (
-    Accumulate,
-    Box,
-    Choices,
-    Settings,
-)
+from cltaa.core.parameters import Accumulate, Box, Choices, Settings
 from cltaa.core.presets import Preset, Published
 from cltaa.core.resolver import Resolver
 

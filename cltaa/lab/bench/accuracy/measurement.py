@@ -170,11 +170,7 @@ class Timing(NamedTuple):
 
 
 def measure_sequence(
-    captured: FrameSequence,
-    tasks: Sequence[Task],
-    output: Path,
-    launcher: DeviceLauncher,
-    timing: Timing,
+    captured: FrameSequence, tasks: Sequence[Task], output: Path, launcher: DeviceLauncher, timing: Timing
 ) -> MeasuredSequence:
     """Time the variants of ``tasks``, whose errors lie in ``output``, and put both together."""
     default, metrics = tasks[0].variant, tasks[0].metrics
