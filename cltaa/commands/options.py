@@ -338,11 +338,12 @@ def load_config(path: Path, base: Preset) -> Preset:
     return msgspec.structs.replace(parsed, name=f"{path.name} over {parsed.name}")
 
 
-def preset_of(name: str, config: Path | None) -> Preset:
-    """The preset of that name, with a TOML file over it where one is given; raises what reading either raises."""
+def preset_of(name: str, config: Path | None, before: Callable[[Preset], Preset] | None = None) -> Preset:
+    """The preset of that name, with ``before`` and then a TOML file over it where they are given; raises what reading
+    either raises."""
     from cltaa.core.presets import load_preset
 
-    preset = load_preset(name)
+    preset = load_preset(name) if before is None else before(load_preset(name))
     return preset if config is None else load_config(config, preset)
 
 

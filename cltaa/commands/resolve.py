@@ -32,7 +32,7 @@ from cltaa.inputs.open import open_input
 from cltaa.io.numbered import OnBreak
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY
 from cltaa.pipeline.denoise import DENOISERS
-from cltaa.pipeline.folder import resolve_folder
+from cltaa.pipeline.folder import for_denoised, resolve_folder
 from cltaa.pipeline.run import COMPARISONS, ResolveReport, stage_rows
 from cltaa.printable import counted, json_of, printable, shown
 from cltaa.process import stop_signals
@@ -217,7 +217,7 @@ def resolve(
     if notes:
         click.echo("\n".join(map(printable, notes)), err=True)
     declared = chosen_effects(effects)
-    settings = assigned(preset_of(preset, config), changes)
+    settings = assigned(preset_of(preset, config, None if denoise == "none" else for_denoised), changes)
     if look_ahead is not None:
         settings = assigned(settings, (f"look_ahead={look_ahead}",), "--look-ahead")
     report = resolve_folder(

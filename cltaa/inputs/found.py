@@ -41,8 +41,9 @@ DEPTH_SLACK = 0.05  # of the inverse depth: as far as two samples of one surface
 SHIFTED_SHARE, LEAST_TILES, LEAST_SHARE = 0.01, 4, 0.2
 # A pixel's light scatters in time by more than this much of it, and its square over that of what texture moves it by:
 # the squared steps to its four neighbours in the mean over time, halved, of which jitter makes a twelfth and chance
-# twice as much. Of the middle pixel: 0.43 at most without noise, 0.8 and more with four samples a pixel.
-NOISE_LEAST, NOISE_RATIO, NOISE_FRAMES = 0.02, 0.6, 4
+# twice as much. Of the middle pixel: 0.48 at most without noise, 0.7 and more with four samples a pixel. In frames of
+# fewer pixels than NOISE_PIXELS texture is often finer than a pixel and scatters as noise does, by up to 0.94.
+NOISE_LEAST, NOISE_RATIO, NOISE_FRAMES, NOISE_PIXELS = 0.02, 0.6, 4, 12_000
 # Of a tile's mean light over a span, and light: in single frames jitter moves it by a tenth, by more where it is dark.
 FLASH, FLASH_LEAST = 0.25, 0.02
 SHADE = 0.02  # of a block's mean: less is no change that anybody sees
@@ -210,7 +211,7 @@ class _Witness:
         self._hidden: list[float] = []
         self._moving: list[float] = []
         self._flashed: list[float] = []  # share of tiles, of each span
-        self._scatter: list[float] = []  # median of blocks, of each span
+        self._scatter: list[float] = []  # median of pixels, of each span
         self._moves, self._depth = moves, False
         self.looked: set[int] = set()
         self.brightest, self.sky = 0.0, False
@@ -296,7 +297,7 @@ class _Witness:
     def noise(self) -> tuple[bool, str]:
         """Whether the samples of one place scatter more than texture explains."""
         if not self._scatter:
-            return False, "too little of one place is seen in four frames"
+            return False, f"frames are small, or too little of one place is seen in {NOISE_FRAMES} of them"
         ratio = float(np.mean(self._scatter))
         return ratio > NOISE_RATIO, f"light scatters in time by {ratio:.2f} of the steps of texture"
 
@@ -431,7 +432,8 @@ class _Span:
                 beside = tuple(there if at == axis else slice(1, -1) for at in (2, 3))
                 tells = tells & seen[:, :, *beside]
                 steps += (mean[:, :, *beside] - mean[:, :, 1:-1, 1:-1]) ** 2 / 2
-        if self.frames < NOISE_FRAMES or tells.sum() < LEAST_SHARE * max(tells.size, 1):
+        small = self._anchor.light.size < NOISE_PIXELS
+        if small or self.frames < NOISE_FRAMES or tells.sum() < LEAST_SHARE * max(tells.size, 1):
             return None
         scatter = (self._ripples - self._ripple**2 / self.frames).reshape(square)[:, :, 1:-1, 1:-1] / (self.frames - 1)
         ratio = scatter / np.maximum(steps, np.finfo(np.float64).tiny)

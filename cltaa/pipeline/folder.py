@@ -156,13 +156,16 @@ def resolve_folder(
     folders under the same paths, and devices that are alike. ``reading`` are the arguments of
     ``cltaa.open`` for a ``source`` that is not opened yet: ``profile``, ``side_file``, ``frames`` and others.
     ``fireflies`` is ``keep`` or ``clamp``; by itself what the preset or else the profile says. Frames that ``denoise``
-    in ``options`` filters are not filtered again (``current_filter``).
+    in ``options`` filters are not filtered again (``current_filter``) by a preset that is named; one that is given does
+    what it says.
     Of a sequence that declares no effects they are found first (``cltaa.inputs.found``), but with ``follow``, and for a
     transcription, which does what it does on every scene.
     What is given neither ``compression`` nor ``layers`` keeps those that the command keeps.
     ``options`` are those of ``resolve_sequence`` that are not named here. Raises what that and opening raise.
     """
-    preset = load_preset(preset) if isinstance(preset, str) else preset
+    denoised = options.get("denoise", "none") != "none"
+    if isinstance(preset, str):
+        preset = for_denoised(load_preset(preset)) if denoised else load_preset(preset)
     check_jobs(1 if jobs is None else jobs, preset, follow=follow, debug=bool(debug), dask=dask is not None)
     arrivals = arrivals_of(source, preset, idle, reading, options) if follow else None
     if arrivals is not None:
@@ -175,8 +178,6 @@ def resolve_folder(
     refuse_place(Path(output), sequence)
     carried = chosen_layers(layers, sequence)
     preset = with_fireflies(preset, sequence, fireflies)
-    if denoised := options.get("denoise", "none") != "none":
-        preset = for_denoised(preset)
     made: dict[str, Any] = {"strict": strict, "storage": storage}
     how: dict[str, Any] = {
         **options,

@@ -54,9 +54,13 @@ def test_each_frame_is_denoised_before_the_resolve(tmp_path: Path, monkeypatch: 
         assert main([*command, "--effects", "find", "--set", "weighting=none"]) == 0
     plain, clean = (read_image(tmp_path / name / "a.0000.exr")[0]["G"] for name in ("plain", "clean"))
     np.testing.assert_array_equal(clean, plain / 2)
+    # What is set is kept.
+    command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "filtered"), "--device", "numpy"]
+    assert main([*command, "--denoise", "oidn", "--set", "current_filter=gaussian"]) == 0
+    assert '"gaussian"' in (tmp_path / "filtered" / "resolve.json").read_text()
     outcome = json.loads((tmp_path / "clean" / "resolve.json").read_text())["outcome"]
     assert "each frame is denoised first" in [each["why"] for each in outcome["found"]["evidence"]]
-    assert [sorted(each) for each in given] == [["hdr", "normal"]] * 2
+    assert [sorted(each) for each in given] == [["hdr", "normal"]] * 4
     # What is missing stays so, and its history stands in.
     frame = make_frame(0)
     frame.colour[4, 5], frame.colour[2, 3, 1] = np.nan, 1e30
