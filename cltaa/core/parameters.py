@@ -153,7 +153,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     ] = 0.72
     falling_t: Annotated[
         float,
-        _number("illumination_t, disocclusion_t where light falls, over where it rises", 0.125, 8.0, "1", "1: even"),
+        _number("illumination_t, disocclusion_t where light falls, over where it rises", 0.125, 8.0, "1", "even"),
     ] = 1.0
     illumination_floor: Annotated[
         float, _number("standard error added to that of the 3x3, over its luminance", 0.0, 1.0, "1", "measured")

@@ -232,8 +232,9 @@ class _Witness:
                 continue
             span = spans[frame.index in late]
             span.add(look)
-            if span.moving is None and (apart := self._apart(look, frame.motion, *span.places)) is not None:
-                span.moving = apart > MOVED_PX
+            # Of the frames next to the anchor, at whose pixels both spans look.
+            if spans[0].moving is None and (apart := self._apart(look, frame.motion, *span.places)) is not None:
+                spans[0].moving = spans[1].moving = apart > MOVED_PX
             # The first pair of each span is enough.
             if before is not None and frame.index == before.frame.index + frame.step:
                 view = _View(look, before, *_places_of(look, LOOKED_AT))
