@@ -125,9 +125,6 @@ STAGE colour slide_columns(row_cache* cache, taps r, taps g, taps b)
     return v;
 }
 
-// A row of the count between two texels, as `sample_count` has it.
-STAGE real count_between(real left, real right, real fx) { return left + fx * (right - left); }
-
 // Colour and count at a footprint. A GPU asks for the row that every pixel needs before the branch, past which its
 // compiler moves no load.
 STAGE colour slide_history(
@@ -140,9 +137,9 @@ STAGE colour slide_history(
     if ((f.at != cache->at) | any_of((f.fx != cache->fx) | (f.fy != cache->fy))) {
         cache->fx = f.fx, cache->fy = f.fy;
         fill_columns(cache, p, f.at, plane, stride);
-        cache->count = count_between(load(upper), load(upper + 1), f.fx);
+        cache->count = between(load(upper), load(upper + 1), f.fx);
     }
-    const real below = count_between(lower_left, lower_right, f.fx);
+    const real below = between(lower_left, lower_right, f.fx);
     *count = cache->count + f.fy * (below - cache->count);
     cache->count = below;
     cache->at = f.at + (uint)stride;

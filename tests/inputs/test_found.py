@@ -204,6 +204,16 @@ def test_small_pictures_keep_what_they_cannot_tell(tmp_path: Path, height: int, 
     assert (Effect.THIN in found) == (height < 24)
 
 
+def test_small_pictures_tell_nothing_of_noise(tmp_path: Path) -> None:
+    # Texture that is finer than a pixel scatters as noise does.
+    def smaller(frame: Frame, across: Array, index: int) -> Frame:
+        told = noisy(frame, across, index)
+        return replace(told, colour=told.colour[:80], depth=told.depth[:80])
+
+    assert Effect.NOISE in find_effects(drawn(tmp_path / "large", noisy)).effects
+    assert Effect.NOISE not in find_effects(drawn(tmp_path / "small", smaller)).effects
+
+
 def test_every_frame_tells_of_highlights_even_of_small_pictures(tmp_path: Path) -> None:
     def late(frame: Frame, _across: Array, index: int) -> Frame:
         return replace(frame, colour=frame.colour[:9] * (1 + 99 * (index == 7)), depth=frame.depth[:9])

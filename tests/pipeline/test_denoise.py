@@ -57,7 +57,8 @@ def test_each_frame_is_denoised_before_the_resolve(tmp_path: Path, monkeypatch: 
     # What is set is kept.
     command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "filtered"), "--device", "numpy"]
     assert main([*command, "--denoise", "oidn", "--set", "current_filter=gaussian"]) == 0
-    assert '"gaussian"' in (tmp_path / "filtered" / "resolve.json").read_text()
+    told = {name: (tmp_path / name / "resolve.json").read_text() for name in ("clean", "filtered")}
+    assert ['"gaussian"' in text for text in told.values()] == [False, True]
     outcome = json.loads((tmp_path / "clean" / "resolve.json").read_text())["outcome"]
     assert "each frame is denoised first" in [each["why"] for each in outcome["found"]["evidence"]]
     assert [sorted(each) for each in given] == [["hdr", "normal"]] * 4
