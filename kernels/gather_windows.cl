@@ -40,7 +40,8 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
                 error = window_error(near.sums, p, out, settings);
             }
             if (RECURSION == RECURSION_STANDING && window == ALL_FRAMES) {
-                out = longer_history(out, (mask)(-1), recursive, recursive_count, x, y, frame);
+                // A recursive history does not tell samples by their reactivity, as those of the ring are.
+                out = longer_history(out, p.most_reactive <= SPLAT(0.0), recursive, recursive_count, x, y, frame);
                 error = window_error(near.sums, p, out, settings);
             }
             store_window(windows, window, out, error, x, y, frame);
@@ -61,6 +62,15 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
         out.count = valid ? unmoved.count : out.count;
         error = valid ? window_error(unmoved_sums, p, unmoved, settings) : error;
         store_window(windows, UNMOVED, out, error, x, y, frame);
+
+        // The window of this frame alone. Where it is not valid, it repeats the one before.
+        if (RECURSION == RECURSION_STANDING) {
+            const mask doubtful = past_is_doubtful(m, p, recursive_count, texel_offset(frame, x, y));
+            out.rgb = choose_colour(doubtful, storable_colour(from_range(p.filtered), p.own), out.rgb);
+            out.alpha = doubtful ? p.alpha : out.alpha;
+            out.count = doubtful ? SPLAT(1.0) : out.count;
+            store_window(windows, PRESENT, out, present_error(near.sums, p, doubtful, frame, settings), x, y, frame);
+        }
     }
     extend_stored(0, 0, windows, WINDOWS * WINDOW_PLANES, stored_block(column), frame);
 }

@@ -24,7 +24,9 @@ __kernel void weigh_windows_kernel(plane_in windows, const int frames, history_o
         const real w = trust(error[window], least);
         plane_in q = window_plane(p, window, 0, frame);
         const colour v = load_colour(q, plane);
-        if (!repeats(window, frames))
+        if (window == PRESENT)
+            moved = (drifted) { { zero, zero, zero }, zero };
+        else if (!repeats(window, frames))
             moved = drift_to_shortest(q, p, frame, settings);
         sum.r += w * ((v.r + moved.light.r) - first.r);
         sum.g += w * ((v.g + moved.light.g) - first.g);

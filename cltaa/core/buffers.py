@@ -11,8 +11,7 @@ from msgspec.structs import replace
 
 from cltaa.camera import inverse_depth_at, is_still
 from cltaa.core.backend import Buffer, Launcher
-from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, edge_build, ring_planes, window_planes
-from cltaa.core.constants import WINDOWS
+from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, edge_build, ring_planes, window_count, window_planes
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.plan import Plan, reads_depth
 from cltaa.core.planes import BlockPool, Kind, Layout, around, flat, places
@@ -229,6 +228,7 @@ class FrameRing:
         self.records = launcher.allocate((count + ahead,), FRAME_DTYPE)
         self.past: tuple[Past, ...] = ()
         self._windows: Buffer | None = None
+        self._window_planes = 0
 
     def fit(self, layout: Layout, count: int, steps: Steps, ahead: int = 0) -> bool:
         """True when this ring holds ``count`` frames and ``ahead`` later ones of that size and with those channels."""
@@ -242,11 +242,12 @@ class FrameRing:
         steps = replace(build.steps, camera_motion=build.steps.camera_motion or moved, look_ahead=self._ahead > 0)
         return replace(build, steps=steps)
 
-    def window_memory(self, steps: Steps) -> Buffer:
-        """Memory for what is gathered of the temporal windows, allocated when first asked for."""
-        if self._windows is None:
-            shape = (WINDOWS * window_planes(steps), self.layout.rows, self.layout.stride)
-            self._windows = self._launcher.allocate(shape, np.float32)
+    def window_memory(self, build: Build) -> Buffer:
+        """Memory for what is gathered of the temporal windows, allocated when first asked for as much."""
+        planes = window_count(build.choices) * window_planes(build.steps)
+        if self._windows is None or self._window_planes < planes:
+            self._windows = self._launcher.allocate((planes, self.layout.rows, self.layout.stride), np.float32)
+            self._window_planes = planes
         return self._windows
 
     def standing(self, frame: Frame) -> int:

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.constants import CONSTANTS, WHOLE_NUMBERS
+from cltaa.core.constants import CONSTANTS, UNMOVED, WHOLE_NUMBERS
 from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, GatherFit, HistoryKind, Recursion, Settings
 from cltaa.errors import UsageError, known
 
@@ -89,6 +89,11 @@ def ring_planes(steps: Steps) -> int:
     """Planes of a frame of the ring: r, g, b, inverse depth, and where steps read them own motion, alpha,
     reactivity."""
     return 4 + 2 * steps.own_motion + steps.alpha + steps.reactive
+
+
+def window_count(choices: Choices) -> int:
+    """How many temporal windows a pixel is resolved from: one more beside a recursive resolve (WINDOWS)."""
+    return UNMOVED + 1 + (choices.recursion is Recursion.STANDING)
 
 
 def window_planes(steps: Steps) -> int:

@@ -35,6 +35,8 @@ CONSTANTS: Final[dict[str, Constant]] = {
         10.0,
         "1 over how far beside the reactivities of the 3x3 of now that of a sample may lie: measured (decisions/08)",
     ),
+    "DOUBTFUL_SAMPLES": Constant(7.0, "samples of the recursive resolve below which a past is doubtful: measured"),
+    "PRESENT_PENALTY": Constant(2.0, "of neighbours' error over that of samples of the pixel itself: measured"),
     "STANDS": Constant(0.01, "pixels of motion along an axis below which a pixel stands (standing): Bevy's"),
     "STANDING_GAIN": Constant(10.0, "by which the count of a pixel that stands grows a frame (standing): Bevy's"),
     "MOST_CHANGE": Constant(8.0, "most of Student's t that is kept of an illumination change"),
@@ -51,7 +53,7 @@ PAD_X: Final = 16
 PAD_Y: Final = 4
 # Where light may change, a pixel is resolved from the latest frames, from a few more, from all that are kept, and from
 # all without following its motion; which of them to believe, the texels around it tell (docs/decisions).
-WINDOWS: Final = 4
+UNMOVED: Final = 3  # the last of them but beside a recursive resolve, where that of the current frame alone follows
 SHORT_WINDOW: Final = 3  # frames in the ring of the first
 MIDDLE_WINDOW: Final = 7  # and of the second
 WINDOW_REACH: Final = 2  # texels up, down, left and right that are asked
@@ -61,7 +63,7 @@ AHEAD_STEPS: Final = 3  # rounds of the search for the place ahead to which a su
 WHOLE_NUMBERS: Final = {
     "PAD_X": PAD_X,
     "PAD_Y": PAD_Y,
-    "WINDOWS": WINDOWS,
+    "UNMOVED": UNMOVED,
     "SHORT_WINDOW": SHORT_WINDOW,
     "MIDDLE_WINDOW": MIDDLE_WINDOW,
     "WINDOW_REACH": WINDOW_REACH,

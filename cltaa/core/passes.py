@@ -7,8 +7,7 @@ from typing import Any
 
 from cltaa.core.backend import Launcher
 from cltaa.core.buffers import Buffers, FrameRing, LastRun
-from cltaa.core.build import Build, Record, edge_build, settings_record, window_planes
-from cltaa.core.constants import WINDOWS
+from cltaa.core.build import Build, Record, edge_build, settings_record, window_count, window_planes
 from cltaa.core.plan import Plan
 from cltaa.frame import Frame
 
@@ -50,7 +49,7 @@ class Passes:
         else:
             self.resolve()
         build, layout, arguments = last = self._gathering(frame, frame_ring)
-        windows = {"windows": frame_ring.window_memory(build.steps)}
+        windows = {"windows": frame_ring.window_memory(build)}
         inputs = {name: value for name, value in arguments.items() if name not in ("output", "output_count")}
         recursive = {"recursive": self.buffers.output, "recursive_count": self.buffers.output_count}
         unmoved = {"standing": frame_ring.standing(frame), **recursive}
@@ -58,7 +57,7 @@ class Passes:
         if not build.extends:
             gathered = {"image": windows["windows"], "floats": None, "frame": self.record}
             floats = Build(lanes=build.lanes, rows=build.rows)  # as windows are, whatever the history is kept in
-            planes = {"planes": WINDOWS * window_planes(build.steps), "more": 0}
+            planes = {"planes": window_count(build.choices) * window_planes(build.steps), "more": 0}
             self.launcher.run("extend_edges", floats, layout, gathered | planes)
         written = {name: arguments[name] for name in ("frames", "output", "output_count", "frame", "settings")}
         self.launcher.run("weigh_windows", build, layout, windows | written)

@@ -12,7 +12,7 @@ import numpy as np
 
 from cltaa.core.backend import storage_dtype
 from cltaa.core.build import Build, Steps, Storage, ring_planes, window_planes
-from cltaa.core.constants import WINDOWS
+from cltaa.core.constants import UNMOVED
 from cltaa.core.planes import SMALLEST, Layout, in_large_pages
 from cltaa.io import exr_write as exr_zip
 from cltaa.io.exr_frame import GROUPS
@@ -69,7 +69,7 @@ def device_bytes(width: int, height: int, held: DevicePlanes) -> int:
     frame = REAL * (1 if in_place else 4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
     kept = held.history_frames + 1 + held.look_ahead if held.history_frames else 0
     ring = REAL * ring_planes(steps) * kept
-    ring += REAL * WINDOWS * window_planes(steps) if held.windows else 0
+    ring += REAL * (UNMOVED + 1 + held.recursion) * window_planes(steps) if held.windows else 0
     count = REAL * (1 + held.changes)
     # As arrays, without a halo: what comes, and the result in the numbers in which it goes.
     arrays = frame + (HALF if held.half else REAL) * (3 + steps.alpha) if held.staged else 0

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.core.build import Build, Record, window_planes
-from cltaa.core.constants import MIDDLE_WINDOW, PAD_X, PAD_Y, SHORT_WINDOW, WINDOW_REACH, WINDOWS
-from cltaa.core.parameters import AlphaFrom, Recursion
+from cltaa.core.build import Build, Record, window_count, window_planes
+from cltaa.core.constants import MIDDLE_WINDOW, PAD_X, PAD_Y, SHORT_WINDOW, UNMOVED, WINDOW_REACH
+from cltaa.core.parameters import AlphaFrom, CurrentFilter, FilterUse, Recursion
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import (
     Pixel,
@@ -108,35 +108,68 @@ def gather_windows(
     stride]; the latest ``standing`` of them were seen by the camera of now."""
     gathering = Gathering.begin(build, layout, locals())
     own, planes, begun = gathering.pixel, window_planes(build.steps), 0
-    target = layout.inside(windows)[: WINDOWS * planes].reshape(WINDOWS, planes, layout.height, layout.width)
+    count = window_count(build.choices)
+    target = layout.inside(windows)[: count * planes].reshape(count, planes, layout.height, layout.width)
     for window, end in enumerate(window_ends(frames)):
         gathering.add(past[begun:end], build, layout, frame, settings, before=begun, recent=SHORT_WINDOW - begun)
         said = gathering.resolved(build, layout, settings)
-        if build.choices.recursion is Recursion.STANDING and window == WINDOWS - 2:
-            said = _longer_history(said, None, recursive, recursive_count, layout)
+        if build.choices.recursion is Recursion.STANDING and window == UNMOVED - 1:
+            said = _longer_history(said, own.most_reactive <= 0, recursive, recursive_count, layout)
         error = window_error(gathering.near, own, said, build, settings)
         _store(target[window], said, error)
         begun = end
     if build.steps.reactive:
         unlike = gathering.near.unlike > gathering.near.recent_count
-        for window in range(WINDOWS - 2):
+        for window in range(UNMOVED - 1):
             _store(target[window], said, error, unlike)
     unmoved, sums = resolve_unmoved(gathering.slots, past[:standing], gathering.pixel, build, layout, settings)
     if build.choices.recursion is Recursion.STANDING:
         stands = (gathering.motion.u == 0) & (gathering.motion.v == 0)
         unmoved = _longer_history(unmoved, stands, recursive, recursive_count, layout)
     told = sums.recent_count >= number(SHORT_WINDOW, error)
-    _store(target[-1], said, error)
-    _store(target[-1], unmoved, window_error(sums, own, unmoved, build, settings), told)
-    extend_stored(build, layout, windows[: WINDOWS * planes])
+    _store(target[UNMOVED], said, error)
+    _store(target[UNMOVED], unmoved, window_error(sums, own, unmoved, build, settings), told)
+    if build.choices.recursion is Recursion.STANDING:
+        doubtful = past_is_doubtful(stands, own, layout.inside(recursive_count[0]).astype(error.dtype))
+        if own.missing is not None:
+            doubtful &= ~own.missing
+        present = Resolved(
+            storable_colour(from_range(own.filtered, build), own.own, build), own.alpha, np.ones_like(error)
+        )
+        target[-1] = target[UNMOVED]
+        _store(target[-1], present, error, doubtful)
+        target[-1, 3] = present_error(gathering.near, own, doubtful, build, frame, settings)
+    extend_stored(build, layout, windows[: count * planes])
+
+
+def past_is_doubtful(stands: Mask, p: Pixel, recursive_count: Array) -> Mask:
+    """Where a surface stands, but light has left the recursive resolve few of its samples."""
+    few: Mask = recursive_count < constant("DOUBTFUL_SAMPLES", recursive_count)
+    return stands & few & (p.most_reactive <= number(0.0, recursive_count))
+
+
+def present_error(g: Gathered, p: Pixel, valid: Mask, build: Build, frame: Record, settings: Record) -> Array:
+    """How far each pixel's own sample lies from the others that the current filter weighs."""
+    beyond = np.full_like(g.zero, constant("DOMAIN_LIMIT", g.zero))
+    choices = build.choices
+    if choices.filter_use is not FilterUse.FEW or choices.current_filter is CurrentFilter.NONE:
+        return beyond
+    one = number(1.0, g.zero)
+    left, right, above, below = (number(frame[f"{side}_weight"], one) for side in ("left", "right", "above", "below"))
+    others = one - (one - (left + right)) * (one - (above + below))
+    d = share_difference(p.filtered, p.own, build, settings)
+    size = (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
+    error = constant("PRESENT_PENALTY", size) * ((own_samples(p) + g.recent_count) * (size / (others * others)))
+    result: Array = np.where(valid & (others > number(0.25, one)), error, beyond)
+    return result
 
 
 def _longer_history(
-    window: Resolved, where: Mask | None, recursive: Array, recursive_count: Array, layout: Layout
+    window: Resolved, where: Mask, recursive: Array, recursive_count: Array, layout: Layout
 ) -> Resolved:
     """A window, or ``where`` the recursive resolve holds more samples than it, that: it knows all frames before."""
     count, held = (layout.inside(planes).astype(window.count.dtype) for planes in (recursive_count[0], recursive))
-    longer = (count > window.count) & (True if where is None else where)
+    longer = (count > window.count) & where
     r, g, b = (np.where(longer, now, then) for now, then in zip(held[:3], window.rgb, strict=True))
     alpha = np.where(longer, held[3], window.alpha) if len(held) > 3 else window.alpha
     return Resolved((r, g, b), alpha, np.where(longer, count, window.count))
@@ -239,7 +272,8 @@ def weigh_windows(
     """Write each pixel from the windows of its past, padded planes [WINDOWS * WINDOW_PLANES, rows, stride], of a ring
     of ``frames``; a window with no more of them than the one before has drifted by as much."""
     real: Any = real_type(build)
-    parts = windows.astype(real).reshape(WINDOWS, window_planes(build.steps), layout.rows, layout.stride)
+    shape = window_count(build.choices), window_planes(build.steps)
+    parts = windows[: shape[0] * shape[1]].astype(real).reshape(*shape, layout.rows, layout.stride)
     errors = [sum_around(part[3], layout) for part in parts]
     least: Array = errors[0]
     for error in errors[1:]:
@@ -248,10 +282,12 @@ def weigh_windows(
     alpha, darkest = first[5] if build.steps.alpha else np.ones_like(least), list(first[:3])
     sums, alphas, counts = [zero, zero, zero], zero, zero
     channels = [0, 1, 2, 5] if build.steps.alpha else [0, 1, 2]
-    moved, ends = [zero for _ in channels], [*window_ends(frames), None]
+    moved, ends = [zero for _ in channels], [*window_ends(frames), None, 0]
     for window, (part, error) in enumerate(zip(parts[1:], errors[1:], strict=True), start=1):
         w, own = trust(error, least), layout.inside(part)
-        if ends[window] != ends[window - 1]:
+        if window > UNMOVED:
+            moved = [zero for _ in channels]
+        elif ends[window] != ends[window - 1]:
             moved = effective(drifts_of(part[channels], parts[0][channels], build, layout, settings), settings)
         of_light = zip(sums, own[:3], moved[:3], first[:3], strict=True)
         sums = [total + w * ((v + step) - k) for total, v, step, k in of_light]

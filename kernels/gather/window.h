@@ -1,18 +1,21 @@
 // The adaptive temporal window. Where light may change, how far back should a pixel look? It is resolved from several
 // windows of its past, and each leaves an error: how far its latest samples lie from what the window says. A window
 // that is too short errs by their noise, one that is too long by what has changed since. The errors summed over the
-// texels around weigh the windows, and the texels' mean difference from the shortest moves the longer ones.
+// texels around weigh the windows, and the texels' mean difference from the shortest moves the longer ones. What no
+// motion vector tells of, such as water, has changed within the shortest: the filtered sample of now is a window too.
 #include "gather/samples.h"
 
-#if !defined(WINDOWS) || !defined(WINDOW_REACH) || !defined(SHORT_WINDOW) || !defined(MIDDLE_WINDOW)
-#error "window.h needs WINDOWS, WINDOW_REACH, SHORT_WINDOW and MIDDLE_WINDOW from the prelude"
+#if !defined(UNMOVED) || !defined(WINDOW_REACH) || !defined(SHORT_WINDOW) || !defined(MIDDLE_WINDOW)
+#error "window.h needs UNMOVED, WINDOW_REACH, SHORT_WINDOW and MIDDLE_WINDOW from the prelude"
 #endif
 
 // Planes of a window: r, g, b, error, count, alpha. The windows stand one behind the other: the latest frames, a few
-// more, all, and without motion all since the camera came to stand.
+// more, all, without motion all since the camera came to stand (UNMOVED), and beside a recursive resolve the frame of
+// now alone.
 #define WINDOW_PLANES (5 + ALPHA)
-#define ALL_FRAMES (WINDOWS - 2)
-#define UNMOVED (WINDOWS - 1)
+#define ALL_FRAMES (UNMOVED - 1)
+#define PRESENT (UNMOVED + 1)
+#define WINDOWS (PRESENT + (RECURSION == RECURSION_STANDING))
 #define WINDOW_TEXELS ((2 * WINDOW_REACH + 1) * (2 * WINDOW_REACH + 1))
 
 // How many of the frames in the ring a window has.
@@ -98,6 +101,32 @@ STAGE resolved longer_history(
     if (ALPHA)
         out.alpha = longer ? load_history(recursive + 3 * plane_size(frame) + at) : window.alpha;
     return out;
+}
+
+// Where all of the past is doubtful: the surface stands, but light has left the recursive resolve few of its samples. A
+// reactive mask tells of such places by itself.
+STAGE mask past_is_doubtful(motion_t m, pixel_t p, plane_in recursive_count, uint at)
+{
+    const mask few = load(recursive_count + at) < SPLAT(DOUBTFUL_SAMPLES);
+    const mask doubtful = in_place(m) & few & (p.most_reactive <= SPLAT(0.0));
+    return p.missing ? (mask)(0) : doubtful;
+}
+
+// The error of the filtered sample, as that of a window: how far the pixel's own sample lies from the others that the
+// filter weighs, as if that were so of each of the latest samples. Neighbours that agree say less than samples of the
+// pixel itself, hence PRESENT_PENALTY. Where it is not `valid`, or the filter weighs little beside its centre, an error
+// beyond any other.
+STAGE real present_error(gathered g, pixel_t p, mask valid, frame_t frame, settings_t settings)
+{
+    if ((FILTER_USE != FILTER_USE_FEW_SAMPLES) | (CURRENT_FILTER == CURRENT_FILTER_NONE))
+        return SPLAT(DOMAIN_LIMIT);
+    const real one = SPLAT(1.0);
+    const real across = one - (SPLAT(frame.left_weight) + SPLAT(frame.right_weight)),
+               down = one - (SPLAT(frame.above_weight) + SPLAT(frame.below_weight)), others = one - across * down;
+    const colour d = share_difference(p.filtered, p.own, settings);
+    const real size = (d.r * d.r + d.g * d.g) + d.b * d.b;
+    const real error = K(PRESENT_PENALTY) * ((own_samples(p) + g.recent_count) * quotient(size, others * others));
+    return (valid & (others > SPLAT(0.25))) ? error : SPLAT(DOMAIN_LIMIT);
 }
 
 // Whether a window of the ring has no more frames than the one before it.

@@ -83,6 +83,25 @@ def test_what_moves_with_its_texture_has_a_longer_history_too() -> None:
     assert errors[0] < 0.75 * errors[1]  # up to 20 samples against 8
 
 
+def test_what_no_vector_tells_of_is_taken_from_the_frame_of_now() -> None:
+    # As water does, a soft texture runs over a surface that stands, by a pixel a frame.
+    def wave(index: int, jitter: tuple[float, float]) -> Array:
+        x = np.arange(WIDTH) + jitter[0] - index
+        y = np.arange(HEIGHT)[:, None] + jitter[1]
+        return np.repeat((0.5 + 0.3 * np.sin(0.3 * x) * np.cos(0.27 * y))[..., None], 3, axis=2)
+
+    def running(index: int) -> Frame:
+        jitter = ((index * 0.618) % 1 - 0.5, (index * 0.414) % 1 - 0.5)
+        return replace(drawn(index), colour=wave(index, jitter).astype(np.float32), motion=None, jitter_px=jitter)
+
+    errors = []
+    for recursion in ("standing", "none"):
+        preset = override(load_preset("gather-8"), {"recursion": recursion})
+        *_, image = Resolver(preset, strict=True).images(running(index) for index in range(16))
+        errors.append(float(np.abs(image - wave(15, (0.0, 0.0)))[3:-3, 3:-3].mean()))
+    assert errors[0] < 0.5 * errors[1]
+
+
 def test_a_lamp_that_goes_on_is_followed() -> None:
     lights = [1.0] * 30 + [1.5] * 4
     with_it, without = (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cltaa.core.build import FRAME_DTYPE, Build, Steps, settings_record
-from cltaa.core.constants import WINDOW_REACH, WINDOWS
+from cltaa.core.constants import WINDOW_REACH
 from cltaa.core.parameters import Settings
 from cltaa.core.planes import Layout
 from cltaa.reference.gather_window import around, drift_of, drifts_of, t_of, trust, weigh_windows
@@ -39,8 +39,8 @@ def weighed(errors: tuple[float, float, float, float]) -> float:
     """What flat windows come to, each of which leaves its error in every texel: 1.0 the latest four frames, 0.98 the
     latest eight, 0.8 all and 0.4 all without motion."""
     layout, build = Layout(WIDTH, HEIGHT), Build(steps=Steps(alpha=False))
-    windows = layout.zeros(WINDOWS * 5)
-    for planes, light, error in zip(windows.reshape(WINDOWS, 5, *windows.shape[1:]), LIGHTS, errors, strict=True):
+    windows = layout.zeros(len(errors) * 5)
+    for planes, light, error in zip(windows.reshape(len(errors), 5, *windows.shape[1:]), LIGHTS, errors, strict=True):
         planes[:3], planes[3], planes[4] = light, error, 7.0
     output, count = layout.zeros(4), layout.zeros(1)
     frame = np.zeros((), FRAME_DTYPE)

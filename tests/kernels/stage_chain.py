@@ -25,9 +25,9 @@ from cltaa.core.build import (
     Record,
     Steps,
     settings_record,
+    window_count,
     window_planes,
 )
-from cltaa.core.constants import WINDOWS
 from cltaa.core.constants import value as value_of
 from cltaa.core.parameters import Choices, CurrentFilter, Illumination, Settings
 from cltaa.core.planes import Layout
@@ -121,7 +121,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "tonemap",
         "weighting",
     ),
-    "weigh_windows": ("alpha", "storage", "weighting"),
+    "weigh_windows": ("alpha", "recursion", "storage", "weighting"),
 }
 # Seeds of the rows of several choices, with which each value is in one that shows it, and no clip that rounding in one
 # channel can turn is in RGB.
@@ -200,7 +200,7 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
         given["ring"] = ring_of(build.steps, work)
     given |= {f"{name[:-4]}_in": planes for name, planes in work.planes.items() if name.endswith("_out")}
     if "windows" in work.planes:
-        given["windows"] = windows_of(build.steps, work)
+        given["windows"] = windows_of(build, work)
     if kernel == "weigh_windows":
         given["frames"] = LONG_RING  # each of its windows is another
     given |= {name: np.full_like(work.layout.zeros(count), UNWRITTEN) for name, count in writes(kernel, build).items()}
@@ -217,6 +217,8 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
 
 def writes(kernel: str, build: Build) -> dict[str, int]:
     """The planes that a kernel of that build writes: where light is tested the count has a second one."""
+    if kernel == "gather_windows":
+        return {"windows": 6 * window_count(build.choices)}
     recurs = kernel in ("blend", "resolve") and tests_light(build)
     return WRITES[kernel] | ({"output_count": 2} if recurs else {})
 
@@ -229,10 +231,11 @@ def with_changes(planes: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.concatenate([planes[: 8 if len(planes) > 1 else 1], changes[None]])
 
 
-def windows_of(steps: Steps, work: Work) -> NDArray[np.float32]:
-    """The planes of the windows that a build with ``steps`` reads, one window after another."""
-    windows = work.planes["windows"].reshape(WINDOWS, -1, work.layout.rows, work.layout.stride)
-    return np.ascontiguousarray(windows[:, : window_planes(steps)]).reshape(-1, *windows.shape[2:])
+def windows_of(build: Build, work: Work) -> NDArray[np.float32]:
+    """The planes of the windows that a build reads, one window after another."""
+    count, planes = window_count(build.choices), window_planes(build.steps)
+    windows = work.planes["windows"].reshape(-1, 6, work.layout.rows, work.layout.stride)
+    return np.ascontiguousarray(windows[:count, :planes]).reshape(-1, *windows.shape[2:])
 
 
 def ring_of(steps: Steps, work: Work) -> NDArray[np.float32]:

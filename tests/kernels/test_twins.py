@@ -18,9 +18,20 @@ import pytest
 from msgspec.structs import replace
 
 from cltaa.core.backend import storage_dtype
-from cltaa.core.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Steps, Storage, window_planes
-from cltaa.core.constants import PAD_X, PAD_Y, WINDOWS
-from cltaa.core.parameters import HOST_CHOICES, HOST_SETTINGS, Choices, Illumination, Rectify, Recursion, Settings
+from cltaa.core.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Steps, Storage
+from cltaa.core.constants import PAD_X, PAD_Y, UNMOVED
+from cltaa.core.constants import value as value_of
+from cltaa.core.parameters import (
+    HOST_CHOICES,
+    HOST_SETTINGS,
+    Choices,
+    CurrentFilter,
+    FilterUse,
+    Illumination,
+    Rectify,
+    Recursion,
+    Settings,
+)
 from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset
 from cltaa.opencl.device import POCL
@@ -148,20 +159,28 @@ def test_a_stage_gives_the_bits_of_its_twin_for_every_choice(kernel: str, name: 
 
 
 @pytest.mark.parametrize(("lanes", "storage"), [(1, Storage.FLOAT), (8, Storage.FLOAT), (8, Storage.HALF)])
-def test_a_window_of_all_frames_before_has_the_bits_of_its_twin(lanes: int, storage: Storage) -> None:
-    # Every pixel stands, and of every second there are more samples than lie in the ring.
-    steps = replace(ALL_STEPS, camera_motion=False, own_motion=False)
-    choices = Choices(recursion=Recursion.STANDING, illumination=Illumination.WINDOW)
+def test_the_windows_beside_a_recursive_resolve_have_the_bits_of_their_twin(lanes: int, storage: Storage) -> None:
+    # Every pixel stands; of every second there are more samples than lie in the ring, of the others next to none.
+    steps = replace(ALL_STEPS, camera_motion=False, own_motion=False, reactive=False)
+    choices = Choices(
+        recursion=Recursion.STANDING,
+        illumination=Illumination.WINDOW,
+        current_filter=CurrentFilter.GAUSSIAN,
+        filter_use=FilterUse.FEW,
+    )
     build = replace(strict(lanes), steps=steps, choices=choices, storage=storage)
     work = chain_work()
-    counts = np.where(np.indices((work.layout.rows, work.layout.stride)).sum(0) % 2 == 0, 40.0, 1.0)
-    work.planes["history_count"][0] = counts
+    many = np.indices((work.layout.rows, work.layout.stride)).sum(0) % 2 == 0
+    work.planes["history_count"][0] = np.where(many, 40.0, 1.0)
     ours, theirs = (run_stage("gather_windows", build, work, on) for on in (device(), NumpyLauncher()))
     assert differing(work, ours, theirs) == 0
-    planes = window_planes(steps)
-    for window in (WINDOWS - 2, WINDOWS - 1):
-        held = work.layout.inside(theirs["windows"])[window * planes + 4] == 40.0
-        assert held.mean() == pytest.approx(0.5, abs=0.01)
+    parts = work.layout.inside(theirs["windows"]).reshape(UNMOVED + 2, -1, work.layout.height, work.layout.width)
+    for window in (UNMOVED - 1, UNMOVED):
+        assert (parts[window, 4] == 40.0).mean() == pytest.approx(0.5, abs=0.01)
+    judged = parts[UNMOVED + 1, 3] < value_of("DOMAIN_LIMIT")
+    missing = sample_is_missing(work.planes["current"], work.layout)
+    assert not (judged & (work.layout.inside(many) | missing)).any()
+    assert judged.mean() > 0.4
 
 
 @pytest.mark.big

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Real
-from cltaa.core.constants import PAD_X, PAD_Y, WINDOWS
+from cltaa.core.constants import PAD_X, PAD_Y, UNMOVED
 from cltaa.core.constants import value as value_of
 from cltaa.reference.accumulate import current_pixel
 from cltaa.reference.disocclusion import on_screen
@@ -194,13 +194,13 @@ def squared(work: Work) -> Values:
 def of_windows(work: Work) -> Values:
     """Largest magnitude of any window's colour in the 5x5."""
     windows = work.planes["windows"]
-    planes = windows.reshape(WINDOWS, -1, *windows.shape[1:])[:, :3].reshape(-1, *windows.shape[1:])
+    planes = windows.reshape(UNMOVED + 2, -1, *windows.shape[1:])[:, :3].reshape(-1, *windows.shape[1:])
     return np.max([np.abs(part) for plane in planes for part in around(plane, work.layout)], axis=0)
 
 
 def counted(work: Work) -> Values:
     """1 + the largest count of a window."""
-    planes = work.planes["windows"].reshape(WINDOWS, -1, *work.planes["windows"].shape[1:])[:, 4]
+    planes = work.planes["windows"].reshape(UNMOVED + 2, -1, *work.planes["windows"].shape[1:])[:, 4]
     return 1 + np.max([work.layout.inside(plane) for plane in planes], axis=0)
 
 
@@ -208,7 +208,7 @@ def outputs_of_window(window: int) -> list[Output]:
     """The rows of one window."""
     name, first = ("short", "middle", "all", "unmoved")[window], 6 * window
     parts = [
-        (RGB, "colour", "u·M", gathered if window < WINDOWS - 1 else drawn),
+        (RGB, "colour", "u·M", gathered if window < UNMOVED else drawn),
         (FOURTH, "error", "u·M²", squared),
         (slice(4, 5), "count n", "u·(1 + n)", one),
         (slice(5, 6), "alpha", "u", one),
@@ -250,7 +250,7 @@ OUTPUTS = [
     Output("gather", "gather: colour", "output", RGB, "u·M", gathered),
     Output("gather", "gather: alpha", "output", FOURTH, "u", one),
     Output("gather", "gather: count n", "output_count", FIRST, "u·(1 + n)", one),
-    *(output for window in range(WINDOWS) for output in outputs_of_window(window)),
+    *(output for window in range(UNMOVED + 1) for output in outputs_of_window(window)),
     Output("weigh_windows", "weighed: colour", "output", RGB, "u·M", of_windows),
     Output("weigh_windows", "weighed: alpha", "output", FOURTH, "u", one),
     Output("weigh_windows", "weighed: count n", "output_count", FIRST, "u·(1 + n)", counted),
