@@ -145,7 +145,8 @@ def gather_windows(
 def past_is_doubtful(stands: Mask, p: Pixel, recursive_count: Array) -> Mask:
     """Where a surface stands, but light has left the recursive resolve few of its samples."""
     few: Mask = recursive_count < constant("DOUBTFUL_SAMPLES", recursive_count)
-    return stands & few & (p.most_reactive <= number(0.0, recursive_count))
+    doubtful: Mask = stands & few & (p.most_reactive <= number(0.0, recursive_count))
+    return doubtful
 
 
 def present_error(g: Gathered, p: Pixel, valid: Mask, build: Build, frame: Record, settings: Record) -> Array:
