@@ -25,14 +25,14 @@ from cltaa.inputs.open import Reading
 from cltaa.io.exr_layout import check_lossless
 from cltaa.io.sequence import open_sequence
 from cltaa.lab.bench.api import SIZES, ApiBench, bench_api
+from cltaa.lab.bench.cases import check_scenes, known_scenes
 from cltaa.lab.bench.devices import ShapesBench, bench_shapes, forget_shapes
-from cltaa.lab.bench.effects import EffectRow, cells, judge_effects, line, markdown
+from cltaa.lab.bench.effects import EffectRow, cells, judge_effects
 from cltaa.lab.bench.files import FilesBench, bench_files
 from cltaa.lab.bench.frames import Motion
 from cltaa.lab.bench.kernels import KernelBench, Timing, bench_kernels
-from cltaa.lab.bench.quality.cases import check_scenes, known_scenes
 from cltaa.lab.timing import Interval
-from cltaa.printable import counted, json_of, printable, shown
+from cltaa.printable import counted, json_of, markdown, markdown_row, printable, shown
 from cltaa.process import run_cltaa
 
 
@@ -280,15 +280,14 @@ def effects(
     check_scenes(scenes)
     pixels = f"{size[0]}x{size[1]}"
     launcher = launcher_for(device)
-    if not as_json:
-        click.echo(markdown([]), nl=False)
     for number, scene in enumerate(scenes or sorted(known_scenes()), start=1):
         click.echo(f"{number}: {printable(scene)}", err=True)
         folder = work / f"{scene}-{pixels}x{frames}"
         run_cltaa(["capture", scene, "-o", str(folder), "--frames", str(frames), "--size", pixels])
         rows.append(judge_effects(open_sequence(folder), preset, launcher, rounds=rounds))
-        if not as_json:
-            click.echo(line(cells(rows[-1])), nl=False)  # as soon as it is known: all scenes take a while
+        if not as_json:  # as soon as it is known: all scenes take a while
+            row = cells(rows[-1])
+            click.echo(markdown(row, [row.values()]) if number == 1 else markdown_row(row.values()), nl=False)
     if as_json:
         click.echo(json_of(rows))
     if not all(row.same_bits for row in rows):

@@ -6,7 +6,6 @@ nothing were declared (``all``), where plain means and plain weights give way to
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Literal
 
@@ -94,40 +93,18 @@ def _named(way: str) -> Literal["auto", "all"]:
     return "all" if way == ALL else "auto"
 
 
-def markdown(rows: Iterable[EffectRow]) -> str:
-    """The table of docs/generated/effects.md."""
-    heads = (
-        "scene",
-        "effects",
-        "steps that run",
-        "ms planned",
-        "ms every step",
-        "ms all",
-        "all / planned",
-        "same bits",
-        "replaced",
-    )
-    table = [heads, ("---",) * len(heads), *map(cells, rows)]
-    return "".join(line(row) for row in table)
-
-
-def line(row: Iterable[str]) -> str:
-    """A line of a Markdown table."""
-    return f"| {' | '.join(row)} |\n"
-
-
-def cells(row: EffectRow) -> tuple[str, ...]:
-    """The cells of one scene."""
+def cells(row: EffectRow) -> dict[str, str]:
+    """A row of the table of docs/generated/effects.md, by its heads."""
     saving = f"{row.saving.median:.2f} ({row.saving.low:.2f} to {row.saving.high:.2f})"
     replaced = "nothing" if row.replaced == 0.0 else f"{row.replaced:.2g}, mean {row.replaced_mean:.1g}"
-    return (
-        row.scene,
-        row.effects.replace(",", " "),
-        ", ".join(row.steps) or "none",
-        f"{row.planned_ms:.2f}",
-        f"{row.every_ms:.2f}",
-        f"{row.all_ms:.2f}",
-        saving,
-        "yes" if row.same_bits else "**no**",
-        replaced,
-    )
+    return {
+        "scene": row.scene,
+        "effects": row.effects.replace(",", " "),
+        "steps that run": ", ".join(row.steps) or "none",
+        "ms planned": f"{row.planned_ms:.2f}",
+        "ms every step": f"{row.every_ms:.2f}",
+        "ms all": f"{row.all_ms:.2f}",
+        "all / planned": saving,
+        "same bits": "yes" if row.same_bits else "**no**",
+        "replaced": replaced,
+    }

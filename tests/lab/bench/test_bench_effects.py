@@ -13,7 +13,7 @@ from cltaa.frame import Effect, Frame
 from cltaa.io.exr_write import write_frame
 from cltaa.io.sequence import FrameSequence, open_sequence
 from cltaa.lab.bench import effects as bench
-from cltaa.lab.bench.effects import EffectRow, judge_effects, markdown
+from cltaa.lab.bench.effects import EffectRow, cells, judge_effects
 from cltaa.reference.launcher import NumpyLauncher
 from tests.sequence_factory import make_camera, make_frame
 
@@ -44,13 +44,10 @@ def test_a_scene_that_calls_for_what_it_gets(tmp_path: Path) -> None:
     assert row.same_bits
     assert row.replaced == 0.0
     assert row.steps == ["reprojection", "rectification", "luminance weights"]
-    text = markdown([row]).splitlines()
-    assert len(text) == 3
-    assert (
-        "| synthetic | camera disocclusion hdr illumination | reprojection, rectification, luminance weights |"
-        in text[2]
-    )
-    assert text[2].endswith("| yes | nothing |")
+    found = cells(row)
+    assert (found["scene"], found["effects"]) == ("synthetic", "camera disocclusion hdr illumination")
+    assert found["steps that run"] == "reprojection, rectification, luminance weights"
+    assert (found["same bits"], found["replaced"]) == ("yes", "nothing")
 
 
 def test_a_step_that_changes_a_bit_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,4 +59,4 @@ def test_a_step_that_changes_a_bit_is_found(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(bench, "Resolver", Tainted)
     row = judged(captured(tmp_path, {Effect.CAMERA, Effect.HDR}))
     assert not row.same_bits
-    assert "**no**" in markdown([row])
+    assert cells(row)["same bits"] == "**no**"

@@ -9,9 +9,10 @@ import pytest
 
 from cltaa.core.presets import load_preset
 from cltaa.errors import DataError, OutputError
-from cltaa.lab.bench.quality.cases import HELD_OUT, TRAIN
-from cltaa.lab.bench.quality.judge import ONE_SAMPLE
-from cltaa.lab.bench.quality.page import (
+from cltaa.lab.bench.cases import HELD_OUT, TRAIN
+from cltaa.lab.bench.cells import ONE_SAMPLE
+from cltaa.lab.bench.quality.pictures import write_pictures
+from cltaa.lab.bench.quality.table import (
     BEGIN,
     END,
     best_engine,
@@ -22,7 +23,6 @@ from cltaa.lab.bench.quality.page import (
     summary,
     write_pages,
 )
-from cltaa.lab.bench.quality.pictures import write_pictures
 from cltaa.reference.launcher import NumpyLauncher
 from tests.lab.bench.quality_cells import case, scores
 

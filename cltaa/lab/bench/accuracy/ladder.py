@@ -11,11 +11,10 @@ from typing import Any
 
 import msgspec
 
-from cltaa.core.backend import Launcher
-from cltaa.core.build import Build, Real, Storage
-from cltaa.core.parameters import Accumulate, Box, Choices, Settings
-from cltaa.core.presets import Preset, Published
-from cltaa.core.resolver import Resolver
+from cltaa.core.build import Real, Storage
+from cltaa.core.parameters import Accumulate, Box, Choices
+from cltaa.core.presets import Preset
+from cltaa.lab.bench.cells import Variant
 
 DEFAULT, PRESETS = "default", "preset"
 
@@ -29,36 +28,6 @@ SETTINGS_RUNGS: dict[str, tuple[float, ...]] = {
 # What a box of deviations shows and a box of extremes does not: these choices are also rungs beside that box.
 IN_VARIANCE_BOX = ("neighbourhood", "variance")
 SLOW_WEIGHT = 0.05  # of the exponential blend, beside its own default
-
-
-class Variant(msgspec.Struct, frozen=True, kw_only=True):
-    """One way to resolve. ``group`` is the step that it changes against the default."""
-
-    name: str
-    group: str
-    choices: Choices
-    settings: Settings
-    storage: Storage = Storage.FLOAT
-    real: Real = Real.FLOAT
-    strict: bool = False
-    relaxed: bool = False
-    published: Published = Published.NO
-
-    @property
-    def preset(self) -> Preset:
-        """Choices and settings under the variant's name, published if what it departs from is."""
-        return Preset(
-            name=self.name,
-            description=self.group,
-            published=self.published,
-            choices=self.choices,
-            settings=self.settings,
-        )
-
-    def resolver(self, device: str | Launcher | None) -> Resolver:
-        """A new resolver of this variant."""
-        build = Build(real=self.real, storage=self.storage, strict=self.strict, relaxed=self.relaxed)
-        return Resolver(self.preset, device, build=build)
 
 
 def steps(base: Variant) -> Iterator[Variant]:
@@ -99,16 +68,10 @@ def ladder(base: Preset, presets: Iterable[Preset] = ()) -> list[Variant]:
 
     Presets that look ahead are left out: errors and times are taken frame by frame.
     """
-    first = _as_it_is(base, DEFAULT)
+    first = Variant.of(base, DEFAULT)
     causal = (preset for preset in presets if not preset.settings.look_ahead)
-    others = [_as_it_is(preset, PRESETS) for preset in causal if preset.name != base.name]
+    others = [Variant.of(preset, PRESETS) for preset in causal if preset.name != base.name]
     return [first, *steps(first), *others]
-
-
-def _as_it_is(preset: Preset, group: str) -> Variant:
-    return Variant(
-        name=preset.name, group=group, choices=preset.choices, settings=preset.settings, published=preset.published
-    )
 
 
 def _changed(

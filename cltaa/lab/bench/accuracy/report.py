@@ -6,7 +6,7 @@ import base64
 import csv
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import resources
 from io import BytesIO
 from pathlib import Path
@@ -22,8 +22,8 @@ from cltaa.frame import Frame, Image
 from cltaa.io.atomic import atomic_path
 from cltaa.io.display import heat, to_picture
 from cltaa.lab.bench.accuracy.figures import table, write_plots
-from cltaa.lab.bench.accuracy.results import Accuracy
-from cltaa.lab.bench.accuracy.tasks import COUNT_WHITE, Task, load, png
+from cltaa.lab.bench.accuracy.measurement import Accuracy, Spread, cells_of
+from cltaa.lab.bench.cells import COUNT_WHITE, Task, png
 from cltaa.lab.judge.comparison import truth_of
 from cltaa.lab.judge.metrics import METRICS
 from cltaa.printable import counted
@@ -62,11 +62,10 @@ def _pictures(tasks: Sequence[Task], output: Path) -> dict[str, Any]:
     sequence = tasks[0].open()
     (frame,) = sequence.select(sequence.last, sequence.last)
     truth = to_picture(truth_of(sequence).image(sequence.last))
-    variants = {}
-    for task in tasks:
-        found = load(task, output)
-        assert found is not None
-        variants[task.variant.name] = {name: _address(picture) for name, picture in found.pictures.items()}
+    variants = {
+        variant.name: {name: _address(picture) for name, picture in cell.pictures.items()}
+        for variant, cell in cells_of(tasks, output).items()
+    }
     return {
         "inputs": {
             "truth": {"picture": _address(png(truth))},
@@ -99,60 +98,43 @@ def _address(picture: bytes) -> str:
     return f"data:image/webp;base64,{base64.b64encode(stream.getvalue()).decode()}"
 
 
-FIXED = (
-    "sequence",
-    "variant",
-    "group",
-    "ms_per_megapixel",
-    "low",
-    "high",
-    "ratio",
-    "ratio_low",
-    "ratio_high",
-    "noisy",
-    "clock",
-    "rounding_rms",
-    "rounding_largest",
-)
-
-
 def csv_text(result: Accuracy) -> str:
     """All cells and the yardstick; an error is a column ``<metric>``, and with _p5, _p95 and _largest behind it."""
-    stream = io.StringIO()
-    suffixes = {"": "mean", "_p5": "p5", "_p95": "p95", "_largest": "largest"}
-    columns = [f"{metric}{suffix}" for metric in result.metrics for suffix in suffixes]
-    writer = csv.DictWriter(stream, [*FIXED, *columns], restval="")
+    stream, rows = io.StringIO(), [*_rows(result)]
+    writer = csv.DictWriter(stream, rows[0], restval="")
     writer.writeheader()
+    writer.writerows(rows)
+    return stream.getvalue()
+
+
+def _rows(result: Accuracy) -> Iterator[dict[str, object]]:
     groups = {variant.name: variant.group for variant in result.variants}
     for measured in result.sequences:
         for cell in measured.cells:
-            time = cell.time(measured.clock)
-            values = (
-                measured.name,
-                cell.variant,
-                groups[cell.variant],
-                time.median,
-                time.low,
-                time.high,
-                cell.ratio.median,
-                cell.ratio.low,
-                cell.ratio.high,
-                int(measured.noisy),
-                str(measured.clock),
-                cell.rounding.rms if cell.rounding else "",
-                cell.rounding.largest if cell.rounding else "",
-            )
-            row = dict(zip(FIXED, values, strict=True))
-            for metric in result.metrics:
-                row |= {f"{metric}{end}": getattr(cell.errors[metric], name) for end, name in suffixes.items()}
-            writer.writerow(row)
+            time, ratio, rounding = cell.time, cell.ratio, cell.rounding
+            yield {
+                "sequence": measured.name,
+                "variant": cell.variant,
+                "group": groups[cell.variant],
+                "ms_per_megapixel": time.median,
+                "low": time.low,
+                "high": time.high,
+                "ratio": ratio.median,
+                "ratio_low": ratio.low,
+                "ratio_high": ratio.high,
+                "noisy": int(measured.noisy),
+                "clock": str(measured.clock),
+                "rounding_rms": rounding.rms if rounding else "",
+                "rounding_largest": rounding.largest if rounding else "",
+            } | _columns(cell.errors)
         for yard in measured.yardstick:
             row = {"sequence": measured.name, "variant": counted(yard.samples, "sample"), "group": "supersampling"}
-            row |= {} if yard.added is None else {"ms_per_megapixel": yard.added}
-            for metric in result.metrics:
-                row |= {f"{metric}{end}": getattr(yard.errors[metric], name) for end, name in suffixes.items()}
-            writer.writerow(row)
-    return stream.getvalue()
+            yield row | {"ms_per_megapixel": "" if yard.added is None else yard.added} | _columns(yard.errors)
+
+
+def _columns(errors: Mapping[str, Spread]) -> dict[str, object]:
+    ends = {"": "mean", "_p5": "p5", "_p95": "p95", "_largest": "largest"}
+    return {f"{name}{end}": getattr(errors[name], part) for name in errors for end, part in ends.items()}
 
 
 NAME = "accuracy.json"

@@ -18,10 +18,11 @@ from cltaa.core.presets import LADDER, Preset, Published, load_preset, preset_na
 from cltaa.errors import DataError
 from cltaa.io.atomic import atomic_path, check_creatable
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.bench.quality.cases import Case
-from cltaa.lab.bench.quality.judge import ALPHA, COLUMNS, ONE_SAMPLE, Judged
+from cltaa.lab.bench.cases import Case
+from cltaa.lab.bench.cells import ALPHA, COLUMNS, ONE_SAMPLE, Judged
 from cltaa.lab.judge.comparison import truth_of, truth_samples
 from cltaa.lab.judge.metrics import Measure, mean_psnr
+from cltaa.printable import markdown
 
 DEFAULT = "default"
 DECIDING = ("flip", "psnr")  # the two that a preset is called better by
@@ -275,7 +276,7 @@ def _overview(table: Table, beside: str) -> Iterable[str]:
         shown = {"best published": others} | shown
     columns = [column for column in COLUMNS if column.name in OVERVIEW]
     heads = [f"{column.head} {title}" for column in columns for title in shown]
-    lines = [f"| scene | {' | '.join(heads)} |", "|---|" + "---:|" * len(heads)]
+    lines = []
     for scene, rows in _by_scene(table).items():
         cells = []
         for column in columns:
@@ -286,8 +287,8 @@ def _overview(table: Table, beside: str) -> Iterable[str]:
             leaders = [_best(column, ({column.name: group[n]} for group in groups)) for n in range(len(rows))]
             for group in groups:
                 cells.append(" / ".join(_cell(v, column, best) for v, best in zip(group, leaders, strict=True)))
-        lines.append(f"| [{scene}]({quote(beside)}#{_anchor(scene)}) | {' | '.join(cells)} |")
-    yield "\n".join(lines)
+        lines.append([f"[{scene}]({quote(beside)}#{_anchor(scene)})", *cells])
+    yield markdown(["scene", *heads], lines, figures=True).rstrip()
     yield _splits(table.means)
 
 
@@ -307,15 +308,13 @@ def _duels(table: Table) -> Iterable[str]:
     if not table.duels:
         yield "Nothing to compare: no preset of an article or an engine was judged, or none beside it."
         return
-    lines = ["| preset | against | better in | mean FLIP | mean PSNR | not better in |", "|---|---|---|---|---|---|"]
+    lines = []
     for duel in table.duels:
         flip, psnr = (f"{a:{form}} : {b:{form}}" for (a, b), form in ((duel.mean_flip, ".4f"), (duel.mean_psnr, ".2f")))
         losses = ", ".join(duel.not_better) or "–"
-        lines.append(
-            f"| {duel.preset} | {duel.against} | {duel.better} of {duel.sequences} | {flip} | {psnr} | {losses} |"
-        )
+        lines.append([duel.preset, duel.against, f"{duel.better} of {duel.sequences}", flip, psnr, losses])
     yield "*Better*: both lower FLIP and higher PSNR."
-    yield "\n".join(lines)
+    yield markdown(["preset", "against", "better in", "mean FLIP", "mean PSNR", "not better in"], lines).rstrip()
     for split, means in table.means.items():
         engine = best_engine(means)
         if engine is not None and DEFAULT in means:
@@ -343,7 +342,7 @@ def _grid(cells: Mapping[str, list[dict[str, float | None]]]) -> str:
     """A Markdown table of presets by scores; the best resolve of each column stands in bold."""
     columns = columns_of(values for several in cells.values() for values in several)
     heads = [column.head for column in columns]
-    lines = [f"| preset | {' | '.join(heads)} |", "|---|" + "---:|" * len(heads)]
+    lines = []
     resolves = [values for name, values in cells.items() if name != ONE_SAMPLE] or [*cells.values()]
     best = [[_best(column, (values[n] for values in resolves)) for n in range(len(resolves[0]))] for column in columns]
     for name, values in cells.items():
@@ -351,8 +350,8 @@ def _grid(cells: Mapping[str, list[dict[str, float | None]]]) -> str:
         for column, leaders in zip(columns, best, strict=True):
             pairs = zip(values, leaders, strict=True)
             texts.append(" / ".join(_cell(score(column.name, each), column, best) for each, best in pairs))
-        lines.append(f"| {name} | {' | '.join(texts)} |")
-    return "\n".join(lines)
+        lines.append([name, *texts])
+    return markdown(["preset", *heads], lines, figures=True).rstrip()
 
 
 def _best(column: Measure, scores: Iterable[dict[str, float | None]]) -> float | None:
