@@ -88,7 +88,7 @@ COMMANDS = {
             "cltaa.commands.compare.even_step": lambda *_: 1,
             "cltaa.commands.compare.stale_maps": lambda *_: [],
             "cltaa.commands.compare.judge": begins,
-            "cltaa.commands.compare.compare_table": begins,
+            "cltaa.commands.compare.judged_entries": begins,
         },
     ),
     "tune": Command(
@@ -284,10 +284,10 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--video", "judge.in_time", True),
         *frames_that_are_opened("pair_up"),
         ("--no-verify", "pair_up.verify", False),
-        ("--table --ours basic,karis", "compare_table.ours", ["basic", "karis"]),
-        ("--table --cvvdp", "compare_table.cvvdp", True),
-        ("--table --film films", "compare_table.film", Path("films")),
-        ("--table --frames 3-5", "compare_table.frames", (3, 5)),
+        ("--table --ours basic,karis", "judged_entries.ours", ["basic", "karis"]),
+        ("--table --cvvdp", "judged_entries.cvvdp", True),
+        ("--table --film films", "judged_entries.film", Path("films")),
+        ("--table --frames 3-5", "judged_entries.frames", (3, 5)),
     ],
     "tune": [
         ("--budget 7ms", "parse_goal.budget", "7ms"),
