@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.table import Table
@@ -25,10 +26,10 @@ from cltaa.errors import UsageError, known
 from cltaa.inputs.open import Reading
 from cltaa.io.atomic import make_folder
 from cltaa.lab.bench.accuracy.figures import import_pyplot
-from cltaa.lab.bench.accuracy.ladder import ladder
 from cltaa.lab.bench.accuracy.measurement import Accuracy, MeasuredSequence, bench_accuracy, cost, tasks_of
 from cltaa.lab.bench.accuracy.report import falling_metrics, merged, page, read_report, write_report
-from cltaa.lab.bench.cells import Judging, Variant
+from cltaa.lab.bench.cells import Judging
+from cltaa.lab.bench.variants import Variant, ladder
 from cltaa.lab.judge.metrics import parse_metrics
 from cltaa.lab.timing import Clock
 from cltaa.printable import counted, json_of, printable, shown
@@ -97,14 +98,10 @@ def accuracy(
     only: tuple[str, ...],
     metrics: str,
     rounding_frames: int,
-    rounds: int,
-    patience: float,
-    pixels: int | None,
-    jobs: int,
-    dask: str | None,
     pictured: int,
     reading: Reading,
     as_json: bool,
+    **work: Any,
 ) -> None:
     """Measure error and time of every variant of the resolve over each SEQUENCE, and write a report.
 
@@ -121,7 +118,7 @@ def accuracy(
     make_folder(output)
     import_pyplot()  # this and what is read how are told before the work, not after it
     open_each(sequences, reading)
-    result = bench_accuracy(tasks, output, rounds=rounds, patience=patience, pixels=pixels, jobs=jobs, dask=dask)
+    result = bench_accuracy(tasks, output, **work)
     write_report(result, output, pictured, {"index.html": page(result, tasks, output, pictured)})
     answer(result, as_json, print_accuracy)
     if not as_json:
@@ -197,5 +194,5 @@ def overview(reports: tuple[Path, ...], output: Path, pictured: int, as_json: bo
     if not falling_metrics(result):
         raise UsageError("no error to compare by: no metric that falls with it", found=", ".join(result.metrics))
     make_folder(output)
-    text = write_report(result, output, pictured, of_one=True)
+    text = write_report(result, output, pictured)
     click.echo(json_of(result) if as_json else text, nl=as_json)

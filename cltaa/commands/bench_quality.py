@@ -45,7 +45,6 @@ from cltaa.lab.bench.cells import (
     COLUMNS,
     QUALITY,
     Judged,
-    Variant,
     check_judged,
     import_judges,
     launcher_of,
@@ -64,6 +63,7 @@ from cltaa.lab.bench.quality.table import (
     write_pages,
     written,
 )
+from cltaa.lab.bench.variants import Variant
 from cltaa.lab.judge.metrics import METRICS, versions_of
 from cltaa.printable import json_of, printable, shown
 

@@ -438,7 +438,7 @@ OTHERWISE = {
     "demo": {"resolve_sequence.restart", "resolve_sequence.stopping"},  # the folder is the demo's own
     "bench accuracy": {"page.pictured", "write_report.pictured", "write_report.pages"},
     "bench quality": {"check_scenes.also", "Reading.effects", "task_of.reading"},
-    "bench overview": {"write_report.of_one", "write_report.pictured"},
+    "bench overview": {"write_report.pictured"},
     "capture": {"capture_sequence.progress"},
 }
 # Of --json every command has a test of its answer (test_nonsense.py and that of the command).

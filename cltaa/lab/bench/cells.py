@@ -32,9 +32,7 @@ from PIL import Image as Pillow
 from cltaa.core.backend import DEVICE_VARIABLE, Buffer, Launcher, launcher_for
 from cltaa.core.build import Build, Real, Storage
 from cltaa.core.kernel_source import code_sha256
-from cltaa.core.parameters import Choices, Settings
 from cltaa.core.planes import Layout
-from cltaa.core.presets import Preset, Published
 from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError, ResourceError
 from cltaa.frame import Frame, Image
@@ -44,6 +42,7 @@ from cltaa.io.display import Picture, heat, shown_light, to_picture
 from cltaa.io.sequence import FrameSequence, ImageSequence
 from cltaa.io.streams import read_ahead
 from cltaa.lab.bench.cases import redrawn_of
+from cltaa.lab.bench.variants import Variant
 from cltaa.lab.judge.comparison import content_sha256, truth_of, truth_samples
 from cltaa.lab.judge.correspondence import Mask
 from cltaa.lab.judge.metrics import (
@@ -77,37 +76,6 @@ COLUMNS = (
     *SCORES,
 )
 ALPHA = Measure("alpha", "root mean square error of alpha")
-
-
-class Variant(msgspec.Struct, frozen=True, kw_only=True):
-    """One way to resolve: a preset, and the numbers that it is built with. ``group`` is what it is measured for."""
-
-    name: str
-    group: str
-    choices: Choices
-    settings: Settings
-    storage: Storage = Storage.FLOAT
-    real: Real = Real.FLOAT
-    strict: bool = False
-    relaxed: bool = False
-    published: Published = Published.NO
-
-    @classmethod
-    def of(cls, preset: Preset, group: str = "preset") -> Variant:
-        """A preset as it is."""
-        parts: dict[str, Any] = {"choices": preset.choices, "settings": preset.settings, "published": preset.published}
-        return cls(name=preset.name, group=group, **parts)
-
-    @property
-    def preset(self) -> Preset:
-        """Choices and settings under the variant's name, published if what it departs from is."""
-        parts: dict[str, Any] = {"choices": self.choices, "settings": self.settings, "published": self.published}
-        return Preset(name=self.name, description=self.group, **parts)
-
-    def resolver(self, device: str | Launcher | None) -> Resolver:
-        """A new resolver of this variant."""
-        build = Build(real=self.real, storage=self.storage, strict=self.strict, relaxed=self.relaxed)
-        return Resolver(self.preset, device, build=build)
 
 
 class Judging(msgspec.Struct, frozen=True, kw_only=True):
@@ -257,8 +225,8 @@ class DoubleTwin(NumpyLauncher):
 class _Tally:
     """What is gathered of one contender."""
 
+    video: Sums  # as moving pictures
     errors: dict[str, list[float]] = field(default_factory=dict)
-    video: Sums = field(default_factory=Sums)
     fresh_square: float = 0.0
     fresh_count: int = 0
     not_finite: int = 0
@@ -331,8 +299,10 @@ class _Pass:
         self.resolvers = {variant.name: variant.resolver(launcher) for variant in variants}
         self._twins = {each.name: Resolver(each.preset, DoubleTwin()) for each in variants if judging.rounding_frames}
         self._metrics, self._judging, self._count = named_metrics(judging.metrics), judging, len(sequence)
-        self._tallies = {name: _Tally() for name in ([ONE_SAMPLE] * judging.in_time + [*self.resolvers])}
-        self._video = VideoScores(len(self._tallies)) if judging.in_time else None
+        names = [ONE_SAMPLE] * judging.in_time + [*self.resolvers]
+        self._video = VideoScores(len(names)) if judging.in_time else None
+        totals = [Sums() for _ in names] if self._video is None else self._video.totals
+        self._tallies = {name: _Tally(total) for name, total in zip(names, totals, strict=True)}
         self._redrawn, self._redrawn_square = redrawn_of(sequence) if judging.in_time else None, 0.0
         self._device = launcher.description
 
@@ -345,12 +315,13 @@ class _Pass:
         for name, twin in self._twins.items() if place < self._judging.rounding_frames else ():
             twin.resolve(frame)
             self._tallies[name].apart.append(_apart(_history(self.resolvers[name], frame), _history(twin, frame)))
-        sums = [] if self._video is None else self._video.add(frame, light, images, judged=judged)
+        if self._video is not None:
+            self._video.add(frame, light, images, judged=judged)
         if not judged:
             return
         self._measure(place, frame, light, images)
         if self._video is not None:
-            self._measure_in_time(frame, truth, images, resolved, sums, self._video.fresh)
+            self._measure_in_time(frame, truth, images, resolved, self._video.fresh)
         for (name, resolver), image in zip(self.resolvers.items(), images[len(single) :], strict=True):
             if self._judging.pictures and place == self._count - 1:
                 self._tallies[name].pictures = _pictures(resolver, image, light, self._judging)
@@ -366,11 +337,10 @@ class _Pass:
                 tally.errors.setdefault(name, []).append(value)
 
     def _measure_in_time(
-        self, frame: Frame, truth: Image, images: list[Image], resolved: Sequence[Image], sums: list[Sums], fresh: Mask
+        self, frame: Frame, truth: Image, images: list[Image], resolved: Sequence[Image], fresh: Mask
     ) -> None:
         light = truth[..., :3]
-        for tally, image, score in zip(self._tallies.values(), images, sums, strict=True):
-            tally.video += score
+        for tally, image in zip(self._tallies.values(), images, strict=True):
             tally.fresh_square += _square(image, light, fresh)
             tally.fresh_count += 3 * int(fresh.sum())
         if self._redrawn is not None and fresh.any():

@@ -9,8 +9,8 @@ import numpy as np
 
 from cltaa.core.presets import load_preset
 from cltaa.io.sequence import open_sequence
-from cltaa.lab.bench.accuracy.ladder import ladder
 from cltaa.lab.bench.cells import Judging, Task, task_of
+from cltaa.lab.bench.variants import ladder
 from tests.sequence_factory import write_images, write_sequence
 
 FRAMES = 4

@@ -15,6 +15,7 @@ import pytest
 from PIL import Image as Pillow
 
 from cltaa.cli import main
+from cltaa.core.build import Storage
 from cltaa.core.presets import Preset, Published, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError, InputMissing
@@ -24,8 +25,9 @@ from cltaa.io.exr_read import read_frame
 from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.sequence import FrameSequence, open_sequence
 from cltaa.lab.bench.cases import HELD_OUT, REDRAWN, TRAIN, Shape, planned
-from cltaa.lab.bench.cells import ONE_SAMPLE, QUALITY, Judged, Judging, Variant, in_step, judge_sequence, task_of
+from cltaa.lab.bench.cells import ONE_SAMPLE, QUALITY, Judged, Judging, in_step, judge_sequence, task_of
 from cltaa.lab.bench.quality.table import BEGIN, END
+from cltaa.lab.bench.variants import Variant
 from cltaa.lab.judge.metrics import flip_map
 from cltaa.lab.judge.video_scores import Sums, VideoScores
 from cltaa.reference.launcher import NumpyLauncher
@@ -96,20 +98,24 @@ def judged(sequence: FrameSequence, *presets: Preset) -> dict[str, Judged]:
 def test_a_cell_counts_until_what_decides_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sequence = open_sequence(write_sequence(tmp_path / "capture", 3, reference=True))
     other = open_sequence(write_sequence(tmp_path / "other", 3, reference=True, seed=1))
-    preset, sooner = load_preset(), msgspec.structs.replace(SOON, settled=2)
+    preset = load_preset()
     theirs = msgspec.structs.replace(preset, published=Published.ENGINE)  # the plan leaves nothing out of it
 
-    def path(sequence: FrameSequence = sequence, preset: Preset = preset, judging: Judging = SOON) -> Path:
-        variant = Variant.of(preset)
+    def path(
+        sequence: FrameSequence = sequence, preset: Preset = preset, judging: Judging = SOON, **build: Any
+    ) -> Path:
+        variant = msgspec.structs.replace(Variant.of(preset), **build)
         return task_of(sequence, [variant], None, judging).path(tmp_path, variant)
 
-    changed = [path(judging=sooner), path(judging=msgspec.structs.replace(SOON, flip_every=2)), path(other)]
-    changed += [path(preset=override(preset, {"sample_limit": 3.0})), path(preset=theirs)]
-    paths = [path(), *changed]
-    monkeypatch.setattr("cltaa.lab.bench.cells.code_sha256", lambda: "another version")
-    assert len({*paths, path()}) == 7
+    assert path() == path(name="another", group="of another")
+    changed: list[dict[str, Any]] = [{"settled": 2}, {"flip_every": 2}, {"metrics": ("flip",)}]
+    paths = [path(judging=msgspec.structs.replace(SOON, **each)) for each in changed]
+    paths += [path(), path(other), path(preset=override(preset, {"sample_limit": 3.0})), path(preset=theirs)]
+    paths += [path(strict=True), path(storage=Storage.HALF)]
     write_images(sequence.folder / REDRAWN, [make_frame(number).colour for number in range(3)], name="synthetic")
-    assert len({*paths, path()}) == 7
+    paths.append(path())
+    monkeypatch.setattr("cltaa.lab.bench.cells.code_sha256", lambda: "another version")
+    assert len({*paths, path()}) == 11
 
 
 def test_what_is_not_finite_counts_and_is_judged_as_black(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

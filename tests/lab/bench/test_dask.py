@@ -23,7 +23,7 @@ from pathlib import Path
 from distributed import LocalCluster
 from cltaa.lab.bench.accuracy.measurement import tasks_of
 from cltaa.lab.bench.cells import Judging, run_all
-from cltaa.lab.bench.accuracy.ladder import ladder
+from cltaa.lab.bench.variants import ladder
 from cltaa.core.presets import load_preset
 
 if __name__ == "__main__":

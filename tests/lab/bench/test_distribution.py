@@ -20,13 +20,6 @@ def path(task: Task) -> Path:
     return task.path(Path(), task.variants[0])
 
 
-def test_a_key_tells_cells_apart(sequence: Path, tmp_path: Path) -> None:
-    first, other = task(sequence), task(write_sequence(tmp_path / "other", 4, reference=True, seed=1))
-    flip = msgspec.structs.replace(first, judging=msgspec.structs.replace(first.judging, metrics=("flip",)))
-    assert path(first) == path(task(sequence)) == path(task(sequence, name="another"))
-    assert len({path(each) for each in (first, flip, task(sequence, strict=True), other)}) == 4
-
-
 def test_a_key_tells_devices_apart(sequence: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     keys = set()
     for wish in ("one", "another"):  # by the variable, where the task names none

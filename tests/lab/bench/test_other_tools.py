@@ -16,10 +16,10 @@ from cltaa.errors import UsageError
 from cltaa.frame import Frame, parse_effects
 from cltaa.inputs.open import Reading, readings
 from cltaa.io.exr_write import write_frame
-from cltaa.lab.bench.accuracy.ladder import ladder
 from cltaa.lab.bench.accuracy.measurement import tasks_of, yardstick_errors
 from cltaa.lab.bench.cases import REDRAWN
 from cltaa.lab.bench.cells import Judging, run, task_of
+from cltaa.lab.bench.variants import ladder
 from cltaa.lab.timing import timed_numbers
 from cltaa.lab.tune import key_of
 from tests.inputs.foreign import frames, side_text, write_blender, write_own

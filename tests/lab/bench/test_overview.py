@@ -12,10 +12,10 @@ from matplotlib import pyplot
 from cltaa.cli import main
 from cltaa.core.presets import load_preset
 from cltaa.lab.bench.accuracy.figures import front_figure, overall, table, write_plots
-from cltaa.lab.bench.accuracy.ladder import ladder
 from cltaa.lab.bench.accuracy.measurement import Accuracy, Measured, MeasuredSequence, spread
 from cltaa.lab.bench.accuracy.report import read_report, write_report
 from cltaa.lab.bench.cells import Rounding
+from cltaa.lab.bench.variants import ladder
 from cltaa.lab.timing import Environment, Interval
 
 VARIANTS = ladder(load_preset())[:3]
@@ -144,7 +144,12 @@ def test_a_report_keeps_nothing_of_the_one_before(tmp_path: Path) -> None:
     (tmp_path / "notes.md").touch()
     write_report(accuracy(two), tmp_path)
     names = {"front-two.svg", "steps-two.svg"}
-    assert {path.name for path in tmp_path.iterdir()} == names | {"accuracy.json", "accuracy.csv", "notes.md"}
+    assert {path.name for path in tmp_path.iterdir()} == names | {
+        "accuracy.json",
+        "accuracy.csv",
+        "overview.md",
+        "notes.md",
+    }
 
 
 @pytest.mark.usefixtures("svg_alone")

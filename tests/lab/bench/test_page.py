@@ -26,7 +26,7 @@ def test_only_as_many_sequences_as_asked_for_have_frames_in_it(report: Path) -> 
 def test_files_beside_it(report: Path) -> None:
     names = {path.name for path in report.iterdir()}
     plots = {f"{kind}-seq.{suffix}" for kind in ("front", "steps") for suffix in ("svg", "png")}
-    assert {"index.html", "accuracy.json", "accuracy.csv", "cells", "times", *plots} == names
+    assert {"index.html", "accuracy.json", "accuracy.csv", "overview.md", "cells", "times", *plots} == names
 
 
 def test_it_asks_nothing_of_the_network(report: Path) -> None:

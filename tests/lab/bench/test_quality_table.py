@@ -15,7 +15,6 @@ from cltaa.lab.bench.quality.pictures import write_pictures
 from cltaa.lab.bench.quality.table import (
     BEGIN,
     END,
-    best_engine,
     check_pages,
     ordered,
     scenes,
@@ -90,7 +89,6 @@ def test_presets_stand_in_their_families() -> None:
         "default",
         "zebra",
     ]
-    assert best_engine({"karis": {"flip": 0.2}, "bevy": {"flip": 0.1}, "default": {"flip": 0.01}}) == "bevy"
 
 
 def test_the_pages_need_their_marks(tmp_path: Path) -> None:
@@ -134,7 +132,6 @@ def test_the_tables_mark_the_best_resolve_and_say_who_lost() -> None:
     assert "| **-0.100** |" in text
     assert "| 0.000 |" in text
     assert "| default | bevy | 0 of 1 | 1.0000 : 1.0000 | 30.00 : 1.00 | a (train) |" in text
-    assert "Best engine's preset by mean FLIP (train): bevy." in text
     text = scenes(table, "about", {"bevy": "caption\n\n![bevy](bevy.png)", "gather-48": "The same."})
     shown = "<details><summary><b>bevy.</b> caption</summary>\n\n![bevy](bevy.png)\n\n</details>"
     assert text.endswith(f"{shown}\n\n<b>gather-48.</b> The same.")

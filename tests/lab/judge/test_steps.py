@@ -15,9 +15,9 @@ from cltaa.inputs.open import Reading
 from cltaa.io.exr_read import read_colour
 from cltaa.io.exr_write import write_frame
 from cltaa.io.sequence import open_sequence
-from cltaa.lab.bench.accuracy.ladder import ladder
 from cltaa.lab.bench.accuracy.measurement import tasks_of
 from cltaa.lab.bench.cells import Judging, run, task_of
+from cltaa.lab.bench.variants import ladder
 from cltaa.lab.timing import timed_frames, timed_numbers
 from tests.sequence_factory import make_frame, write_images, write_sequence
 

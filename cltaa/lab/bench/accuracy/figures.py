@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 from cltaa.errors import import_extra
 from cltaa.io.atomic import atomic_path
-from cltaa.lab.bench.accuracy.ladder import DEFAULT, PRESETS
 from cltaa.lab.bench.accuracy.measurement import Accuracy, Measured, MeasuredSequence
+from cltaa.lab.bench.variants import DEFAULT, PRESETS
 from cltaa.lab.judge.metrics import METRICS
 from cltaa.lab.timing import Interval
 from cltaa.printable import counted, markdown

@@ -18,8 +18,9 @@ from cltaa.inputs.open import DEFAULT_READING, Reading, readings
 from cltaa.io.atomic import keep, kept
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.bench.cases import by_name
-from cltaa.lab.bench.cells import Cell, Judging, Rounding, Task, Variant, run_all, task_of
+from cltaa.lab.bench.cells import Cell, Judging, Rounding, Task, run_all, task_of
 from cltaa.lab.bench.kernels import copy_job, least_bytes
+from cltaa.lab.bench.variants import Variant
 from cltaa.lab.judge.comparison import check_yardsticks, open_yardsticks, truth_of, truth_samples
 from cltaa.lab.judge.metrics import METRICS, STRATIFIED_EXPONENT, finite, mean_of, measure, named_metrics
 from cltaa.lab.timing import (

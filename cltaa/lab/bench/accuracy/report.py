@@ -6,7 +6,7 @@ import base64
 import csv
 import io
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
 from io import BytesIO
 from pathlib import Path
@@ -150,19 +150,16 @@ def write_report(
     output: Path,
     pictured: int | None = None,
     pages: Mapping[str, str] | None = None,
-    *,
-    of_one: bool = False,
 ) -> str:
     """Write the numbers as JSON and CSV, the plots, a table over all sequences, and ``pages``, texts by file name, into
-    the folder ``output``; returns the table, empty where none is written.
+    the folder ``output``; returns the table, empty where no metric falls with the error and none is written.
 
-    There is one of several sequences, ``of_one`` too, if a metric falls with the error. ``pictured`` sequences, the
-    first ones, have plots of their own. Plots, tables and pages that an earlier report left there and this one has not
-    are deleted. Raises OutputError, StorageError, and UsageError without matplotlib.
+    ``pictured`` sequences, the first ones, have plots of their own. Plots, tables and pages that an earlier report left
+    there and this one has not are deleted. Raises OutputError, StorageError, and UsageError without matplotlib.
     """
     texts = {NAME: msgspec.json.encode(result).decode(), "accuracy.csv": csv_text(result), **(pages or {})}
     falling = falling_metrics(result)
-    whole = table(result, falling) if falling and (of_one or len(result.sequences) > 1) else ""
+    whole = table(result, falling) if falling else ""
     if whole:
         texts["overview.md"] = whole
     again = (output / NAME).exists()
@@ -200,8 +197,8 @@ def merged(reports: Sequence[tuple[Path, Accuracy]]) -> Accuracy:
     """All sequences of some reports as one; raises DataError where they are not of one device, code and ladder."""
     (_, first), *others = reports
     for path, other in others:
-        for what, found, expected in _agreements(other, first):
-            if found != expected:
+        for what, expected in _agreed(first).items():
+            if (found := _agreed(other)[what]) != expected:
                 raise DataError(f"another {what} than in {reports[0][0]}", path=path, expected=expected, found=found)
     sequences = [measured for _, report in reports for measured in report.sequences]
     names = [measured.name for measured in sequences]
@@ -211,14 +208,14 @@ def merged(reports: Sequence[tuple[Path, Accuracy]]) -> Accuracy:
     return msgspec.structs.replace(first, sequences=sequences)
 
 
-def _agreements(one: Accuracy, other: Accuracy) -> Iterable[tuple[str, str, str]]:
-    """What two reports must agree in: what it is, and how either has it."""
-    for what, get in (
-        ("device", lambda report: report.environment.device),
-        ("number of compute units", lambda report: str(report.environment.units)),
-        ("processor", lambda report: report.environment.cpu),
-        ("version of the kernels", lambda report: report.environment.kernels_sha256),
-        ("list of metrics", lambda report: ", ".join(report.metrics)),
-        ("ladder", lambda report: ", ".join(variant.name for variant in report.variants)),
-    ):
-        yield what, get(one), get(other)
+def _agreed(report: Accuracy) -> dict[str, str]:
+    """What reports must agree in to be put together."""
+    where = report.environment
+    return {
+        "device": where.device,
+        "number of compute units": str(where.units),
+        "processor": where.cpu,
+        "version of the kernels": where.kernels_sha256,
+        "list of metrics": ", ".join(report.metrics),
+        "ladder": ", ".join(variant.name for variant in report.variants),
+    }

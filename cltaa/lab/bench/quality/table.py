@@ -91,16 +91,6 @@ def contenders(names: Collection[str]) -> list[str]:
     return sorted(filter(contends, names), key=lambda name: name != DEFAULT)
 
 
-def best_engine(means: Mapping[str, Mapping[str, float | None]]) -> str | None:
-    """The engine's preset of the least mean FLIP, or None where none was judged."""
-    found = {
-        name: value
-        for name, scores in means.items()
-        if published(name) is Published.ENGINE and (value := scores["flip"])
-    }
-    return min(found, key=lambda name: found[name], default=None)
-
-
 def _mean_scores(cells: list[Judged]) -> dict[str, float | None]:
     """Means over sequences: of a PSNR by way of its error, of samples the geometric one, else the arithmetic one."""
     result: dict[str, float | None] = {}
@@ -315,10 +305,6 @@ def _duels(table: Table) -> Iterable[str]:
         lines.append([duel.preset, duel.against, f"{duel.better} of {duel.sequences}", flip, psnr, losses])
     yield "*Better*: both lower FLIP and higher PSNR."
     yield markdown(["preset", "against", "better in", "mean FLIP", "mean PSNR", "not better in"], lines).rstrip()
-    for split, means in table.means.items():
-        engine = best_engine(means)
-        if engine is not None and DEFAULT in means:
-            yield f"Best engine's preset by mean FLIP ({split}): {engine}."
 
 
 def _scene_table(rows: list[Row]) -> str:

@@ -1,4 +1,4 @@
-"""The ladder: every variant of the resolve whose error and time ``cltaa bench accuracy`` measures.
+"""Ways to resolve that are measured: presets as they are, and the ladder, every step from one of them.
 
 One step is changed at a time, so that each bar of the ablation has one cause; whatever is added to the choices
 (``cltaa.core.parameters``) or the storages (``cltaa.core.build``) is on the ladder by itself.
@@ -11,10 +11,11 @@ from typing import Any
 
 import msgspec
 
-from cltaa.core.build import Real, Storage
-from cltaa.core.parameters import Accumulate, Box, Choices
-from cltaa.core.presets import Preset
-from cltaa.lab.bench.cells import Variant
+from cltaa.core.backend import Launcher
+from cltaa.core.build import Build, Real, Storage
+from cltaa.core.parameters import Accumulate, Box, Choices, Settings
+from cltaa.core.presets import Preset, Published
+from cltaa.core.resolver import Resolver
 
 DEFAULT, PRESETS = "default", "preset"
 
@@ -28,6 +29,37 @@ SETTINGS_RUNGS: dict[str, tuple[float, ...]] = {
 # What a box of deviations shows and a box of extremes does not: these choices are also rungs beside that box.
 IN_VARIANCE_BOX = ("neighbourhood", "variance")
 SLOW_WEIGHT = 0.05  # of the exponential blend, beside its own default
+
+
+class Variant(msgspec.Struct, frozen=True, kw_only=True):
+    """One way to resolve: a preset, and the numbers that it is built with. ``group`` is what it is measured for."""
+
+    name: str
+    group: str
+    choices: Choices
+    settings: Settings
+    storage: Storage = Storage.FLOAT
+    real: Real = Real.FLOAT
+    strict: bool = False
+    relaxed: bool = False
+    published: Published = Published.NO
+
+    @classmethod
+    def of(cls, preset: Preset, group: str = "preset") -> Variant:
+        """A preset as it is."""
+        parts: dict[str, Any] = {"choices": preset.choices, "settings": preset.settings, "published": preset.published}
+        return cls(name=preset.name, group=group, **parts)
+
+    @property
+    def preset(self) -> Preset:
+        """Choices and settings under the variant's name, published if what it departs from is."""
+        parts: dict[str, Any] = {"choices": self.choices, "settings": self.settings, "published": self.published}
+        return Preset(name=self.name, description=self.group, **parts)
+
+    def resolver(self, device: str | Launcher | None) -> Resolver:
+        """A new resolver of this variant."""
+        build = Build(real=self.real, storage=self.storage, strict=self.strict, relaxed=self.relaxed)
+        return Resolver(self.preset, device, build=build)
 
 
 def steps(base: Variant) -> Iterator[Variant]:
