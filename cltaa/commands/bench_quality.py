@@ -58,7 +58,6 @@ from cltaa.lab.bench.quality.table import (
     check_pages,
     columns_of,
     ordered,
-    score,
     summarise,
     write_pages,
     written,
@@ -238,7 +237,7 @@ def _print(table: Table) -> None:
         heads = [column.head for column in columns]
         grid = figures(f"means over sequences, {split}", "preset", *heads, named=True)
         for name in ordered(means):
-            grid.add_row(name, *(written(score(column.name, means[name]), column) for column in columns))
+            grid.add_row(name, *(written(means[name].get(column.name), column) for column in columns))
         print_table(grid)
     for duel in table.duels:
         losses = f"; not in {', '.join(duel.not_better)}" if duel.not_better else ""

@@ -262,7 +262,8 @@ class _Tally:
             **self.video.scores(),
             ALPHA.name: math.sqrt(math.fsum(self.alpha) / len(self.alpha)) if self.alpha else math.nan,
         }
-        return {name: value if math.isfinite(value) else None for name, value in values.items()}
+        # Of all scores only a PSNR without end says something: the image is the truth.
+        return {name: value if math.isfinite(value) or name == "psnr" else None for name, value in values.items()}
 
     def rounding(self) -> Rounding | None:
         """What the twin says of all frames that it resolved."""

@@ -62,7 +62,7 @@ def test_a_preset_of_ones_own_is_told_what_it_beats() -> None:
 
 def test_a_psnr_without_end_is_the_best_there_is() -> None:
     """A sequence on which a preset is the truth itself must not lower its mean, nor be lost to what errs there."""
-    right = {"default": scores(psnr=None, flip=0.0), "simvx": scores(psnr=60.0, flip=0.2)}
+    right = {"default": scores(psnr=math.inf, flip=0.0), "simvx": scores(psnr=60.0, flip=0.2)}
     table = summarise([(case("a"), right), (case("b"), {"default": scores(psnr=30.0), "simvx": scores(psnr=30.0)})])
     assert table.means[TRAIN]["default"]["psnr"] == pytest.approx(-10 * math.log10(1e-3 / 2))
     assert table.duels[0].not_better == ["b (train)"]
