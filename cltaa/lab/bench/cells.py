@@ -83,7 +83,7 @@ class Judging(msgspec.Struct, frozen=True, kw_only=True):
 
     metrics: tuple[str, ...]
     settled: int = 0  # the first frame, of those there are, that is judged
-    flip_every: int = 1  # FLIP, which takes longer than all else, judges the last frame and every so manieth before it
+    flip_every: int = 1  # frames: FLIP, which takes longest, judges the last and those so far before it
     in_time: bool = False  # also as moving pictures and in equal-quality samples, beside the single samples; and alpha
     rounding_frames: int = 0  # of the first frames, resolved in float64 too; 0 leaves that axis out
     pictures: bool = False  # of the last frame
@@ -273,7 +273,12 @@ class _Tally:
 
 
 def judge_sequence(
-    sequence: FrameSequence, variants: Sequence[Variant], launcher: Launcher, judging: Judging = QUALITY
+    sequence: FrameSequence,
+    variants: Sequence[Variant],
+    launcher: Launcher,
+    judging: Judging = QUALITY,
+    *,
+    progress: bool = False,
 ) -> dict[str, Cell]:
     """Resolve ``sequence`` with every variant and judge each, and the single samples where it is judged in time.
 
@@ -284,8 +289,8 @@ def judge_sequence(
     judges = _Pass(sequence, variants, launcher, judging)
     given = ((at, frame, judges.reference.image(frame.index, alpha=True)) for at, frame in enumerate(sequence))
     with read_ahead(given) as read:
-        tracked = track(read, len(sequence), f"judging {sequence.folder.name}")
-        for frame, images in in_step(judges.resolvers.values(), tracked, lambda given: given[1]):
+        frames = track(read, len(sequence), f"judging {sequence.folder.name}") if progress else read
+        for frame, images in in_step(judges.resolvers.values(), frames, lambda given: given[1]):
             judges.look(*frame, images)
     return judges.cells()
 
@@ -468,8 +473,12 @@ _launcher_of = cache(launcher_for)
 
 
 def run(task: Task) -> dict[str, Cell]:
-    """Judge what is asked for; raises what ``judge_sequence`` does."""
-    return judge_sequence(task.open(), task.variants, launcher_of(task.device), task.judging)
+    """Judge what is asked for; raises what ``judge_sequence`` does.
+
+    Progress is shown of frames where all variants are judged in one pass; else that is one task of many.
+    """
+    launcher, whole = launcher_of(task.device), task.judging.in_time
+    return judge_sequence(task.open(), task.variants, launcher, task.judging, progress=whole)
 
 
 def run_encoded(task: bytes) -> bytes:
