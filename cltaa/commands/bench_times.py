@@ -14,11 +14,9 @@ from cltaa.commands.options import (
     json_option,
     open_each,
     reading_options,
-    storage_option,
 )
 from cltaa.commands.printing import answer, figures, print_line, print_table, three_digits
 from cltaa.core.backend import launcher_for
-from cltaa.core.build import Storage
 from cltaa.core.presets import load_preset
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.open import Reading
@@ -56,7 +54,6 @@ from cltaa.process import run_cltaa
     help="Camera motion: uniform, or turn (rotation with zoom, another displacement at each pixel); "
     "repeatable; both unless given.",
 )
-@storage_option
 @click.option("--rounds", default=31, show_default=True, type=click.IntRange(min=3), help="Rounds of all contenders.")
 @json_option
 def kernels(
@@ -64,7 +61,6 @@ def kernels(
     size: tuple[int, int],
     device: str | None,
     motions: tuple[str, ...],
-    storage: str,
     rounds: int,
     as_json: bool,
 ) -> None:
@@ -83,7 +79,6 @@ def kernels(
         height=size[1],
         motions=[Motion(name) for name in motions] or list(Motion),
         rounds=rounds,
-        storage=Storage(storage),
     )
     answer(bench, as_json, _print_kernels)
 
@@ -103,7 +98,7 @@ def _print_kernels(bench: KernelBench) -> None:
 
 
 def _print_timing(bench: KernelBench, timing: Timing) -> None:
-    title = f"{bench.width} x {bench.height}, {timing.motion} motion, {bench.storage} history, {bench.rounds} rounds"
+    title = f"{bench.width} x {bench.height}, {timing.motion} motion, {bench.rounds} rounds"
     table = figures(title, "contender", "ns/px", "least", "device", "GB/s", "floor", "x core", "95 %", named=True)
     for row in timing.rows:
         # By the device's clock where it has one, else by the host's.

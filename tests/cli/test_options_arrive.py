@@ -358,7 +358,6 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--size 40x30", "bench_kernels.height", 30),
         ("--device 3", "bench_kernels.device", "3"),
         ("--motion turn", "bench_kernels.motions", ["turn"]),
-        ("--storage half", "bench_kernels.storage", Storage.HALF),
         ("--rounds 7", "bench_kernels.rounds", 7),
     ],
     "bench devices": [
