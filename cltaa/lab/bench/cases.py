@@ -50,10 +50,9 @@ def redrawn_of(sequence: FrameSequence) -> ImageSequence | None:
 TRAIN, HELD_OUT, GIVEN = "train", "held-out", "given"
 MODEL = "file:"  # begins the name of a scene that is a model's path
 OTHER_JITTERS = ("halton:64", "r2:64")  # of the capture REDRAWN: the second where the sequence itself has the first
-# Without any of these nothing changes from frame to frame, and the truth has to be better than any resolve can get.
+# Without any of these nothing changes from frame to frame, and the truth has to be better than any resolve can get: so
+# many times the samples.
 _CHANGES = {*Effect} - {Effect.SKY, Effect.HDR, Effect.THIN, Effect.ALPHA, Effect.NOISE}
-
-
 STILL = 4
 
 
