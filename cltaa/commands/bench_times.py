@@ -25,10 +25,10 @@ from cltaa.io.sequence import open_sequence
 from cltaa.lab.bench.api import SIZES, ApiBench, bench_api
 from cltaa.lab.bench.cases import check_scenes, known_scenes
 from cltaa.lab.bench.devices import ShapesBench, bench_shapes, forget_shapes
-from cltaa.lab.bench.effects import EffectRow, cells, judge_effects
 from cltaa.lab.bench.files import FilesBench, bench_files
 from cltaa.lab.bench.frames import Motion
 from cltaa.lab.bench.kernels import KernelBench, Timing, bench_kernels
+from cltaa.lab.inspect.plan import EffectRow, effect_cells, judge_effects
 from cltaa.lab.timing import Interval
 from cltaa.printable import counted, json_of, markdown, markdown_row, printable, shown
 from cltaa.process import run_cltaa
@@ -281,7 +281,7 @@ def effects(
         run_cltaa(["capture", scene, "-o", str(folder), "--frames", str(frames), "--size", pixels])
         rows.append(judge_effects(open_sequence(folder), preset, launcher, rounds=rounds))
         if not as_json:  # as soon as it is known: all scenes take a while
-            row = cells(rows[-1])
+            row = effect_cells(rows[-1])
             click.echo(markdown(row, [row.values()]) if number == 1 else markdown_row(row.values()), nl=False)
     if as_json:
         click.echo(json_of(rows))

@@ -12,8 +12,8 @@ from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame
 from cltaa.io.exr_write import write_frame
 from cltaa.io.sequence import FrameSequence, open_sequence
-from cltaa.lab.bench import effects as bench
-from cltaa.lab.bench.effects import EffectRow, cells, judge_effects
+from cltaa.lab.inspect import plan as module
+from cltaa.lab.inspect.plan import EffectRow, effect_cells, judge_effects
 from cltaa.reference.launcher import NumpyLauncher
 from tests.sequence_factory import make_camera, make_frame
 
@@ -44,7 +44,7 @@ def test_a_scene_that_calls_for_what_it_gets(tmp_path: Path) -> None:
     assert row.same_bits
     assert row.replaced == 0.0
     assert row.steps == ["reprojection", "rectification", "luminance weights"]
-    found = cells(row)
+    found = effect_cells(row)
     assert (found["scene"], found["effects"]) == ("synthetic", "camera disocclusion hdr illumination")
     assert found["steps that run"] == "reprojection, rectification, luminance weights"
     assert (found["same bits"], found["replaced"]) == ("yes", "nothing")
@@ -56,7 +56,7 @@ def test_a_step_that_changes_a_bit_is_found(tmp_path: Path, monkeypatch: pytest.
             image = super().resolve(frame, **options)
             return image + np.float32(2.0**-20 if self.every_step else 0.0)
 
-    monkeypatch.setattr(bench, "Resolver", Tainted)
+    monkeypatch.setattr(module, "Resolver", Tainted)
     row = judged(captured(tmp_path, {Effect.CAMERA, Effect.HDR}))
     assert not row.same_bits
-    assert cells(row)["same bits"] == "**no**"
+    assert effect_cells(row)["same bits"] == "**no**"
