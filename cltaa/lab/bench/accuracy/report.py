@@ -8,22 +8,20 @@ import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
-from PIL import Image as Pillow
 
 from cltaa.camera import inverse_depth
 from cltaa.errors import DataError, InputMissing
 from cltaa.frame import Frame, Image
 from cltaa.io.atomic import atomic_path
-from cltaa.io.display import heat, to_picture
+from cltaa.io.display import Picture, heat, to_picture
 from cltaa.lab.bench.accuracy.figures import table, write_plots
 from cltaa.lab.bench.accuracy.measurement import Accuracy, Spread, cells_of
-from cltaa.lab.bench.cells import COUNT_WHITE, Task, png
+from cltaa.lab.bench.cells import COUNT_WHITE, Task, packed
 from cltaa.lab.judge.comparison import truth_of
 from cltaa.lab.judge.metrics import METRICS
 from cltaa.printable import counted
@@ -62,40 +60,30 @@ def _pictures(tasks: Sequence[Task], output: Path) -> dict[str, Any]:
     sequence = tasks[0].open()
     (frame,) = sequence.select(sequence.last, sequence.last)
     truth = to_picture(truth_of(sequence).image(sequence.last))
-    variants = {
-        variant.name: {name: _address(picture) for name, picture in cell.pictures.items()}
-        for variant, cell in cells_of(tasks, output).items()
-    }
+    inputs = {"truth": truth, "one sample": to_picture(frame.colour)}
     return {
-        "inputs": {
-            "truth": {"picture": _address(png(truth))},
-            "one sample": {"picture": _address(png(to_picture(frame.colour)))},
-        },
-        "variants": variants,
-        "debug": {title: _address(picture) for title, picture in _debug_views(frame).items()},
+        "inputs": {name: _addresses({"picture": packed(picture)}) for name, picture in inputs.items()},
+        "variants": {variant.name: _addresses(cell.pictures) for variant, cell in cells_of(tasks, output).items()},
+        "debug": _addresses({title: packed(picture) for title, picture in _debug_views(frame).items()}),
     }
 
 
-def _debug_views(frame: Frame) -> Mapping[str, bytes]:
+def _debug_views(frame: Frame) -> dict[str, Picture]:
     """What the resolve reads beside colour."""
     near = np.empty(frame.depth.shape, np.float32)
     inverse_depth(frame.depth, frame.camera, out=near)
     low, high = float(near.min()), float(near.max())
-    views = {"inverse depth (bright is near)": png(heat(near - np.float32(low), max(high - low, 1e-30)))}
+    views = {"inverse depth (bright is near)": heat(near - np.float32(low), max(high - low, 1e-30))}
     if frame.motion is not None:
         length: Image = np.nan_to_num(np.hypot(frame.motion[..., 0], frame.motion[..., 1]), nan=0.0)
         longest = float(length.max())
-        views[f"own motion (white: {longest:.3g} px)"] = png(heat(length, max(longest, 1e-30)))
-    if frame.reactive is not None:
-        views["reactive"] = png(heat(frame.reactive))
-    return views
+        views[f"own motion (white: {longest:.3g} px)"] = heat(length, max(longest, 1e-30))
+    return views if frame.reactive is None else views | {"reactive": heat(frame.reactive)}
 
 
-def _address(picture: bytes) -> str:
-    """A PNG as a data address, packed as lossless WebP, which is about a third smaller."""
-    stream = BytesIO()
-    Pillow.open(BytesIO(picture)).convert("RGB").save(stream, format="WEBP", lossless=True, method=4)
-    return f"data:image/webp;base64,{base64.b64encode(stream.getvalue()).decode()}"
+def _addresses(pictures: Mapping[str, bytes]) -> dict[str, str]:
+    """WebP pictures as data addresses."""
+    return {name: f"data:image/webp;base64,{base64.b64encode(each).decode()}" for name, each in pictures.items()}
 
 
 def csv_text(result: Accuracy) -> str:
