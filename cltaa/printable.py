@@ -45,6 +45,18 @@ def bytes_of(count: float) -> str:
     return f"{count / (unit or 1e3):.1f} {name}"
 
 
+def markdown(heads: Iterable[str], rows: Iterable[Iterable[str]], *, figures: bool = False) -> str:
+    """Return a table in Markdown, a line each; with ``figures`` all columns but the first stand to the right."""
+    heads = [*heads]
+    rule = ["---", *["---:" if figures else "---"] * (len(heads) - 1)]
+    return "".join(map(markdown_row, (heads, rule, *rows)))
+
+
+def markdown_row(cells: Iterable[str]) -> str:
+    """Return a line of a table in Markdown."""
+    return f"| {' | '.join(cells)} |\n"
+
+
 def json_of(value: Any) -> str:
     """Return a struct, or what JSON has a form for, as every ``--json`` prints it: indented, in ASCII.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.table import Table
@@ -19,16 +20,16 @@ from cltaa.commands.options import (
     open_each,
     preset_of,
 )
-from cltaa.commands.printing import figures, print_line, print_table, three_digits
+from cltaa.commands.printing import answer, figures, print_line, print_table, three_digits
 from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.errors import UsageError, known
 from cltaa.inputs.open import Reading
 from cltaa.io.atomic import make_folder
 from cltaa.lab.bench.accuracy.figures import import_pyplot
-from cltaa.lab.bench.accuracy.ladder import Variant, ladder
-from cltaa.lab.bench.accuracy.measurement import bench_accuracy, cost, tasks_of
+from cltaa.lab.bench.accuracy.measurement import Accuracy, MeasuredSequence, bench_accuracy, cost, tasks_of
 from cltaa.lab.bench.accuracy.report import falling_metrics, merged, page, read_report, write_report
-from cltaa.lab.bench.accuracy.results import Accuracy, MeasuredSequence
+from cltaa.lab.bench.cells import Judging
+from cltaa.lab.bench.variants import Variant, ladder
 from cltaa.lab.judge.metrics import parse_metrics
 from cltaa.lab.timing import Clock
 from cltaa.printable import counted, json_of, printable, shown
@@ -42,12 +43,10 @@ from cltaa.printable import counted, json_of, printable, shown
 @click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
 @click.option(
     "--only",
-    type=NAMES,
-    default="",
-    metavar="GROUPS",
-    help="Only these groups of variants, comma-separated, beside the default.",
+    multiple=True,
+    metavar="NAME",
+    help="Only this variant, or these groups of them, comma-separated, beside the default; repeatable.",
 )
-@click.option("--variant", "named", multiple=True, metavar="NAME", help="Only these variants, beside those of --only.")
 @click.option(
     "--metrics",
     default="mse,flip",
@@ -97,17 +96,12 @@ def accuracy(
     preset: str,
     config: Path | None,
     only: tuple[str, ...],
-    named: tuple[str, ...],
     metrics: str,
     rounding_frames: int,
-    rounds: int,
-    patience: float,
-    pixels: int | None,
-    jobs: int,
-    dask: str | None,
     pictured: int,
     reading: Reading,
     as_json: bool,
+    **work: Any,
 ) -> None:
     """Measure error and time of every variant of the resolve over each SEQUENCE, and write a report.
 
@@ -118,31 +112,28 @@ def accuracy(
     Timing is always done here, by this process, in shuffled rounds, after all errors.
     """
     names = tuple(metric.name for metric in parse_metrics(metrics))
-    variants = chosen_variants(preset_of(preset, config), only, named)
-    tasks = tasks_of(sequences, variants, device, names, rounding_frames, reading)
+    variants = chosen_variants(preset_of(preset, config), only)
+    judging = Judging(metrics=names, rounding_frames=rounding_frames, pictures=True)
+    tasks = tasks_of(sequences, variants, device, judging, reading)
     make_folder(output)
     import_pyplot()  # this and what is read how are told before the work, not after it
     open_each(sequences, reading)
-    result = bench_accuracy(tasks, output, rounds=rounds, patience=patience, pixels=pixels, jobs=jobs, dask=dask)
+    result = bench_accuracy(tasks, output, **work)
     write_report(result, output, pictured, {"index.html": page(result, tasks, output, pictured)})
-    if as_json:
-        click.echo(json_of(result))
-    else:
-        print_accuracy(result)
+    answer(result, as_json, print_accuracy)
+    if not as_json:
         click.echo(f"look at {printable(output / 'index.html')}")
 
 
-def chosen_variants(preset: Preset, groups: Sequence[str], named: Sequence[str] = ()) -> list[Variant]:
-    """The ladder from that preset, or the named groups and variants of it; raises UsageError for one that is not."""
+def chosen_variants(preset: Preset, only: Sequence[str]) -> list[Variant]:
+    """The ladder from that preset, or the named variants and groups of it; raises UsageError for one that is not."""
     every = ladder(preset, [load_preset(name) for name in preset_names()])
-    if not groups and not named:
-        return every
-    kinds, names = {variant.group for variant in every}, {variant.name for variant in every}
-    for option, kind, chosen, there in (("--variant", "variant", named, names), ("--only", "group", groups, kinds)):
-        for name in chosen:
-            if name not in there:
-                raise UsageError(f"{option}: unknown {kind} {name}", cure=known(name, sorted(there), f"{kind}s"))
-    return [every[0], *(variant for variant in every[1:] if variant.group in groups or variant.name in named)]
+    there = {name for variant in every for name in (variant.group, variant.name)}
+    names = {name for text in only for name in ([text] if text in there else NAMES.convert(text, None, None))}
+    for name in sorted(names - there):
+        cure = known(name, sorted(there), "variants and groups")
+        raise UsageError(f"--only: unknown variant or group {name}", cure=cure)
+    return [every[0], *(each for each in every[1:] if not only or names & {each.group, each.name})]
 
 
 def print_accuracy(result: Accuracy) -> None:
@@ -166,10 +157,9 @@ def _table(result: Accuracy, measured: MeasuredSequence) -> Table:
     table = figures(title, *heads, named=True)
     table.columns[-1].justify = "left"
     for cell in sorted(measured.cells, key=lambda cell: cost(metric, cell.errors[metric].mean)):
-        time = cell.time(measured.clock)
         table.add_row(
             cell.variant,
-            three_digits(time.median),
+            three_digits(cell.time.median),
             "noisy" if measured.noisy else f"{cell.ratio.median:.3f}",
             f"{cell.ratio.low:.2f}–{cell.ratio.high:.2f}",
             *(f"{cell.errors[name].mean:.4g}" for name in result.metrics),
@@ -204,5 +194,5 @@ def overview(reports: tuple[Path, ...], output: Path, pictured: int, as_json: bo
     if not falling_metrics(result):
         raise UsageError("no error to compare by: no metric that falls with it", found=", ".join(result.metrics))
     make_folder(output)
-    text = write_report(result, output, pictured, of_one=True)
+    text = write_report(result, output, pictured)
     click.echo(json_of(result) if as_json else text, nl=as_json)

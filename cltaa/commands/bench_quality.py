@@ -23,12 +23,11 @@ from cltaa.commands.options import (
     open_each,
 )
 from cltaa.commands.printing import figures, print_line, print_table
-from cltaa.core.backend import Launcher, launcher_for
 from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.errors import UsageError
-from cltaa.inputs.open import DEFAULT_READING, Reading
+from cltaa.inputs.open import DEFAULT_READING, Reading, readings
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.bench.quality.cases import (
+from cltaa.lab.bench.cases import (
     GIVEN,
     HELD_OUT,
     TRAIN,
@@ -41,28 +40,29 @@ from cltaa.lab.bench.quality.cases import (
     open_case,
     planned,
 )
-from cltaa.lab.bench.quality.judge import (
+from cltaa.lab.bench.cells import (
     ALPHA,
     COLUMNS,
-    ONE_SAMPLE,
-    Cells,
+    QUALITY,
     Judged,
     check_judged,
     import_judges,
-    judge_sequence,
+    launcher_of,
+    run_all,
+    task_of,
 )
-from cltaa.lab.bench.quality.page import (
+from cltaa.lab.bench.quality.pictures import write_pictures
+from cltaa.lab.bench.quality.table import (
     Table,
     about_of,
     check_pages,
     columns_of,
     ordered,
-    score,
     summarise,
     write_pages,
     written,
 )
-from cltaa.lab.bench.quality.pictures import write_pictures
+from cltaa.lab.bench.variants import Variant
 from cltaa.lab.judge.metrics import METRICS, versions_of
 from cltaa.printable import json_of, printable, shown
 
@@ -99,29 +99,20 @@ ALL_SCENES = "all"  # of cltaa scenes
 @device_option
 @click.option("--size", type=SIZE, default="320x180", show_default=True, help="Pixels of a capture.")
 @click.option("--frames", default=64, show_default=True, type=click.IntRange(min=2), help="Frames of a capture.")
-@click.option("--samples", default=256, show_default=True, type=click.IntRange(min=1), help="Samples of the truth.")
 @click.option(
-    "--still-samples",
-    default=1024,
+    "--samples",
+    default=256,
     show_default=True,
     type=click.IntRange(min=1),
-    help="Samples of the truth where nothing moves.",
+    help="Samples of the truth; 4 times as many where nothing moves.",
 )
 @click.option("--jitter", default="lattice:64", show_default=True, help="Sample positions, as for cltaa capture.")
 @click.option("--train", type=FROM_0, default="0", show_default=True, help="Seeds that presets were tuned on.")
 @click.option("--held-out", type=FROM_0, default="1", show_default=True, help="Other seeds; may be empty.")
 @click.option("--settled", default=8, show_default=True, type=click.IntRange(min=0), help="First frame that is judged.")
 @click.option(
-    "--flip-every",
-    default=4,
-    show_default=True,
-    type=click.IntRange(min=1),
-    help="FLIP, the slowest score, judges the last frame and every N-th before it.",
-)
-@click.option(
     "--work", default=Path("quality"), show_default=True, type=FILE_PATH, help="Folder of captures and finished cells."
 )
-@click.option("--any-code", is_flag=True, help="Keep cells that other versions of the code measured.")
 @click.option(
     "--page",
     type=FILE_PATH,
@@ -146,14 +137,11 @@ def quality(
     size: tuple[int, int],
     frames: int,
     samples: int,
-    still_samples: int,
     jitter: str,
     train: tuple[int, ...],
     held_out: tuple[int, ...],
     settled: int,
-    flip_every: int,
     work: Path,
-    any_code: bool,
     page: Path | None,
     pictures: Path | None,
     reading: Reading,
@@ -170,27 +158,38 @@ def quality(
     if page is not None:
         check_pages(page)
     chosen = chosen_presets(presets, configs)
-    shape = Shape(*size, frames, samples, still_samples, jitter)
-    seeds = dict.fromkeys(train, TRAIN) | dict.fromkeys(held_out, HELD_OUT)
-    cases = [(Case(folder.name, GIVEN, folder), 0) for folder in folders]
+    cases = [Case(folder.name, GIVEN, folder) for folder in folders]
+    shape = Shape(*size, frames, samples, jitter)
     if scenes or not folders:
-        cases += _planned(scenes, seeds, shape, work)
+        seeds = dict.fromkeys(train, TRAIN) | dict.fromkeys(held_out, HELD_OUT)
+        cases += planned(_effects_of(scenes), seeds, shape, work / "sequences")
     if msgspec.structs.replace(reading, effects="auto") != DEFAULT_READING and not folders:
         what, cure = ("profile, input, camera, step and truth are of frames that are there", "name them: --sequence")
         raise UsageError(what, cure=cure)
-    sequences = _opened(folders, settled, reading)
-    launcher = launcher_for(device)  # one for all sequences, so that each kernel is built once
+    by_name(folders, "sequences")
+    opened = open_each(folders, reading)
+    for sequence in opened.values():
+        check_judged(sequence, settled)  # told before the work
+    judging, ways = msgspec.structs.replace(QUALITY, settled=settled), readings(folders, reading)
+    variants = [Variant.of(preset) for preset in chosen]
     judged: list[tuple[Case, dict[str, Judged]]] = []
-    for number, (case, seed) in enumerate(cases, start=1):
+    sequences: dict[str, FrameSequence] = {}
+    for number, case in enumerate(cases, start=1):
         click.echo(f"{number} of {len(cases)}: {printable(case.key)}", err=True)
-        sequence = sequences.get(case.key) or _captured(case, seed, shape, reading.effects)
+        if case.folder in opened:
+            sequence, how = opened[case.folder], ways[case.folder]
+        else:
+            how = Reading(effects=reading.effects)
+            sequence = _captured(case, shape, how)
+        task = task_of(sequence, variants, device, judging, how)
+        for _ in run_all([task], work):
+            pass
         sequences[case.key] = sequence
-        cells = Cells(work / "cells" / case.key, sequence, settled, flip_every, any_code=any_code)
-        judged.append((case, _judge(sequence, chosen, cells, launcher, settled, flip_every)))
+        judged.append((case, {name: cell.judged for name, cell in task.finished(work).items()}))
     table = summarise(judged)
     texts: dict[str, str] = {}
     if pictures is not None:
-        texts = write_pictures(table, sequences, chosen, pictures, page, launcher)
+        texts = write_pictures(table, sequences, chosen, pictures, page, launcher_of(device))
     about = about_of(table, sequences.values(), settled, chosen)
     if page is not None:
         write_pages(page, table, about, texts)
@@ -218,42 +217,18 @@ def chosen_presets(names: Sequence[str], configs: Sequence[Path]) -> list[Preset
     return chosen
 
 
-def _opened(folders: tuple[Path, ...], settled: int, reading: Reading) -> dict[str, FrameSequence]:
-    """The sequences that are there, by the names of their folders; what cannot be judged is told before the work."""
-    by_name(folders, "sequences")
-    opened = open_each(folders, reading)
-    for sequence in opened.values():
-        check_judged(sequence, settled)
-    return {folder.name: sequence for folder, sequence in opened.items()}
+def _captured(case: Case, shape: Shape, how: Reading) -> FrameSequence:
+    """The capture of a case, drawn if need be, with effects declared as ``how`` says in place of the scene's."""
+    sequence = open_case(case) or capture(case, shape)
+    return sequence if how == DEFAULT_READING else how.open(case.folder)
 
 
-def _captured(case: Case, seed: int, shape: Shape, effects: str) -> FrameSequence:
-    """The capture of a case, drawn if need be, with ``effects`` declared in place of what the scene declares."""
-    sequence = open_case(case) or capture(case, seed, shape)
-    return sequence if effects == "auto" else Reading(effects=effects).open(case.folder)
-
-
-def _planned(scenes: tuple[str, ...], seeds: dict[int, str], shape: Shape, work: Path) -> list[tuple[Case, int]]:
+def _effects_of(scenes: tuple[str, ...]) -> dict[str, frozenset[str]]:
+    """The effects of the scenes that are asked for, all unless any is; raises UsageError for one that is none."""
     registered = known_scenes()
     check_scenes(scenes, (ALL_SCENES,))
     names = [name for scene in scenes or [ALL_SCENES] for name in (registered if scene == ALL_SCENES else [scene])]
-    effects = {name: registered.get(name, frozenset({"motion"})) for name in names}
-    cases = planned(effects, seeds, shape, work / "sequences")
-    return list(zip(cases, list(seeds) * len(effects), strict=True))
-
-
-def _judge(
-    sequence: FrameSequence, presets: list[Preset], cells: Cells, launcher: Launcher, settled: int, flip_every: int
-) -> dict[str, Judged]:
-    """Every cell of one sequence, those that are missing measured in one pass."""
-    wanted: dict[str, Preset | None] = {ONE_SAMPLE: None} | {preset.name: preset for preset in presets}
-    found = {name: cells.get(name, preset) for name, preset in wanted.items()}
-    missing = [preset for name, preset in wanted.items() if preset is not None and found[name] is None]
-    if missing or found[ONE_SAMPLE] is None:
-        for name, judged in judge_sequence(sequence, missing, launcher, settled=settled, flip_every=flip_every).items():
-            cells.put(name, wanted[name], judged)
-            found[name] = judged
-    return {name: judged for name, judged in found.items() if judged is not None}
+    return {name: registered.get(name, frozenset({"motion"})) for name in names}
 
 
 def _print(table: Table) -> None:
@@ -262,7 +237,7 @@ def _print(table: Table) -> None:
         heads = [column.head for column in columns]
         grid = figures(f"means over sequences, {split}", "preset", *heads, named=True)
         for name in ordered(means):
-            grid.add_row(name, *(written(score(column.name, means[name]), column) for column in columns))
+            grid.add_row(name, *(written(means[name].get(column.name), column) for column in columns))
         print_table(grid)
     for duel in table.duels:
         losses = f"; not in {', '.join(duel.not_better)}" if duel.not_better else ""

@@ -14,25 +14,23 @@ from cltaa.commands.options import (
     json_option,
     open_each,
     reading_options,
-    storage_option,
 )
 from cltaa.commands.printing import answer, figures, print_line, print_table, three_digits
 from cltaa.core.backend import launcher_for
-from cltaa.core.build import Storage
 from cltaa.core.presets import load_preset
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.open import Reading
 from cltaa.io.exr_layout import check_lossless
 from cltaa.io.sequence import open_sequence
 from cltaa.lab.bench.api import SIZES, ApiBench, bench_api
+from cltaa.lab.bench.cases import check_scenes, known_scenes
 from cltaa.lab.bench.devices import ShapesBench, bench_shapes, forget_shapes
-from cltaa.lab.bench.effects import EffectRow, cells, judge_effects, line, markdown
 from cltaa.lab.bench.files import FilesBench, bench_files
 from cltaa.lab.bench.frames import Motion
 from cltaa.lab.bench.kernels import KernelBench, Timing, bench_kernels
-from cltaa.lab.bench.quality.cases import check_scenes, known_scenes
+from cltaa.lab.inspect.plan import EffectRow, effect_cells, judge_effects
 from cltaa.lab.timing import Interval
-from cltaa.printable import counted, json_of, printable, shown
+from cltaa.printable import counted, json_of, markdown, markdown_row, printable, shown
 from cltaa.process import run_cltaa
 
 
@@ -56,7 +54,6 @@ from cltaa.process import run_cltaa
     help="Camera motion: uniform, or turn (rotation with zoom, another displacement at each pixel); "
     "repeatable; both unless given.",
 )
-@storage_option
 @click.option("--rounds", default=31, show_default=True, type=click.IntRange(min=3), help="Rounds of all contenders.")
 @json_option
 def kernels(
@@ -64,7 +61,6 @@ def kernels(
     size: tuple[int, int],
     device: str | None,
     motions: tuple[str, ...],
-    storage: str,
     rounds: int,
     as_json: bool,
 ) -> None:
@@ -83,7 +79,6 @@ def kernels(
         height=size[1],
         motions=[Motion(name) for name in motions] or list(Motion),
         rounds=rounds,
-        storage=Storage(storage),
     )
     answer(bench, as_json, _print_kernels)
 
@@ -103,7 +98,7 @@ def _print_kernels(bench: KernelBench) -> None:
 
 
 def _print_timing(bench: KernelBench, timing: Timing) -> None:
-    title = f"{bench.width} x {bench.height}, {timing.motion} motion, {bench.storage} history, {bench.rounds} rounds"
+    title = f"{bench.width} x {bench.height}, {timing.motion} motion, {bench.rounds} rounds"
     table = figures(title, "contender", "ns/px", "least", "device", "GB/s", "floor", "x core", "95 %", named=True)
     for row in timing.rows:
         # By the device's clock where it has one, else by the host's.
@@ -280,15 +275,14 @@ def effects(
     check_scenes(scenes)
     pixels = f"{size[0]}x{size[1]}"
     launcher = launcher_for(device)
-    if not as_json:
-        click.echo(markdown([]), nl=False)
     for number, scene in enumerate(scenes or sorted(known_scenes()), start=1):
         click.echo(f"{number}: {printable(scene)}", err=True)
         folder = work / f"{scene}-{pixels}x{frames}"
         run_cltaa(["capture", scene, "-o", str(folder), "--frames", str(frames), "--size", pixels])
         rows.append(judge_effects(open_sequence(folder), preset, launcher, rounds=rounds))
-        if not as_json:
-            click.echo(line(cells(rows[-1])), nl=False)  # as soon as it is known: all scenes take a while
+        if not as_json:  # as soon as it is known: all scenes take a while
+            row = effect_cells(rows[-1])
+            click.echo(markdown(row, [row.values()]) if number == 1 else markdown_row(row.values()), nl=False)
     if as_json:
         click.echo(json_of(rows))
     if not all(row.same_bits for row in rows):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import click
 
-from cltaa.commands.compare_table import Values, compare_table, print_meanings, score_cells, score_heads, value_cells
 from cltaa.commands.options import FILE_PATH, SOME_FRAMES, STOPS, input_options, json_option, verify_option
 from cltaa.commands.printing import figures, print_line, print_table, three_digits
 from cltaa.errors import LONGEST_VALUE, UsageError
@@ -18,10 +18,48 @@ from cltaa.io.names import name_of, number_of, selection_of
 from cltaa.io.numbered import even_step, named_frames, ranges
 from cltaa.io.sequence import FrameSequence, ImageSequence
 from cltaa.lab.judge.comparison import Comparison, doubts, pair_up
-from cltaa.lab.judge.metrics import DEFAULT_METRICS, METRICS, Metric, parse_metrics, versions_of
+from cltaa.lab.judge.entries import Row, judged_entries, means_of
+from cltaa.lab.judge.metrics import CVVDP_TITLE, DEFAULT_METRICS, METRICS, Measure, Metric, parse_metrics, versions_of
 from cltaa.lab.judge.one_pass import judge, stale_maps, summary_of
 from cltaa.lab.judge.video_scores import SCORES
 from cltaa.printable import counted, json_of, printable, shown
+
+Values = Mapping[str, float]
+BOUNDS = {None: "", "at least": "≥ ", "at most": "≤ "}
+
+
+def score_heads(metrics: Sequence[Metric], *, moving: bool, samples: bool) -> list[str]:
+    """Heads of columns of metrics, of scores as ``moving`` pictures, and of equal-quality ``samples``."""
+    heads = [measure.head for measure in (*metrics, *(SCORES if moving else ()))]
+    return [*heads, *(["samples ↑"] if samples else [])]
+
+
+def score_cells(result: Mapping[str, Any], metrics: Sequence[Metric], *, moving: bool, samples: bool) -> list[str]:
+    """The cells of a result under these heads."""
+    cells = value_cells(result["mean"], metrics)
+    if moving:
+        scores = result.get("video", dict.fromkeys((score.name for score in SCORES), math.nan))
+        cells += ["–" if math.isnan(v) else format(v, s.form) for s in SCORES for v in (scores[s.name],)]
+    return [*cells, sample_cell(result)] if samples else cells
+
+
+def value_cells(values: Values, metrics: Sequence[Metric]) -> list[str]:
+    """The metrics of a row."""
+    return ["identical" if math.isinf(v) else format(v, m.form) for m in metrics for v in (values[m.name],)]
+
+
+def sample_cell(result: Mapping[str, Any]) -> str:
+    """The equal-quality samples as a cell."""
+    equal = result.get("equal_quality_samples")
+    if equal is None:
+        return "–"
+    return "identical" if math.isinf(equal["samples"]) else f"{BOUNDS[equal['bound']]}{equal['samples']:.1f}"
+
+
+def print_meanings(measures: Iterable[Measure]) -> None:
+    """Print what each column says."""
+    for measure in measures:
+        print_line(f"  {measure.name}: {measure.title}", "dim")
 
 
 def print_one(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
@@ -89,6 +127,25 @@ def print_several(results: Sequence[dict[str, Any]], metrics: tuple[Metric, ...]
     print_meanings([*metrics, *(SCORES if kinds["moving"] else ())])
     if single:
         print_line("  samples: equal-quality samples, so many a pixel a supersampler needs for the same error", "dim")
+
+
+def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bool) -> None:
+    """Print the rows of ``--table``, sequence by sequence, and their means over several."""
+    timed, several = any("milliseconds" in row for row in rows), len({row["sequence"] for row in rows}) > 1
+    heads = [*score_heads(metrics, moving=True, samples=True), *(["cvvdp ↑"] * cvvdp), *(["ms ↓"] * timed)]
+    table = figures(None, "", "", *heads, named=True)
+    table.columns[1].justify = "left"
+    for name, of_it in groupby([*rows, *(means_of(rows) if several else [])], lambda row: str(row["sequence"])):
+        table.add_section()
+        for place, row in enumerate(of_it):
+            cells = score_cells(row, metrics, moving=True, samples=True)
+            cells += [f"{row['cvvdp']:.2f}" if "cvvdp" in row else "–"] * cvvdp
+            cells += [f"{row['milliseconds']:g}" if "milliseconds" in row else "–"] * timed
+            table.add_row("" if place else printable(name), printable(row["entry"]), *cells)
+    print_table(table)
+    print_meanings([*metrics, *SCORES])
+    if cvvdp:
+        print_line(f"  {CVVDP_TITLE}", "dim")
 
 
 @click.command()
@@ -167,15 +224,14 @@ def compare(
         if heatmap is not None:
             raise UsageError("--heatmap does not go with --table", cure="draw maps of one A at a time")
         presets = [name.strip() for name in ours.split(",") if name.strip()]
-        options: dict[str, Any] = {
-            "stops": stops,
-            "cvvdp": cvvdp,
-            "film": film,
-            "as_json": as_json,
-            "frames": frames,
-            "verify": verify,
-        }
-        compare_table(paths, presets, metrics, asked, **options, **reading)
+        told: dict[str, Any] = {"stops": stops, "cvvdp": cvvdp, "film": film, "verify": verify}
+        rows, left = judged_entries(paths, presets, metrics, frames, **told, **reading)
+        for each in left:
+            click.echo(f"cltaa: warning: not judged: {printable(each)}", err=True)
+        if as_json:
+            click.echo(json_of({"table": rows, "stops": stops, "versions": versions_of(metrics)}))
+        else:
+            print_entries(rows, asked, cvvdp=cvvdp)
         return
     if cvvdp or film is not None:
         raise UsageError(f"{'--cvvdp' if cvvdp else '--film'} goes with --table", cure="add --table")

@@ -60,7 +60,7 @@ def _kernels() -> list[str]:
 
 
 def _scenes() -> Iterable[str]:
-    from cltaa.lab.bench.quality.cases import known_scenes
+    from cltaa.lab.bench.cases import known_scenes
 
     return known_scenes()
 

@@ -1,16 +1,6 @@
 // What one would write first, to measure against: the temporal resolve ported from a shader, one pixel a work-item,
 // interleaved float4 pixels, coordinates clamped at the border, the library's max, clamp and sqrt. The same algorithm
 // as `resolve.cl` with the choices of cltaa/lab/bench/kernels.py, without its repair of bad texels.
-#if STORAGE_HALF
-typedef half texel;
-#define LOAD(p, i) vload_half4(i, p)
-#define STORE(v, p, i) vstore_half4_rte(v, i, p)
-#else
-typedef float texel;
-#define LOAD(p, i) vload4(i, p)
-#define STORE(v, p, i) vstore4(v, i, p)
-#endif
-
 inline float3 to_ycocg(float3 c)
 {
     return (float3)(0.25f * c.x + 0.5f * c.y + 0.25f * c.z, 0.5f * c.x - 0.5f * c.z,
@@ -37,7 +27,7 @@ inline void catmull_rom_weights(float t, float* w)
 }
 
 __kernel void plain_kernel(__global const float* restrict current, __global const float* restrict inverse_depth,
-    __global const texel* restrict history, __global texel* restrict output, const frame_t frame,
+    __global const float* restrict history, __global float* restrict output, const frame_t frame,
     const settings_t settings)
 {
     const int x = get_global_id(0), y = get_global_id(1);
@@ -80,7 +70,7 @@ __kernel void plain_kernel(__global const float* restrict current, __global cons
     float count = 0.0f;
     for (int j = 0; j < 4; ++j)
         for (int i = 0; i < 4; ++i) {
-            const float4 texel_value = LOAD(history, texel_at(bx + i - 1, by + j - 1, frame));
+            const float4 texel_value = vload4(texel_at(bx + i - 1, by + j - 1, frame), history);
             past += wx[i] * wy[j] * texel_value.xyz;
             if ((i == 1 || i == 2) && (j == 1 || j == 2))
                 count += (i == 1 ? 1.0f - fx : fx) * (j == 1 ? 1.0f - fy : fy) * texel_value.w;
@@ -102,5 +92,5 @@ __kernel void plain_kernel(__global const float* restrict current, __global cons
     const float for_history = (1.0f - weight) * (settings.luminance_knee + max(centre.x, 0.0f));
     const float3 blended = held + (for_current / (for_current + for_history)) * (centre - held);
     const float3 out = max(from_ycocg(seen ? blended : centre), 0.0f);
-    STORE((float4)(out, seen ? count + 1.0f : 1.0f), output, (size_t)y * frame.width + x);
+    vstore4((float4)(out, seen ? count + 1.0f : 1.0f), (size_t)y * frame.width + x, output);
 }

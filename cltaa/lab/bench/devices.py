@@ -8,7 +8,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from cltaa.core.build import Storage
 from cltaa.core.kernel_source import code_sha256
 from cltaa.core.presets import load_preset
 from cltaa.core.resolver import Resolver
@@ -121,7 +120,7 @@ def _jobs(device: str | None, names: list[str], size: tuple[int, int]) -> tuple[
         try:
             launcher = DeviceLauncher(device)
             launcher.device.shape = SHAPES[name]
-            check_same(name, _last(Resolver(load_preset(), launcher), proof), oracle, Storage.FLOAT)
+            check_same(name, _last(Resolver(load_preset(), launcher), proof), oracle)
             jobs[name] = _job(name, launcher, motions)
         except InternalError as error:
             absent[name] = str(error)

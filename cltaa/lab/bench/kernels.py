@@ -52,9 +52,8 @@ BASELINE = Preset(
 )
 PLAIN_GROUP = {True: (64, 1), False: (16, 16)}  # work-items a group of the plain port: on a CPU, on a GPU
 COPY_BYTES = 16  # a work-item of copy.cl
-# In float: two orders of the same operations, one with the cancelling variance; 999 of 1000 pixels are within 8e-6 at
-# 1920 x 1080. In half: OpenGL may cut off what does not fit, 2^-10 a frame, where OpenCL rounds; 999 are within 9e-4.
-TOLERANCE = {True: 2.0**-14, False: 4 * 2.0**-10}
+# Two orders of the same operations, one with the cancelling variance: at 1920 x 1080 999 of 1000 are within 8e-6.
+TOLERANCE = 2.0**-14
 # Past the border the nearest surface is a tie, which either may break; the history filter carries that 2 px a frame.
 BORDER = 8
 # Where a pixel is just outside its box, or the image: decisions that rounding takes.
@@ -64,14 +63,12 @@ ODD_PIXELS = 1e-3
 class PlainPort:
     """``kernels/bench/plain.cl`` on a device: interleaved pixels, one a work-item, no halo."""
 
-    def __init__(self, launcher: DeviceLauncher, storage: Storage, width: int, height: int) -> None:
+    def __init__(self, launcher: DeviceLauncher, width: int, height: int) -> None:
         self._launcher, self._size = launcher, (width, height)
-        build = Build(choices=BASELINE.choices, real=Real.FLOAT, storage=storage, lanes=1, rows=1)
+        build = Build(choices=BASELINE.choices, real=Real.FLOAT, lanes=1, rows=1)
         self._kernel = launcher.kernel("bench/plain", build)
-        pixels = storage_dtype(build)
-        self._current = launcher.allocate((height, width, 4))
         self._inverse_depth = launcher.allocate((height, width))
-        self._history, self._output = (launcher.allocate((height, width, 4), pixels) for _ in range(2))
+        self._current, self._history, self._output = (launcher.allocate((height, width, 4)) for _ in range(3))
         self._record: np.ndarray[Any, Any] | None = None
 
     def resolve(self, frame: Frame, previous: Frame | None) -> Image:
@@ -130,20 +127,18 @@ def least_bytes(resolver: Resolver, storage: Storage) -> int:
     return real * planes + 2 * history
 
 
-def check_same(name: str, image: Image, expected: Image, storage: Storage) -> float:
-    """The largest difference over the brightest value; raises InternalError where images are not of one algorithm."""
+def check_same(name: str, image: Image, expected: Image) -> None:
+    """Raise InternalError where images are not of one algorithm."""
     inside = (slice(BORDER, -BORDER), slice(BORDER, -BORDER))
-    tolerance = TOLERANCE[storage is Storage.FLOAT]
     apart = np.abs(image - expected).max(axis=-1)[inside] / float(np.abs(expected).max())
-    share = float((apart > tolerance).mean())
+    share = float((apart > TOLERANCE).mean())
     if share > ODD_PIXELS:
         raise InternalError(
             f"{name} does not compute what the resolve computes",
-            expected=f"at most {ODD_PIXELS:.2%} of the pixels apart by more than {tolerance:.1e} of the brightest",
+            expected=f"at most {ODD_PIXELS:.2%} of the pixels apart by more than {TOLERANCE:.1e} of the brightest",
             found=f"{share:.2%}",
             cure="its time would say nothing; see docs/performance.md",
         )
-    return float(apart.max())
 
 
 _FOLDER = resources.files("cltaa") / "lab" / "bench"
@@ -152,7 +147,7 @@ _FOLDER = resources.files("cltaa") / "lab" / "bench"
 class Shader:
     """``resolve.frag`` on float textures of an off-screen context."""
 
-    def __init__(self, storage: Storage, width: int, height: int) -> None:
+    def __init__(self, width: int, height: int) -> None:
         moderngl = import_extra("moderngl", package="moderngl", extra="bench", purpose="timing the shader")
         try:
             self._context = moderngl.create_context(standalone=True, backend="egl")
@@ -160,10 +155,8 @@ class Shader:
             raise DeviceMissing(f"no off-screen OpenGL: {error}", cure="see: cltaa doctor") from error
         gl = self._context
         self.renderer = f"{gl.info['GL_RENDERER']}, OpenGL {gl.info['GL_VERSION']}"
-        kept = "f4" if storage is Storage.FLOAT else "f2"
-        self._current = gl.texture((width, height), 4, dtype="f4")
         self._inverse_depth = gl.texture((width, height), 1, dtype="f4")
-        self._history, self._output = (gl.texture((width, height), 4, dtype=kept) for _ in range(2))
+        self._current, self._history, self._output = (gl.texture((width, height), 4, dtype="f4") for _ in range(3))
         for texture in (self._current, self._inverse_depth, self._history, self._output):
             texture.repeat_x = texture.repeat_y = False
             texture.filter = (gl.NEAREST, gl.NEAREST)
@@ -194,9 +187,8 @@ class Shader:
         self._program["displacement"] = _matrix(frame_record(frame, past, Layout(frame.width, frame.height)))
         self._history, self._output = self._output, self._history
         self.run()
-        kept = np.dtype(np.float16 if self._output.dtype == "f2" else np.float32)
-        read = np.frombuffer(self._output.read(), kept).reshape(frame.height, frame.width, 4)
-        return read[..., :3].astype(np.float32)
+        read = np.frombuffer(self._output.read(), np.float32).reshape(frame.height, frame.width, 4)
+        return read[..., :3]
 
     def run(self) -> float | None:
         """Draw what the last ``resolve`` was given; return the seconds by OpenGL's clock, None where it has none."""
@@ -237,7 +229,6 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     device_ratio: Interval | None
     gigabytes_a_second: float
     of_floor: float  # floor over time: 1 is the floor
-    difference: float | None = None  # from the core's image, over its brightest value
 
 
 class Timing(msgspec.Struct, frozen=True, kw_only=True):
@@ -258,20 +249,18 @@ class KernelBench(msgspec.Struct, frozen=True, kw_only=True):
 
     width: int
     height: int
-    storage: Storage
     rounds: int
     environment: Environment
     timings: list[Timing]
 
 
 class Contenders:
-    """The jobs under one kind of motion, with what each moves and how far its image is from the core's."""
+    """The jobs under one kind of motion, with what each moves."""
 
-    def __init__(self, launcher: DeviceLauncher, storage: Storage, frames: list[Frame]) -> None:
-        self._launcher, self._storage, self._frames = launcher, storage, frames
+    def __init__(self, launcher: DeviceLauncher, frames: list[Frame]) -> None:
+        self._launcher, self._frames = launcher, frames
         self.jobs: list[Job] = []
         self.moved: dict[str, int] = {}  # bytes a pixel
-        self.difference: dict[str, float] = {}
         self.absent: dict[str, str] = {}
         self.opengl: str | None = None
         self._shader: Shader | None = None
@@ -280,10 +269,10 @@ class Contenders:
         self.moved[CONTROL] = self.moved[CORE]
 
     def _add_preset(self, name: str, preset: Preset) -> Image:
-        resolver = Resolver(preset, self._launcher, storage=self._storage)
+        resolver = Resolver(preset, self._launcher)
         job, image = resolve_job(name, resolver, self._frames)
         self.jobs.append(job)
-        self.moved[name] = least_bytes(resolver, self._storage)
+        self.moved[name] = least_bytes(resolver, Storage.FLOAT)
         return image
 
     def add_presets(self, presets: Sequence[Preset]) -> None:
@@ -294,9 +283,9 @@ class Contenders:
     def add_ports(self) -> None:
         """Add the plain port and the shader, each checked against the core's image."""
         size = self._frames[0].width, self._frames[0].height
-        self._add_port(PORT, PlainPort(self._launcher, self._storage, *size))
+        self._add_port(PORT, PlainPort(self._launcher, *size))
         try:
-            self._shader = Shader(self._storage, *size)
+            self._shader = Shader(*size)
         except CltaaError as error:
             self.absent[SHADER] = str(error)
             return
@@ -307,7 +296,7 @@ class Contenders:
         image = self.core
         for index, frame in enumerate(self._frames):
             image = port.resolve(frame, self._frames[index - 1] if index else None)
-        self.difference[name] = check_same(name, image, self.core, self._storage)
+        check_same(name, image, self.core)
         self.jobs.append(Job(name, port.run))
         self.moved[name] = self.moved[CORE]
 
@@ -325,7 +314,6 @@ def bench_kernels(
     height: int,
     motions: Sequence[Motion],
     rounds: int,
-    storage: Storage = Storage.FLOAT,
 ) -> KernelBench:
     """Time the kernels of ``presets`` and of the core against everything else on ``device``.
 
@@ -341,7 +329,7 @@ def bench_kernels(
     launcher, before = DeviceLauncher(device), load_average()
     timings = []
     for motion in motions:
-        contenders = Contenders(launcher, storage, make_frames(width, height, motion))
+        contenders = Contenders(launcher, make_frames(width, height, motion))
         try:
             contenders.add_presets(presets)
             contenders.add_ports()
@@ -351,7 +339,6 @@ def bench_kernels(
     return KernelBench(
         width=width,
         height=height,
-        storage=storage,
         rounds=rounds,
         environment=environment(launcher.description, before),
         timings=timings,
@@ -364,10 +351,7 @@ def _timing(contenders: Contenders, launcher: DeviceLauncher, motion: Motion, pi
     samples = measure(jobs, rounds, action="timing")
     # The device's own clock: on a GPU the host's would add the way there and back.
     bandwidth = moved / samples.interval(COPY, Clock.DEVICE).median
-    rows = [
-        _row(job.name, samples, pixels, contenders.moved.get(job.name, moved // pixels), bandwidth, contenders)
-        for job in jobs
-    ]
+    rows = [_row(job.name, samples, pixels, contenders.moved.get(job.name, moved // pixels), bandwidth) for job in jobs]
     return Timing(
         motion=motion,
         rows=rows,
@@ -380,7 +364,7 @@ def _timing(contenders: Contenders, launcher: DeviceLauncher, motion: Motion, pi
     )
 
 
-def _row(name: str, samples: Samples, pixels: int, moved: int, bandwidth: float, contenders: Contenders) -> Row:
+def _row(name: str, samples: Samples, pixels: int, moved: int, bandwidth: float) -> Row:
     by_device, a_pixel = samples.has(name, Clock.DEVICE), 1e9 / pixels  # nanoseconds
     seconds = samples.interval(name, Clock.DEVICE).median
     return Row(
@@ -392,5 +376,4 @@ def _row(name: str, samples: Samples, pixels: int, moved: int, bandwidth: float,
         device_ratio=samples.ratio(name, CORE, Clock.DEVICE) if by_device else None,
         gigabytes_a_second=moved * pixels / seconds * 1e-9,
         of_floor=moved * pixels / bandwidth / seconds,
-        difference=contenders.difference.get(name),
     )

@@ -198,17 +198,13 @@ MOVING = frozenset({Effect.CAMERA, Effect.MOTION, Effect.DISOCCLUSION, Effect.CU
 
 
 class Witness:
-    """Looks at the frames of a sequence in order; ``broken`` and ``idle`` say what it saw."""
+    """Looks at the frames of a sequence in order, for what changes in them and nobody declares."""
 
     def __init__(self) -> None:
-        self._seen: set[Effect] = set()
-        self._brightest = 0.0
         self._depth, self._colour, self._disoccluded = DepthChange(), ColourChange(), Uncovering()
 
     def look(self, header: FrameHeader, channels: Mapping[str, Pixels]) -> None:
         """Take in one frame."""
-        self._seen |= set(_shown(channels))
-        self._brightest = max(self._brightest, *(_highest(channels[name]) for name in "RGB"))
         declared = header.effects
         if declared is None:
             return
@@ -219,13 +215,11 @@ class Witness:
         if nothing_changes(declared):
             self._colour.look(header, np.stack([np.asarray(channels[name], np.float32) for name in "RGB"]))
 
-    def broken(self, declared: frozenset[Effect] | None) -> list[str]:
-        """Effects that the pixels show and the declaration leaves out."""
-        if declared is None:
-            return []
+    def broken(self, brightest: float, declared: frozenset[Effect]) -> list[str]:
+        """Effects that the pixels show, of which none is above ``brightest``, and the declaration leaves out."""
         problems = []
-        if self._brightest > BRIGHT and Effect.HDR not in declared:
-            problems.append(f"effect hdr shows in the pixels (up to {self._brightest:.4g}) but is not declared")
+        if brightest > BRIGHT and Effect.HDR not in declared:
+            problems.append(f"effect hdr shows in the pixels (up to {brightest:.4g}) but is not declared")
         if self._depth.frame is not None:
             problems.append(_undeclared("depth changes", self._depth.frame, MOVING))
         elif self._colour.frame is not None:
@@ -236,45 +230,32 @@ class Witness:
             )
         return problems
 
-    def idle(self, declared: frozenset[Effect] | None) -> list[str]:
-        """Effects that are declared and never show, with what makes that sure."""
-        return [
-            f"effect {effect} is declared, but {says}: leave it out and save its step"
-            for effect, says in _IDLE.items()
-            if effect in (declared or ()) and effect not in self._seen
-        ]
-
 
 def _undeclared(what: str, frame: int, effects: frozenset[Effect]) -> str:
     return f"{what} at frame {frame}, but no effect out of {', '.join(sorted(effects))} is declared"
 
 
-_IDLE = {
-    Effect.MOTION: "the motion channel is zero or NaN everywhere",
-    Effect.REACTIVE: "channel reactive is 0 everywhere",
-    Effect.ALPHA: "channel A is 1 everywhere",
-    Effect.HDR: "no value is above 1",
-    Effect.SKY: "depth is finite everywhere",
-}
-
-
-def _shown(channels: Mapping[str, Pixels]) -> Iterable[Effect]:
-    """Effects that one frame's pixels show; what lies between 1 and BRIGHT may be called HDR or not."""
-    motion = [channels[name] for name in ("backward.u", "backward.v") if name in channels]
-    if any((np.nan_to_num(plane) != 0).any() for plane in motion):
-        yield Effect.MOTION
-    if "reactive" in channels and (channels["reactive"] != 0).any():
-        yield Effect.REACTIVE
-    if "A" in channels and (channels["A"] != 1).any():
-        yield Effect.ALPHA
-    if any(_highest(channels[name]) > 1.0 for name in "RGB"):
-        yield Effect.HDR
-    if np.isinf(channels["Z"]).any():
-        yield Effect.SKY
-
-
-def _highest(plane: Pixels) -> float:
-    return float(np.max(np.asarray(plane, np.float32), where=np.isfinite(plane), initial=0.0))
+def _idle(statistics: Mapping[str, ChannelStatistics], brightest: float, declared: frozenset[Effect]) -> list[str]:
+    """Effects that are declared and never show, with what makes that sure."""
+    nothing = ChannelStatistics()
+    vectors = [channel for name, channel in statistics.items() if name.startswith("backward.")]
+    reactive, alpha = statistics.get("reactive", nothing), statistics.get("A", nothing)
+    opaque = alpha.lowest == alpha.highest == 1.0 and not alpha.nan + alpha.infinite
+    idle = {  # what lies between 1 and BRIGHT may be called HDR or not
+        Effect.MOTION: (
+            "the motion channel is zero or NaN everywhere",
+            all(v.zero + v.nan == v.count for v in vectors),
+        ),
+        Effect.REACTIVE: ("channel reactive is 0 everywhere", reactive.zero == reactive.count),
+        Effect.ALPHA: ("channel A is 1 everywhere", opaque or not alpha.count),
+        Effect.HDR: ("no value is above 1", brightest <= 1.0),
+        Effect.SKY: ("depth is finite everywhere", statistics["Z"].infinite == 0),
+    }
+    return [
+        f"effect {effect} is declared, but {says}: leave it out and save its step"
+        for effect, (says, sure) in idle.items()
+        if sure and effect in declared
+    ]
 
 
 def inspect_folder(
@@ -323,9 +304,11 @@ def inspect_folder(
     describe_reference(result, folder, paths)
     result.problems += missing_lines(missing) + pixel_problems(result.statistics) + needless_channels(result.statistics)
     if pixels and headers and not result.resolved_by:
-        declared = next(iter(headers.values())).effects
-        result.problems += witness.broken(declared)
-        result.idle = witness.idle(declared)
+        declared, shown = next(iter(headers.values())).effects, result.statistics
+        if declared is not None and shown:
+            brightest = max(0.0, *(shown[name].highest for name in COLOUR))
+            result.problems += witness.broken(brightest, declared)
+            result.idle = _idle(shown, brightest, declared)
     return result
 
 

@@ -1,4 +1,9 @@
-"""The plan of a whole sequence: which steps run on which frames, why, and what each costs on this device."""
+"""The plan of a whole sequence: which steps run on which frames, why, and what each costs on this device.
+
+And what it saves, with proof that it changes time and not the picture (docs/effects.md). Three resolves: as planned;
+with every step that was left out running too, which must give the same bits; and as if nothing were declared (``all``),
+where plain means and plain weights give way to the preset's own.
+"""
 
 from __future__ import annotations
 
@@ -15,18 +20,21 @@ from cltaa.core.plan import JittersBefore, Plan, plan_frame, recursive_choices, 
 from cltaa.core.presets import Preset, Published
 from cltaa.core.record import Past
 from cltaa.core.resolver import Resolver
-from cltaa.frame import Asked
+from cltaa.frame import Asked, format_effects
 from cltaa.inputs.found import Found, find_effects, with_found
 from cltaa.inputs.open import looked_for, open_input
 from cltaa.io.names import Named
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.timing import Job, Samples, measure
+from cltaa.lab.timing import Clock, Interval, Job, Samples, measure, resolve_job
+from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.folder import band_rows_for, has_bands, of_whole
 from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence, program_bytes
 from cltaa.pipeline.output import carried_kinds, check_layers, chosen_layers
+from cltaa.progress import track
 
 ROUNDS = 9  # of timing, each of which runs every variant once
-PLANNED, EVERY = "as planned", "every step"
+PLANNED, EVERY, ALL = "as planned", "every step", "all effects"
+WAYS: dict[str, Asked] = {PLANNED: "auto", EVERY: "auto", ALL: "all"}  # of the three, which effects count
 CHANNELS = ("own_motion", "alpha", "reactive")  # the steps that read one
 
 
@@ -229,11 +237,81 @@ def _time(
         step.milliseconds = float(np.median(-pairs if step.on else pairs)) * 1e3
 
 
-def _milliseconds(samples: Samples, job: str) -> float:
-    return float(np.median(samples.seconds(job))) * 1e3
+def _milliseconds(samples: Samples, job: str, clock: Clock = Clock.WALL) -> float:
+    return float(np.median(samples.seconds(job, clock))) * 1e3
 
 
 def _copy_times(source: Section, target: Section) -> None:
     target.milliseconds, target.every_milliseconds = source.milliseconds, source.every_milliseconds
     for step, other in zip(target.steps, source.steps, strict=True):
         step.milliseconds = other.milliseconds
+
+
+class EffectRow(msgspec.Struct, kw_only=True):
+    """One scene. Times are milliseconds of kernels a frame; ``saving`` is how many times as long ``all`` takes.
+
+    On a processor they are its own time, all threads together, which another program's load does not change.
+    """
+
+    scene: str
+    effects: str
+    steps: list[str]  # that run on the last frame
+    frames: int
+    same_bits: bool  # as planned and with every step, in strict mode, all frames
+    replaced: float  # largest difference between as planned and all effects
+    replaced_mean: float
+    planned_ms: float
+    every_ms: float
+    all_ms: float
+    saving: Interval
+
+
+def judge_effects(sequence: FrameSequence, preset: str | Preset, launcher: Launcher, *, rounds: int) -> EffectRow:
+    """Resolve ``sequence`` in the three ways, compare all frames in strict mode, and time the last one.
+
+    Scenes that share a ``launcher`` share its kernels.
+    """
+    same, apart = True, list[tuple[float, float]]()
+    strict = {way: Resolver(preset, launcher, strict=True, every_step=way != PLANNED) for way in WAYS}
+    for frame in track(sequence, len(sequence), "resolving"):
+        planned, every, everything = (strict[way].resolve(with_effects(frame, named)) for way, named in WAYS.items())
+        same = same and planned.tobytes() == every.tobytes()
+        difference = np.abs(planned.astype(np.float64) - everything)
+        apart.append((float(difference.max()), float(difference.mean())))
+    before, frame = (sequence.frame(number) for number in sequence.numbers[-2:])
+    pair = replace(before, cut=True), replace(frame, cut=False)
+    fast = {way: Resolver(preset, launcher, every_step=way != PLANNED) for way in WAYS}
+    jobs = [resolve_job(way, fast[way], [with_effects(one, named) for one in pair])[0] for way, named in WAYS.items()]
+    samples, chosen = measure(jobs, rounds, warm_up=3), fast[PLANNED].plan
+    assert chosen is not None
+    clock = Clock.DEVICE if isinstance(launcher, DeviceLauncher) and not launcher.device.is_cpu else Clock.PROCESSOR
+    return EffectRow(
+        scene=sequence.frame_header(sequence.first).scene,
+        effects=format_effects(sequence.effects or ()) or ("none" if sequence.effects is not None else "not declared"),
+        steps=[reason.step for reason in chosen.reasons if reason.on],
+        frames=len(sequence),
+        same_bits=same,
+        replaced=max(largest for largest, _ in apart),
+        replaced_mean=sum(mean for _, mean in apart) / len(sequence),
+        planned_ms=_milliseconds(samples, PLANNED, clock),
+        every_ms=_milliseconds(samples, EVERY, clock),
+        all_ms=_milliseconds(samples, ALL, clock),
+        saving=samples.ratio(ALL, PLANNED, clock),
+    )
+
+
+def effect_cells(row: EffectRow) -> dict[str, str]:
+    """A row of the table of docs/generated/effects.md, by its heads."""
+    saving = f"{row.saving.median:.2f} ({row.saving.low:.2f} to {row.saving.high:.2f})"
+    replaced = "nothing" if row.replaced == 0.0 else f"{row.replaced:.2g}, mean {row.replaced_mean:.1g}"
+    return {
+        "scene": row.scene,
+        "effects": row.effects.replace(",", " "),
+        "steps that run": ", ".join(row.steps) or "none",
+        "ms planned": f"{row.planned_ms:.2f}",
+        "ms every step": f"{row.every_ms:.2f}",
+        "ms all": f"{row.all_ms:.2f}",
+        "all / planned": saving,
+        "same bits": "yes" if row.same_bits else "**no**",
+        "replaced": replaced,
+    }

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -13,10 +15,16 @@ from typing import Any
 import msgspec
 
 from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.io.atomic import make_folder
 from cltaa.io.names import number_of
 from cltaa.io.numbered import FrameRange, OnBreak, missing_from, ranges
+from cltaa.io.video import USUAL_RATE, import_av, open_video, rate_of
 from cltaa.lab.judge.comparison import Comparison, pair_up
+from cltaa.lab.judge.metrics import Metric, import_cvvdp, jod, mean_of
+from cltaa.lab.judge.one_pass import judge, summary_of
 from cltaa.printable import counted
+
+Row = dict[str, Any]
 
 FACTS = "entry.toml"
 SUFFIXES = (".exr", ".png")
@@ -163,3 +171,103 @@ def lacking(round_: Round) -> str:
     """Which frames of the truth are not judged; empty where all are."""
     left = len(numbered(round_.sequence / "reference")) - len(round_.numbers)
     return f"{round_.sequence.name}: {counted(left, 'frame')} that not all have" if left else ""
+
+
+def judged_entries(
+    paths: Sequence[Path],
+    ours: Sequence[str],
+    metrics: tuple[Metric, ...],
+    frames: int | FrameRange | None = None,
+    *,
+    stops: float = 0.0,
+    cvvdp: bool = False,
+    film: Path | None = None,
+    **reading: Any,
+) -> tuple[list[Row], list[str]]:
+    """A row for each entry and preset of ``ours`` on each captured sequence of ``paths``, and which frames are not
+    judged.
+
+    Raises what ``divided``, ``read_entry`` and ``rounds`` do, and UsageError without what ``cvvdp`` or ``film`` needs.
+    """
+    folders, sequences = divided(paths)
+    entries = [read_entry(folder, sequences) for folder in folders]
+    if cvvdp:
+        import_cvvdp()
+    if film is not None:
+        import_av()
+        make_folder(film)
+    with resolved_by_us(ours, sequences) as own:
+        played = rounds([*entries, *own], sequences, frames, **reading)
+        rows = [row for one in played for row in _judged(one, metrics, stops, cvvdp=cvvdp)]
+        for one in played if film is not None else ():
+            assert film is not None
+            _write_film(film / f"{one.sequence.resolve().name}.mp4", one, stops)
+    return rows, [left for one in played if (left := lacking(one))]
+
+
+def _judged(one: Round, metrics: tuple[Metric, ...], stops: float, *, cvvdp: bool) -> list[Row]:
+    found = judge(one.comparisons, metrics, stops, in_time=one.in_time)
+    rows = []
+    for entry, comparison, judged in zip(one.entries, one.comparisons, found.tests, strict=True):
+        summary = summary_of(comparison, judged, found, metrics)
+        facts = msgspec.structs.asdict(entry.facts)
+        row: Row = {
+            "sequence": one.sequence.resolve().name,
+            "entry": entry.name,
+            **{key: value for key, value in facts.items() if key != "name" and value not in ("", None)},
+            "frames": one.numbers,
+            **{key: summary[key] for key in ("mean", "video", "equal_quality_samples") if key in summary},
+        }
+        if cvvdp and one.in_time:
+            if comparison.region is not None:
+                what = "--cvvdp judges whole pictures only"
+                raise UsageError(what, path=comparison.test.folder, cure="leave --cvvdp out")
+            test, truth = ([side.image(n) for n in one.numbers] for side in (comparison.test, comparison.reference))
+            row["cvvdp"] = jod(test, truth, float(_rate_of(one)), stops)
+        rows.append(row)
+    return rows
+
+
+def means_of(rows: Sequence[Row]) -> list[Row]:
+    """The means over sequences of the entries that have all of them."""
+    count = len({row["sequence"] for row in rows})
+    means = []
+    for name in dict.fromkeys(row["entry"] for row in rows):
+        of_it = [row for row in rows if row["entry"] == name]
+        if len(of_it) == count:
+            row: Row = {"sequence": f"mean of {counted(count, 'sequence')}", "entry": name}
+            for part in ("mean", "video"):
+                if all(part in one for one in of_it):
+                    row[part] = {key: _mean(key, [one[part][key] for one in of_it]) for key in of_it[0][part]}
+            if all("cvvdp" in one for one in of_it):
+                row["cvvdp"] = _mean("cvvdp", [one["cvvdp"] for one in of_it])
+            means.append(row | {key: of_it[0][key] for key in ("milliseconds",) if key in of_it[0]})
+    return means
+
+
+def _mean(name: str, values: Sequence[float]) -> float:
+    """The mean of what is a number."""
+    known = [value for value in values if not math.isnan(value)]
+    return mean_of(name, known) if known else math.nan
+
+
+def _rate_of(one: Round) -> Fraction:
+    """Frames a second at which a sequence is shown."""
+    capture = one.comparisons[0].capture
+    return USUAL_RATE if capture is None else rate_of(capture.attributes, capture.sequence_json, capture.step)
+
+
+MAGNIFIED = 2  # times in a film, each pixel as a square
+
+
+def _write_film(path: Path, one: Round, stops: float) -> None:
+    """Write the entries of a sequence and its truth side by side as an MP4, magnified without a filter."""
+    from cltaa.io.display import beside, to_picture
+
+    first = one.comparisons[0]
+    names = [*(entry.name for entry in one.entries), "truth"]
+    images = [*(comparison.test for comparison in one.comparisons), first.reference]
+    with open_video(path, _rate_of(one)) as video:
+        for number in one.numbers:
+            pictures = [to_picture(source.image(number)[..., :3], stops) for source in images]
+            video.add(beside([p.repeat(MAGNIFIED, 0).repeat(MAGNIFIED, 1) for p in pictures], names))

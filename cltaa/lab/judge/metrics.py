@@ -86,18 +86,13 @@ def ssim(test: Image, reference: Image, stops: float = 0.0) -> float:
 
     Raises UsageError without scikit-image and DataError for images smaller than the window.
     """
-    return display_ssim(to_display(test, stops), to_display(reference, stops))
-
-
-def display_ssim(test: Image, reference: Image) -> float:
-    """``ssim`` of two display images [H, W, 3] in [0, 1]; raises as ``ssim`` does."""
     if min(test.shape[:2]) < SSIM_SMALLEST_SIDE:
         expected = f"at least {SSIM_SMALLEST_SIDE} pixels a side"
         found, cure = f"{test.shape[1]} x {test.shape[0]}", "leave it out: --metrics mse,psnr,flip"
         raise DataError("image too small for SSIM", expected=expected, found=found, cure=cure)
     value = _import_skimage().structural_similarity(
-        luma(test),
-        luma(reference),
+        luma(to_display(test, stops)),
+        luma(to_display(reference, stops)),
         gaussian_weights=True,
         sigma=SSIM_SIGMA,
         use_sample_covariance=False,
@@ -124,12 +119,7 @@ def flip_map(test: Image, reference: Image, stops: float = 0.0, *, hdr: bool = F
     # Where it is too dark for HDR-FLIP's range of exposures the module would end the program.
     if hdr and float(luma(light[1]).max()) >= FLIP_DARKEST:
         return _flip(light[0], light[1], "HDR")
-    return display_flip(to_display(test, stops), to_display(reference, stops))
-
-
-def display_flip(test: Image, reference: Image) -> Image:
-    """``flip_map`` [H, W] of two display images [H, W, 3] in [0, 1]; raises as ``flip_map`` does."""
-    return _flip(test, reference, "LDR")
+    return _flip(to_display(test, stops), to_display(reference, stops), "LDR")
 
 
 def _flip(test: Image, reference: Image, scale: str) -> Image:
@@ -264,17 +254,15 @@ def finite(image: Image) -> Image:
     return np.where(np.isfinite(image), image, np.float32(0))
 
 
+def mean_of(metric: str, values: Sequence[float]) -> float:
+    """Mean of a metric over frames; that of a PSNR is the PSNR of the mean squared error, and so stays finite."""
+    return mean_psnr(values) if metric.startswith("psnr") else math.fsum(values) / len(values)
+
+
 def mean(frames: Iterable[Mapping[str, float]]) -> dict[str, float]:
-    """Mean of each metric over frames; that of a PSNR is the PSNR of the mean squared error, and so stays finite."""
+    """``mean_of`` each metric."""
     rows = list(frames)
-    result: dict[str, float] = {}
-    for name in rows[0] if rows else ():
-        values = [row[name] for row in rows]
-        if name.startswith("psnr"):
-            result[name] = mean_psnr(values)
-        else:
-            result[name] = math.fsum(values) / len(values)
-    return result
+    return {name: mean_of(name, [row[name] for row in rows]) for name in (rows[0] if rows else ())}
 
 
 CVVDP_DISPLAY = "standard_fhd"  # 24 inch, 1920 x 1080, seen from 60 cm

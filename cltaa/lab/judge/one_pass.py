@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -23,30 +23,16 @@ from cltaa.printable import printable
 from cltaa.progress import track
 
 
-def measure_map(
-    test: Image, reference: Image, metrics: Iterable[Metric], stops: float, *, path: Path, truth_path: Path, frame: int
-) -> tuple[dict[str, float], Image]:
-    """Metrics of one frame by name, and its error map [H, W] in [0, 1]: FLIP's where that is among them.
+def _write_map(folder: Path, path: Path, pair: tuple[Image, Image], stops: float, *, by_flip: bool) -> dict[str, float]:
+    """Write the error map of the image at ``path`` under its name; of FLIP, which is slow, its mean comes back.
 
-    FLIP is slow, so it is not worked out twice. Raises as ``measure`` does.
+    Raises OutputError and StorageError.
     """
-    from cltaa.io.display import error_map
+    from cltaa.io.display import error_map, heat, write_png
 
-    metrics = tuple(metrics)
-    others = [metric for metric in metrics if metric.name != "flip"]
-    values = measure(test, reference, others, stops, path=path, truth_path=truth_path, frame=frame)
-    if len(others) == len(metrics):
-        return values, error_map(test, reference, stops)
-    errors = flip_map(test, reference, stops)
-    values["flip"] = float(errors.mean())
-    return {metric.name: values[metric.name] for metric in metrics}, errors
-
-
-def write_map(folder: Path, path: Path, errors: Image) -> None:
-    """Write the error map [H, W] of the image at ``path`` under its name; raises OutputError and StorageError."""
-    from cltaa.io.display import heat, write_png
-
+    errors = flip_map(*pair, stops) if by_flip else error_map(*pair, stops)
     write_png(folder / f"{path.stem}.png", heat(errors))
+    return {"flip": float(errors.mean())} if by_flip else {}
 
 
 def stale_maps(folder: Path, images: ImageSequence) -> list[str]:
@@ -162,12 +148,10 @@ def _judge_frame(
 def _measure(
     truth: _Picture, number: int, stops: float, test: _Picture, metrics: Sequence[Metric], heatmap: Path | None = None
 ) -> dict[str, float]:
-    pair = test.image, truth.image
-    if heatmap is None:
-        return measure(*pair, metrics, stops, path=test.path, truth_path=truth.path, frame=number)
-    values, errors = measure_map(*pair, metrics, stops, path=test.path, truth_path=truth.path, frame=number)
-    write_map(heatmap, test.path, errors)
-    return values
+    pair, flip = (test.image, truth.image), METRICS["flip"]
+    others = [metric for metric in metrics if heatmap is None or metric is not flip]
+    values = measure(*pair, others, stops, path=test.path, truth_path=truth.path, frame=number)
+    return values if heatmap is None else values | _write_map(heatmap, test.path, pair, stops, by_flip=flip in metrics)
 
 
 WHITE, GREY = 1.0, 0.18  # linear light of what a picture is laid over

@@ -94,17 +94,15 @@ class VideoScores:
         self._past: _Past | None = None
         self.fresh: Mask = np.zeros((0, 0), np.bool_)  # of the last frame: disoccluded in it, no edge beside, [H, W]
 
-    def add(self, frame: Frame, truth: Image, tests: list[Image]) -> list[Sums]:
-        """Judge one frame: ``frame`` as captured, the truth and each test, linear [H, W, 3]."""
-        return self.add_shown(frame, to_display(truth, self._stops), [to_display(test, self._stops) for test in tests])
-
-    def add_shown(self, frame: Frame, truth: Image, tests: list[Image], *, judged: bool = True) -> list[Sums]:
-        """Judge one frame of which truth and tests are display images [H, W, 3]; one given twice is judged once.
+    def add(self, frame: Frame, truth: Image, tests: list[Image], *, judged: bool = True) -> list[Sums]:
+        """Judge one frame: ``frame`` as captured, the truth and each test, linear [H, W, 3]; a test that is given twice
+        is judged once.
 
         A frame that is not to be ``judged`` is only remembered for the next one, and gives no sums.
         """
-        shown = truth.astype(np.float64)
-        different = {id(test): test.astype(np.float64) for test in tests}
+        shown = to_display(truth, self._stops).astype(np.float64)
+        given = {id(test): test for test in tests}
+        different = {key: to_display(test, self._stops).astype(np.float64) for key, test in given.items()}
         errors = {key: test - shown for key, test in different.items()}
         past = self._past
         if past is not None and (frame.cut or frame.index != past.frame.index + frame.step):

@@ -8,11 +8,13 @@ import msgspec
 import numpy as np
 
 from cltaa.core.presets import load_preset
-from cltaa.lab.bench.accuracy.ladder import ladder
-from cltaa.lab.bench.accuracy.tasks import Task
+from cltaa.io.sequence import open_sequence
+from cltaa.lab.bench.cells import Judging, Task, task_of
+from cltaa.lab.bench.variants import ladder
 from tests.sequence_factory import write_images, write_sequence
 
 FRAMES = 4
+ERRORS = Judging(metrics=("mse",), rounding_frames=3, pictures=True)
 
 
 def write_tiny(folder: Path) -> Path:
@@ -25,4 +27,4 @@ def write_tiny(folder: Path) -> Path:
 
 def task(sequence: Path, place: int = 0, **changes: object) -> Task:
     variant = msgspec.structs.replace(ladder(load_preset())[place], **changes)
-    return Task(sequence=str(sequence), variant=variant, device=None, metrics=("mse",), rounding_frames=3)
+    return task_of(open_sequence(sequence), [variant], None, ERRORS)

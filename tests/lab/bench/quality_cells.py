@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cltaa.lab.bench.quality.cases import TRAIN, Case
-from cltaa.lab.bench.quality.judge import COLUMNS, Judged
+from cltaa.lab.bench.cases import TRAIN, Case
+from cltaa.lab.bench.cells import COLUMNS, Judged
 
 
 def scores(**values: float | None) -> Judged:

@@ -55,10 +55,10 @@ def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert [row["group"] for row in rows] == ["default", *["storage"] * 3, *["supersampling"] * 2]
     assert float(rows[0]["mse"]) == measured["cells"][0]["errors"]["mse"]["mean"]
 
-    finished = {path: path.stat().st_mtime_ns for path in (tmp_path / "tasks").iterdir()}
+    finished = {path: path.stat().st_mtime_ns for path in (tmp_path / "cells").iterdir()}
     assert main(arguments) == 0
     assert "basic" in capsys.readouterr().out
-    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "tasks").iterdir()} == finished
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "cells").iterdir()} == finished
 
 
 def test_frames_without_error_are_measured_and_read_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -68,7 +68,7 @@ def test_frames_without_error_are_measured_and_read_again(tmp_path: Path, capsys
         black = make_frame(number)
         write_frame(folder / f"synthetic.{number:04d}.exr", replace(black, colour=np.zeros_like(black.colour)))
         write_images(folder / "reference", [np.zeros_like(black.colour)], name="synthetic", first=number)
-    arguments = ["bench", "accuracy", str(folder), "-o", str(tmp_path / "report"), "--variant", "storage: half"]
+    arguments = ["bench", "accuracy", str(folder), "-o", str(tmp_path / "report"), "--only", "storage: half"]
     arguments += ["--metrics", "psnr,mse", "--rounding-frames", "0", "--rounds", "3"]
     arguments += ["--pixels", "1", "--patience", "0", "--preset", "basic", "--pictured", "0"]
     assert main(arguments) == 0
@@ -89,12 +89,7 @@ def test_two_sequences_of_one_name_are_refused(
     options = ["-o", str(tmp_path / "out"), "--only", "reject"]
     assert main(["bench", "accuracy", str(sequence), str(other), *options]) == 64
     assert f"{other}: two sequences of one name" in capsys.readouterr().err
-    assert not (tmp_path / "out" / "tasks").exists()
-
-
-@pytest.mark.parametrize("option", ["--only", "--variant"])
-def test_what_is_on_no_ladder_is_refused(sequence: Path, tmp_path: Path, option: str) -> None:
-    assert main(["bench", "accuracy", str(sequence), "-o", str(tmp_path / "out"), option, "colour"]) == 64
+    assert not (tmp_path / "out" / "cells").exists()
 
 
 def test_what_draws_the_report_is_missed_before_the_work(
@@ -103,7 +98,7 @@ def test_what_draws_the_report_is_missed_before_the_work(
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
     assert main(["bench", "accuracy", str(sequence), "-o", str(tmp_path), "--only", "reject"]) == 64
     assert "pip install 'cltaa[bench]'" in capsys.readouterr().err
-    assert not (tmp_path / "tasks").exists()
+    assert not (tmp_path / "cells").exists()
 
 
 def test_what_was_timed_is_not_timed_again(

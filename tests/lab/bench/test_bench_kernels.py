@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cltaa.camera import displacement
-from cltaa.core.build import STORAGES, Storage
+from cltaa.core.build import Storage
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import InternalError
@@ -66,19 +66,18 @@ def test_motion_is_what_it_says() -> None:
     assert np.abs(turn[:2, :2]).min() > 1e-3
 
 
-@pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize("motion", list(Motion))
-def test_plain_port_computes_the_core(motion: Motion, storage: Storage) -> None:
+def test_plain_port_computes_the_core(motion: Motion) -> None:
     frames = make_frames(131, 67, motion)
     launcher = DeviceLauncher()
-    port = PlainPort(launcher, storage, 131, 67)
-    resolver = Resolver(BASELINE, launcher, storage=storage)
+    port = PlainPort(launcher, 131, 67)
+    resolver = Resolver(BASELINE, launcher)
     for index, frame in enumerate(frames):
         image = port.resolve(frame, frames[index - 1] if index else None)
         expected = resolver.resolve(frame)
-    check_same("plain port", image, expected, storage)
+    check_same("plain port", image, expected)
     with pytest.raises(InternalError, match="does not compute what the resolve computes"):
-        check_same("another frame", frames[0].colour, expected, storage)
+        check_same("another frame", frames[0].colour, expected)
 
 
 def test_a_shader_that_computes_something_else_is_not_timed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -90,7 +89,7 @@ def test_a_shader_that_computes_something_else_is_not_timed(monkeypatch: pytest.
 
     monkeypatch.setattr("cltaa.lab.bench.kernels.Shader", lambda *shape: OffShader(DeviceLauncher(), *shape))
     with pytest.raises(InternalError, match="GLSL does not compute"):
-        Contenders(DeviceLauncher(), Storage.FLOAT, make_frames(64, 36, Motion.TURN)).add_ports()
+        Contenders(DeviceLauncher(), make_frames(64, 36, Motion.TURN)).add_ports()
 
 
 @pytest.mark.parametrize("changes", [{}, {"history": "frames", "history_frames": 2}])

@@ -15,24 +15,26 @@ import pytest
 from PIL import Image as Pillow
 
 from cltaa.cli import main
-from cltaa.core.presets import Published, load_preset, override
+from cltaa.core.build import Storage
+from cltaa.core.presets import Preset, Published, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError, InputMissing
 from cltaa.frame import Frame
 from cltaa.inputs.open import Reading
 from cltaa.io.exr_read import read_frame
 from cltaa.io.exr_write import write_frame, write_image
-from cltaa.io.sequence import open_sequence
-from cltaa.lab.bench.quality.cases import HELD_OUT, REDRAWN, TRAIN, Shape, planned
-from cltaa.lab.bench.quality.judge import ONE_SAMPLE, Cells, in_step, judge_sequence
-from cltaa.lab.bench.quality.page import BEGIN, END
+from cltaa.io.sequence import FrameSequence, open_sequence
+from cltaa.lab.bench.cases import HELD_OUT, REDRAWN, TRAIN, Shape, planned
+from cltaa.lab.bench.cells import ONE_SAMPLE, QUALITY, Judged, Judging, in_step, judge_sequence, task_of
+from cltaa.lab.bench.quality.table import BEGIN, END
+from cltaa.lab.bench.variants import Variant
 from cltaa.lab.judge.metrics import flip_map
 from cltaa.lab.judge.video_scores import Sums, VideoScores
 from cltaa.reference.launcher import NumpyLauncher
-from tests.lab.bench.quality_cells import scores
 from tests.sequence_factory import make_frame, write_images, write_sequence
 
 NUMPY = NumpyLauncher()
+SOON = msgspec.structs.replace(QUALITY, settled=1)
 SMALL = "--scene occluder --size 64x36 --frames 4 --samples 4 --settled 1 --held-out , --preset default --jitter r2:5"
 
 
@@ -62,7 +64,7 @@ def test_a_run_captures_judges_and_goes_on(
     folder = tmp_path / "work" / "sequences" / row["key"]
     assert open_sequence(folder).sequence_json["settings"]["jitter"] == "r2:5"
     sequence = Reading(effects="find").open(folder)
-    expected = judge_sequence(sequence, [load_preset()], NUMPY, settled=1)
+    expected = judged(sequence, load_preset())
     for name in (ONE_SAMPLE, "default"):
         assert row["presets"][name]["scores"] == expected[name].scores
     assert row["presets"]["default"]["scores"]["psnr"] > row["presets"][ONE_SAMPLE]["scores"]["psnr"]
@@ -80,7 +82,7 @@ def test_a_run_captures_judges_and_goes_on(
     def again(*_arguments: Any, **_named: Any) -> Any:
         raise AssertionError("a finished cell was measured again")
 
-    monkeypatch.setattr("cltaa.commands.bench_quality.judge_sequence", again)
+    monkeypatch.setattr("cltaa.lab.bench.cells.judge_sequence", again)
     monkeypatch.setattr("cltaa.commands.bench_quality.capture", again)
     assert main(arguments) == 0
     printed = capsys.readouterr().out
@@ -88,23 +90,32 @@ def test_a_run_captures_judges_and_goes_on(
     assert f"{row['presets']['default']['scores']['flip']:.4f}" in printed
 
 
-def test_a_cell_is_kept_until_what_decides_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def judged(sequence: FrameSequence, *presets: Preset) -> dict[str, Judged]:
+    found = judge_sequence(sequence, [Variant.of(preset) for preset in presets], NUMPY, SOON)
+    return {name: cell.judged for name, cell in found.items()}
+
+
+def test_a_cell_counts_until_what_decides_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sequence = open_sequence(write_sequence(tmp_path / "capture", 3, reference=True))
-    preset, judged = load_preset(), scores()
-    Cells(tmp_path / "cells", sequence, 1, 4).put("default", preset, judged)
-    assert Cells(tmp_path / "cells", sequence, 1, 4).get("default", preset) == judged
-    assert Cells(tmp_path / "cells", sequence, 2, 4).get("default", preset) is None
-    assert Cells(tmp_path / "cells", sequence, 1, 2).get("default", preset) is None
-    assert Cells(tmp_path / "cells", sequence, 1, 4).get("default", override(preset, {"sample_limit": 3.0})) is None
     other = open_sequence(write_sequence(tmp_path / "other", 3, reference=True, seed=1))
-    assert Cells(tmp_path / "cells", other, 1, 4).get("default", preset) is None
+    preset = load_preset()
     theirs = msgspec.structs.replace(preset, published=Published.ENGINE)  # the plan leaves nothing out of it
-    assert Cells(tmp_path / "cells", sequence, 1, 4).get("default", theirs) is None
-    monkeypatch.setattr("cltaa.lab.bench.quality.judge.code_sha256", lambda: "another version")
-    assert Cells(tmp_path / "cells", sequence, 1, 4).get("default", preset) is None
-    assert Cells(tmp_path / "cells", sequence, 1, 4, any_code=True).get("default", preset) == judged
-    (tmp_path / "cells" / "default.json").write_text("{", encoding="utf-8")
-    assert Cells(tmp_path / "cells", sequence, 1, 4, any_code=True).get("default", preset) is None
+
+    def path(
+        sequence: FrameSequence = sequence, preset: Preset = preset, judging: Judging = SOON, **build: Any
+    ) -> Path:
+        variant = msgspec.structs.replace(Variant.of(preset), **build)
+        return task_of(sequence, [variant], None, judging).path(tmp_path, variant)
+
+    assert path() == path(name="another", group="of another")
+    changed: list[dict[str, Any]] = [{"settled": 2}, {"flip_every": 2}, {"metrics": ("flip",)}]
+    paths = [path(judging=msgspec.structs.replace(SOON, **each)) for each in changed]
+    paths += [path(), path(other), path(preset=override(preset, {"sample_limit": 3.0})), path(preset=theirs)]
+    paths += [path(strict=True), path(storage=Storage.HALF)]
+    write_images(sequence.folder / REDRAWN, [make_frame(number).colour for number in range(3)], name="synthetic")
+    paths.append(path())
+    monkeypatch.setattr("cltaa.lab.bench.cells.code_sha256", lambda: "another version")
+    assert len({*paths, path()}) == 11
 
 
 def test_what_is_not_finite_counts_and_is_judged_as_black(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -113,10 +124,10 @@ def test_what_is_not_finite_counts_and_is_judged_as_black(tmp_path: Path, monkey
         "cltaa.core.resolver.Resolver.resolve",
         lambda _self, frame, **_: np.where(frame.colour > 2, np.nan, frame.colour),
     )
-    judged = judge_sequence(sequence, [load_preset()], NUMPY, settled=1)
+    found = judged(sequence, load_preset())
     bad = sum(int((frame.colour > 2).sum()) for frame in sequence)
-    assert (judged["default"].not_finite, judged[ONE_SAMPLE].not_finite) == (bad, 0)
-    assert math.isfinite(judged["default"].scores["psnr"] or math.nan)
+    assert (found["default"].not_finite, found[ONE_SAMPLE].not_finite) == (bad, 0)
+    assert math.isfinite(found["default"].scores["psnr"] or math.nan)
 
 
 @pytest.mark.parametrize(("least", "again"), [(1, True), (1, False), (10_000, True)])
@@ -133,16 +144,15 @@ def test_what_appears_is_told_by_single_samples_drawn_elsewhere(
         write_images(folder / REDRAWN, elsewhere, name="synthetic")
 
     class AllAppears(VideoScores):
-        def add_shown(self, frame: Frame, *given: Any, **named: Any) -> list[Sums]:
-            sums = super().add_shown(frame, *given, **named)
+        def add(self, frame: Frame, *given: Any, **named: Any) -> list[Sums]:
+            sums = super().add(frame, *given, **named)
             self.fresh = np.ones(frame.depth.shape, np.bool_)
             return sums
 
-    monkeypatch.setattr("cltaa.lab.bench.quality.judge.VideoScores", AllAppears)
-    monkeypatch.setattr("cltaa.lab.bench.quality.judge.LEAST_FRESH", least)
+    monkeypatch.setattr("cltaa.lab.bench.cells.VideoScores", AllAppears)
+    monkeypatch.setattr("cltaa.lab.bench.cells.LEAST_FRESH", least)
     monkeypatch.setattr("cltaa.core.resolver.Resolver.resolve", lambda _self, frame, **_: elsewhere[frame.index])
-    judged = judge_sequence(open_sequence(folder), [load_preset()], NUMPY, settled=1)
-    found = judged["default"].scores["disoccluded"]
+    found = judged(open_sequence(folder), load_preset())["default"].scores["disoccluded"]
     assert found == (pytest.approx(1.0) if again and least == 1 else None)
 
 
@@ -150,18 +160,20 @@ def test_flip_judges_every_so_many_frames(tmp_path: Path) -> None:
     sequence = open_sequence(write_sequence(tmp_path / "capture", 5, reference=True))
     assert sequence.reference is not None
     single = [flip_map(frame.colour, truth).mean() for frame, truth in zip(sequence, sequence.reference, strict=True)]
-    for every, judged in ((1, [1, 2, 3, 4]), (2, [2, 4]), (4, [4])):
-        found = judge_sequence(sequence, [], NUMPY, settled=1, flip_every=every)[ONE_SAMPLE].scores["flip"]
-        assert found == pytest.approx(np.mean([single[number] for number in judged]), rel=1e-6)
+    for every, seen in ((1, [1, 2, 3, 4]), (2, [2, 4]), (4, [4])):
+        judging = msgspec.structs.replace(SOON, flip_every=every)
+        found = judge_sequence(sequence, [], NUMPY, judging)[ONE_SAMPLE].judged.scores["flip"]
+        assert found == pytest.approx(np.mean([single[number] for number in seen]), rel=1e-6)
 
 
 def test_a_sequence_must_have_a_truth_and_settle(tmp_path: Path) -> None:
     with pytest.raises(InputMissing, match=r"no truth to measure against.*render it there yourself"):
         judge_sequence(open_sequence(write_sequence(tmp_path / "a", 3)), [], NUMPY)
+    late = msgspec.structs.replace(QUALITY, settled=3)
     with pytest.raises(
         DataError, match=r"over before it is judged \(expected more than 3 frames, found 3\); .*--settled 0"
     ):
-        judge_sequence(open_sequence(write_sequence(tmp_path / "b", 3, reference=True)), [], NUMPY, settled=3)
+        judge_sequence(open_sequence(write_sequence(tmp_path / "b", 3, reference=True)), [], NUMPY, late)
 
 
 def test_scenes_in_which_nothing_changes_get_the_better_truth(tmp_path: Path) -> None:
@@ -170,7 +182,7 @@ def test_scenes_in_which_nothing_changes_get_the_better_truth(tmp_path: Path) ->
         "still": frozenset({"sky"}),
         "file:a/b.glb": frozenset({"motion"}),
     }
-    cases = planned(scenes, {0: TRAIN, 5: HELD_OUT}, Shape(32, 18, 8, 256, 1024, "r2:64"), tmp_path)
+    cases = planned(scenes, {0: TRAIN, 5: HELD_OUT}, Shape(32, 18, 8, 256, "r2:64"), tmp_path)
     assert [(c.key, c.split) for c in cases] == [
         ("moving-seed0-32x18x8-r264-256", TRAIN),
         ("moving-seed5-32x18x8-r264-256", HELD_OUT),
@@ -222,25 +234,25 @@ def test_a_file_is_judged_as_a_preset_is(capsys: pytest.CaptureFixture[str], tmp
     arguments = ["bench", "quality", "--sequence", str(folder), "--settled", "1", "--work", str(tmp_path / "work")]
     arguments += ["--device", "numpy", "--config", str(mine), "--pictures", str(tmp_path / "pictures")]
 
-    def judged(*more: str) -> Any:
+    def asked(*more: str) -> Any:
         assert main([*arguments, *more, "--json"]) == 0
         return json.loads(capsys.readouterr().out)
 
-    alone = judged()
+    alone = asked()
     assert [*alone["rows"][0]["presets"]] == [ONE_SAMPLE, mine.name]
     assert alone["about"].endswith("; my own.toml over karis.")
     wanted = override(load_preset("karis"), {"blend_weight": 0.3})
-    expected = judge_sequence(open_sequence(folder), [wanted], NUMPY, settled=1)["karis"]
+    expected = judged(open_sequence(folder), wanted)["karis"]
     assert alone["rows"][0]["presets"][mine.name]["scores"] == expected.scores
     page = tmp_path / "page.md"
     page.write_text(f"{BEGIN}\n{END}\n", encoding="utf-8")
-    beside = judged("--preset", "karis", "--page", str(page))
+    beside = asked("--preset", "karis", "--page", str(page))
     assert beside["rows"][0]["presets"].keys() == {ONE_SAMPLE, "karis", mine.name}
     assert [(duel["preset"], duel["against"]) for duel in beside["duels"]] == [(mine.name, "karis")]
     assert f"| flip ↓ {mine.name} |" in page.read_text(encoding="utf-8")
     assert "![my own.toml](pictures/my%20own.toml.png)" in (tmp_path / "page-scenes.md").read_text(encoding="utf-8")
     mine.write_text('preset = "karis"\n', encoding="utf-8")
-    scores = judged("--preset", "karis")["rows"][0]["presets"]
+    scores = asked("--preset", "karis")["rows"][0]["presets"]
     assert scores[mine.name] == scores["karis"]
     (tmp_path / "other").mkdir()
     other = Path(shutil.copy(mine, tmp_path / "other"))

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cltaa.errors import UsageError
-from cltaa.lab.bench.accuracy.tasks import run_all
+from cltaa.lab.bench.cells import run_all
 from tests.lab.bench.accuracy_tasks import task
 from tests.sequence_factory import write_sequence
 
@@ -22,26 +22,25 @@ import json, os, signal, sys
 from pathlib import Path
 from distributed import LocalCluster
 from cltaa.lab.bench.accuracy.measurement import tasks_of
-from cltaa.lab.bench.accuracy.tasks import load, run_all
-from cltaa.lab.bench.accuracy.ladder import ladder
+from cltaa.lab.bench.cells import Judging, run_all
+from cltaa.lab.bench.variants import ladder
 from cltaa.core.presets import load_preset
 
 if __name__ == "__main__":
     sequence, output, count = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
-    tasks = tasks_of([sequence], ladder(load_preset())[:count], "numpy", ("mse",), 2)
+    tasks = tasks_of([sequence], ladder(load_preset())[:count], "numpy", Judging(metrics=("mse",), rounding_frames=2))
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         done, killed = [], None
         for task in run_all(tasks, output, dask=cluster.scheduler_address):
-            done.append(task.key())
+            done.append(task.variants[0].name)
             if killed is None:
                 killed = next(iter(cluster.workers.values())).pid
                 os.kill(killed, signal.SIGKILL)
-    alone = [load(task, output) for task in tasks]
     serial = output / "serial"
     for task in run_all(tasks[:3], serial):
         pass
-    same = all(load(task, serial) == load(task, output) for task in tasks[:3])
-    found = sum(errors is not None for errors in alone)
+    same = all(task.finished(serial) == task.finished(output) for task in tasks[:3])
+    found = sum(task.left(output) is None for task in tasks)
     print(json.dumps({"done": len(set(done)), "found": found, "killed": killed, "same": same}))
 """
 

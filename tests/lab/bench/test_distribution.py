@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import msgspec
@@ -9,51 +10,50 @@ import pytest
 
 from cltaa.core.build import Storage
 from cltaa.errors import DataError, InputMissing
-from cltaa.io.atomic import keep
-from cltaa.lab.bench.accuracy.tasks import Errors, Rounding, load, path_of, run_all
+from cltaa.lab.bench.accuracy.measurement import cells_of
+from cltaa.lab.bench.cells import Cell, Judged, Rounding, Task, run_all
 from tests.lab.bench.accuracy_tasks import task
 from tests.sequence_factory import write_sequence
 
 
-def test_a_key_tells_tasks_apart(sequence: Path, tmp_path: Path) -> None:
-    first = task(sequence)
-    other = msgspec.structs.replace(first, metrics=("flip",))
-    assert first.key() == task(sequence).key()
-    assert len({first.key(), other.key(), task(sequence, strict=True).key(), task(tmp_path).key()}) == 4
+def path(task: Task) -> Path:
+    return task.path(Path(), task.variants[0])
 
 
 def test_a_key_tells_devices_apart(sequence: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     keys = set()
     for wish in ("one", "another"):  # by the variable, where the task names none
         monkeypatch.setenv("CLTAA_DEVICE", wish)
-        keys |= {msgspec.structs.replace(task(sequence), device=device).key() for device in (None, "0")}
+        keys |= {path(msgspec.structs.replace(task(sequence), device=device)) for device in (None, "0")}
     assert len(keys) == 3
 
 
 def test_results_come_back_as_they_were(sequence: Path, tmp_path: Path) -> None:
-    errors = Errors(
-        frames={"mse": [0.1, 1 / 3]}, rounding=Rounding(rms=1e-9, largest=1e-8, frames=[1e-9]), pictures={"p": b"\0x"}
-    )
-    assert load(task(sequence), tmp_path) is None
-    keep(path_of(task(sequence), tmp_path), errors)
-    assert load(task(sequence), tmp_path) == errors
-    path_of(task(sequence), tmp_path).write_bytes(b"\xc1")
+    asked = task(sequence)
+    name, rounding = asked.variants[0].name, Rounding(rms=1e-9, largest=1e-8, frames=[1e-9])
+    judged = Judged(scores={"psnr": None}, frames=2, not_finite=0, device="none")
+    cell = Cell(judged=judged, errors={"mse": [0.1, 1 / 3]}, rounding=rounding, pictures={"p": b"\0x"})
+    assert asked.finished(tmp_path) == {}
+    asked.keep(tmp_path, {name: cell})
+    assert asked.finished(tmp_path) == {name: cell}
+    assert asked.left(tmp_path) is None
+    asked.path(tmp_path, asked.variants[0]).write_bytes(b"\xc1")
     with pytest.raises(DataError, match="no finished part of a measurement"):
-        load(task(sequence), tmp_path)
+        asked.finished(tmp_path)
 
 
 def test_spawned_processes_find_the_same(sequence: Path, tmp_path: Path) -> None:
     asked = (task(sequence), task(sequence, storage=Storage.HALF))
     tasks = [msgspec.structs.replace(each, device="numpy") for each in asked]
     for folder, jobs in (("one", 1), ("two", 2)):
-        assert {each.key() for each in run_all(tasks, tmp_path / folder, jobs=jobs)} == {each.key() for each in tasks}
-    for each in tasks:
-        assert load(each, tmp_path / "one") == load(each, tmp_path / "two")
+        assert {path(each) for each in run_all(tasks, tmp_path / folder, jobs=jobs)} == {path(each) for each in tasks}
+    assert cells_of(tasks, tmp_path / "one") == cells_of(tasks, tmp_path / "two")
 
 
 def test_what_is_finished_outlives_an_error(sequence: Path, tmp_path: Path) -> None:
-    bare = write_sequence(tmp_path / "bare", 1)
-    tasks = [task(sequence), *(task(bare, name=str(number)) for number in range(3))]
+    bare = write_sequence(tmp_path / "bare", 1, reference=True)
+    tasks = [task(sequence), *(task(bare, strict=strict) for strict in (False, True))]
+    shutil.rmtree(bare / "reference")
     with pytest.raises(InputMissing):
         list(run_all(tasks, tmp_path / "out", jobs=2))
-    assert load(tasks[1], tmp_path / "out") is None
+    assert tasks[1].finished(tmp_path / "out") == {}

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from cltaa.core.build import Real, Storage
 from cltaa.core.parameters import Box, Choices
 from cltaa.core.presets import Preset, Published, load_preset
-from cltaa.lab.bench.accuracy.ladder import DEFAULT, PRESETS, ladder
-from cltaa.lab.bench.accuracy.measurement import dominated_by
-from cltaa.lab.bench.accuracy.results import exponential_noise
+from cltaa.lab.bench.accuracy.measurement import dominated_by, exponential_noise
+from cltaa.lab.bench.variants import DEFAULT, PRESETS, ladder
 from cltaa.lab.timing import Sample, Samples
 
 

@@ -16,11 +16,10 @@ from cltaa.errors import UsageError
 from cltaa.frame import Frame, parse_effects
 from cltaa.inputs.open import Reading, readings
 from cltaa.io.exr_write import write_frame
-from cltaa.lab.bench.accuracy.ladder import ladder
-from cltaa.lab.bench.accuracy.measurement import tasks_of
-from cltaa.lab.bench.accuracy.tasks import run_task, yardstick_errors
-from cltaa.lab.bench.quality.cases import REDRAWN
-from cltaa.lab.bench.quality.judge import Cells, Judged
+from cltaa.lab.bench.accuracy.measurement import tasks_of, yardstick_errors
+from cltaa.lab.bench.cases import REDRAWN
+from cltaa.lab.bench.cells import Judging, run, task_of
+from cltaa.lab.bench.variants import ladder
 from cltaa.lab.timing import timed_numbers
 from cltaa.lab.tune import key_of
 from tests.inputs.foreign import frames, side_text, write_blender, write_own
@@ -28,6 +27,7 @@ from tests.sequence_factory import write_sequence
 
 COUNT = 4
 VARIANTS = ladder(load_preset("fast"))[:1]
+JUDGING = Judging(metrics=("mse",))
 
 
 @pytest.fixture
@@ -88,21 +88,20 @@ def test_a_folder_that_one_stands_in_has_its_name(
 def test_what_is_kept_counts_for_one_way_of_reading(shot: Path, tmp_path: Path) -> None:
     """Whatever is otherwise: a profile of the same name, the side file, a frame or the truth that was rendered anew."""
     profile, side = tmp_path / "shot.toml", shot / "camera.txt"
-    reading, preset = Reading(profile=str(profile), side_file=str(side)), load_preset("fast")
+    reading = Reading(profile=str(profile), side_file=str(side))
     vectors = 'profile = "blender"\n[motion]\nscale = [1, 1]\n'
     keys: set[str] = set()
 
     def keep(text: str) -> None:
         profile.write_text(text)
-        sequence = reading.open(shot)
-        cells = Cells(tmp_path / "cells", sequence, 1, 4)
-        assert cells.get("fast", preset) is None
-        cells.put("fast", preset, Judged(scores={}, frames=COUNT, not_finite=0, device="none"))
-        assert Cells(tmp_path / "cells", reading.open(shot), 1, 4).get("fast", preset) is not None
-        now = {tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, reading)[0].key(), key_of(sequences=[sequence])}
-        assert now.isdisjoint(keys)
-        assert now == {tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, reading)[0].key(), key_of(sequences=[sequence])}
-        keys.update(now)
+        found = []
+        for _ in range(2):
+            sequence = reading.open(shot)
+            path = task_of(sequence, VARIANTS, "numpy", reading=reading, judging=JUDGING).path(tmp_path, VARIANTS[0])
+            found.append({str(path), key_of(sequences=[sequence])})
+        assert found[0] == found[1]
+        assert found[0].isdisjoint(keys)
+        keys.update(found[0])
 
     keep('profile = "blender"\n')
     keep(vectors)
@@ -116,9 +115,9 @@ def test_what_is_kept_counts_for_one_way_of_reading(shot: Path, tmp_path: Path) 
 
 
 def test_errors_and_yardsticks_are_those_of_the_same_frames(own: Path, shot: Path) -> None:
-    (expected,) = tasks_of([own], VARIANTS, "numpy", ("mse",), 0)
-    (task,) = tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, Reading(side_file=str(shot / "camera.txt")))
-    assert run_task(task).frames == run_task(expected).frames
+    (expected,) = tasks_of([own], VARIANTS, "numpy", JUDGING)
+    (task,) = tasks_of([shot], VARIANTS, "numpy", JUDGING, Reading(side_file=str(shot / "camera.txt")))
+    assert run(task)["fast"].errors == run(expected)["fast"].errors
     assert yardstick_errors(task.open(), ("mse",)) == yardstick_errors(expected.open(), ("mse",))
     assert timed_numbers(task.open()) == [COUNT - 2, COUNT - 1]
 
@@ -150,10 +149,10 @@ def test_a_truth_may_lie_elsewhere(own: Path, shot: Path, tmp_path: Path, capsys
         found, _ = judged(capsys, shot, tmp_path / "work", *camera, "--truth", place)
         assert found["rows"] == expected["rows"]
     reading = Reading(side_file=camera[1], truth=str(tmp_path / "truth"))
-    (task,) = tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, reading)
-    (other,) = tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, Reading(side_file=camera[1], truth=str(own)))
-    assert task.key() != other.key()
-    assert run_task(task).frames == run_task(other).frames
+    (task,) = tasks_of([shot], VARIANTS, "numpy", JUDGING, reading)
+    (other,) = tasks_of([shot], VARIANTS, "numpy", JUDGING, Reading(side_file=camera[1], truth=str(own)))
+    assert task.path(tmp_path, VARIANTS[0]) != other.path(tmp_path, VARIANTS[0])
+    assert run(task)["fast"].errors == run(other)["fast"].errors
     assert reading.open(shot).select(1, 2).reference is not None
     for wrong, code, words in (
         (tmp_path / "nowhere", 66, f"{tmp_path / 'nowhere'}"),
@@ -214,8 +213,8 @@ def test_tune_reads_by_a_profile(
     arguments += ["--camera", str(shot / "camera.txt"), "-o", str(tmp_path / "t.toml"), "--json"]
     assert main(arguments) == 0
     said = capsys.readouterr()
-    (task,) = tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, Reading(side_file=str(shot / "camera.txt")))
-    assert json.loads(said.out)["start"]["error"] == pytest.approx(np.mean(run_task(task).frames["mse"]), rel=1e-12)
+    (task,) = tasks_of([shot], VARIANTS, "numpy", JUDGING, Reading(side_file=str(shot / "camera.txt")))
+    assert json.loads(said.out)["start"]["error"] == pytest.approx(np.mean(run(task)["fast"].errors["mse"]), rel=1e-12)
     assert said.err.startswith(f"{shot}: profile blender: ")
 
 
@@ -243,7 +242,7 @@ def test_accuracy_in_words_and_pictures(
     shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cltaa.lab.bench.accuracy.figures.FORMATS", ("svg",))
-    arguments = ["bench", "accuracy", str(shot), "-o", str(tmp_path), "--variant", "basic", "--preset", "fast"]
+    arguments = ["bench", "accuracy", str(shot), "-o", str(tmp_path), "--only", "basic", "--preset", "fast"]
     arguments += ["--rounds", "3"]
     arguments += ["--patience", "0", "--pixels", "1", "--rounding-frames", "1", "--camera", str(shot / "camera.txt")]
     assert main(arguments) == 0

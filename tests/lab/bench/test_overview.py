@@ -12,10 +12,10 @@ from matplotlib import pyplot
 from cltaa.cli import main
 from cltaa.core.presets import load_preset
 from cltaa.lab.bench.accuracy.figures import front_figure, overall, table, write_plots
-from cltaa.lab.bench.accuracy.ladder import ladder
+from cltaa.lab.bench.accuracy.measurement import Accuracy, Measured, MeasuredSequence, spread
 from cltaa.lab.bench.accuracy.report import read_report, write_report
-from cltaa.lab.bench.accuracy.results import Accuracy, Cell, MeasuredSequence, spread
-from cltaa.lab.bench.accuracy.tasks import Rounding
+from cltaa.lab.bench.cells import Rounding
+from cltaa.lab.bench.variants import ladder
 from cltaa.lab.timing import Environment, Interval
 
 VARIANTS = ladder(load_preset())[:3]
@@ -31,17 +31,14 @@ def at(value: float) -> Interval:
     return Interval(median=value, low=0.99 * value, high=1.01 * value)
 
 
-def cell(place: int, error: float, time: float) -> Cell:
+def cell(place: int, error: float, time: float) -> Measured:
     rounding = Rounding(rms=1e-8 * (place + 1), largest=1e-6, frames=[1e-8])
-    return Cell(
+    return Measured(
         variant=VARIANTS[place].name,
         errors={"mse": spread("mse", [error, error])},
         rounding=rounding,
-        wall=at(time),
-        device=None,
-        least=time,
+        time=at(time),
         ratio=at(time),
-        dominated_by={},
     )
 
 
@@ -147,7 +144,12 @@ def test_a_report_keeps_nothing_of_the_one_before(tmp_path: Path) -> None:
     (tmp_path / "notes.md").touch()
     write_report(accuracy(two), tmp_path)
     names = {"front-two.svg", "steps-two.svg"}
-    assert {path.name for path in tmp_path.iterdir()} == names | {"accuracy.json", "accuracy.csv", "notes.md"}
+    assert {path.name for path in tmp_path.iterdir()} == names | {
+        "accuracy.json",
+        "accuracy.csv",
+        "overview.md",
+        "notes.md",
+    }
 
 
 @pytest.mark.usefixtures("svg_alone")

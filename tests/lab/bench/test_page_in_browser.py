@@ -10,7 +10,7 @@ import msgspec
 import pytest
 from PIL import Image as Pillow
 
-from cltaa.lab.bench.accuracy.results import Accuracy
+from cltaa.lab.bench.accuracy.measurement import Accuracy
 from tests.lab.bench.browser import Browser, choose, missing
 from tests.lab.bench.tiny_report import PRESET
 

@@ -9,12 +9,12 @@ import pytest
 
 from cltaa.core.presets import load_preset
 from cltaa.errors import DataError, OutputError
-from cltaa.lab.bench.quality.cases import HELD_OUT, TRAIN
-from cltaa.lab.bench.quality.judge import ONE_SAMPLE
-from cltaa.lab.bench.quality.page import (
+from cltaa.lab.bench.cases import HELD_OUT, TRAIN
+from cltaa.lab.bench.cells import ONE_SAMPLE
+from cltaa.lab.bench.quality.pictures import write_pictures
+from cltaa.lab.bench.quality.table import (
     BEGIN,
     END,
-    best_engine,
     check_pages,
     ordered,
     scenes,
@@ -22,7 +22,6 @@ from cltaa.lab.bench.quality.page import (
     summary,
     write_pages,
 )
-from cltaa.lab.bench.quality.pictures import write_pictures
 from cltaa.reference.launcher import NumpyLauncher
 from tests.lab.bench.quality_cells import case, scores
 
@@ -63,7 +62,7 @@ def test_a_preset_of_ones_own_is_told_what_it_beats() -> None:
 
 def test_a_psnr_without_end_is_the_best_there_is() -> None:
     """A sequence on which a preset is the truth itself must not lower its mean, nor be lost to what errs there."""
-    right = {"default": scores(psnr=None, flip=0.0), "simvx": scores(psnr=60.0, flip=0.2)}
+    right = {"default": scores(psnr=math.inf, flip=0.0), "simvx": scores(psnr=60.0, flip=0.2)}
     table = summarise([(case("a"), right), (case("b"), {"default": scores(psnr=30.0), "simvx": scores(psnr=30.0)})])
     assert table.means[TRAIN]["default"]["psnr"] == pytest.approx(-10 * math.log10(1e-3 / 2))
     assert table.duels[0].not_better == ["b (train)"]
@@ -90,7 +89,6 @@ def test_presets_stand_in_their_families() -> None:
         "default",
         "zebra",
     ]
-    assert best_engine({"karis": {"flip": 0.2}, "bevy": {"flip": 0.1}, "default": {"flip": 0.01}}) == "bevy"
 
 
 def test_the_pages_need_their_marks(tmp_path: Path) -> None:
@@ -134,7 +132,6 @@ def test_the_tables_mark_the_best_resolve_and_say_who_lost() -> None:
     assert "| **-0.100** |" in text
     assert "| 0.000 |" in text
     assert "| default | bevy | 0 of 1 | 1.0000 : 1.0000 | 30.00 : 1.00 | a (train) |" in text
-    assert "Best engine's preset by mean FLIP (train): bevy." in text
     text = scenes(table, "about", {"bevy": "caption\n\n![bevy](bevy.png)", "gather-48": "The same."})
     shown = "<details><summary><b>bevy.</b> caption</summary>\n\n![bevy](bevy.png)\n\n</details>"
     assert text.endswith(f"{shown}\n\n<b>gather-48.</b> The same.")

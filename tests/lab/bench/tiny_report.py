@@ -20,7 +20,7 @@ def write_report(folder: Path) -> Path:
     output = folder / "report"
     arguments = ["bench", "accuracy", str(sequence), "-o", str(output), "--preset", PRESET, "--rounds", "3"]
     for variant in ("arithmetic: double", "build: strict", "build: fast-relaxed"):
-        arguments += ["--variant", variant]
+        arguments += ["--only", variant]
     arguments += ["--patience", "0", "--pixels", "1", "--rounding-frames", "2", "--metrics", "mse,flip"]
     assert main(arguments) == 0
     return output

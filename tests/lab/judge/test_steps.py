@@ -15,9 +15,9 @@ from cltaa.inputs.open import Reading
 from cltaa.io.exr_read import read_colour
 from cltaa.io.exr_write import write_frame
 from cltaa.io.sequence import open_sequence
-from cltaa.lab.bench.accuracy.ladder import ladder
 from cltaa.lab.bench.accuracy.measurement import tasks_of
-from cltaa.lab.bench.accuracy.tasks import Task, run_task
+from cltaa.lab.bench.cells import Judging, run, task_of
+from cltaa.lab.bench.variants import ladder
 from cltaa.lab.timing import timed_frames, timed_numbers
 from tests.sequence_factory import make_frame, write_images, write_sequence
 
@@ -64,7 +64,7 @@ def test_compare_follows_each_frame_to_the_next(plain: Path, stepped: Path, caps
 def test_quality_is_that_of_the_same_frames(
     plain: Path, stepped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    common = f"--preset fast --settled 2 --flip-every {STEP} --work {tmp_path / 'work'} --device numpy".split()
+    common = f"--preset fast --settled 2 --work {tmp_path / 'work'} --device numpy".split()
     expected = found(capsys, "bench", "quality", "--sequence", plain, *common)["rows"][0]["presets"]
     write_images(
         stepped / "reference", [make_frame(9).colour], name="synthetic", first=STEP + 1
@@ -78,21 +78,14 @@ def test_quality_is_that_of_the_same_frames(
 
 
 def test_accuracy_is_that_of_the_same_frames(plain: Path, stepped: Path) -> None:
-    variant = ladder(load_preset())[0]
+    variants, judging = ladder(load_preset())[:1], Judging(metrics=("mse",))
     tasks = [
-        Task(
-            sequence=str(folder),
-            variant=variant,
-            device="numpy",
-            metrics=("mse",),
-            rounding_frames=0,
-            reading=Reading(step=step),
-        )
+        task_of(open_sequence(folder, step=step), variants, "numpy", judging, Reading(step=step))
         for folder, step in ((plain, 1), (stepped, STEP))
     ]
-    expected, errors = (run_task(task).frames for task in tasks)
+    expected, errors = (run(task)["default"].errors for task in tasks)
     assert errors == expected
-    assert tasks[0].key() != tasks[1].key()
+    assert len({task.path(plain, variants[0]) for task in tasks}) == 2
 
 
 def test_two_frames_that_belong_together_are_timed(stepped: Path) -> None:
@@ -109,5 +102,5 @@ def test_tune_and_files_take_it(
     assert found(capsys, "tune", stepped, *asked)["trials"] == 2
     asked = f"--compression none --rounds 3 --step {STEP} --device numpy".split()
     assert found(capsys, "bench", "files", stepped, *asked)["frames"] == COUNT
-    (task, *_) = tasks_of([stepped], ladder(load_preset())[:1], None, ("mse",), 0, Reading(step=STEP))
+    (task, *_) = tasks_of([stepped], ladder(load_preset())[:1], None, Judging(metrics=("mse",)), Reading(step=STEP))
     assert task.open().step == STEP

@@ -12,7 +12,6 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.frame import Frame, Image
-from cltaa.io.display import to_display
 from cltaa.lab.judge.video_scores import SCORES, VideoScores
 from tests.sequence_factory import make_camera, make_frame
 
@@ -230,11 +229,11 @@ def test_an_image_given_twice_is_judged_as_it_is_alone() -> None:
     together, first, second = VideoScores(2), VideoScores(), VideoScores()
     for index in range(FRAMES):
         frame, truth = moving_card(index)
-        one, other = to_display(linear(pulse(0.05)(index, truth))), to_display(linear(ghost(0.3)(index, truth)))
+        one, other = linear(pulse(0.05)(index, truth)), linear(ghost(0.3)(index, truth))
         other = one if index % 3 else other
-        together.add_shown(frame, to_display(linear(truth)), [one, other])
-        first.add_shown(frame, to_display(linear(truth)), [one])
-        second.add_shown(frame, to_display(linear(truth)), [other])
+        together.add(frame, linear(truth), [one, other])
+        first.add(frame, linear(truth), [one])
+        second.add(frame, linear(truth), [other])
     for sums, alone in zip(together.totals, [*first.totals, *second.totals], strict=True):
         assert sums.scores() == pytest.approx(alone.scores(), abs=QUIET)
     assert together.totals[0].scores() != pytest.approx(together.totals[1].scores(), abs=0.01)

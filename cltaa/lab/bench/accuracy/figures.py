@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 
 from cltaa.errors import import_extra
 from cltaa.io.atomic import atomic_path
-from cltaa.lab.bench.accuracy.ladder import DEFAULT, PRESETS
-from cltaa.lab.bench.accuracy.results import Accuracy, Cell, MeasuredSequence
+from cltaa.lab.bench.accuracy.measurement import Accuracy, Measured, MeasuredSequence
+from cltaa.lab.bench.variants import DEFAULT, PRESETS
 from cltaa.lab.judge.metrics import METRICS
-from cltaa.lab.timing import Clock, Interval
-from cltaa.printable import counted
+from cltaa.lab.timing import Interval
+from cltaa.printable import counted, markdown
 
 MOST = 2.0  # times the default's error at which the colours end, both ways
 
@@ -59,21 +59,16 @@ def overall(result: Accuracy, metric: str) -> list[Overall]:
 def table(result: Accuracy, metrics: Sequence[str]) -> str:
     """Markdown, a row a variant, least error by the first of ``metrics`` first."""
     every = {metric: {row.variant: row for row in overall(result, metric)} for metric in metrics}
-    heads = ["variant"]
-    for metric in metrics:
-        heads += [metric, "least to greatest", "best in"]
-    heads += ["time", "95 % of every sequence within", "rounding"]
-    lines = [_about(result), "", f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    heads = ["variant", *(head for metric in metrics for head in (metric, "least to greatest", "best in"))]
+    rows = []
     for variant, row in every[metrics[0]].items():
         texts = [variant]
-        for rows in every.values():
-            own = rows[variant]
+        for own in (found[variant] for found in every.values()):
             texts += [f"{own.error:.3f}", "{:.3f} to {:.3f}".format(*own.error_range), str(own.best_of)]
         low, high = min((t.low for t in row.times), default=0.0), max((t.high for t in row.times), default=0.0)
         texts += ["too noisy to rank", "–"] if row.time is None else [f"{row.time:.3f}", f"{low:.3f} to {high:.3f}"]
-        texts.append("–" if row.rounding is None else f"{row.rounding:.1e}" if row.rounding else "0")
-        lines.append(f"| {' | '.join(texts)} |")
-    return "\n".join(lines) + "\n"
+        rows.append([*texts, "–" if row.rounding is None else f"{row.rounding:.1e}" if row.rounding else "0"])
+    return f"{_about(result)}\n\n{markdown([*heads, 'time', '95 % of every sequence within', 'rounding'], rows)}"
 
 
 def _about(result: Accuracy) -> str:
@@ -104,12 +99,12 @@ def overview_figure(pyplot: Any, result: Accuracy, metric: str) -> Any:
     return figure
 
 
-def _ratio(measured: MeasuredSequence, cell: Cell, metric: str) -> float | None:
+def _ratio(measured: MeasuredSequence, cell: Measured, metric: str) -> float | None:
     base, own = measured.cells[0].errors[metric].mean, cell.errors[metric].mean
     return own / base if base > 0 and own > 0 else None
 
 
-def _rounding(cells: list[Cell]) -> float | None:
+def _rounding(cells: list[Measured]) -> float | None:
     found = [cell.rounding.rms for cell in cells if cell.rounding is not None]
     return math.sqrt(math.fsum(value**2 for value in found) / len(found)) if found else None
 
@@ -152,12 +147,6 @@ def _figures(pyplot: Any, result: Accuracy, metric: str, pictured: int | None) -
         yield "overview", overview_figure(pyplot, result, metric)
 
 
-def time_of(cell: Cell, clock: Clock) -> tuple[float, float, float]:
-    """Milliseconds a megapixel and their interval, by the clock that variants are ranked by."""
-    time = cell.time(clock)
-    return time.median, time.low, time.high
-
-
 def front_figure(pyplot: Any, measured: MeasuredSequence, metric: str, weight: float) -> Any:
     """Error against time: beside supersampling and what nothing can be better than, and the variants alone, named.
 
@@ -167,14 +156,13 @@ def front_figure(pyplot: Any, measured: MeasuredSequence, metric: str, weight: f
     cells = _drawn(measured, metric)
     for axes in (wide, near):
         for cell in cells:
-            time, low, high = time_of(cell, measured.clock)
-            error, beaten = cell.errors[metric], metric in cell.dominated_by
+            time, error, beaten = cell.time, cell.errors[metric], metric in cell.dominated_by
             above = error.p95 - error.mean if math.isfinite(error.p95) else 0
             frames = [[max(error.mean - error.p5, 0)], [max(above, 0)]] if axes is wide else None
             axes.errorbar(
-                time,
+                time.median,
                 error.mean,
-                xerr=[[max(time - low, 0)], [max(high - time, 0)]],
+                xerr=[[max(time.median - time.low, 0)], [max(time.high - time.median, 0)]],
                 yerr=frames,
                 fmt="o",
                 ms=4,
@@ -204,7 +192,7 @@ def front_figure(pyplot: Any, measured: MeasuredSequence, metric: str, weight: f
     return figure
 
 
-def _drawn(measured: MeasuredSequence, metric: str) -> list[Cell]:
+def _drawn(measured: MeasuredSequence, metric: str) -> list[Measured]:
     """The cells that have a place: no error at all has none in logarithms, and as a PSNR it is infinite."""
     falling = not METRICS[metric].higher_is_better
     means = [cell.errors[metric].mean for cell in measured.cells]
@@ -235,7 +223,7 @@ def _name_points(axes: Any, measured: MeasuredSequence, metric: str) -> None:
     for cell in sorted(_drawn(measured, metric), key=lambda cell: (cell.variant != default, cell.errors[metric].mean)):
         if metric in cell.dominated_by and cell.variant != default:
             continue
-        at = time_of(cell, measured.clock)[0], cell.errors[metric].mean
+        at = cell.time.median, cell.errors[metric].mean
         name = axes.annotate(cell.variant, at, textcoords="offset points", xytext=(5, 3), fontsize=6)
         box = name.get_window_extent()
         if any(box.overlaps(other) for other in taken):

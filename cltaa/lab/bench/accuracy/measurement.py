@@ -14,33 +14,112 @@ import msgspec
 import numpy as np
 
 from cltaa.frame import Frame, Image, format_effects
-from cltaa.inputs.open import DEFAULT_READING, Reading, is_own, readings
+from cltaa.inputs.open import DEFAULT_READING, Reading, readings
 from cltaa.io.atomic import keep, kept
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.bench.accuracy.ladder import Variant
-from cltaa.lab.bench.accuracy.results import Accuracy, Cell, MeasuredSequence, Yardstick, exponential_noise, spread
-from cltaa.lab.bench.accuracy.tasks import Task, load, run_all, yardstick_errors
+from cltaa.lab.bench.cases import by_name
+from cltaa.lab.bench.cells import Cell, Judging, Rounding, Task, run_all, task_of
 from cltaa.lab.bench.kernels import copy_job, least_bytes
-from cltaa.lab.bench.quality.cases import by_name
-from cltaa.lab.judge.comparison import check_yardsticks, content_sha256, open_yardsticks, truth_of, truth_samples
-from cltaa.lab.judge.metrics import METRICS, STRATIFIED_EXPONENT
+from cltaa.lab.bench.variants import Variant
+from cltaa.lab.judge.comparison import check_yardsticks, open_yardsticks, truth_of, truth_samples
+from cltaa.lab.judge.metrics import METRICS, STRATIFIED_EXPONENT, finite, mean_of, measure, named_metrics
 from cltaa.lab.timing import (
     Clock,
+    Environment,
     Interval,
     Job,
     Samples,
     device_seconds,
     environment,
     load_average,
-    measure,
     pin_threads,
     resolve_job,
     timed_frames,
     too_noisy_among,
 )
+from cltaa.lab.timing import measure as measure_times
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.process import CORES
 from cltaa.progress import track
+
+
+class Spread(msgspec.Struct, frozen=True, kw_only=True):
+    """An error over the frames of a sequence; the PSNR of an identical frame is infinite, in JSON null."""
+
+    mean: float
+    p5: float
+    p95: float
+    largest: float
+    frames: list[float]
+
+
+class Measured(msgspec.Struct, frozen=True, kw_only=True):
+    """One variant over one sequence. Times are milliseconds a megapixel, of the kernels alone."""
+
+    variant: str
+    errors: dict[str, Spread]
+    rounding: Rounding | None
+    time: Interval  # by the clock that the sequence is ranked by
+    ratio: Interval  # of that time to the default's, paired
+    dominated_by: dict[str, str] = {}  # metric: a variant with no more error that is faster beyond chance
+
+
+class Yardstick(msgspec.Struct, frozen=True, kw_only=True):
+    """Supersampling: ``added`` is what drawing cost beyond one sample a pixel, milliseconds a megapixel."""
+
+    samples: int
+    seconds: float | None  # a frame
+    added: float | None
+    errors: dict[str, Spread]
+
+
+class MeasuredSequence(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything about one sequence."""
+
+    name: str
+    folder: str
+    frames: list[int]
+    width: int
+    height: int
+    effects: str
+    cells: list[Measured]
+    yardstick: list[Yardstick]
+    noisy: bool
+    control: Interval  # the default against its own copy, by the clock
+    floor: float  # milliseconds a megapixel: the default's least bytes at the bandwidth of a copy
+    truth_noise: float | None  # mean squared error of the truth itself, by its samples: nothing can be seen below it
+    mean_noise: float | None  # mean squared error that an exponential mean of independent samples ends with
+    stages: dict[str, float]  # milliseconds a megapixel of the default's steps, medians
+    clock: Clock = Clock.DEVICE  # that times are ranked by
+    rounds: int = 0  # of timing, as many as it took
+    timed_pixels: int = 0  # of the enlarged frame
+    profile: str = ""  # that another tool's files were read by
+
+
+class Accuracy(msgspec.Struct, frozen=True, kw_only=True):
+    """The whole measurement; what the report is drawn from."""
+
+    environment: Environment
+    metrics: list[str]
+    rounds: int
+    variants: list[Variant]
+    sequences: list[MeasuredSequence]
+
+
+def exponential_noise(one_sample: float, weight: float) -> float:
+    """Mean squared error that m <- m + ``weight`` (x - m) ends with, where one sample x has ``one_sample``.
+
+    The variance of a geometric sum of independent samples: weight^2 sum (1 - weight)^2k = weight / (2 - weight). A mean
+    whose samples are spread evenly over the pixel, or one that counts, may be better; this one never is.
+    """
+    return one_sample * weight / (2.0 - weight)
+
+
+def spread(metric: str, values: Sequence[float]) -> Spread:
+    """Mean (as ``cltaa compare`` takes it), 5th and 95th percentile and largest of an error over the frames."""
+    # Of the values themselves: between two PSNR one of which is infinite there is none.
+    p5, p95 = np.percentile(values, [5, 95], method="nearest")
+    return Spread(mean=mean_of(metric, values), p5=float(p5), p95=float(p95), largest=max(values), frames=[*values])
 
 
 def dominated_by(errors: Mapping[str, float], faster: Callable[[str, str], bool]) -> dict[str, str]:
@@ -85,23 +164,17 @@ def enlargement(captured: FrameSequence, launcher: DeviceLauncher, pixels: int |
 
 
 def jobs_of(
-    captured: FrameSequence, tasks: Sequence[Task], launcher: DeviceLauncher, least_pixels: int | None
+    captured: FrameSequence, variants: Sequence[Variant], launcher: DeviceLauncher, least_pixels: int | None
 ) -> tuple[list[Job], int, int, dict[str, float]]:
     """A job for each variant and a copy of the default's; pixels and least bytes of a frame; the default's steps."""
     factor = enlargement(captured, launcher, least_pixels)
     frames = [enlarged(frame, factor) for frame in timed_frames(captured)]
     pixels = frames[0].width * frames[0].height
-    jobs: list[Job] = []
-    moved, stages = 0, dict[str, float]()
-    for place, task in enumerate(tasks):
-        resolver = task.variant.resolver(launcher)
-        job, _ = resolve_job(task.variant.name, resolver, frames)
-        jobs.append(job)
-        if place == 0:
-            moved = least_bytes(resolver, task.variant.storage) * pixels
-            stages = stage_seconds(task.variant, launcher, frames)
-            jobs.append(Job(f"{task.variant.name} {CONTROL}", job.run))
-    return jobs, pixels, moved, stages
+    resolvers = [variant.resolver(launcher) for variant in variants]
+    jobs = [resolve_job(each.name, resolver, frames)[0] for each, resolver in zip(variants, resolvers, strict=True)]
+    moved = least_bytes(resolvers[0], variants[0].storage) * pixels
+    copy = Job(f"{jobs[0].name} {CONTROL}", jobs[0].run)
+    return [*jobs, copy], pixels, moved, stage_seconds(variants[0], launcher, frames)
 
 
 def ranking(samples: Samples, default: str, controls: int, *, is_cpu: bool, units: int = 0) -> Ranking:
@@ -170,18 +243,19 @@ class Timing(NamedTuple):
 
 
 def measure_sequence(
-    captured: FrameSequence, tasks: Sequence[Task], output: Path, launcher: DeviceLauncher, timing: Timing
+    captured: FrameSequence, cells: Mapping[Variant, Cell], launcher: DeviceLauncher, timing: Timing
 ) -> MeasuredSequence:
-    """Time the variants of ``tasks``, whose errors lie in ``output``, and put both together."""
-    default, metrics = tasks[0].variant, tasks[0].metrics
-    yardstick = _yardstick(captured, metrics, captured.width * captured.height * 1e-6)  # refuses what is no light
-    jobs, pixels, moved, stages = jobs_of(captured, tasks, launcher, timing.pixels)
-    megapixels = pixels * 1e-6
+    """Time the variants whose errors are in ``cells``, the default first, and put both together."""
+    variants = [*cells]
+    default, metrics = variants[0], [*cells[variants[0]].errors]
+    yardstick = _yardstick(captured, metrics)  # refuses what is no light
+    jobs, pixels, moved, stages = jobs_of(captured, variants, launcher, timing.pixels)
+    unit = 1e9 / pixels  # milliseconds a megapixel
 
     def ranked(samples: Samples) -> Ranking:
         return ranking(samples, default.name, timing.together, is_cpu=launcher.device.is_cpu, units=timing.units)
 
-    samples = measure(
+    samples = measure_times(
         [*jobs, copy_job(launcher, moved)],
         timing.rounds,
         turn=TURN,
@@ -190,8 +264,17 @@ def measure_sequence(
         action=f"timing {captured.folder.name}",
     )
     found = ranked(samples)
-    cells = [_cell(task, output, samples, default.name, found.clock, megapixels) for task in tasks]
-    one = _one_sample(yardstick)
+    measured = [
+        Measured(
+            variant=variant.name,
+            errors=_spreads(cell.errors),
+            rounding=cell.rounding,
+            time=samples.interval(variant.name, found.clock).times(unit),
+            ratio=samples.ratio(variant.name, default.name, found.clock),
+        )
+        for variant, cell in cells.items()
+    ]
+    one, drawn = _one_sample(yardstick), truth_samples(truth_of(captured))
     return MeasuredSequence(
         name=captured.folder.name,
         folder=str(captured.folder),
@@ -199,14 +282,14 @@ def measure_sequence(
         width=captured.width,
         height=captured.height,
         effects="" if captured.effects is None else format_effects(captured.effects),
-        cells=cells if found.noisy else _with_front(cells, metrics, samples, found.clock),  # no ranking out of noise
+        cells=measured if found.noisy else _with_front(measured, metrics, samples, found.clock),  # no ranking of noise
         yardstick=yardstick,
-        truth_noise=_truth_noise(captured, yardstick),
+        truth_noise=None if one is None or drawn is None else float(one * drawn**-STRATIFIED_EXPONENT),
         mean_noise=None if one is None else exponential_noise(one, default.settings.blend_weight),
         noisy=found.noisy,
         control=found.control,
-        floor=samples.interval("copy", Clock.DEVICE).median * 1e3 / megapixels,
-        stages={name: seconds * 1e3 / megapixels for name, seconds in stages.items()},
+        floor=samples.interval("copy", Clock.DEVICE).median * unit,
+        stages={name: seconds * unit for name, seconds in stages.items()},
         clock=found.clock,
         rounds=len(samples.by_job[default.name]),
         timed_pixels=pixels,
@@ -214,26 +297,11 @@ def measure_sequence(
     )
 
 
-def _cell(task: Task, output: Path, samples: Samples, default: str, clock: Clock, megapixels: float) -> Cell:
-    found, name = load(task, output), task.variant.name
-    assert found is not None
-    times = {
-        str(each): samples.interval(name, each).times(1e3 / megapixels) if samples.has(name, each) else None
-        for each in (Clock.DEVICE, Clock.PROCESSOR)
-    }
-    return Cell(
-        variant=name,
-        errors={metric: spread(metric, values) for metric, values in found.frames.items()},
-        rounding=found.rounding,
-        wall=samples.interval(name).times(1e3 / megapixels),
-        **times,
-        least=float(samples.seconds(name).min()) * 1e3 / megapixels,
-        ratio=samples.ratio(name, default, clock),
-        dominated_by={},
-    )
+def _spreads(errors: Mapping[str, Sequence[float]]) -> dict[str, Spread]:
+    return {metric: spread(metric, values) for metric, values in errors.items()}
 
 
-def _with_front(cells: Sequence[Cell], metrics: Iterable[str], samples: Samples, clock: Clock) -> list[Cell]:
+def _with_front(cells: Sequence[Measured], metrics: Iterable[str], samples: Samples, clock: Clock) -> list[Measured]:
     """The cells, each with what beats it; the times of two are compared by what they took in the same rounds."""
 
     @cache
@@ -257,15 +325,35 @@ def cost(metric: str, value: float) -> float:
     return -value if METRICS[metric].higher_is_better else value
 
 
-def _yardstick(captured: FrameSequence, metrics: tuple[str, ...], megapixels: float) -> list[Yardstick]:
+def yardstick_errors(sequence: FrameSequence, metrics: Iterable[str]) -> dict[int, dict[str, list[float]]]:
+    """Errors a frame of each supersampled sequence there is, by samples a pixel; one sample is the capture itself.
+
+    What is not finite in the capture is black, as in the table of ``cltaa bench quality``. Raises DataError for NaN or
+    infinity in a supersampled image or the truth.
+    """
+    truth, chosen, yardsticks = truth_of(sequence), named_metrics(metrics), open_yardsticks(sequence)
+    found: dict[int, dict[str, list[float]]] = {
+        samples: {metric.name: [] for metric in chosen} for samples in (1, *yardsticks)
+    }
+    for number in sequence.numbers:
+        reference, truth_path = truth.image(number), truth.path(number)
+        for samples, frames in found.items():
+            source = yardsticks.get(samples, sequence)
+            image = finite(sequence.frame(number).colour) if samples == 1 else yardsticks[samples].image(number)
+            about: dict[str, Any] = {"path": source.path(number), "truth_path": truth_path, "frame": number}
+            for name, value in measure(image, reference, chosen, **about).items():
+                frames[name].append(value)
+    return found
+
+
+def _yardstick(captured: FrameSequence, metrics: Iterable[str]) -> list[Yardstick]:
     seconds: dict[str, float] = captured.sequence_json.get("seconds_a_frame", {})
-    one = seconds.get("1")
+    one, unit = seconds.get("1"), 1e9 / (captured.width * captured.height)
     rows = []
-    for samples, frames in yardstick_errors(captured, metrics).items():
+    for samples, errors in yardstick_errors(captured, metrics).items():
         spent = seconds.get(str(samples))
-        added = None if spent is None or one is None else max(spent - one, 0.0) * 1e3 / megapixels
-        errors = {metric: spread(metric, values) for metric, values in frames.items()}
-        rows.append(Yardstick(samples=samples, seconds=spent, added=added, errors=errors))
+        added = None if spent is None or one is None else max(spent - one, 0.0) * unit
+        rows.append(Yardstick(samples=samples, seconds=spent, added=added, errors=_spreads(errors)))
     return rows
 
 
@@ -274,47 +362,25 @@ def _one_sample(yardstick: Sequence[Yardstick]) -> float | None:
     return next((row.errors["mse"].mean for row in yardstick if row.samples == 1 and "mse" in row.errors), None)
 
 
-def _truth_noise(captured: FrameSequence, yardstick: Sequence[Yardstick]) -> float | None:
-    """What the law of stratified samples leaves of one sample's error in the truth."""
-    samples = truth_samples(truth_of(captured))
-    one = _one_sample(yardstick)
-    return None if samples is None or one is None else float(one * samples**-STRATIFIED_EXPONENT)
-
-
-TIMES = "times"  # folder of what is finished of each sequence
-
-
 def tasks_of(
     folders: Sequence[Path],
     variants: Sequence[Variant],
     device: str | None,
-    metrics: tuple[str, ...],
-    rounding: int,
+    judging: Judging,
     reading: Reading = DEFAULT_READING,
 ) -> list[Task]:
-    """Every variant over every sequence.
+    """Every variant over every sequence, each by itself.
 
-    ``reading`` is for all of them (``readings``). Raises UsageError for two sequences of one name, and what opening
-    another tool's raises.
+    ``reading`` is for all of them (``readings``). Raises UsageError for two sequences of one name, what ``task_of``
+    raises, and InputMissing where a yardstick lacks a frame.
     """
     by_name(folders, "sequences")
     tasks = []
     for folder, how in readings(folders, reading).items():
-        # Another tool's files have no record that tells one rendering from the next, nor their reading from another.
-        other = not is_own(folder) or how != Reading(step=how.step)
-        files = content_sha256(how.open(folder)) if other else ""
-        tasks += [
-            Task(
-                sequence=str(folder),
-                variant=variant,
-                device=device,
-                metrics=metrics,
-                rounding_frames=rounding,
-                reading=how,
-                files=files,
-            )
-            for variant in variants
-        ]
+        sequence = how.open(folder)
+        task = task_of(sequence, (), device, judging, how)
+        check_yardsticks(sequence, open_yardsticks(sequence))  # missed now, and not after the sequences before it
+        tasks += [msgspec.structs.replace(task, variants=(variant,)) for variant in variants]
     return tasks
 
 
@@ -328,41 +394,45 @@ def bench_accuracy(
     jobs: int,
     dask: str | None,
 ) -> Accuracy:
-    """Run those of ``tasks`` that are missing, time every variant here, and put all together.
+    """Run those of ``tasks``, each of one variant, that are missing, time every variant here, and put all together.
 
     A sequence that is finished is kept in ``output``.
     """
     before = load_average()
-    for task in {task.sequence: task for task in tasks}.values():
-        sequence = task.open()  # what lacks is missed now, and not after the sequences before it
-        truth_of(sequence)
-        check_yardsticks(sequence, open_yardsticks(sequence))
     pin_threads()
     launcher = DeviceLauncher(tasks[0].device)
-    folders = list(dict.fromkeys(task.sequence for task in tasks))
+    of = {
+        sequence: [task for task in tasks if task.sequence == sequence] for sequence in {t.sequence: 0 for t in tasks}
+    }
     units = launcher.device.cl_device.max_compute_units
-    timing = Timing(rounds, patience, len(folders), units, CORES, pixels)
+    timing = Timing(rounds, patience, len(of), units, CORES, pixels)
     for _ in track(run_all(tasks, output, jobs=jobs, dask=dask), len(tasks), "measuring errors", "tasks"):
         pass
     sequences = list[MeasuredSequence]()
-    for folder in folders:
-        mine, path = [task for task in tasks if task.sequence == folder], _path(output, tasks, folder, launcher, timing)
+    for mine in of.values():
+        cells = cells_of(mine, output)
+        path = _path(output, mine, launcher, timing)
         measured = kept(path, MeasuredSequence)
         if measured is None:
-            measured = measure_sequence(mine[0].open(), mine, output, launcher, timing)
+            measured = measure_sequence(mine[0].open(), cells, launcher, timing)
             keep(path, measured)
         sequences.append(measured)
     return Accuracy(
         environment=environment(launcher.description, before, units=units),
-        metrics=list(tasks[0].metrics),
+        metrics=list(tasks[0].judging.metrics),
         rounds=rounds,
-        variants=list(dict.fromkeys(task.variant for task in tasks)),
+        variants=list(dict.fromkeys(variant for task in tasks for variant in task.variants)),
         sequences=sequences,
     )
 
 
-def _path(output: Path, tasks: Sequence[Task], folder: str, launcher: DeviceLauncher, timing: Timing) -> Path:
+def cells_of(tasks: Iterable[Task], output: Path) -> dict[Variant, Cell]:
+    """The cells of finished tasks, by variant."""
+    return {variant: task.finished(output)[variant.name] for task in tasks for variant in task.variants}
+
+
+def _path(output: Path, tasks: Sequence[Task], launcher: DeviceLauncher, timing: Timing) -> Path:
     """The file of a finished sequence, named by everything that it depends on."""
-    keys = [task.key() for task in tasks if task.sequence == folder]
-    digest = hashlib.sha256("\0".join([*keys, launcher.description, repr(timing)]).encode())
-    return output / TIMES / f"{digest.hexdigest()[:16]}.msgpack"
+    cells = [task.path(output, variant).name for task in tasks for variant in task.variants]
+    digest = hashlib.sha256("\0".join([*cells, launcher.description, repr(timing)]).encode())
+    return output / "times" / f"{digest.hexdigest()[:16]}.msgpack"

@@ -6,24 +6,22 @@ import base64
 import csv
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
-from PIL import Image as Pillow
 
 from cltaa.camera import inverse_depth
 from cltaa.errors import DataError, InputMissing
 from cltaa.frame import Frame, Image
 from cltaa.io.atomic import atomic_path
-from cltaa.io.display import heat, to_picture
+from cltaa.io.display import Picture, heat, to_picture
 from cltaa.lab.bench.accuracy.figures import table, write_plots
-from cltaa.lab.bench.accuracy.results import Accuracy
-from cltaa.lab.bench.accuracy.tasks import COUNT_WHITE, Task, load, png
+from cltaa.lab.bench.accuracy.measurement import Accuracy, Spread, cells_of
+from cltaa.lab.bench.cells import COUNT_WHITE, Task, packed
 from cltaa.lab.judge.comparison import truth_of
 from cltaa.lab.judge.metrics import METRICS
 from cltaa.printable import counted
@@ -62,97 +60,69 @@ def _pictures(tasks: Sequence[Task], output: Path) -> dict[str, Any]:
     sequence = tasks[0].open()
     (frame,) = sequence.select(sequence.last, sequence.last)
     truth = to_picture(truth_of(sequence).image(sequence.last))
-    variants = {}
-    for task in tasks:
-        found = load(task, output)
-        assert found is not None
-        variants[task.variant.name] = {name: _address(picture) for name, picture in found.pictures.items()}
+    inputs = {"truth": truth, "one sample": to_picture(frame.colour)}
     return {
-        "inputs": {
-            "truth": {"picture": _address(png(truth))},
-            "one sample": {"picture": _address(png(to_picture(frame.colour)))},
-        },
-        "variants": variants,
-        "debug": {title: _address(picture) for title, picture in _debug_views(frame).items()},
+        "inputs": {name: _addresses({"picture": packed(picture)}) for name, picture in inputs.items()},
+        "variants": {variant.name: _addresses(cell.pictures) for variant, cell in cells_of(tasks, output).items()},
+        "debug": _addresses({title: packed(picture) for title, picture in _debug_views(frame).items()}),
     }
 
 
-def _debug_views(frame: Frame) -> Mapping[str, bytes]:
+def _debug_views(frame: Frame) -> dict[str, Picture]:
     """What the resolve reads beside colour."""
     near = np.empty(frame.depth.shape, np.float32)
     inverse_depth(frame.depth, frame.camera, out=near)
     low, high = float(near.min()), float(near.max())
-    views = {"inverse depth (bright is near)": png(heat(near - np.float32(low), max(high - low, 1e-30)))}
+    views = {"inverse depth (bright is near)": heat(near - np.float32(low), max(high - low, 1e-30))}
     if frame.motion is not None:
         length: Image = np.nan_to_num(np.hypot(frame.motion[..., 0], frame.motion[..., 1]), nan=0.0)
         longest = float(length.max())
-        views[f"own motion (white: {longest:.3g} px)"] = png(heat(length, max(longest, 1e-30)))
-    if frame.reactive is not None:
-        views["reactive"] = png(heat(frame.reactive))
-    return views
+        views[f"own motion (white: {longest:.3g} px)"] = heat(length, max(longest, 1e-30))
+    return views if frame.reactive is None else views | {"reactive": heat(frame.reactive)}
 
 
-def _address(picture: bytes) -> str:
-    """A PNG as a data address, packed as lossless WebP, which is about a third smaller."""
-    stream = BytesIO()
-    Pillow.open(BytesIO(picture)).convert("RGB").save(stream, format="WEBP", lossless=True, method=4)
-    return f"data:image/webp;base64,{base64.b64encode(stream.getvalue()).decode()}"
-
-
-FIXED = (
-    "sequence",
-    "variant",
-    "group",
-    "ms_per_megapixel",
-    "low",
-    "high",
-    "ratio",
-    "ratio_low",
-    "ratio_high",
-    "noisy",
-    "clock",
-    "rounding_rms",
-    "rounding_largest",
-)
+def _addresses(pictures: Mapping[str, bytes]) -> dict[str, str]:
+    """WebP pictures as data addresses."""
+    return {name: f"data:image/webp;base64,{base64.b64encode(each).decode()}" for name, each in pictures.items()}
 
 
 def csv_text(result: Accuracy) -> str:
     """All cells and the yardstick; an error is a column ``<metric>``, and with _p5, _p95 and _largest behind it."""
-    stream = io.StringIO()
-    suffixes = {"": "mean", "_p5": "p5", "_p95": "p95", "_largest": "largest"}
-    columns = [f"{metric}{suffix}" for metric in result.metrics for suffix in suffixes]
-    writer = csv.DictWriter(stream, [*FIXED, *columns], restval="")
+    stream, rows = io.StringIO(), [*_rows(result)]
+    writer = csv.DictWriter(stream, rows[0], restval="")
     writer.writeheader()
+    writer.writerows(rows)
+    return stream.getvalue()
+
+
+def _rows(result: Accuracy) -> Iterator[dict[str, object]]:
     groups = {variant.name: variant.group for variant in result.variants}
     for measured in result.sequences:
         for cell in measured.cells:
-            time = cell.time(measured.clock)
-            values = (
-                measured.name,
-                cell.variant,
-                groups[cell.variant],
-                time.median,
-                time.low,
-                time.high,
-                cell.ratio.median,
-                cell.ratio.low,
-                cell.ratio.high,
-                int(measured.noisy),
-                str(measured.clock),
-                cell.rounding.rms if cell.rounding else "",
-                cell.rounding.largest if cell.rounding else "",
-            )
-            row = dict(zip(FIXED, values, strict=True))
-            for metric in result.metrics:
-                row |= {f"{metric}{end}": getattr(cell.errors[metric], name) for end, name in suffixes.items()}
-            writer.writerow(row)
+            time, ratio, rounding = cell.time, cell.ratio, cell.rounding
+            yield {
+                "sequence": measured.name,
+                "variant": cell.variant,
+                "group": groups[cell.variant],
+                "ms_per_megapixel": time.median,
+                "low": time.low,
+                "high": time.high,
+                "ratio": ratio.median,
+                "ratio_low": ratio.low,
+                "ratio_high": ratio.high,
+                "noisy": int(measured.noisy),
+                "clock": str(measured.clock),
+                "rounding_rms": rounding.rms if rounding else "",
+                "rounding_largest": rounding.largest if rounding else "",
+            } | _columns(cell.errors)
         for yard in measured.yardstick:
             row = {"sequence": measured.name, "variant": counted(yard.samples, "sample"), "group": "supersampling"}
-            row |= {} if yard.added is None else {"ms_per_megapixel": yard.added}
-            for metric in result.metrics:
-                row |= {f"{metric}{end}": getattr(yard.errors[metric], name) for end, name in suffixes.items()}
-            writer.writerow(row)
-    return stream.getvalue()
+            yield row | {"ms_per_megapixel": "" if yard.added is None else yard.added} | _columns(yard.errors)
+
+
+def _columns(errors: Mapping[str, Spread]) -> dict[str, object]:
+    ends = {"": "mean", "_p5": "p5", "_p95": "p95", "_largest": "largest"}
+    return {f"{name}{end}": getattr(errors[name], part) for name in errors for end, part in ends.items()}
 
 
 NAME = "accuracy.json"
@@ -168,19 +138,16 @@ def write_report(
     output: Path,
     pictured: int | None = None,
     pages: Mapping[str, str] | None = None,
-    *,
-    of_one: bool = False,
 ) -> str:
     """Write the numbers as JSON and CSV, the plots, a table over all sequences, and ``pages``, texts by file name, into
-    the folder ``output``; returns the table, empty where none is written.
+    the folder ``output``; returns the table, empty where no metric falls with the error and none is written.
 
-    There is one of several sequences, ``of_one`` too, if a metric falls with the error. ``pictured`` sequences, the
-    first ones, have plots of their own. Plots, tables and pages that an earlier report left there and this one has not
-    are deleted. Raises OutputError, StorageError, and UsageError without matplotlib.
+    ``pictured`` sequences, the first ones, have plots of their own. Plots, tables and pages that an earlier report left
+    there and this one has not are deleted. Raises OutputError, StorageError, and UsageError without matplotlib.
     """
     texts = {NAME: msgspec.json.encode(result).decode(), "accuracy.csv": csv_text(result), **(pages or {})}
     falling = falling_metrics(result)
-    whole = table(result, falling) if falling and (of_one or len(result.sequences) > 1) else ""
+    whole = table(result, falling) if falling else ""
     if whole:
         texts["overview.md"] = whole
     again = (output / NAME).exists()
@@ -218,8 +185,8 @@ def merged(reports: Sequence[tuple[Path, Accuracy]]) -> Accuracy:
     """All sequences of some reports as one; raises DataError where they are not of one device, code and ladder."""
     (_, first), *others = reports
     for path, other in others:
-        for what, found, expected in _agreements(other, first):
-            if found != expected:
+        for what, expected in _agreed(first).items():
+            if (found := _agreed(other)[what]) != expected:
                 raise DataError(f"another {what} than in {reports[0][0]}", path=path, expected=expected, found=found)
     sequences = [measured for _, report in reports for measured in report.sequences]
     names = [measured.name for measured in sequences]
@@ -229,14 +196,14 @@ def merged(reports: Sequence[tuple[Path, Accuracy]]) -> Accuracy:
     return msgspec.structs.replace(first, sequences=sequences)
 
 
-def _agreements(one: Accuracy, other: Accuracy) -> Iterable[tuple[str, str, str]]:
-    """What two reports must agree in: what it is, and how either has it."""
-    for what, get in (
-        ("device", lambda report: report.environment.device),
-        ("number of compute units", lambda report: str(report.environment.units)),
-        ("processor", lambda report: report.environment.cpu),
-        ("version of the kernels", lambda report: report.environment.kernels_sha256),
-        ("list of metrics", lambda report: ", ".join(report.metrics)),
-        ("ladder", lambda report: ", ".join(variant.name for variant in report.variants)),
-    ):
-        yield what, get(one), get(other)
+def _agreed(report: Accuracy) -> dict[str, str]:
+    """What reports must agree in to be put together."""
+    where = report.environment
+    return {
+        "device": where.device,
+        "number of compute units": str(where.units),
+        "processor": where.cpu,
+        "version of the kernels": where.kernels_sha256,
+        "list of metrics": ", ".join(report.metrics),
+        "ladder": ", ".join(variant.name for variant in report.variants),
+    }

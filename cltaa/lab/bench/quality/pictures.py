@@ -17,8 +17,8 @@ from cltaa.frame import Image
 from cltaa.io.atomic import make_folder
 from cltaa.io.display import GAP, Picture, error_map, label, to_picture, write_png
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.bench.quality.judge import ONE_SAMPLE, in_step
-from cltaa.lab.bench.quality.page import DEFAULT, Row, Table
+from cltaa.lab.bench.cells import ONE_SAMPLE, in_step
+from cltaa.lab.bench.quality.table import DEFAULT, Row, Table
 from cltaa.lab.judge.video_scores import SCORES, import_ndimage
 from cltaa.progress import track
 

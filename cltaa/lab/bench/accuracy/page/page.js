@@ -18,7 +18,6 @@ const counted = (n, thing) => `${n} ${thing}${n === 1 ? "" : "s"}`;
 // Three digits, as plain decimals where those of one table can be compared at a glance.
 const number = (v) => (v === 0 ? "0" : v === Infinity ? "∞" : Math.abs(v) >= 1e6 || Math.abs(v) < 1e-5 ? v.toExponential(2).replace("+", "") : Math.abs(v) >= 100 ? String(Math.round(v)) : Number.isInteger(v) ? String(v) : v.toPrecision(3));
 const tick = (v) => (v >= 1e6 || (v < 1e-4 && v > 0) ? v.toExponential(0).replace("+", "") : String(Number(v.toPrecision(3))));
-const timeOf = (cell) => cell[current().clock] || cell.device || cell.wall;
 const higher = new Set(data.higher_is_better);
 
 function element(name, attributes = {}, ...children) {
@@ -108,7 +107,7 @@ function drawFront() {
   const yards = $("yard").checked ? drawn : [];
   const own = state.metric === "mse" && measured.mean_noise ? [measured.mean_noise] : [];
   const errors = cells.flatMap((c) => [errorOf(c).mean, errorOf(c).p5, errorOf(c).p95]).filter(Number.isFinite).concat(yards.map((s) => s.errors[state.metric].mean), own);
-  const times = cells.flatMap((c) => [timeOf(c).low, timeOf(c).high]).concat(yards.map((s) => s.added), [measured.floor]);
+  const times = cells.flatMap((c) => [c.time.low, c.time.high]).concat(yards.map((s) => s.added), [measured.floor]);
   const svg = element("svg", { viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": "Error against time" });
   host.replaceChildren(svg);
   if (!cells.length) { svg.append(element("text", { x: 20, y: 40 }, state.metric === "rounding" && !measured.cells.some((c) => c.rounding) ? "this axis was not measured" : "nothing errs here")); return; }
@@ -127,9 +126,9 @@ function drawFront() {
   if (!measured.noisy && state.metric !== "rounding") {
     const cost = (c) => (higher.has(state.metric) ? -1 : 1) * errorOf(c).mean;
     let least = Infinity;  // points whose times cannot be told apart are all unbeaten: the line goes by the better
-    const front = cells.filter((c) => !beaten(c)).sort((p, q) => timeOf(p).median - timeOf(q).median || cost(p) - cost(q))
+    const front = cells.filter((c) => !beaten(c)).sort((p, q) => p.time.median - q.time.median || cost(p) - cost(q))
       .filter((c) => cost(c) < least && ((least = cost(c)), true));
-    const path = front.map((c, i) => `${i ? "H" + x(timeOf(c).median) + "V" : "M" + x(timeOf(c).median) + " "}${y(errorOf(c).mean)}`);
+    const path = front.map((c, i) => `${i ? "H" + x(c.time.median) + "V" : "M" + x(c.time.median) + " "}${y(errorOf(c).mean)}`);
     svg.append(element("path", { class: "front", d: path.join("") }));
   }
   if (yards.length) svg.append(element("path", { class: "yard", d: "M" + yards.map((s) => `${x(s.added)} ${y(s.errors[state.metric].mean)}`).join("L") }));
@@ -163,7 +162,7 @@ function drawFrontLegend(measured, yards) {
 }
 
 function pointOf(cell, x, y, box, beatenBy, named, logarithmic) {
-  const t = timeOf(cell), e = errorOf(cell), px = x(t.median), py = y(e.mean), at = (v) => (logarithmic ? y(Math.max(v, e.mean * 1e-3)) : y(v));
+  const t = cell.time, e = errorOf(cell), px = x(t.median), py = y(e.mean), at = (v) => (logarithmic ? y(Math.max(v, e.mean * 1e-3)) : y(v));
   const clamp = (v) => Math.min(Math.max(v, box.top), box.bottom);
   const text = `${cell.variant}: ${number(t.median)} ms/Mpx [${number(t.low)}, ${number(t.high)}], ` +
     `${state.metric} ${number(e.mean)} (5 % to 95 % of frames: ${number(e.p5)} to ${number(e.p95)})` + (beatenBy ? `; beaten by ${beatenBy}` : "");
@@ -313,7 +312,7 @@ function drawDebug() {
 }
 function drawNumbers() {
   const measured = current(), head = ["variant", "ms/Mpx", "95 %", `× ${baseName}`, ...report.metrics, "bits right", "beaten by"];
-  const rows = measured.cells.map((c) => [c.variant, number(timeOf(c).median), `${number(timeOf(c).low)} – ${number(timeOf(c).high)}`,
+  const rows = measured.cells.map((c) => [c.variant, number(c.time.median), `${number(c.time.low)} – ${number(c.time.high)}`,
     measured.noisy ? "noisy" : c.ratio.median.toFixed(3), ...report.metrics.map((m) => number(c.errors[m].mean)), !c.rounding ? "–" : c.rounding.rms === 0 ? "all" : (-Math.log2(c.rounding.rms)).toFixed(1), c.dominated_by[state.metric] || ""]);
   for (const s of measured.yardstick) rows.push([`${counted(s.samples, "sample")} a pixel`, s.added === null ? "–" : number(s.added), "", "", ...report.metrics.map((m) => number(s.errors[m].mean)), "", ""]);
   $("numbers").replaceChildren(element("thead", {}, element("tr", {}, ...head.map((h) => element("th", {}, h)))), element("tbody", {}, ...rows.map((r) => element("tr", {}, ...r.map((v) => element("td", {}, v))))));

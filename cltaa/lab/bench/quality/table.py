@@ -7,7 +7,7 @@ import re
 import time
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from statistics import geometric_mean
 from urllib.parse import quote
@@ -18,14 +18,13 @@ from cltaa.core.presets import LADDER, Preset, Published, load_preset, preset_na
 from cltaa.errors import DataError
 from cltaa.io.atomic import atomic_path, check_creatable
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.bench.quality.cases import Case
-from cltaa.lab.bench.quality.judge import ALPHA, COLUMNS, ONE_SAMPLE, Judged
+from cltaa.lab.bench.cases import Case
+from cltaa.lab.bench.cells import ALPHA, COLUMNS, ONE_SAMPLE, Judged
 from cltaa.lab.judge.comparison import truth_of, truth_samples
-from cltaa.lab.judge.metrics import Measure, mean_psnr
+from cltaa.lab.judge.metrics import Measure, mean_of
+from cltaa.printable import markdown
 
 DEFAULT = "default"
-DECIDING = ("flip", "psnr")  # the two that a preset is called better by
-HIGHER = {column.name: column.higher_is_better for column in COLUMNS}
 
 
 class Row(msgspec.Struct, kw_only=True):
@@ -90,37 +89,20 @@ def contenders(names: Collection[str]) -> list[str]:
     return sorted(filter(contends, names), key=lambda name: name != DEFAULT)
 
 
-def best_engine(means: Mapping[str, Mapping[str, float | None]]) -> str | None:
-    """The engine's preset of the least mean FLIP, or None where none was judged."""
-    found = {
-        name: value
-        for name, scores in means.items()
-        if published(name) is Published.ENGINE and (value := scores["flip"])
-    }
-    return min(found, key=lambda name: found[name], default=None)
-
-
 def _mean_scores(cells: list[Judged]) -> dict[str, float | None]:
     """Means over sequences: of a PSNR by way of its error, of samples the geometric one, else the arithmetic one."""
     result: dict[str, float | None] = {}
-    for column in (*COLUMNS, ALPHA):
-        values = [value for cell in cells if (value := score(column.name, cell.scores)) is not None]
-        if not values:
-            result[column.name] = None
-        elif column.name == "psnr":
-            found = mean_psnr(values)
-            result[column.name] = found if math.isfinite(found) else None
-        elif column.name in ("samples", "last", "disoccluded"):
-            result[column.name] = geometric_mean(values)
-        else:
-            result[column.name] = math.fsum(values) / len(values)
+    for name in (column.name for column in (*COLUMNS, ALPHA)):
+        values = [value for cell in cells if (value := cell.scores.get(name)) is not None]
+        average = geometric_mean if name in ("samples", "last", "disoccluded") else partial(mean_of, name)
+        result[name] = average(values) if values else None
     return result
 
 
 def _duel(rows: list[Row], preset: str, against: str) -> Duel:
     losses = [f"{row.scene} ({row.split})" for row in rows if not _better(row.presets[preset], row.presets[against])]
     pair = [_mean_scores([row.presets[name] for row in rows]) for name in (preset, against)]
-    flip, decibels = ((_number(name, pair[0]), _number(name, pair[1])) for name in DECIDING)
+    flip, decibels = zip(*map(_deciding, pair), strict=True)
     return Duel(
         preset=preset,
         against=against,
@@ -137,24 +119,16 @@ def columns_of(scores: Iterable[Mapping[str, float | None]]) -> tuple[Measure, .
     return (*COLUMNS, ALPHA) if any(each.get(ALPHA.name) is not None for each in scores) else COLUMNS
 
 
-def score(name: str, scores: Mapping[str, float | None]) -> float | None:
-    """A score or None where there was nothing to judge; a PSNR is always there, and infinite where it is null."""
-    value = scores.get(name)
-    return math.inf if value is None and name == "psnr" else value
-
-
-def _number(name: str, scores: Mapping[str, float | None]) -> float:
-    value = score(name, scores)
-    return math.nan if value is None else value
+def _deciding(scores: Mapping[str, float | None]) -> tuple[float, float]:
+    """FLIP and PSNR, the two that a preset is called better by; NaN where one was not judged."""
+    flip, psnr = (math.nan if (value := scores.get(name)) is None else value for name in ("flip", "psnr"))
+    return flip, psnr
 
 
 def _better(one: Judged, other: Judged) -> bool:
-    """Better by both deciding scores."""
-    for name in DECIDING:
-        a, b = _number(name, one.scores), _number(name, other.scores)
-        if not (a > b if HIGHER[name] else a < b):
-            return False
-    return True
+    """Better by FLIP and PSNR both."""
+    (flip, psnr), (their_flip, their_psnr) = map(_deciding, (one.scores, other.scores))
+    return flip < their_flip and psnr > their_psnr
 
 
 def ordered(names: Iterable[str]) -> list[str]:
@@ -275,7 +249,7 @@ def _overview(table: Table, beside: str) -> Iterable[str]:
         shown = {"best published": others} | shown
     columns = [column for column in COLUMNS if column.name in OVERVIEW]
     heads = [f"{column.head} {title}" for column in columns for title in shown]
-    lines = [f"| scene | {' | '.join(heads)} |", "|---|" + "---:|" * len(heads)]
+    lines = []
     for scene, rows in _by_scene(table).items():
         cells = []
         for column in columns:
@@ -286,8 +260,8 @@ def _overview(table: Table, beside: str) -> Iterable[str]:
             leaders = [_best(column, ({column.name: group[n]} for group in groups)) for n in range(len(rows))]
             for group in groups:
                 cells.append(" / ".join(_cell(v, column, best) for v, best in zip(group, leaders, strict=True)))
-        lines.append(f"| [{scene}]({quote(beside)}#{_anchor(scene)}) | {' | '.join(cells)} |")
-    yield "\n".join(lines)
+        lines.append([f"[{scene}]({quote(beside)}#{_anchor(scene)})", *cells])
+    yield markdown(["scene", *heads], lines, figures=True).rstrip()
     yield _splits(table.means)
 
 
@@ -307,19 +281,13 @@ def _duels(table: Table) -> Iterable[str]:
     if not table.duels:
         yield "Nothing to compare: no preset of an article or an engine was judged, or none beside it."
         return
-    lines = ["| preset | against | better in | mean FLIP | mean PSNR | not better in |", "|---|---|---|---|---|---|"]
+    lines = []
     for duel in table.duels:
         flip, psnr = (f"{a:{form}} : {b:{form}}" for (a, b), form in ((duel.mean_flip, ".4f"), (duel.mean_psnr, ".2f")))
         losses = ", ".join(duel.not_better) or "–"
-        lines.append(
-            f"| {duel.preset} | {duel.against} | {duel.better} of {duel.sequences} | {flip} | {psnr} | {losses} |"
-        )
+        lines.append([duel.preset, duel.against, f"{duel.better} of {duel.sequences}", flip, psnr, losses])
     yield "*Better*: both lower FLIP and higher PSNR."
-    yield "\n".join(lines)
-    for split, means in table.means.items():
-        engine = best_engine(means)
-        if engine is not None and DEFAULT in means:
-            yield f"Best engine's preset by mean FLIP ({split}): {engine}."
+    yield markdown(["preset", "against", "better in", "mean FLIP", "mean PSNR", "not better in"], lines).rstrip()
 
 
 def _scene_table(rows: list[Row]) -> str:
@@ -343,21 +311,21 @@ def _grid(cells: Mapping[str, list[dict[str, float | None]]]) -> str:
     """A Markdown table of presets by scores; the best resolve of each column stands in bold."""
     columns = columns_of(values for several in cells.values() for values in several)
     heads = [column.head for column in columns]
-    lines = [f"| preset | {' | '.join(heads)} |", "|---|" + "---:|" * len(heads)]
+    lines = []
     resolves = [values for name, values in cells.items() if name != ONE_SAMPLE] or [*cells.values()]
     best = [[_best(column, (values[n] for values in resolves)) for n in range(len(resolves[0]))] for column in columns]
     for name, values in cells.items():
         texts = []
         for column, leaders in zip(columns, best, strict=True):
             pairs = zip(values, leaders, strict=True)
-            texts.append(" / ".join(_cell(score(column.name, each), column, best) for each, best in pairs))
-        lines.append(f"| {name} | {' | '.join(texts)} |")
-    return "\n".join(lines)
+            texts.append(" / ".join(_cell(each.get(column.name), column, best) for each, best in pairs))
+        lines.append([name, *texts])
+    return markdown(["preset", *heads], lines, figures=True).rstrip()
 
 
 def _best(column: Measure, scores: Iterable[dict[str, float | None]]) -> float | None:
     """The best value of a column; for shares around 0 that is the one nearest to 0."""
-    values = [value for each in scores if (value := score(column.name, each)) is not None]
+    values = [value for each in scores if (value := each.get(column.name)) is not None]
     if not values:
         return None
     return max(values) if column.higher_is_better else min(values, key=abs)

@@ -12,8 +12,8 @@ from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame
 from cltaa.io.exr_write import write_frame
 from cltaa.io.sequence import FrameSequence, open_sequence
-from cltaa.lab.bench import effects as bench
-from cltaa.lab.bench.effects import EffectRow, judge_effects, markdown
+from cltaa.lab.inspect import plan as module
+from cltaa.lab.inspect.plan import EffectRow, effect_cells, judge_effects
 from cltaa.reference.launcher import NumpyLauncher
 from tests.sequence_factory import make_camera, make_frame
 
@@ -44,13 +44,10 @@ def test_a_scene_that_calls_for_what_it_gets(tmp_path: Path) -> None:
     assert row.same_bits
     assert row.replaced == 0.0
     assert row.steps == ["reprojection", "rectification", "luminance weights"]
-    text = markdown([row]).splitlines()
-    assert len(text) == 3
-    assert (
-        "| synthetic | camera disocclusion hdr illumination | reprojection, rectification, luminance weights |"
-        in text[2]
-    )
-    assert text[2].endswith("| yes | nothing |")
+    found = effect_cells(row)
+    assert (found["scene"], found["effects"]) == ("synthetic", "camera disocclusion hdr illumination")
+    assert found["steps that run"] == "reprojection, rectification, luminance weights"
+    assert (found["same bits"], found["replaced"]) == ("yes", "nothing")
 
 
 def test_a_step_that_changes_a_bit_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,7 +56,7 @@ def test_a_step_that_changes_a_bit_is_found(tmp_path: Path, monkeypatch: pytest.
             image = super().resolve(frame, **options)
             return image + np.float32(2.0**-20 if self.every_step else 0.0)
 
-    monkeypatch.setattr(bench, "Resolver", Tainted)
+    monkeypatch.setattr(module, "Resolver", Tainted)
     row = judged(captured(tmp_path, {Effect.CAMERA, Effect.HDR}))
     assert not row.same_bits
-    assert "**no**" in markdown([row])
+    assert effect_cells(row)["same bits"] == "**no**"

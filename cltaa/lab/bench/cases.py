@@ -50,8 +50,10 @@ def redrawn_of(sequence: FrameSequence) -> ImageSequence | None:
 TRAIN, HELD_OUT, GIVEN = "train", "held-out", "given"
 MODEL = "file:"  # begins the name of a scene that is a model's path
 OTHER_JITTERS = ("halton:64", "r2:64")  # of the capture REDRAWN: the second where the sequence itself has the first
-# Without any of these nothing changes from frame to frame, and the truth has to be better than any resolve can get.
+# Without any of these nothing changes from frame to frame, and the truth has to be better than any resolve can get: so
+# many times the samples.
 _CHANGES = {*Effect} - {Effect.SKY, Effect.HDR, Effect.THIN, Effect.ALPHA, Effect.NOISE}
+STILL = 4
 
 
 class Shape(NamedTuple):
@@ -60,8 +62,7 @@ class Shape(NamedTuple):
     width: int
     height: int
     frames: int
-    samples: int  # of the truth
-    still_samples: int  # of the truth of scenes in which nothing changes
+    samples: int  # of the truth; of scenes in which nothing changes STILL times as many
     jitter: str  # sample positions, as cltaa capture reads them
 
 
@@ -71,6 +72,8 @@ class Case(NamedTuple):
     scene: str
     split: str  # TRAIN, HELD_OUT or GIVEN: whether the presets were tuned on it, as far as that is known
     folder: Path
+    seed: int = 0
+    samples: int = 0  # of the truth, where it is drawn
 
     @property
     def key(self) -> str:
@@ -100,13 +103,14 @@ def check_scenes(names: Iterable[str], also: Collection[str] = ()) -> None:
 
 def planned(scenes: dict[str, frozenset[str]], seeds: dict[int, str], shape: Shape, work: Path) -> list[Case]:
     """The cases of every scene with every seed; the folder's name says what the capture was asked for."""
-    size = f"{shape.width}x{shape.height}x{shape.frames}"
-    return [
-        Case(scene, split, work / f"{_stem(scene)}-seed{seed}-{size}-{shape.jitter.replace(':', '')}-{truth}")
-        for scene, effects in scenes.items()
-        for truth in (shape.samples if effects & _CHANGES else shape.still_samples,)
-        for seed, split in seeds.items()
-    ]
+    size, jitter = f"{shape.width}x{shape.height}x{shape.frames}", shape.jitter.replace(":", "")
+    cases = []
+    for scene, effects in scenes.items():
+        samples = shape.samples * (1 if effects & _CHANGES else STILL)
+        for seed, split in seeds.items():
+            folder = work / f"{_stem(scene)}-seed{seed}-{size}-{jitter}-{samples}"
+            cases.append(Case(scene, split, folder, seed, samples))
+    return cases
 
 
 def _stem(scene: str) -> str:
@@ -125,14 +129,13 @@ def open_case(case: Case) -> FrameSequence | None:
     return sequence if finished else None
 
 
-def capture(case: Case, seed: int, shape: Shape) -> FrameSequence:
+def capture(case: Case, shape: Shape) -> FrameSequence:
     """Draw a case, or what is missing of it; raises InternalError where the capture fails, with its own words above."""
-    truth = case.folder.name.rpartition("-")[2]
-    other = OTHER_JITTERS[shape.jitter == OTHER_JITTERS[0]]
-    for folder, samples, jitter in ((case.folder, truth, shape.jitter), (case.folder / REDRAWN, "0", other)):
-        size = f"{shape.width}x{shape.height}"
-        asked = ["--frames", str(shape.frames), "--size", size, "--reference", samples]
-        run_cltaa(["capture", case.scene, "-o", str(folder), *asked, "--seed", str(seed), "--jitter", jitter])
+    other, size = OTHER_JITTERS[shape.jitter == OTHER_JITTERS[0]], f"{shape.width}x{shape.height}"
+    asked = ["--frames", str(shape.frames), "--size", size, "--seed", str(case.seed)]
+    for folder, samples, jitter in ((case.folder, case.samples, shape.jitter), (case.folder / REDRAWN, 0, other)):
+        told = ["-o", str(folder), "--reference", str(samples), "--jitter", jitter]
+        run_cltaa(["capture", case.scene, *told, *asked])
     sequence = open_case(case)
     if sequence is None:
         raise InputMissing("the capture left no finished sequence", path=case.folder)

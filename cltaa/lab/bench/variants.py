@@ -1,4 +1,4 @@
-"""The ladder: every variant of the resolve whose error and time ``cltaa bench accuracy`` measures.
+"""Ways to resolve that are measured: presets as they are, and the ladder, every step from one of them.
 
 One step is changed at a time, so that each bar of the ablation has one cause; whatever is added to the choices
 (``cltaa.core.parameters``) or the storages (``cltaa.core.build``) is on the ladder by itself.
@@ -32,7 +32,7 @@ SLOW_WEIGHT = 0.05  # of the exponential blend, beside its own default
 
 
 class Variant(msgspec.Struct, frozen=True, kw_only=True):
-    """One way to resolve. ``group`` is the step that it changes against the default."""
+    """One way to resolve: a preset, and the numbers that it is built with. ``group`` is what it is measured for."""
 
     name: str
     group: str
@@ -44,16 +44,17 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
     relaxed: bool = False
     published: Published = Published.NO
 
+    @classmethod
+    def of(cls, preset: Preset, group: str = "preset") -> Variant:
+        """A preset as it is."""
+        parts: dict[str, Any] = {"choices": preset.choices, "settings": preset.settings, "published": preset.published}
+        return cls(name=preset.name, group=group, **parts)
+
     @property
     def preset(self) -> Preset:
         """Choices and settings under the variant's name, published if what it departs from is."""
-        return Preset(
-            name=self.name,
-            description=self.group,
-            published=self.published,
-            choices=self.choices,
-            settings=self.settings,
-        )
+        parts: dict[str, Any] = {"choices": self.choices, "settings": self.settings, "published": self.published}
+        return Preset(name=self.name, description=self.group, **parts)
 
     def resolver(self, device: str | Launcher | None) -> Resolver:
         """A new resolver of this variant."""
@@ -99,16 +100,10 @@ def ladder(base: Preset, presets: Iterable[Preset] = ()) -> list[Variant]:
 
     Presets that look ahead are left out: errors and times are taken frame by frame.
     """
-    first = _as_it_is(base, DEFAULT)
+    first = Variant.of(base, DEFAULT)
     causal = (preset for preset in presets if not preset.settings.look_ahead)
-    others = [_as_it_is(preset, PRESETS) for preset in causal if preset.name != base.name]
+    others = [Variant.of(preset, PRESETS) for preset in causal if preset.name != base.name]
     return [first, *steps(first), *others]
-
-
-def _as_it_is(preset: Preset, group: str) -> Variant:
-    return Variant(
-        name=preset.name, group=group, choices=preset.choices, settings=preset.settings, published=preset.published
-    )
 
 
 def _changed(
