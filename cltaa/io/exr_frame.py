@@ -46,12 +46,12 @@ def frame_planes(frame: Frame, path: Path) -> dict[str, Pixels]:
     for name, plane in planes.items():
         if plane is None:
             continue
-        if plane.shape != (height, width) or plane.dtype != np.float32:
-            expected, found = f"float32 [{height}, {width}]", f"{plane.dtype} {list(plane.shape)}"
+        if plane.shape != (height, width) or plane.dtype.kind != "f":
+            expected, found = f"floats [{height}, {width}]", f"{plane.dtype} {list(plane.shape)}"
             raise DataError(
                 "array is wrong", path=path, frame=frame.index, channel=name, expected=expected, found=found
             )
-        channels[name] = plane
+        channels[name] = plane.astype(np.float32, copy=False)  # as a resolve takes it
     if frame.object_id is not None:
         channels["id"] = _whole_numbers(frame, path)
     return channels
