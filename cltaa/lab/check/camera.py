@@ -32,7 +32,16 @@ from cltaa.lab.check.hypotheses import (
     spoken,
     sureness,
 )
-from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Pair, Shot, Vector, fit_shift, residual_of
+from cltaa.lab.check.registration import (
+    COVERED,
+    LEAST_POINTS,
+    Pair,
+    Shot,
+    Vector,
+    fit_shift,
+    residual_of,
+    seen_before,
+)
 
 MOST_PAIRS, MOST_POINTS = 6, 3000  # looked at for each of a dozen meanings; more only cost time
 LARGEST_MISMATCH = 0.5  # residual of a meaning that is named
@@ -101,7 +110,7 @@ def check_projection_jitter(shot: Shot) -> list[Finding]:
 
 def check_travel(shot: Shot) -> list[Finding]:
     """Judge other meanings of the matrices by how well the previous frame, fetched through them, matches this one."""
-    pairs = moving_pairs(shot)
+    pairs = judged_pairs(shot)
     if len(pairs) < 2 or not shot.has_camera:
         return []
     declared = residuals(pairs)
@@ -148,6 +157,11 @@ def moving_pairs(shot: Shot) -> list[Pair]:
     """At most MOST_PAIRS pairs between which the camera moves."""
     pairs = [pair for pair in shot.pairs if not is_still(pair.frame.camera, pair.previous.camera)]
     return pairs[:: max(1, -(-len(pairs) // MOST_PAIRS))]
+
+
+def judged_pairs(shot: Shot) -> list[Pair]:
+    """The same, at points that stay in the picture as declared."""
+    return [replace(p, usable=seen_before(p, p.camera_motion(), p.usable)) for p in moving_pairs(shot)]
 
 
 def _wins(winner: Vector, declared: Vector) -> bool:
@@ -260,7 +274,7 @@ def check_disagreement(shot: Shot) -> list[Finding]:
     moved = float(np.mean([middle_length(pair.own) for pair in pairs]))
     if apart < max(DISAGREE * moved, APART_PX):
         return []
-    there = [pair.usable & np.isfinite(pair.own).all(0) for pair in pairs]
+    there = [seen_before(pair, pair.own, pair.usable & np.isfinite(pair.own).all(0)) for pair in pairs]
     motions = [(pair.own, pair.camera_motion()) for pair in pairs]
     declared, winner = (
         np.array([_mismatch_at(pair, at, by[which]) for pair, at, by in zip(pairs, there, motions, strict=True)])

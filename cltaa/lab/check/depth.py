@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from cltaa.frame import Frame
 from cltaa.inputs.convert import device_planes, planes_of, ray_length
 from cltaa.inputs.profile import Depth, DepthKind
-from cltaa.lab.check.camera import CLEARLY_BETTER, LARGEST_MISMATCH, camera_residual, moving_pairs, residuals, screened
+from cltaa.lab.check.camera import (
+    CLEARLY_BETTER,
+    LARGEST_MISMATCH,
+    camera_residual,
+    judged_pairs,
+    moving_pairs,
+    residuals,
+    screened,
+)
 from cltaa.lab.check.hypotheses import Finding, mistake, sureness
 from cltaa.lab.check.registration import Shot, Vector
 
@@ -85,7 +93,7 @@ def _looks_like_device(finite: Vector) -> bool:
 
 def check_depth_scale(shot: Shot) -> list[Finding]:
     """Find depth in other units than the matrices, by the parallax of a camera that travels."""
-    pairs = moving_pairs(shot)
+    pairs = judged_pairs(shot)
     if len(pairs) < 2 or not (shot.has_depth and shot.has_camera) or shot.frames[0].camera.orthographic:
         return []
     declared = residuals(pairs)

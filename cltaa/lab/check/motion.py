@@ -39,6 +39,7 @@ from cltaa.lab.check.registration import (
     fit_shift,
     residual_of,
     sample,
+    seen_before,
 )
 
 ITERATIONS = 15
@@ -211,7 +212,7 @@ def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> tuple[l
     """What the vectors of each pair are fitted by, and what they are judged by; the same where there is little."""
     fitted, judging = list[Observed](), list[Observed]()
     for pair, fit in zip(shot.pairs, shifts, strict=True):
-        there = pair.moving & pair.usable
+        there = seen_before(pair, pair.own, pair.moving & pair.usable)
         if there.sum() < LEAST_POINTS or (anchored and fit is None):
             continue
         shift = fit.shift if anchored and fit is not None else None
