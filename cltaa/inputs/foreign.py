@@ -12,6 +12,7 @@ from typing import Any, Self
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from cltaa.core.frame_checks import check_camera
 from cltaa.core.planes import haloed
@@ -311,13 +312,13 @@ class ForeignSequence(FrameSequence):
             stacked[role] = np.moveaxis(haloed([files[place.files][place.channel] for place in its]), 0, -1)
         return stacked, files[main]
 
-    def _shown(self, role: str, number: int) -> Image:
+    def _shown(self, role: str, number: int) -> NDArray[np.bool_]:
         """Where in the picture [H, W] the data window of a role's channel lies; outside of it there is nothing."""
         place = self._roles[role][0]
         layout = read_any_header(self.intake.sets[place.files][number], chunks=False).layout
         left, top, right, bottom = window = layout.windows.get(place.channel, layout.data_window)
-        there = np.ones((bottom - top + 1, right - left + 1), np.float32)
-        return placed(there, window, self.layouts[number].data_window) == 1.0
+        there = np.ones((bottom - top + 1, right - left + 1), np.bool_)
+        return placed(there, window, self.layouts[number].data_window)
 
     def _read(self, label: str, number: int, names: Collection[str]) -> dict[str, Pixels]:
         """Channels of a file of that set, of which that of the colour says what the picture is."""
