@@ -8,6 +8,7 @@ shown.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ from cltaa.lab.check.camera import (
     screened,
 )
 from cltaa.lab.check.hypotheses import Finding, mistake, sureness
-from cltaa.lab.check.registration import Shot, Vector
+from cltaa.lab.check.registration import Shot, Vector, seen_before
 
 Plane = NDArray[np.float64]
 
@@ -201,11 +202,17 @@ def tell_device(shot: Shot, found: Finding, rule: Depth = AS_DECLARED) -> Findin
     planes = [_stored(pair.frame, pair.frame.depth.astype(np.float64), rule) for pair in pairs]
     raw = [plane[pair.y.astype(int), pair.x.astype(int)] for plane, pair in zip(planes, pairs, strict=True)]
     stored = raw if reverse else [1.0 - values for values in raw]
-    plain, changed = (
-        np.array(
-            [camera_residual(p, p.camera_motion(inverse_depth=q * by)) for p, q in zip(pairs, stored, strict=True)]
-        )
+    by_plain, by_changed = (
+        [pair.camera_motion(inverse_depth=values * by) for pair, values in zip(pairs, stored, strict=True)]
         for by in ((1.0, near) if reverse else (near, other))
+    )
+    pairs = [
+        replace(pair, usable=seen_before(pair, motion, pair.usable))
+        for pair, motion in zip(pairs, by_plain, strict=True)
+    ]
+    plain, changed = (
+        np.array([camera_residual(pair, motion) for pair, motion in zip(pairs, motions, strict=True)])
+        for motions in (by_plain, by_changed)
     )
     if changed.mean() >= plain.mean():
         return found

@@ -163,3 +163,8 @@ def along_a_wall(count: int = 12) -> list[Frame]:
 
 def test_a_column_that_moves_out_of_a_small_picture_is_no_sign_of_slower_motion() -> None:
     assert names(check_frames(along_a_wall())) == []
+    stored = []
+    for frame in along_a_wall():
+        by_z, constant = frame.camera.view_to_clip[2, 2:]  # OpenGL's clip space, from -1
+        stored.append(replace(frame, depth=(0.5 + 0.5 * (constant / frame.depth - by_z)).astype(np.float32)))
+    assert [finding.fix for finding in check_frames(stored)] == [{"depth": {"kind": "device"}}]
