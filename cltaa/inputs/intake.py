@@ -28,6 +28,7 @@ from cltaa.inputs.roles import (
     assign,
     assign_view,
     describe,
+    equal_matches,
     file_sets,
     guessed_profile,
     may_be_colour,
@@ -485,7 +486,7 @@ def _left_out(intake: Intake, place: Selection) -> list[str]:
         other = next(view for view in views.names if view != taken)
         option = option_text({"colour": {"view": other}})
         notes.append(f"several views: {taken} of {', '.join(views.names)} is taken; to take {other}: {option}")
-    if others := _like_the_colour(intake, views):
+    if others := _like_the_colour(intake, views) or _as_nameless(intake):
         names = [f"{others[0]}.{place.channel.rpartition('.')[2]}" for place in intake.roles["colour"]]
         option = channels_option("colour.channels", names)
         notes.append(f"another layer: {', '.join(others)} not resolved; to take {others[0]}: {option}")
@@ -519,6 +520,20 @@ def _like_the_colour(intake: Intake, views: Views) -> list[str]:
         for name in intake.unused
         if len(tail) > 1 and views.without(name).split(".")[-2:] == tail and views.of([name]) == view
     ]
+
+
+def _as_nameless(intake: Intake) -> list[str]:
+    """Other layers that could be the picture, where the colour is just the first that has its three channels."""
+    named = [names for names in intake.profile.colour.channels if not all(name.startswith("*.") for name in names)]
+    first = {label: tuple(layout.channels) for label, layout in intake.first.items()}
+    if intake.views.names or equal_matches(named, first):  # of several views another line tells
+        return []
+    layers: dict[str, set[str]] = {}
+    for name in intake.unused:
+        layer, _, last = name.rpartition(".")
+        layers.setdefault(layer, set()).add(last)
+    three = {place.channel.rpartition(".")[2] for place in intake.roles["colour"]}
+    return [layer for layer, its in layers.items() if layer and three <= its and not NO_LIGHT.search(f"{layer}.")]
 
 
 def _may_be(role: str, pattern: re.Pattern[str], names: Sequence[str]) -> str:
