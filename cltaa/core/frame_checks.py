@@ -75,7 +75,8 @@ def _check_depth(frame: Frame) -> None:
         )
         return
     expected, found = "positive numbers, np.inf for the sky", f"{np.nanmin(depth):g} to {np.nanmax(depth):g}"
-    cure = f"it is positive before the camera: {'depth=-depth' if frame.path is None else '--input depth.scale=-1'}"
+    how = "depth=-depth" if frame.path is None else "cltaa check names the option that mends it"
+    cure = f"it is positive before the camera: {how}"
     raise _error(frame, "depth is no distance anywhere", expected, found, cure)
 
 

@@ -162,7 +162,7 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_what_frames_are_warned_of_is_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """And what their depth is told to be is an option, since they are files."""
+    """And of depth the way to an option is told, since they are files."""
     frame = make_frame(0, motion=True)
     assert frame.motion is not None
     frame.motion[3, 4] = np.inf
@@ -174,5 +174,7 @@ def test_what_frames_are_warned_of_is_a_line(tmp_path: Path, capsys: pytest.Capt
     assert [line.partition(" in places")[0] for line in warned] == ["cltaa: warning: motion is infinite"]
     write_frame(tmp_path / "in" / "x.0000.exr", replace(frame, depth=-np.where(np.isinf(frame.depth), 9, frame.depth)))
     assert main([*run, "--restart"]) == 65
-    option = capsys.readouterr().err.splitlines()[-1].partition("before the camera: ")[2]
-    assert main([*run, "--restart", *option.split()]) == 0
+    assert "before the camera: cltaa check names the option" in capsys.readouterr().err
+    assert main(["check", str(tmp_path / "in")]) == 65
+    assert "--input depth.scale=-1" in capsys.readouterr().out
+    assert main([*run, "--restart", "--input", "depth.scale=-1"]) == 0
