@@ -110,7 +110,7 @@ def check_projection_jitter(shot: Shot) -> list[Finding]:
 
 def check_travel(shot: Shot) -> list[Finding]:
     """Judge other meanings of the matrices by how well the previous frame, fetched through them, matches this one."""
-    pairs = judged_pairs(shot)
+    pairs = moving_pairs(shot)
     if len(pairs) < 2 or not shot.has_camera:
         return []
     declared = residuals(pairs)
@@ -157,11 +157,6 @@ def moving_pairs(shot: Shot) -> list[Pair]:
     """At most MOST_PAIRS pairs between which the camera moves."""
     pairs = [pair for pair in shot.pairs if not is_still(pair.frame.camera, pair.previous.camera)]
     return pairs[:: max(1, -(-len(pairs) // MOST_PAIRS))]
-
-
-def judged_pairs(shot: Shot) -> list[Pair]:
-    """The same, at points that stay in the picture as declared."""
-    return [replace(p, usable=seen_before(p, p.camera_motion(), p.usable)) for p in moving_pairs(shot)]
 
 
 def _wins(winner: Vector, declared: Vector) -> bool:
