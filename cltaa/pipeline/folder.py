@@ -173,7 +173,7 @@ def resolve_folder(
         if progress and sequence.notes:
             print("\n".join(map(printable, sequence.notes)), file=sys.stderr)
     else:
-        sequence = source if isinstance(source, FrameSequence) else open_input(source, **reading)
+        sequence = open_input(source, **reading) if isinstance(source, str | Path | None) else source
     check_declared(sequence, effects)
     refuse_place(Path(output), sequence)
     carried = chosen_layers((layers,) if isinstance(layers, str) else layers, sequence)
