@@ -6,6 +6,7 @@ The meaning of every word here is fixed in ``docs/conventions.md``.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -187,6 +188,7 @@ class Frame:
             size = getattr(given["colour"], "shape", ())[:2]
             given["depth"] = np.broadcast_to(np.float32(np.inf), size)
         given["camera"] = NO_CAMERA if camera is None else camera
+        given["jitter_px"] = _pair(jitter_px)
         for name, value in given.items():
             object.__setattr__(self, name, value)
 
@@ -234,8 +236,19 @@ def outline(frame: Frame) -> Frame:
     return replace(frame, **empty)
 
 
+def _pair(numbers: Any) -> Any:
+    """A list or an array of two as the tuple that it stands for; all else as it is, for the check of a frame."""
+    with suppress(ValueError, TypeError, RuntimeError):  # of several lengths, or of another device
+        if not isinstance(numbers, tuple) and np.shape(numbers) == (2,):
+            return tuple(np.asarray(numbers).tolist())
+    return numbers
+
+
 def _shared(name: str, array: object) -> object:
-    """``array`` as NumPy's where another library holds it in the host's memory; all else as it is."""
+    """``array`` as NumPy's where another library holds it in the host's memory, what is masked as NaN; all else as it
+    is."""
+    if isinstance(array, np.ma.MaskedArray) and array.dtype.kind == "f":
+        return array.filled(np.nan)
     if isinstance(array, np.ndarray) or not hasattr(array, "__dlpack__") or on_device(array):
         return array
     try:

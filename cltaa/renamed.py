@@ -69,13 +69,13 @@ def current(name: str, table: Mapping[str, str], names: Mapping[str, object] | f
 
 @contextmanager
 def one_line_each() -> Iterator[None]:
-    """On a command line a renamed name is one line on standard error, not a place in our code."""
+    """On a command line what a program is warned of is one line on standard error, not a place in our code."""
     told: set[str] = set()
     with warnings.catch_warnings():
         shown = warnings.showwarning
 
         def show(message: Any, category: type[Warning], *place: Any, **more: Any) -> None:
-            if issubclass(category, Renamed):
+            if issubclass(category, Renamed | UserWarning):
                 if str(message) not in told:  # Python counts by place, and a command may ask at several
                     print(f"cltaa: warning: {printable(str(message))}", file=sys.stderr)
                 told.add(str(message))
@@ -83,7 +83,8 @@ def one_line_each() -> Iterator[None]:
                 shown(message, category, *place, **more)
 
         warnings.showwarning = show
-        warnings.simplefilter("default", Renamed)
+        for category in (Renamed, UserWarning):
+            warnings.simplefilter("default", category)
         yield
 
 

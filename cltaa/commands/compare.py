@@ -348,7 +348,9 @@ def _warn(name: str, comparison: Comparison, lacking: list[int], in_time: bool, 
 def _check_followed(comparison: Comparison) -> None:
     """Raise UsageError where nothing tells how A moves, or nothing of it can be followed."""
     if comparison.capture is None:
-        raise UsageError("--video needs the capture", cure="give the captured sequence as B, or alone as A")
+        raise UsageError(
+            "--video needs the capture", cure="give the sequence as B, or alone as A, with its truth in reference/"
+        )
     if comparison.region is not None:
         expected, found = (images.layouts[images.first].size for images in (comparison.reference, comparison.test))
         raise UsageError(

@@ -75,7 +75,8 @@ def _check_depth(frame: Frame) -> None:
         )
         return
     expected, found = "positive numbers, np.inf for the sky", f"{np.nanmin(depth):g} to {np.nanmax(depth):g}"
-    cure = "it is positive before the camera: depth=-depth"
+    how = "depth=-depth" if frame.path is None else "cltaa check names the option that mends it"
+    cure = f"it is positive before the camera: {how}"
     raise _error(frame, "depth is no distance anywhere", expected, found, cure)
 
 
@@ -103,7 +104,7 @@ def _check_types(frame: Frame) -> None:
 
 def _wrong(frame: Frame, name: str, expected: str) -> DataError:
     found = getattr(frame, name)
-    shown = type(found).__name__ if found is None or isinstance(found, np.ndarray) else repr(found)
+    shown = repr(found) if isinstance(found, str | int | float | complex) else type(found).__name__
     return _error(frame, f"{name} is wrong", expected, shown)
 
 
@@ -275,7 +276,7 @@ def check_numbers(
             expected=f"two numbers of less than {LARGEST_JITTER:g} pixels",
             found=jitter_px,
         )
-    if not 2.0**-EXPOSURE_STOPS <= exposure <= 2.0**EXPOSURE_STOPS:
+    if not 2.0**-EXPOSURE_STOPS <= float(exposure) <= 2.0**EXPOSURE_STOPS:  # which a half cannot hold
         raise DataError(
             f"{_named('attribute cltaa:exposure', path)} is no exposure",
             path=path,

@@ -154,7 +154,7 @@ def places(array: Any) -> dict[str, int]:
     """How an array [H, W] or [H, W, C] of floats or halves lies in memory, as kernels are told of it."""
     item, strides = array.dtype.itemsize, array.strides
     return {
-        "first": getattr(array, "offset", 0) // item,
+        "first": array.offset // item if on_device(array) else 0,  # that of a memmap is in its file
         "row_step": strides[0] // item,
         "column_step": strides[1] // item,
         "plane_step": strides[2] // item if len(strides) > 2 else 0,

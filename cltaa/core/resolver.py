@@ -425,7 +425,7 @@ class Resolver:
 
         if self.last is None:
             raise ValueError("nothing was resolved yet")
-        return decided(self.launcher, self.last, parse_views(",".join(views), "debug"))
+        return decided(self.launcher, self.last, parse_views(",".join(map(str, views)), "debug"))
 
     @one_thread
     def release(self) -> None:

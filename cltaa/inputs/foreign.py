@@ -12,6 +12,7 @@ from typing import Any, Self
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from cltaa.core.frame_checks import check_camera
 from cltaa.core.planes import haloed
@@ -23,7 +24,7 @@ from cltaa.inputs.profile import Encoding, Profile, load_profile, override
 from cltaa.inputs.roles import channel_missing, describe, whole_numbers
 from cltaa.io.content import open_regular
 from cltaa.io.exr_frame import COLOUR, GROUPS, MATRICES, Pixels
-from cltaa.io.exr_layout import Layout, of_region
+from cltaa.io.exr_layout import Layout, of_region, placed
 from cltaa.io.exr_read import FrameFile, ImageHeader, read_any_header, read_planes
 from cltaa.io.manifest import file_sha256, recorded_hashes
 from cltaa.io.names import Named, Selection, name_of, number_of, selection_of
@@ -207,7 +208,7 @@ class ForeignSequence(FrameSequence):
         if "depth" in planes:
             depth = planar_depth(planes["depth"][..., 0], profile.depth, outline.camera, outline.jitter_px)
             if not self._strict:  # for who looks for it; the resolve takes it for sky
-                depth[np.isnan(planes["depth"][..., 0])] = np.nan
+                depth[np.isnan(planes["depth"][..., 0]) & self._shown("depth", number)] = np.nan
         motion = None
         if "motion" in planes:
             motion = motion_px(
@@ -310,6 +311,14 @@ class ForeignSequence(FrameSequence):
                     raise channel_missing(place, role, len(its), path, header.layout.channels)
             stacked[role] = np.moveaxis(haloed([files[place.files][place.channel] for place in its]), 0, -1)
         return stacked, files[main]
+
+    def _shown(self, role: str, number: int) -> NDArray[np.bool_]:
+        """Where in the picture [H, W] the data window of a role's channel lies; outside of it there is nothing."""
+        place = self._roles[role][0]
+        layout = read_any_header(self.intake.sets[place.files][number], chunks=False).layout
+        left, top, right, bottom = window = layout.windows.get(place.channel, layout.data_window)
+        there = np.ones((bottom - top + 1, right - left + 1), np.bool_)
+        return placed(there, window, self.layouts[number].data_window)
 
     def _read(self, label: str, number: int, names: Collection[str]) -> dict[str, Pixels]:
         """Channels of a file of that set, of which that of the colour says what the picture is."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Sequence as Many
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields
 from operator import attrgetter
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cltaa.core.frame_checks import check_numbers
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.frame import Camera, Matrix
 from cltaa.inputs.convert import Offset, jitter_px, mended_camera, standard_camera
@@ -27,6 +28,7 @@ from cltaa.inputs.roles import (
     assign,
     assign_view,
     describe,
+    equal_matches,
     file_sets,
     guessed_profile,
     may_be_colour,
@@ -38,6 +40,7 @@ from cltaa.inputs.roles import (
     with_usual_names,
 )
 from cltaa.inputs.side_file import Side, read_side_file
+from cltaa.io.exr_frame import read_cut, read_number, wrong_attribute
 from cltaa.io.exr_layout import Layout, of_region
 from cltaa.io.exr_read import ImageHeader, read_any_header
 from cltaa.io.names import Named, Selection, renumbered, selection_of
@@ -107,7 +110,7 @@ def declared_frames(
             jitters[number] = _jitter(profile, given, side.get(number), layouts[number].path, number)
         if profile.camera.source != "none":
             with _converted(layouts[number].path, number):
-                matrices[number] = _matrices(profile.camera, given, side.get(number))
+                matrices[number] = _matrices(profile.camera, given, side.get(number), layouts[number].path)
     frames = {}
     for number in attributes:
         # At the ends of the sequence there may be no frame of that delay: the frame's own number is the best guess.
@@ -120,7 +123,8 @@ def declared_frames(
             with _converted(layout.path, number):
                 whole = mended_camera(*pair, profile.camera, jitter or (0.0, 0.0), *layout.display_size)
             camera = of_region(whole, layout)
-        frames[number] = Declared(camera, jitter, *_exposure_and_cut(attributes[number], side.get(number)))
+        exposure_and_cut = _exposure_and_cut(attributes[number], side.get(number), layouts[number].path, number)
+        frames[number] = Declared(camera, jitter, *exposure_and_cut)
     return frames
 
 
@@ -135,12 +139,12 @@ def _converted(path: Path, number: int) -> Iterator[None]:
         raise DataError("a matrix of the camera has no inverse", path=path, frame=number, cure=cure) from None
 
 
-def _exposure_and_cut(attributes: Attributes, side: Side | None) -> tuple[float | None, bool]:
+def _exposure_and_cut(attributes: Attributes, side: Side | None, path: Path, number: int) -> tuple[float | None, bool]:
     exposure, cut = (None, None) if side is None else (side.exposure, side.cut)
-    if exposure is None:
-        value = attributes.get("cltaa:exposure")
-        exposure = float(value) if isinstance(value, int | float) else None
-    return exposure, attributes.get("cltaa:cut") == 1 if cut is None else cut
+    if exposure is None and "cltaa:exposure" in attributes:
+        exposure = read_number(attributes, "cltaa:exposure", path, default=1.0)
+        check_numbers((0.0, 0.0), exposure, path=path, frame=number)
+    return exposure, read_cut(attributes, path) if cut is None else cut
 
 
 def _jitter(profile: Profile, attributes: Attributes, side: Side | None, path: Path, number: int) -> Offset | None:
@@ -149,33 +153,35 @@ def _jitter(profile: Profile, attributes: Attributes, side: Side | None, path: P
     value = attributes.get(profile.jitter.attribute)
     if value is None:
         return None
-    try:
+    with suppress(ValueError, TypeError):
         x, y = np.asarray(value, np.float64).ravel()[:2].tolist()
-    except (ValueError, TypeError):
-        raise DataError(
-            f"attribute {profile.jitter.attribute} is no jitter",
-            path=path,
-            frame=number,
-            expected="two numbers",
-            cure="write both, or do without by --input jitter.source=none",
-        ) from None
-    return x, y
+        if np.isfinite((x, y)).all():
+            return x, y
+    raise DataError(
+        f"attribute {profile.jitter.attribute} is no jitter",
+        path=path,
+        frame=number,
+        expected="two numbers",
+        cure="write both, or do without by --input jitter.source=none",
+    )
 
 
-def _matrices(rule: Cameras, attributes: Attributes, side: Side | None) -> tuple[Matrix, Matrix] | None:
+def _matrices(rule: Cameras, attributes: Attributes, side: Side | None, path: Path) -> tuple[Matrix, Matrix] | None:
     if side is not None and side.world_to_view is not None and side.view_to_clip is not None:
         return side.world_to_view, side.view_to_clip
-    view, projection = _matrix(attributes.get(rule.view)), _matrix(attributes.get(rule.projection))
+    view, projection = (_matrix(attributes, name, path) for name in (rule.view, rule.projection))
     if view is None or projection is None:
         return None
     return standard_camera(view, projection, rule.near) if rule.standard else (view, projection)
 
 
-def _matrix(value: object) -> Matrix | None:
-    """A matrix attribute as NumPy's for column vectors (Imath: row vectors), or None."""
-    if not isinstance(value, np.ndarray) or value.shape != (4, 4):
-        return None
-    return np.ascontiguousarray(value.T, np.float64)
+def _matrix(attributes: Attributes, name: str, path: Path) -> Matrix | None:
+    """A matrix attribute as NumPy's for column vectors (Imath: row vectors), or None where there is none."""
+    value = attributes.get(name)
+    if value is not None and (not isinstance(value, np.ndarray) or value.shape != (4, 4)):
+        cure = "write it so, or do without by --input camera.source=none"
+        raise wrong_attribute(name, path, "M44d or M44f", value, cure)
+    return None if value is None else np.ascontiguousarray(value.T, np.float64)
 
 
 class ReadAgain(dict[int, dict[str, object]]):
@@ -433,7 +439,7 @@ def intake_lines(intake: Intake) -> Iterator[str]:
 
 # What tools call vectors and depth, in the name of a channel or of its file.
 MOTION_NAME = re.compile(r"mot(ion|vec)|veloc|vector|flow|(^|[._])mvs?($|[._])", re.IGNORECASE)
-DEPTH_NAME = re.compile(r"depth|(^|[._])dist(ance)?($|[._])|(linear|view|eye|scene)_?z($|[._])", re.IGNORECASE)
+DEPTH_NAME = re.compile(r"depth|(^|[._])(dist(ance)?|pz)($|[._])|(linear|view|eye|scene)_?z($|[._])", re.IGNORECASE)
 # What is drawn beside a picture, and is none.
 NO_LIGHT = re.compile(
     r"albedo|base_?colou?r|diff(use)?_?col|matte|mask|crypto|normal|position|(^|[._])(uv|id|n|p)[._]", re.I
@@ -480,7 +486,7 @@ def _left_out(intake: Intake, place: Selection) -> list[str]:
         other = next(view for view in views.names if view != taken)
         option = option_text({"colour": {"view": other}})
         notes.append(f"several views: {taken} of {', '.join(views.names)} is taken; to take {other}: {option}")
-    if others := _like_the_colour(intake, views):
+    if others := _like_the_colour(intake, views) or _as_nameless(intake):
         names = [f"{others[0]}.{place.channel.rpartition('.')[2]}" for place in intake.roles["colour"]]
         option = channels_option("colour.channels", names)
         notes.append(f"another layer: {', '.join(others)} not resolved; to take {others[0]}: {option}")
@@ -514,6 +520,20 @@ def _like_the_colour(intake: Intake, views: Views) -> list[str]:
         for name in intake.unused
         if len(tail) > 1 and views.without(name).split(".")[-2:] == tail and views.of([name]) == view
     ]
+
+
+def _as_nameless(intake: Intake) -> list[str]:
+    """Other layers that could be the picture, where the colour is just the first that has its three channels."""
+    named = [names for names in intake.profile.colour.channels if not all(name.startswith("*.") for name in names)]
+    first = {label: tuple(layout.channels) for label, layout in intake.first.items()}
+    if intake.views.names or equal_matches(named, first):  # of several views another line tells
+        return []
+    layers: dict[str, set[str]] = {}
+    for name in intake.unused:
+        layer, _, last = name.rpartition(".")
+        layers.setdefault(layer, set()).add(last)
+    three = {place.channel.rpartition(".")[2] for place in intake.roles["colour"]}
+    return [layer for layer, its in layers.items() if layer and three <= its and not NO_LIGHT.search(f"{layer}.")]
 
 
 def _may_be(role: str, pattern: re.Pattern[str], names: Sequence[str]) -> str:

@@ -81,10 +81,11 @@ def _is_input(folder: Path) -> bool:
 def assign(profile: Profile, channels: Mapping[str, Iterable[str]]) -> dict[str, tuple[Place, ...]]:
     """Find the channels of each role among those of each set of files; roles that nothing plays are left out.
 
-    So is the colour where several sets of files could be it: which of two pictures is meant nobody can tell.
+    So is the colour where several sets of files could be it, and no other of its names tells one: which of two pictures
+    is meant nobody can tell.
     """
-    colours = equal_matches(profile.colour.channels, channels)
-    colour = colours[0] if len(colours) == 1 else ()
+    colours = (equal_matches([names], channels) for names in profile.colour.channels)
+    colour = next((found[0] for found in colours if len(found) == 1), ())
     own = {label: names for label, names in channels.items() if colour and label == colour[0].files}
     alpha = [(name,) for name in profile.colour.alpha]
     named = [names for names in alpha if "." in names[0]]  # in a layer, or in a set of files

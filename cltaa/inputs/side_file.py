@@ -67,7 +67,8 @@ def _json(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
         frames = json.loads(text)["frames"]
         yield from ((int(number), dict(values)) for number, values in frames.items())
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise DataError(f"not a side file: {error}", path=path, expected='{"frames": {"1": {...}}}') from None
+        said = f": {error}" if isinstance(error, json.JSONDecodeError) else ""
+        raise DataError(f"not a side file{said}", path=path, expected='{"frames": {"1": {...}}}') from None
 
 
 def _csv(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
@@ -75,12 +76,12 @@ def _csv(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
 
     Columns of other names are passed on without what is in them.
 
-    With semicolons between them, as spreadsheets of many countries write, decimals may have commas.
+    With semicolons between them, as spreadsheets of many countries write, decimals may have commas; or with tabs.
     """
-    delimiter = ";" if ";" in text.partition("\n")[0] else ","
+    delimiter = next((mark for mark in ";\t" if mark in text.partition("\n")[0]), ",")
     if delimiter == ";":
         text = text.replace(",", ".")
-    for line, row in enumerate(csv.DictReader(text.splitlines(), delimiter=delimiter), start=2):
+    for line, row in enumerate(csv.DictReader(text.splitlines(), delimiter=delimiter, skipinitialspace=True), start=2):
         try:
             names = {re.sub(r"\.[0-9]+$", "", column) for column in row if column} - {"frame"}
             values = {name: _columns(row, name) if name in KEYS else () for name in sorted(names)}

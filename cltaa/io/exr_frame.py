@@ -46,12 +46,12 @@ def frame_planes(frame: Frame, path: Path) -> dict[str, Pixels]:
     for name, plane in planes.items():
         if plane is None:
             continue
-        if plane.shape != (height, width) or plane.dtype != np.float32:
-            expected, found = f"float32 [{height}, {width}]", f"{plane.dtype} {list(plane.shape)}"
+        if plane.shape != (height, width) or plane.dtype.kind != "f":
+            expected, found = f"floats [{height}, {width}]", f"{plane.dtype} {list(plane.shape)}"
             raise DataError(
                 "array is wrong", path=path, frame=frame.index, channel=name, expected=expected, found=found
             )
-        channels[name] = plane
+        channels[name] = plane.astype(np.float32, copy=False)  # as a resolve takes it
     if frame.object_id is not None:
         channels["id"] = _whole_numbers(frame, path)
     return channels
@@ -158,13 +158,10 @@ class FrameHeader:
         """Keep ``attributes`` as ``ImageHeader`` has them."""
         self._path, self._attributes = path, attributes
         self.index = self._integer("cltaa:frame", default=number_of(path) or 0)
-        cut = self._integer("cltaa:cut", default=0)
-        if cut not in (0, 1):
-            raise self._wrong("cltaa:cut", "0 or 1", cut)
-        self.cut = bool(cut)
+        self.cut = read_cut(attributes, path)
         jitter = self._numbers("cltaa:jitterPx", (2,))
         self.jitter_px = (float(jitter[0]), float(jitter[1]))
-        self.exposure = self._number("cltaa:exposure", "a number", 1.0)
+        self.exposure = read_number(attributes, "cltaa:exposure", path, default=1.0)
         check_numbers(self.jitter_px, self.exposure, path=path, frame=self.index)
         whole = Camera(
             world_to_view=np.ascontiguousarray(self._numbers("cltaa:worldToView", (4, 4)).T),
@@ -176,22 +173,10 @@ class FrameHeader:
         self.effects = self._effects()
 
     def _integer(self, name: str, *, default: int) -> int:
-        number = self._number(name, "a whole number", default)
+        number = read_number(self._attributes, name, self._path, default=default, expected="a whole number")
         if not number.is_integer():
             raise self._wrong(name, "a whole number", number)
         return int(number)
-
-    def _number(self, name: str, expected: str, default: float) -> float:
-        """A number of whatever type a writer gave it: int, float, double, or a rational as Python has it."""
-        value = self._attributes.get(name, default)
-        if isinstance(value, np.ndarray) and value.size == 1 and value.dtype.kind in "iuf":
-            return float(value.reshape(()))
-        if isinstance(value, bool | str) or not isinstance(value, Real | np.generic):
-            n, d = getattr(value, "n", None), getattr(value, "d", None)  # a rational, as OpenEXR has it
-            if not isinstance(n, int) or not isinstance(d, int) or d == 0:
-                raise self._wrong(name, expected, value)
-            return n / d
-        return float(value)
 
     def _numbers(self, name: str, shape: tuple[int, ...]) -> Matrix:
         """A vector or matrix of whatever precision a writer gave it."""
@@ -220,8 +205,39 @@ class FrameHeader:
             raise self._wrong("cltaa:effects", f"names out of {', '.join(Effect)}", text) from error
 
     def _wrong(self, name: str, expected: str, value: object) -> DataError:
-        if isinstance(value, np.ndarray):
-            found = f"{value.dtype}{list(value.shape)}"
-        else:  # an attribute of a type that OpenEXR does not know can fail even to print itself
-            found = repr(value) if isinstance(value, (str, int, float)) else type(value).__name__
-        return DataError(f"attribute {name} is wrong", path=self._path, expected=expected, found=found)
+        return wrong_attribute(name, self._path, expected, value)
+
+
+def read_number(
+    attributes: Mapping[str, object], name: str, path: Path, *, default: float, expected: str = "a number"
+) -> float:
+    """A number of whatever type a writer gave it: int, float, double, or a rational as Python has it.
+
+    Raises DataError for what stands for none.
+    """
+    value = attributes.get(name, default)
+    if isinstance(value, np.ndarray) and value.size == 1 and value.dtype.kind in "iuf":
+        return float(value.reshape(()))
+    if isinstance(value, bool | str) or not isinstance(value, Real | np.generic):
+        n, d = getattr(value, "n", None), getattr(value, "d", None)  # a rational, as OpenEXR has it
+        if not isinstance(n, int) or not isinstance(d, int) or d == 0:
+            raise wrong_attribute(name, path, expected, value)
+        return n / d
+    return float(value)
+
+
+def read_cut(attributes: Mapping[str, object], path: Path) -> bool:
+    """Whether a frame begins a shot; raises DataError for what says neither."""
+    cut = read_number(attributes, "cltaa:cut", path, default=0, expected="0 or 1")
+    if cut not in (0, 1):
+        raise wrong_attribute("cltaa:cut", path, "0 or 1", attributes["cltaa:cut"])
+    return bool(cut)
+
+
+def wrong_attribute(name: str, path: Path, expected: str, value: object, cure: str | None = None) -> DataError:
+    """The error for an attribute that stands for something else."""
+    if isinstance(value, np.ndarray):
+        found = f"{value.dtype}{list(value.shape)}"
+    else:  # an attribute of a type that OpenEXR does not know can fail even to print itself
+        found = repr(value) if isinstance(value, (str, int, float)) else type(value).__name__
+    return DataError(f"attribute {name} is wrong", path=path, expected=expected, found=found, cure=cure)

@@ -37,7 +37,7 @@ LOSSLESS = frozenset({"none", "rle", "zips", "zip", "piz", "htj2k256", "htj2k32"
 Window = tuple[int, int, int, int]  # x and y of the first pixel, x and y of the last
 Part = tuple[slice, slice]  # rows and columns
 # The way in for files that cltaa did not write.
-OTHER_TOOLS = "another tool's files: cltaa resolve --profile auto, in Python cltaa.inputs.open.open_input"
+OTHER_TOOLS = "another tool's files: cltaa resolve --profile auto, in Python cltaa.open"
 Windows = tuple[Window, Window]  # of the data, and of the display
 
 

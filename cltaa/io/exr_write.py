@@ -171,6 +171,9 @@ def write_frame(path: str | Path, frame: Frame, *, compression: str = "zip") -> 
     Raises UsageError for a name of another format, DataError for a frame whose arrays, matrices or numbers are wrong,
     OutputError and StorageError for disks.
     """
+    if not isinstance(path, str | Path) or not isinstance(frame, Frame):
+        found = f"{type(path).__name__}, {type(frame).__name__}"
+        raise UsageError("no frame to write", expected="a path and a cltaa.Frame", found=found)
     path = Path(path)
     if path.suffix.lower() != ".exr":
         expected, found = "a name that ends in .exr", path.suffix or "no suffix"

@@ -89,7 +89,14 @@ class Selection:
             number = self.numbers.get(path, number)
             numbers = found.setdefault(match["name"], {})
             if number in numbers:
-                raise DataError("two files have one frame number", path=path, frame=number, found=numbers[number].name)
+                cure = "move one of the two elsewhere, or name the others by a pattern"
+                raise DataError(
+                    "two files have one frame number",
+                    path=path,
+                    frame=number,
+                    found=numbers[number].name,
+                    cure=cure,
+                )
             numbers[number] = path
         return found
 
@@ -108,10 +115,11 @@ def selection_of(named: Named) -> Selection:
         return named
     if isinstance(named, str | Path):
         return _place(Path(named))
-    if not isinstance(named, Iterable):
+    words = [*named] if isinstance(named, Iterable) else [named]
+    if not all(isinstance(one, str | Path) for one in words):
         expected = "a folder, a file, a pattern or a list of files"
         raise UsageError("no sequence is named", expected=expected, found=repr(named))
-    places = [_place(Path(one)) for one in named]
+    places = [_place(Path(one)) for one in words]
     if not places:
         raise UsageError("no file is named")
     if len(places) == 1:
@@ -127,6 +135,8 @@ def selection_of(named: Named) -> Selection:
 
 def _place(path: Path) -> Selection:
     words = (str(path),)
+    if "\0" in words[0]:
+        raise UsageError("no file has a NUL in its name", path=path)
     if path.is_dir():
         return Selection(path, None, words)
     if path.exists() or path.is_symlink():
@@ -135,8 +145,7 @@ def _place(path: Path) -> Selection:
         if path.suffix in SUFFIXES:
             raise InputMissing("the file is missing", path=path, cure="check the name")
         return Selection(path, None, words)
-    folder, root = path.parent, Path(path.anchor)
-    folders = sorted(root.glob(str(folder.relative_to(root)))) if has_magic(str(folder)) else [folder]
+    folders = _folders(path.parent)
     pattern, asked = _pattern(path), _asked_for(path.name)
     found: dict[Path, int | None] = {}
     for folder in folders:
@@ -153,6 +162,18 @@ def _place(path: Path) -> Selection:
     kept = [file for file in found if file.suffix == ".exr"] or [*found]
     numbers = {file: number for file in kept if (number := found[file]) is not None}
     return Selection(_above(kept), tuple(kept), words, numbers)
+
+
+def _folders(named: Path) -> list[Path]:
+    """The folders that ``named`` stands for; one that is there under that very name is no pattern."""
+    if not has_magic(str(named)) or named.is_dir():
+        return [named]
+    return [found for above in _folders(named.parent) for found in sorted(_within(above, named.name)) if found.is_dir()]
+
+
+def _within(folder: Path, name: str) -> Iterable[Path]:
+    name = name if name == "**" else re.sub(r"\*+", "*", name)  # which pathlib takes for folders of any depth
+    return folder.glob(name) if has_magic(name) and not (folder / name).is_dir() else [folder / name]
 
 
 def _above(files: Iterable[Path]) -> Path:

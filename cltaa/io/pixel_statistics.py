@@ -104,7 +104,7 @@ def pixel_problems(statistics: dict[str, ChannelStatistics]) -> list[str]:
     if depth is not None and depth.lowest <= 0:
         problems.append(f"channel Z: depth {depth.lowest:g} is not in front of the camera")
     alpha = statistics.get("A")
-    if alpha is not None and not 0 <= alpha.lowest <= alpha.highest <= 1:
+    if alpha is not None and (alpha.lowest < 0 or alpha.highest > 1) and alpha.lowest <= alpha.highest:
         problems.append(f"channel A: alpha from {alpha.lowest:g} to {alpha.highest:g} leaves 0 to 1")
     return problems
 

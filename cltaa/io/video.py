@@ -13,12 +13,13 @@ import numpy as np
 from cltaa.errors import DataError, StorageError, UsageError, import_extra
 from cltaa.frame import Image
 from cltaa.io.atomic import atomic_path, check_creatable
-from cltaa.io.display import Picture, side_by_side, to_picture, wipe
+from cltaa.io.display import GAP, Picture, side_by_side, to_picture, wipe
 from cltaa.io.numbered import NumberedFiles
 
 QUALITY = 16  # x264's constant rate factor: finer than its default of 23, whose blocks would hide what is compared
 SUFFIXES = (".mp4", ".m4v")  # players go by them
 USUAL_RATE = Fraction(24)  # frames a second, where nothing tells
+LARGEST_SIDE = 16384  # pixels; x264 takes no more
 RATES = (1, 240)  # frames a second that a player may be asked for
 BT709 = 1  # number of ITU-R BT.709 in the tables of H.264, for primaries, curve and matrix
 
@@ -88,8 +89,9 @@ def open_video(path: Path, rate: Fraction | int = USUAL_RATE) -> Iterator[Video]
             raise StorageError(f"encoding failed: {error}", path=path, cure="check the free space") from error
 
 
-def check_film(path: Path, sequence: NumberedFiles, output: Path) -> None:
-    """Tell before the work what would stop a film of ``sequence`` after it; raises UsageError and OutputError.
+def check_film(path: Path, sequence: NumberedFiles, output: Path, *, beside: bool = False) -> None:
+    """Tell before the work what would stop a film of ``sequence`` after it, or of twice its width with what stands
+    ``beside``; raises UsageError and OutputError.
 
     A film in a folder that is not there before ``output`` is made, with its parents, is not tried here.
     """
@@ -105,6 +107,12 @@ def check_film(path: Path, sequence: NumberedFiles, output: Path) -> None:
         )
     if len({(layout.width, layout.height) for layout in sequence.layouts.values()}) > 1:
         raise UsageError("a film of frames of several sizes", path=path, cure="leave --preview out")
+    first = sequence.layouts[sequence.first]
+    width = 2 * first.width + GAP if beside else first.width
+    if max(width, first.height) > LARGEST_SIDE:
+        expected, found = f"at most {LARGEST_SIDE} pixels a side", f"{width} x {first.height}"
+        cure = "take --compare wipe" if beside else "leave --preview out"
+        raise UsageError("the film would be too large", path=path, expected=expected, found=found, cure=cure)
 
 
 def rate_of(attributes: Mapping[str, object], record: Mapping[str, Any], step: int = 1) -> Fraction:

@@ -164,7 +164,7 @@ def resolve_folder(
     ``options`` are those of ``resolve_sequence`` that are not named here. Raises what that and opening raise.
     """
     denoised = options.get("denoise", "none") != "none"
-    if isinstance(preset, str):
+    if not isinstance(preset, Preset):
         preset = for_denoised(load_preset(preset)) if denoised else load_preset(preset)
     check_jobs(1 if jobs is None else jobs, preset, follow=follow, debug=bool(debug), dask=dask is not None)
     arrivals = arrivals_of(source, preset, idle, reading, options) if follow else None
@@ -173,10 +173,10 @@ def resolve_folder(
         if progress and sequence.notes:
             print("\n".join(map(printable, sequence.notes)), file=sys.stderr)
     else:
-        sequence = open_input(source, **reading) if isinstance(source, str | Path) else source
+        sequence = open_input(source, **reading) if isinstance(source, str | Path | None) else source
     check_declared(sequence, effects)
     refuse_place(Path(output), sequence)
-    carried = chosen_layers(layers, sequence)
+    carried = chosen_layers((layers,) if isinstance(layers, str) else layers, sequence)
     preset = with_fireflies(preset, sequence, fireflies)
     made: dict[str, Any] = {"strict": strict, "storage": storage}
     how: dict[str, Any] = {

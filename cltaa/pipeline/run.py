@@ -250,7 +250,7 @@ def resolve_sequence(
         options["last_frame"] = sequence.last  # the frames before it would have more ahead in a longer sequence
     settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
     if preview is not None:
-        check_film(preview, sequence, output)
+        check_film(preview, sequence, output, beside=compare == "side")
         rate = rate_of(sequence.attributes, sequence.sequence_json, sequence.step)
     keeping = pooled_memory(images=not isinstance(resolver, BandedResolver))
     resolvers = [resolver, *others]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cltaa.cli import main
@@ -14,6 +16,7 @@ from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect
 from cltaa.inputs.intake import OPAQUE
+from cltaa.io.exr_write import write_frame
 from cltaa.pipeline.run import ResolveReport, StageTimes
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import make_frame, write_sequence
@@ -156,3 +159,22 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
         "stopping": "signals",
         "progress": True,
     }
+
+
+def test_what_frames_are_warned_of_is_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And of depth the way to an option is told, since they are files."""
+    frame = make_frame(0, motion=True)
+    assert frame.motion is not None
+    frame.motion[3, 4] = np.inf
+    (tmp_path / "in").mkdir()
+    write_frame(tmp_path / "in" / "x.0000.exr", frame)
+    run = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy"]
+    assert main(run) == 0
+    warned = [line for line in capsys.readouterr().err.splitlines() if "infinite" in line]
+    assert [line.partition(" in places")[0] for line in warned] == ["cltaa: warning: motion is infinite"]
+    write_frame(tmp_path / "in" / "x.0000.exr", replace(frame, depth=-np.where(np.isinf(frame.depth), 9, frame.depth)))
+    assert main([*run, "--restart"]) == 65
+    assert "before the camera: cltaa check names the option" in capsys.readouterr().err
+    assert main(["check", str(tmp_path / "in")]) == 65
+    assert "--input depth.scale=-1" in capsys.readouterr().out
+    assert main([*run, "--restart", "--input", "depth.scale=-1"]) == 0

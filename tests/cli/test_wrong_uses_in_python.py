@@ -31,6 +31,11 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "preview by text": (lambda seq: cltaa.resolve(seq, "out", preview="x.gif"), "a film is an MP4"),
     "no comparison": (lambda seq: cltaa.resolve(seq, "out", compare="diagonal"), "no such comparison"),
     "a PNG": (lambda _: cltaa.write_frame("x.png", make_frame()), "x.png: frames are written as EXR"),
+    "a number for a path": (lambda _: cltaa.write_frame(3, make_frame()), "no frame to write .*found int, Frame"),
+    "a frame of None": (lambda _: cltaa.write_frame("x.0000.exr", None), "found str, NoneType"),
+    "resolve nothing": (lambda _: cltaa.resolve(None, "out"), "no sequence is named"),
+    "resolve by a preset of None": (lambda seq: cltaa.resolve(seq, "out", None), "a preset is named by text"),
+    "a layer by text": (lambda seq: cltaa.resolve(seq, "out", layers="foo"), "no such channel .*found foo"),
     "no film": (lambda seq: cltaa.resolve(seq, "out", compare="side"), "comparison side is of a film"),
 }
 

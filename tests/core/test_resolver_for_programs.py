@@ -332,6 +332,54 @@ def test_arrays_of_other_libraries_are_taken_where_they_are() -> None:
         replace(frame, colour=Lent(frame.colour, fails=True))  # type: ignore[arg-type]
 
 
+def in_a_file(array: NDArray[Any], path: Path) -> NDArray[Any]:
+    """A memory map, which begins behind the header of its file."""
+    np.save(path, array)
+    return np.asanyarray(np.load(path, mmap_mode="r+"))
+
+
+KINDS: dict[str, Callable[[Any, Path], Any]] = {
+    "memory map": in_a_file,
+    "subclass": lambda array, _: array.view(np.recarray),
+    "masked, with nothing masked": lambda array, _: np.ma.masked_array(array),
+    "doubles": lambda array, _: array.astype(np.float64),
+    "other byte order": lambda array, _: array.astype(">f4"),
+    "columns first": lambda array, _: np.asfortranarray(array),
+    "rows backwards": lambda array, _: array[::-1].copy()[::-1],
+    "read-only": lambda array, _: np.frombuffer(array.tobytes(), array.dtype).reshape(array.shape),
+}
+
+
+@pytest.mark.parametrize("device", ["numpy", None])
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_array_is_the_numbers_in_it(kind: str, device: str | None, tmp_path: Path) -> None:
+    plain, given = Resolver(device=device), Resolver(device=device)
+    for index in range(2):
+        frame, place = make_frame(index), tmp_path / f"{index}.npy"
+        change: dict[str, Any] = {"colour": KINDS[kind](frame.colour, place), "jitter_px": np.array(frame.jitter_px)}
+        image = given.resolve(replace(frame, **change))
+        assert np.array_equal(bits(image), bits(plain.resolve(frame)))
+    out = in_a_file(image, tmp_path / "out.npy")
+    given.resolve(make_frame(2), out=out)
+    assert np.array_equal(bits(out.copy()), bits(plain.resolve(make_frame(2))))
+
+
+def test_what_is_masked_is_missing() -> None:
+    frame, mask = make_frame(0), np.zeros((23, 37, 3), bool)
+    mask[3, 4] = True
+    masked, damaged = replace(frame, colour=np.ma.masked_array(frame.colour, mask)), frame.colour.copy()
+    damaged[3, 4] = np.nan
+    images = [Resolver(device="numpy").resolve(each) for each in (masked, replace(frame, colour=damaged))]
+    assert np.array_equal(bits(images[0]), bits(images[1]))
+
+
+def test_an_exposure_in_half_precision_is_a_number(recwarn: pytest.WarningsRecorder) -> None:
+    exposures: list[Any] = [2.0, np.float16(2)]
+    images = [Resolver(device="numpy").resolve(replace(make_frame(0), exposure=each)) for each in exposures]
+    assert np.array_equal(bits(images[0]), bits(images[1]))
+    assert not recwarn
+
+
 def test_the_last_frame_shows_what_was_decided() -> None:
     resolver = Resolver(device="numpy")
     with pytest.raises(ValueError, match="nothing was resolved"):

@@ -71,6 +71,26 @@ def test_a_jitter_that_is_none_is_told(jitter: object, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("cltaa:exposure", 0.0),
+        ("cltaa:exposure", "1"),
+        ("cltaa:cut", 2),
+        ("cltaa:jitterPx", np.array([np.nan, 0.0])),
+        ("cltaa:worldToView", np.eye(3)),
+    ],
+)
+@pytest.mark.parametrize("command", [["check"], ["inspect", "--plan"], ["resolve", "--device", "numpy", "-o", "out"]])
+def test_an_attribute_that_means_nothing_is_told_by_every_command(
+    command: list[str], name: str, value: object, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_own(tmp_path / "in", frames(), **{name: value})
+    assert main([command[0], str(tmp_path / "in"), *command[1:]]) == 65
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"own.0000.exr{'' if 'is wrong' in line else ' frame 0'}: attribute {name} is " in line
+
+
+@pytest.mark.parametrize(
     "assignments",
     [
         ("camera.standard=true", "camera.view=worldToCamera", "camera.projection=worldToNDC"),

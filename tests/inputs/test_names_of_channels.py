@@ -57,6 +57,30 @@ def told_options(text: str) -> list[str]:
     return shlex.split(line[line.index("--input ") :])
 
 
+@pytest.mark.parametrize(
+    ("colour", "alpha", "depth"),
+    [
+        ("rgba.{R}", "rgba.A", "depth.Z"),
+        ("C.{R}", "C.A", "Pz"),  # Karma
+        ("{R}", "A", "Pz.Z"),  # Mantis
+        ("Beauty.{R}", "Beauty.A", "Z.Z"),  # Redshift
+        ("RGB_color.{R}", "Alpha.Y", "ZDepth.Z"),  # V-Ray
+        ("FinalImage.{R}", "FinalImage.A", "WorldDepth.R"),  # Unreal
+        ("{r}", "a", "z"),  # as the error advises
+        ("{Red}", "Alpha", "Depth"),
+    ],
+)
+def test_names_of_tools_that_sign_no_header(colour: str, alpha: str, depth: str, tmp_path: Path) -> None:
+    word = colour[colour.index("{") + 1 : -1]
+    long = {"Red": ("Red", "Green", "Blue"), "r": ("r", "g", "b")}.get(word, "RGB")
+    names = [f"{colour.partition('{')[0]}{letter}" for letter in long]
+    values = dict(zip([*names, alpha, depth, "N.X"], np.arange(1, 7, dtype=np.float32) / 8, strict=True))
+    write_image(tmp_path / "x.0001.exr", {name: np.full((4, 6), value) for name, value in values.items()})
+    (frame,) = open_input(tmp_path, assignments=[] if long == "RGB" else [f"colour.channels={' '.join(names)}"])
+    assert frame.alpha is not None
+    assert [*frame.colour[0, 0], frame.alpha[0, 0], frame.depth[0, 0]] == [*values.values()][:5]
+
+
 @pytest.mark.parametrize("layer", LAYERS)
 def test_the_option_that_is_printed_takes_the_other_layer(
     layer: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from cltaa.errors import DataError, UsageError
+from cltaa.frame import Camera
 from cltaa.inputs.open import open_input
 from cltaa.inputs.side_file import read_side_file
 from cltaa.io.exr_read import read_header, read_image
 from cltaa.io.exr_write import write_image
+from cltaa.lab.check.report import check_folder
 from tests.inputs.foreign import frames, side_text, write_blender, write_own
 
 
@@ -93,6 +95,29 @@ def test_semicolons_stand_between_columns_where_commas_stand_in_decimals(row: st
     path = tmp_path / "camera.csv"
     path.write_text(f"frame;jitter_px.0;jitter_px.1\r\n{row}\r\n")
     assert read_side_file(path)[1].jitter_px == (0.25, -0.5)
+
+
+@pytest.mark.parametrize("between", ["\t", ", "])
+def test_columns_may_be_parted_by_tabs_or_have_spaces_before_them(between: str, tmp_path: Path) -> None:
+    path = tmp_path / "camera.csv"
+    rows = ("frame", "jitter_px.0", "jitter_px.1"), ("1", "0.25", "-0.5")
+    path.write_text("\n".join(between.join(row) for row in rows))
+    assert read_side_file(path)[1].jitter_px == (0.25, -0.5)
+
+
+@pytest.mark.parametrize("text", ["[]", "3", '{"frames": [1]}', '{"frames": {"1.5": {}}}', '{"frames": {"1": "x"}}'])
+def test_json_of_something_else_is_told_in_plain_words(text: str, tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(DataError, match=r"a\.json: not a side file \(expected"):
+        read_side_file(tmp_path / "a.json")
+
+
+def test_one_matrix_without_an_inverse_is_a_finding(tmp_path: Path) -> None:
+    made = frames()
+    made[1] = replace(made[1], camera=Camera(np.diag([1.0, 1.0, 1.0, 0.0]), made[1].camera.view_to_clip))
+    (tmp_path / "camera.txt").write_text(side_text(made))
+    report, _ = check_folder(write_blender(tmp_path / "shot", made), side_file=tmp_path / "camera.txt")
+    assert "camera-wrong" in [finding.name for finding in report.mistakes]
 
 
 @pytest.mark.parametrize(

@@ -158,3 +158,42 @@ def test_the_shortest_names_of_several_sets_are_meant() -> None:
         "right": ("right.R", "right.G", "right.B"),
     }
     assert equal_matches([("*R", "*G", "*B")], there) == [tuple(Place("plain", name) for name in "RGB")]
+
+
+def test_the_first_of_layers_without_a_picture_name_is_told_of_the_others(tmp_path: Path) -> None:
+    layers = ("diffuse", "specular", "crypto_object")
+    planes = {f"{layer}.{c}": np.full((4, 4), place, np.float32) for place, layer in enumerate(layers) for c in "RGB"}
+    write_image(tmp_path / "a.0001.exr", planes | {"N.X": np.ones((4, 4), np.float32)})
+    (line,) = [line for line in open_intake(tmp_path).notes if "layer" in line]
+    assert line.startswith("another layer: specular not resolved; to take specular: ")
+    pasted = shlex.split(line)[-1]
+    again = open_intake(tmp_path, assignments=[pasted])
+    assert [place.channel for place in again.roles["colour"]] == ["specular.R", "specular.G", "specular.B"]
+    assert not [line for line in again.notes if "layer" in line]
+
+
+@pytest.mark.parametrize(
+    ("sets", "roles"),
+    [
+        (  # Unity and other engines' dumps: every file has R G B
+            {"Color": "RGBA", "Depth": "R", "MotionVectors": "RGBA", "Normals": "RGB"},
+            {"colour": "Color", "alpha": "Color", "depth": "Depth"},
+        ),
+        (  # Unreal's Movie Render Queue, a file a pass
+            {"Seq.FinalImage": "RGBA", "Seq.WorldDepth": "RGB", "Seq.MotionVectors": "RGB"},
+            {
+                "colour": "Seq.FinalImage",
+                "alpha": "Seq.FinalImage",
+                "depth": "Seq.WorldDepth",
+                "motion": "Seq.MotionVectors",
+            },
+        ),
+    ],
+)
+def test_files_of_passes_are_told_apart_by_their_names(
+    sets: dict[str, str], roles: dict[str, str], tmp_path: Path
+) -> None:
+    for name, channels in sets.items():
+        write_image(tmp_path / f"{name}.0001.exr", dict.fromkeys(channels, np.ones((4, 4), np.float32)))
+    found = open_intake(tmp_path).roles
+    assert {role: places[0].files for role, places in found.items()} == roles

@@ -201,6 +201,10 @@ def test_files_of_several_folders_are_sets_of_one_sequence(tmp_path: Path) -> No
 def test_what_stands_under_a_name_goes_before_a_pattern(tmp_path: Path) -> None:
     assert open_images(write_numbers(tmp_path / "take [1]", "x#1.{:04d}.exr", range(2))).numbers == (0, 1)
     assert names_of(tmp_path / "take [1]" / "x#1.0001.exr") == ["x#1.0001.exr"]
+    assert len(names_of(tmp_path / "take [1]" / "x?1.*.exr")) == 2  # its folder is none of the pattern
+    assert len(names_of(tmp_path / "t*k**[[]1]" / "*.exr")) == 2
+    write_numbers(tmp_path / "take [1]" / "beauty [x]", "y.{:04d}.exr", range(2))
+    assert open_images(tmp_path / "take [1]" / "b*" / "y.####.exr").numbers == (0, 1)
 
 
 def test_the_sign_and_the_width_of_a_pattern_count(tmp_path: Path) -> None:
@@ -221,6 +225,8 @@ def test_the_sign_and_the_width_of_a_pattern_count(tmp_path: Path) -> None:
         ("x.####.left.exr", UsageError, "the last thing in its name"),
         ("x.[z-a].exr", UsageError, "no such pattern"),
         ([], UsageError, "no file is named"),
+        (b"in", UsageError, "no sequence is named"),
+        ("in\0", UsageError, "NUL in its name"),
         (["in", "in"], UsageError, "a list of files names something else"),
         (["in/x.0001.exr", "nowhere"], UsageError, "the file is missing"),
     ],

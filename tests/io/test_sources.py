@@ -154,7 +154,7 @@ def test_two_sequences_and_two_files_of_one_number(tmp_path: Path) -> None:
     write_sequence(tmp_path, 2, name="other")
     refused = refusal(tmp_path, DataError)
     assert "several sequences in one folder (found other, synthetic); name the files of one, such as" in refused
-    assert "cltaa.inputs.open.open_input" in refused
+    assert "in Python cltaa.open" in refused
 
 
 def test_folder_and_truncated_file_in_place_of_a_frame(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from cltaa.cli import main
 from cltaa.errors import DataError, OutputError, UsageError
 from cltaa.frame import Image
 from cltaa.io.display import GAP, to_picture
-from cltaa.io.exr_write import write_frame
+from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.video import open_video, rate_of, write_side_by_side, write_video, write_wipe
 from tests.sequence_factory import make_frame, write_sequence
 
@@ -153,3 +153,14 @@ def test_the_film_of_a_resolve_is_as_fast_as_its_capture(tmp_path: Path) -> None
         write_frame(folder / f"synthetic.{7 * number:04d}.exr", make_frame(7 * number))
     assert main([*command, "--step", "7", "--restart"]) == 0
     assert frames_of(film)[1][2] == Fraction(30, 7)
+
+
+def test_a_film_that_is_too_large_is_told_before_the_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_image(tmp_path / "x.0001.exr", dict.fromkeys("RGB", np.zeros((1, 8192), np.float32)))
+    command = ["resolve", str(tmp_path / "x.0001.exr"), "-o", str(tmp_path / "out"), "--device", "numpy"]
+    film = ["--preview", str(tmp_path / "film.mp4"), "--compare"]
+    assert main([*command, *film, "side"]) == 64
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("cltaa: error")]
+    assert line.endswith("(expected at most 16384 pixels a side, found 16386 x 1); take --compare wipe")
+    assert not (tmp_path / "out").exists()
+    assert main([*command, *film, "wipe"]) == 0

@@ -32,7 +32,16 @@ from cltaa.lab.check.hypotheses import (
     spoken,
     sureness,
 )
-from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Pair, Shot, Vector, fit_shift, residual_of
+from cltaa.lab.check.registration import (
+    COVERED,
+    LEAST_POINTS,
+    Pair,
+    Shot,
+    Vector,
+    fit_shift,
+    residual_of,
+    seen_before,
+)
 
 MOST_PAIRS, MOST_POINTS = 6, 3000  # looked at for each of a dozen meanings; more only cost time
 LARGEST_MISMATCH = 0.5  # residual of a meaning that is named
@@ -260,7 +269,7 @@ def check_disagreement(shot: Shot) -> list[Finding]:
     moved = float(np.mean([middle_length(pair.own) for pair in pairs]))
     if apart < max(DISAGREE * moved, APART_PX):
         return []
-    there = [pair.usable & np.isfinite(pair.own).all(0) for pair in pairs]
+    there = [seen_before(pair, pair.own, pair.usable & np.isfinite(pair.own).all(0)) for pair in pairs]
     motions = [(pair.own, pair.camera_motion()) for pair in pairs]
     declared, winner = (
         np.array([_mismatch_at(pair, at, by[which]) for pair, at, by in zip(pairs, there, motions, strict=True)])

@@ -59,8 +59,8 @@ def check_channels(frames: Sequence[Frame], *, has_camera: bool, has_depth: bool
         text = "; ".join(missing_lines(missing))
         yield _channel("colour-not-finite", wrong > 0.001, text, "colour")
     if np.isfinite(colour).any() and np.nanmin(colour) == np.nanmax(colour):
-        yield _channel("colour-constant", True, f"every value is {np.nanmin(colour):g}", "colour")
-    if len(frames) > 1 and all(np.array_equal(frame.colour, frames[0].colour) for frame in frames[1:]):
+        yield _channel("colour-constant", bool(np.nanmin(colour)), f"every value is {np.nanmin(colour):g}", "colour")
+    elif len(frames) > 1 and all(np.array_equal(frame.colour, frames[0].colour) for frame in frames[1:]):
         yield _channel("colour-repeated", _changes_declared(frames), f"all {len(frames)} frames are one", "colour")
     if has_depth:
         depth = np.stack([frame.depth for frame in frames])
@@ -71,7 +71,8 @@ def check_channels(frames: Sequence[Frame], *, has_camera: bool, has_depth: bool
             yield _channel("depth-negative-in-part", wrong > 0.001, f"{wrong:.2%} of depth is negative", "depth")
         finite = depth[np.isfinite(depth)]
         if len(finite) and np.ptp(finite) == 0.0 and len(finite) > 0.5 * depth.size:
-            yield _channel("depth-constant", True, f"every depth is {finite[0]:g}", "depth")
+            is_distance = finite[0] > 0.0 or frames[0].camera.orthographic
+            yield _channel("depth-constant", not is_distance, f"every depth is {finite[0]:g}", "depth")
     vectors = [frame.motion for frame in frames[1:] if frame.motion is not None]
     if vectors:
         every = np.concatenate([v.reshape(-1, 2) for v in vectors])
@@ -101,7 +102,8 @@ def _changes_declared(frames: Sequence[Frame]) -> bool:
 
 def _channel(name: str, wrong: bool, evidence: str, channel: str) -> Finding:
     what = f"{channel} carries no information" if name.endswith(("constant", "repeated")) else f"{channel} is damaged"
-    asked = not wrong and not name.endswith(("constant", "repeated"))  # a few may be meant, and deserve no tick
+    # A black leader, a wall before the camera or a few pixels may be meant, and deserve no tick.
+    asked = not wrong and name not in ("colour-repeated", "motion-constant")
     confidence = DOUBTFUL if asked else 0.99
     return Finding(name=name, mistake=wrong, confidence=confidence, what=what, evidence=evidence, question=asked)
 

@@ -8,6 +8,7 @@ shown.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,15 @@ from numpy.typing import NDArray
 from cltaa.frame import Frame
 from cltaa.inputs.convert import device_planes, planes_of, ray_length
 from cltaa.inputs.profile import Depth, DepthKind
-from cltaa.lab.check.camera import CLEARLY_BETTER, LARGEST_MISMATCH, camera_residual, moving_pairs, residuals, screened
+from cltaa.lab.check.camera import (
+    CLEARLY_BETTER,
+    LARGEST_MISMATCH,
+    camera_residual,
+    moving_pairs,
+    screened,
+)
 from cltaa.lab.check.hypotheses import Finding, mistake, sureness
-from cltaa.lab.check.registration import Shot, Vector
+from cltaa.lab.check.registration import Pair, Shot, Vector, seen_before
 
 Plane = NDArray[np.float64]
 
@@ -88,20 +95,39 @@ def check_depth_scale(shot: Shot) -> list[Finding]:
     pairs = moving_pairs(shot)
     if len(pairs) < 2 or not (shot.has_depth and shot.has_camera) or shot.frames[0].camera.orthographic:
         return []
-    declared = residuals(pairs)
     few = screened(pairs)
-    best = min(SCALES, key=lambda scale: residuals(few, scale=scale).mean())
-    winner = residuals(pairs, scale=best)
+    best = min(SCALES, key=lambda scale: _gain(_scaled(few, scale)))
+    declared, winner = found = _scaled(pairs, best)
     if winner.mean() > min(CLEARLY_BETTER * declared.mean(), LARGEST_MISMATCH) or (winner < declared).mean() < 0.7:
         return []
     for step in STEPS:
-        tried = [(best * by, residuals(pairs, scale=best * by)) for by in (1 / step, step)]
-        best, winner = min([(best, winner), *tried], key=lambda one: one[1].mean())
+        tried = [(best * by, _scaled(pairs, best * by)) for by in (1 / step, step)]
+        best, found = min([(best, found), *tried], key=lambda one: _gain(one[1]))
+    declared, winner = found
     decade = 10.0 ** round(np.log10(best))
     scale = decade if abs(best / decade - 1) < ROUND_NUMBER else float(f"{best:.2g}")
     evidence = f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, over {len(pairs)} pairs"
     what = f"depth and matrices have different units: depth times {scale:g} fits"
     return [mistake("depth-scaled", what, evidence, sureness(declared, winner), {"scale": scale})]
+
+
+def _scaled(pairs: Sequence[Pair], scale: float) -> tuple[Vector, Vector]:
+    """Residuals of ``pairs`` as declared and with depth ``scale`` times that, at points that both leave in the picture.
+
+    Else the columns that the faster of the two leads out of a small picture would outweigh what they differ by.
+    """
+    found = []
+    for pair in pairs:
+        own, scaled = pair.camera_motion(), pair.motion_under(lambda camera: camera, scale)
+        there = replace(pair, usable=seen_before(pair, scaled, seen_before(pair, own, pair.usable)))
+        found.append((camera_residual(there, own), camera_residual(there, scaled)))
+    declared, changed = np.array(found).T
+    return declared, changed
+
+
+def _gain(found: tuple[Vector, Vector]) -> float:
+    declared, changed = found
+    return float(changed.mean() - declared.mean())
 
 
 def tells_kind(frames: Sequence[Frame], rule: Depth = AS_DECLARED) -> bool:
@@ -193,11 +219,17 @@ def tell_device(shot: Shot, found: Finding, rule: Depth = AS_DECLARED) -> Findin
     planes = [_stored(pair.frame, pair.frame.depth.astype(np.float64), rule) for pair in pairs]
     raw = [plane[pair.y.astype(int), pair.x.astype(int)] for plane, pair in zip(planes, pairs, strict=True)]
     stored = raw if reverse else [1.0 - values for values in raw]
-    plain, changed = (
-        np.array(
-            [camera_residual(p, p.camera_motion(inverse_depth=q * by)) for p, q in zip(pairs, stored, strict=True)]
-        )
+    by_plain, by_changed = (
+        [pair.camera_motion(inverse_depth=values * by) for pair, values in zip(pairs, stored, strict=True)]
         for by in ((1.0, near) if reverse else (near, other))
+    )
+    pairs = [
+        replace(pair, usable=seen_before(pair, motion, pair.usable))
+        for pair, motion in zip(pairs, by_plain, strict=True)
+    ]
+    plain, changed = (
+        np.array([camera_residual(pair, motion) for pair, motion in zip(pairs, motions, strict=True)])
+        for motions in (by_plain, by_changed)
     )
     if changed.mean() >= plain.mean():
         return found

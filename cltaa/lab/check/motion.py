@@ -30,6 +30,7 @@ from cltaa.lab.check.hypotheses import (
 )
 from cltaa.lab.check.registration import (
     COVERED,
+    FARTHEST_PX,
     LEAST_POINTS,
     Fit,
     Pair,
@@ -39,6 +40,7 @@ from cltaa.lab.check.registration import (
     fit_shift,
     residual_of,
     sample,
+    seen_before,
 )
 
 ITERATIONS = 15
@@ -144,6 +146,7 @@ def check_motion(
     best = _plainest({name: float(_score(scenes, meant).mean()) for name, meant in maps.items()})
     if _effect(scenes, maps[best]) < LEAST_EFFECT_PX:
         best = ""
+    judges = [_staying(judge, maps[best]) for judge in judges]
     declared, winner = (_score(judges, maps[name]) for name in ("", best))
     wins = winner.mean() < LARGEST_RESIDUAL and (winner < declared).mean() > 0.7
     ratio = float(winner.mean() / declared.mean()) if wins else 1.0
@@ -211,7 +214,7 @@ def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> tuple[l
     """What the vectors of each pair are fitted by, and what they are judged by; the same where there is little."""
     fitted, judging = list[Observed](), list[Observed]()
     for pair, fit in zip(shot.pairs, shifts, strict=True):
-        there = pair.moving & pair.usable
+        there = seen_before(pair, pair.own, pair.moving & pair.usable)
         if there.sum() < LEAST_POINTS or (anchored and fit is None):
             continue
         shift = fit.shift if anchored and fit is not None else None
@@ -223,6 +226,17 @@ def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> tuple[l
             own, x, y, now = pair.own[:, chosen], pair.x[chosen], pair.y[chosen], pair.now[chosen]
             into.append(Observed(own, x, y, now, pair.before, pair.scale, shift, pair.jitter_change))
     return fitted, judging
+
+
+def _staying(scene: Observed, meant: Affine) -> Observed:
+    """``scene`` at points that the vectors that are meant leave in the picture too, unless these are few of them."""
+    size = np.array(scene.before.signal.shape[::-1])[:, None]
+    place = np.stack([scene.x, scene.y]) + meant(scene.own)
+    there = ((place >= FARTHEST_PX) & (place < size - 1 - FARTHEST_PX)).all(0)
+    if there.mean() < COVERED:
+        return scene
+    x, y, now = scene.x[there], scene.y[there], scene.now[there]
+    return scene._replace(own=scene.own[:, there], x=x, y=y, now=now)
 
 
 def _score(scenes: Sequence[Observed], meant: Affine, leak: float = 0.0) -> Vector:

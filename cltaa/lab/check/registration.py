@@ -312,6 +312,22 @@ def measure_shifts(shot: Shot) -> tuple[list[Fit | None], bool]:
     return shot.shifts
 
 
+def _inside(pair: Pair, motion: Vector) -> Mask:
+    """Points that ``motion`` and no shift that is compared lead out of the picture, where a residual counts in full."""
+    last, place = (pair.frame.width - 1, pair.frame.height - 1), np.stack([pair.x, pair.y]) + motion
+    inside = (place >= FARTHEST_PX) & (place < np.array(last)[:, None] - FARTHEST_PX)
+    return np.asarray(inside.all(0))
+
+
+def seen_before(pair: Pair, motion: Vector, points: Mask) -> Mask:
+    """Those of ``points`` that stay in the picture under a ``motion`` as declared; all where it is few of them.
+
+    A column that it leads out of a small picture counts more than the rest: what moves less would be found nearer.
+    """
+    seen = points & _inside(pair, motion)
+    return seen if seen.sum() >= COVERED * points.sum() else points
+
+
 def _shift(pair: Pair, there: Mask, anchored: bool) -> Fit | None:
     motion = pair.camera_motion() if anchored else pair.declared_motion()
     there = there & np.isfinite(motion).all(0)
@@ -323,10 +339,7 @@ def _shift(pair: Pair, there: Mask, anchored: bool) -> Fit | None:
         return None
     back = there & pair.held_back
     halves = [fit_shift(now[part], pair.before, x[part], y[part], pair.scale) for part in (there & ~back, back)]
-
-    # No shift that is compared leads out of the picture, where a residual counts in full.
-    inside = (x >= FARTHEST_PX) & (x < pair.frame.width - 1 - FARTHEST_PX)
-    judging = back & inside & (y >= FARTHEST_PX) & (y < pair.frame.height - 1 - FARTHEST_PX)
+    judging = back & _inside(pair, motion)
 
     def judge(right: float, down: float) -> float:
         return residual_of(now[judging], pair.before, x[judging] + right, y[judging] + down, pair.scale)

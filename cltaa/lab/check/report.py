@@ -31,6 +31,7 @@ from cltaa.lab.check.camera import (
     check_travel,
     check_upside_down,
     check_zeroes,
+    sound,
 )
 from cltaa.lab.check.colour import check_channels, check_colour, check_exposure
 from cltaa.lab.check.depth import AS_DECLARED, check_depth, check_depth_scale, tell_device
@@ -240,6 +241,7 @@ def check_folder(
             break
         again = assignments_of(changes)
         intake = open_with_gaps(place, profile=name, assignments=again, **reading)
+    told["has_camera"] &= all(map(sound, frames_read))
     options = f"{profile_options(name, side_file, step)} {option_text(changes)}".strip()
     report = Report(
         folder=str(place),

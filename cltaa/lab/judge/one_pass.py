@@ -56,7 +56,7 @@ class Judged:
     metrics: list[dict[str, float]] = field(default_factory=list)  # of each frame, by name
     video: list[dict[str, float]] = field(default_factory=list)  # the same as moving pictures, where asked for
     total: Sums | None = None  # of all frames as moving pictures
-    alpha: list[dict[str, float]] = field(default_factory=list)  # of each frame, where the truth has alpha too
+    alpha: dict[int, dict[str, float]] = field(default_factory=dict)  # of the frames that have it on both sides
 
 
 @dataclass(slots=True)
@@ -133,12 +133,12 @@ def _judge_frame(
     for judged in found.tests:
         test = next(pictures)
         judged.metrics.append(against(test, metrics, heatmap))
-        judged.alpha += _alpha(truth, test, number, stops)
+        judged.alpha |= _alpha(truth, test, number, stops)
         if video is not None:  # else it is let go before the next one is looked at
             images.append(test.image)
     if sample is not None and found.one_sample is not None:
         found.one_sample.metrics.append(against(sample, metrics))
-        found.one_sample.alpha += _alpha(truth, sample, number, stops)
+        found.one_sample.alpha |= _alpha(truth, sample, number, stops)
         images.append(sample.image)
     if video is not None and sample is not None and sample.frame is not None:
         for judged, sums in zip(_judged(found), video.add(sample.frame, truth.image, images), strict=True):
@@ -157,13 +157,14 @@ def _measure(
 WHITE, GREY = 1.0, 0.18  # linear light of what a picture is laid over
 
 
-def _alpha(truth: _Picture, test: _Picture, number: int, stops: float) -> list[dict[str, float]]:
-    """The errors of alpha, and of premultiplied colour over white and grey: over black it is what is judged anyway.
+def _alpha(truth: _Picture, test: _Picture, number: int, stops: float) -> dict[int, dict[str, float]]:
+    """By the frame's number the errors of alpha, and of premultiplied colour over white and grey: over black it is what
+    is judged anyway.
 
     Nothing where one of the two has no alpha.
     """
     if truth.alpha is None or test.alpha is None:
-        return []
+        return {}
     where: dict[str, Any] = {"path": test.path, "truth_path": truth.path, "frame": number}
     masks = np.repeat(test.alpha[..., None], 3, -1), np.repeat(truth.alpha[..., None], 3, -1)
     values = {"mse": measure(masks[0], masks[1], [METRICS["mse-linear"]], **where)["mse-linear"]}
@@ -173,12 +174,13 @@ def _alpha(truth: _Picture, test: _Picture, number: int, stops: float) -> list[d
             picture.image + (1 - mask) * np.float32(ground) for picture, mask in zip((test, truth), masks, strict=True)
         )
         values[f"psnr-{name}"] = measure(one, other, [METRICS["psnr"]], stops, **where)["psnr"]
-    return [values]
+    return {number: values}
 
 
 def alpha_of(judged: Judged) -> dict[str, float]:
-    """The errors of alpha over all frames: means, and the worst."""
-    return mean(judged.alpha) | {"worst": max(frame["worst"] for frame in judged.alpha)}
+    """The errors of alpha over all frames that have it: means, and the worst."""
+    frames = [*judged.alpha.values()]
+    return mean(frames) | {"worst": max(frame["worst"] for frame in frames)}
 
 
 def _reads(
@@ -227,7 +229,8 @@ def summary_of(comparison: Comparison, judged: Judged, found: Found, metrics: tu
             equal = equal_quality(mse, one_sample_mse, found.yardsticks, truth_samples(comparison.reference))
             result["equal_quality_samples"] = equal._asdict()
     if judged.alpha:
-        _add(rows, "alpha", judged.alpha)
+        for row in rows:
+            row |= {"alpha": judged.alpha[row["frame"]]} if row["frame"] in judged.alpha else {}
         result["alpha"] = alpha_of(judged)
         if single is not None and single.alpha:
             result["alpha_one_sample"] = alpha_of(single)

@@ -36,13 +36,25 @@ def picture(frame: Frame, value: float) -> Frame:
         ("colour-constant", lambda f: picture(f, 0.5)),
         ("colour-not-finite", lambda f: picture(f, np.nan)),
         ("colour-repeated", lambda f: replace(f, colour=make_frame(0).colour)),
-        ("depth-constant", lambda f: replace(f, depth=np.full_like(f.depth, 3.0))),
+        ("depth-constant", lambda f: replace(f, depth=np.full_like(f.depth, 0.0))),
         ("depth-not-a-number", lambda f: replace(f, depth=np.full_like(f.depth, np.nan))),
         ("motion-constant", lambda f: replace(f, motion=np.full((f.height, f.width, 2), 0.5, np.float32))),
     ],
 )
 def test_channels_that_carry_nothing(name: str, spoil: Callable[[Frame], Frame]) -> None:
     assert name in names(check_channels([spoil(frame) for frame in frames()], has_camera=False, has_depth=True))
+
+
+@pytest.mark.parametrize(
+    ("name", "changed"),
+    [
+        ("colour-constant", lambda f: picture(f, 0.0)),  # a black leader
+        ("depth-constant", lambda f: replace(f, depth=np.full_like(f.depth, 3.0))),  # a wall before the camera
+    ],
+)
+def test_what_may_be_all_one_is_a_question(name: str, changed: Callable[[Frame], Frame]) -> None:
+    found = [*check_channels([changed(frame) for frame in frames()], has_camera=True, has_depth=True)]
+    assert [(finding.name, finding.mistake, finding.question) for finding in found] == [(name, False, True)]
 
 
 @pytest.mark.parametrize(("value", "found"), [(0.5, "motion-centred-on-half"), (0.25, "motion-constant")])

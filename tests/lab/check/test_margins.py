@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cltaa.frame import Frame
+from cltaa.frame import Camera, Frame
 from cltaa.lab.check.depth import check_depth
-from cltaa.lab.check.hypotheses import Finding
+from cltaa.lab.check.hypotheses import SURE, Finding
 from cltaa.lab.check.jitter import check_jitter
 from cltaa.lab.check.registration import Fit, Shot
 from cltaa.lab.check.report import check_frames
@@ -72,6 +72,14 @@ def test_jitter_too_small_to_measure_is_not_judged(size: float, found: list[str]
     assert judged(size * OFFSETS, 0.0 * OFFSETS) == found
 
 
+@pytest.mark.parametrize(("share", "sure"), [(0.1, True), (0.3, False)])
+def test_shifts_that_noise_shortens_are_not_taken_for_none(share: float, sure: bool) -> None:
+    frames = [replace(make_frame(place), jitter_px=(x, y)) for place, (x, y) in enumerate(OFFSETS.tolist())]
+    fits = [Fit(shift, np.eye(2), 0.1, 100, judge=np.hypot) for shift in share * np.diff(OFFSETS, axis=0)]
+    (found,) = check_jitter(Shot(frames, (frames[0].width, frames[0].height)), fits)
+    assert (found.name, found.confidence >= SURE) == ("jitter-absent", sure)
+
+
 @pytest.mark.parametrize(("size", "found"), [(0.05, []), (1.0, ["jitter-late"])])
 def test_nor_is_its_delay(size: float, found: list[str]) -> None:
     assert judged(size * OFFSETS, size * np.roll(OFFSETS, 1, axis=0)) == found
@@ -124,3 +132,39 @@ def test_jitter_in_vectors_that_all_move_or_all_rest_is_no_mistake_of_the_jitter
     frames = small(name) if name == "conveyor" else full_motion(small(name))
     found = check_frames(MISTAKES[mistake].plant(frames))
     assert [finding.name for finding in found if finding.mistake] == [mistake]
+
+
+def along_a_wall(count: int = 12) -> list[Frame]:
+    """Soft waves on a wall across the view and on a floor before it, seen by a jittered camera that slides along."""
+    (height, width), waves = (72, 128), np.random.default_rng(6).normal(0, 1, (8, 3))
+    clip = make_camera(aspect=width / height).view_to_clip
+    y, x = np.mgrid[:height, :width] + 0.5
+    frames = []
+    for index in range(count):
+        place, jitter = np.array([0.07, 0.02, 0.03]) * index, OFFSETS[index % len(OFFSETS)].tolist()
+        across = ((x + jitter[0]) / width * 2 - 1) / clip[0, 0]
+        up = (1 - (y + jitter[1]) / height * 2) / clip[1, 1]
+        floor = np.where(up < 0, (-1.5 - place[1]) / np.minimum(up, -1e-9), np.inf)
+        depth = np.minimum(floor, 6.0 + place[2])
+        right, far = place[0] + across * depth, np.where(floor > depth, place[1] + up * depth, 9 + place[2] - depth)
+        light = (sum(np.cos(1.5 * (a * right + b * far) + c) / 16 for a, b, c in waves) + 0.5) ** 2
+        camera = Camera(make_camera(tuple(place)).world_to_view, clip)
+        frames.append(
+            replace(
+                make_frame(index, width=width, height=height, jitter_px=tuple(jitter), camera=camera),
+                colour=np.repeat(light[..., None], 3, -1).astype(np.float32),
+                depth=depth.astype(np.float32),
+                reactive=None,
+                motion=None,
+            )
+        )
+    return frames
+
+
+def test_a_column_that_moves_out_of_a_small_picture_is_no_sign_of_slower_motion() -> None:
+    assert names(check_frames(along_a_wall())) == []
+    stored = []
+    for frame in along_a_wall():
+        by_z, constant = frame.camera.view_to_clip[2, 2:]  # OpenGL's clip space, from -1
+        stored.append(replace(frame, depth=(0.5 + 0.5 * (constant / frame.depth - by_z)).astype(np.float32)))
+    assert [finding.fix for finding in check_frames(stored)] == [{"depth": {"kind": "device"}}]

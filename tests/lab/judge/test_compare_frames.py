@@ -120,4 +120,15 @@ def test_alpha_that_stays_behind_is_seen(capsys: pytest.CaptureFixture[str], tmp
     assert "alpha" not in run_json(capsys, ghost, plain, "--metrics", "mse")
 
 
+@pytest.mark.parametrize("missing", [0, 1])
+def test_alpha_is_judged_in_the_frames_that_have_it(
+    missing: int, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    ghost, truth = write_alpha(tmp_path / "ghost", 0.6), write_alpha(tmp_path / "truth", 0.0)
+    write_images(ghost, [np.zeros((16, 16, 3), np.float32)], name="a", first=missing)
+    found = run_json(capsys, ghost, truth, "--metrics", "mse")
+    assert ["alpha" in row for row in found["frames"]] == [number != missing for number in range(2)]
+    assert found["alpha"]["worst"] == pytest.approx(0.6)
+
+
 GROUNDS = (("white", 1.0), ("grey", 0.18))
