@@ -240,7 +240,7 @@ def _pair(numbers: Any) -> Any:
     """A list or an array of two as the tuple that it stands for; all else as it is, for the check of a frame."""
     with suppress(ValueError, TypeError, RuntimeError):  # of several lengths, or of another device
         if not isinstance(numbers, tuple) and np.shape(numbers) == (2,):
-            return tuple(np.asarray(numbers).tolist())
+            return tuple(np.asarray(_shared("jitter_px", numbers)).tolist())
     return numbers
 
 

@@ -84,7 +84,7 @@ def one_line_each() -> Iterator[None]:
 
         warnings.showwarning = show
         for category in (Renamed, UserWarning):
-            warnings.simplefilter("default", category)
+            warnings.simplefilter("default", category, append=True)  # after what the user has asked of Python
         yield
 
 

@@ -13,6 +13,7 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
         return;
     const int x = column.x;
     window_t rows = open_window(current, inverse_depth, motion, column, frame);
+    const int before = frames_before(past, standing);
     for (int y = column.first; y < column.end; ++y) {
         // Read: the 3x3 around the pixel, its statistics, and the pixel's own sample.
         slide_window(&rows, current, inverse_depth, motion, x, y, frame);
@@ -65,7 +66,7 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
 
         // The window of this frame alone. Where it is not valid, it repeats the one before.
         if (RECURSION == RECURSION_STANDING) {
-            const mask doubtful = past_is_doubtful(m, p, recursive_count, texel_offset(frame, x, y));
+            const mask doubtful = past_is_doubtful(m, p, recursive_count, before, texel_offset(frame, x, y));
             out.rgb = choose_colour(doubtful, storable_colour(from_range(p.filtered), p.own), out.rgb);
             out.alpha = doubtful ? p.alpha : out.alpha;
             out.count = doubtful ? SPLAT(1.0) : out.count;

@@ -246,6 +246,7 @@ class FrameRing:
         """Memory for what is gathered of the temporal windows, allocated when first asked for as much."""
         planes = window_count(build.choices) * window_planes(build.steps)
         if self._windows is None or self._window_planes < planes:
+            self._windows = None  # before there is another
             self._windows = self._launcher.allocate((planes, self.layout.rows, self.layout.stride), np.float32)
             self._window_planes = planes
         return self._windows

@@ -265,7 +265,7 @@ def check_numbers(
 ) -> None:
     """Raise DataError unless the jitter is two numbers of a pixel or so and the exposure one that light can have."""
     if type(jitter_px) is tuple and [type(number) for number in jitter_px] == [float, float]:  # nearly always, and fast
-        sound = max(map(abs, jitter_px)) < LARGEST_JITTER
+        sound = all(abs(number) < LARGEST_JITTER for number in jitter_px)
     else:
         sound = _is_real(jitter_px) and np.shape(jitter_px) == (2,) and np.abs(jitter_px).max() < LARGEST_JITTER
     if not sound:  # NaN too
@@ -276,7 +276,8 @@ def check_numbers(
             expected=f"two numbers of less than {LARGEST_JITTER:g} pixels",
             found=jitter_px,
         )
-    if not 2.0**-EXPOSURE_STOPS <= float(exposure) <= 2.0**EXPOSURE_STOPS:  # which a half cannot hold
+    factor = exposure if isinstance(exposure, int) else float(exposure)  # an integer may be beyond every float
+    if not 2.0**-EXPOSURE_STOPS <= factor <= 2.0**EXPOSURE_STOPS:  # which a half cannot hold
         raise DataError(
             f"{_named('attribute cltaa:exposure', path)} is no exposure",
             path=path,

@@ -93,10 +93,20 @@ def assign(profile: Profile, channels: Mapping[str, Iterable[str]]) -> dict[str,
         "colour": colour,
         "alpha": _nearest(colour, alpha, own) or _nearest(colour, named, channels),
         "reactive": _nearest(colour, [(name,) for name in profile.colour.reactive], channels),
-        "depth": _nearest(colour, [(name,) for name in profile.depth.channels], channels),
+        "depth": _nearest(colour, [(name,) for name in profile.depth.channels], _without_vectors(channels)),
         "motion": _nearest(colour, profile.motion.channels, channels),
     }
     return {role: places for role, places in found.items() if places}
+
+
+def _without_vectors(channels: Mapping[str, Iterable[str]]) -> dict[str, list[str]]:
+    """The channels without those that are the third of a vector, as ``z`` beside ``x`` and ``y`` is: no depth."""
+
+    def is_third(name: str, beside: set[str]) -> bool:
+        others = {"z": ("x", "y"), "Z": ("X", "Y")}.get(name[-1:])
+        return others is not None and {name[:-1] + other for other in others} <= beside
+
+    return {label: [name for name in names if not is_third(name, {*names})] for label, names in channels.items()}
 
 
 def _nearest(

@@ -78,10 +78,12 @@ def _csv(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
 
     With semicolons between them, as spreadsheets of many countries write, decimals may have commas; or with tabs.
     """
-    delimiter = next((mark for mark in ";\t" if mark in text.partition("\n")[0]), ",")
+    delimiter = next((mark for mark in ";,\t" if mark in text.partition("\n")[0]), ",")
     if delimiter == ";":
         text = text.replace(",", ".")
-    for line, row in enumerate(csv.DictReader(text.splitlines(), delimiter=delimiter, skipinitialspace=True), start=2):
+    blank = " " if delimiter == "\t" else " \t"
+    lines = re.sub(f"[{blank}]*{delimiter}[{blank}]*", delimiter, text).splitlines()
+    for line, row in enumerate(csv.DictReader(map(str.strip, lines), delimiter=delimiter), start=2):
         try:
             names = {re.sub(r"\.[0-9]+$", "", column) for column in row if column} - {"frame"}
             values = {name: _columns(row, name) if name in KEYS else () for name in sorted(names)}

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Record, window_count, window_planes
-from cltaa.core.constants import MIDDLE_WINDOW, PAD_X, PAD_Y, SHORT_WINDOW, UNMOVED, WINDOW_REACH
+from cltaa.core.constants import MIDDLE_WINDOW, PAD_X, PAD_Y, SHORT_WINDOW, UNMOVED, WINDOW_REACH, value
 from cltaa.core.parameters import AlphaFrom, CurrentFilter, FilterUse, Recursion
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import (
@@ -131,6 +131,7 @@ def gather_windows(
     _store(target[UNMOVED], unmoved, window_error(sums, own, unmoved, build, settings), told)
     if build.choices.recursion is Recursion.STANDING:
         doubtful = past_is_doubtful(stands, own, layout.inside(recursive_count[0]).astype(error.dtype))
+        doubtful &= frames_before(past[:standing], build) >= value("DOUBTFUL_SAMPLES")
         if own.missing is not None:
             doubtful &= ~own.missing
         present = Resolved(
@@ -140,6 +141,11 @@ def gather_windows(
         _store(target[-1], present, error, doubtful)
         target[-1, 3] = present_error(gathering.near, own, doubtful, build, frame, settings)
     extend_stored(build, layout, windows[: count * planes])
+
+
+def frames_before(past: Any, build: Build) -> int:
+    """How many frames in the ring lie before this one."""
+    return int(np.count_nonzero(past["ahead"] <= 0)) if build.steps.look_ahead else len(past)
 
 
 def past_is_doubtful(stands: Mask, p: Pixel, recursive_count: Array) -> Mask:

@@ -103,10 +103,21 @@ STAGE resolved longer_history(
     return out;
 }
 
-// Where all of the past is doubtful: the surface stands, but light has left the recursive resolve few of its samples. A
-// reactive mask tells of such places by itself.
-STAGE mask past_is_doubtful(motion_t m, pixel_t p, plane_in recursive_count, uint at)
+// How many of the nearest `standing` frames in the ring lie before this one.
+STAGE int frames_before(frame_records past, int standing)
 {
+    int before = standing;
+    for (int k = 0; LOOK_AHEAD && k < standing; ++k)
+        before -= past[k].ahead > 0 ? 1 : 0;
+    return before;
+}
+
+// Where all of the past is doubtful: the camera and the surface have stood for `before` frames, but the recursive
+// resolve has fewer of their samples left. A reactive mask tells of such places by itself.
+STAGE mask past_is_doubtful(motion_t m, pixel_t p, plane_in recursive_count, int before, uint at)
+{
+    if (K(before) < K(DOUBTFUL_SAMPLES))
+        return (mask)(0);
     const mask few = load(recursive_count + at) < SPLAT(DOUBTFUL_SAMPLES);
     const mask doubtful = in_place(m) & few & (p.most_reactive <= SPLAT(0.0));
     return p.missing ? (mask)(0) : doubtful;

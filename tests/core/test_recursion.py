@@ -102,6 +102,25 @@ def test_what_no_vector_tells_of_is_taken_from_the_frame_of_now() -> None:
     assert errors[0] < 0.5 * errors[1]
 
 
+def test_a_shot_that_has_just_begun_is_no_doubtful_past() -> None:
+    # It has few samples because there were few frames. Stripes: what lies beside a pixel agrees, its samples do not.
+    def stripes(right: float, down: float) -> Array:
+        x, y = np.arange(WIDTH) + right, np.arange(HEIGHT)[:, None] + down
+        return np.repeat(np.where((x + 0.3 * y) % 5.1 < 2.55, 0.7, 0.3)[..., None], 3, axis=2)
+
+    def striped(index: int) -> Frame:
+        jitter = ((index * 0.618) % 1 - 0.5, (index * 0.414) % 1 - 0.5)
+        return replace(drawn(index), colour=stripes(*jitter).astype(np.float32), motion=None, jitter_px=jitter)
+
+    steps = (np.arange(16) + 0.5) / 16 - 0.5
+    truth = np.mean([stripes(right, down) for right in steps for down in steps], axis=0)
+    errors = []
+    for recursion in ("standing", "none"):
+        resolver = Resolver(override(load_preset("gather-8"), {"recursion": recursion}), strict=True)
+        errors.append([np.abs(image - truth).mean() for image in resolver.images(map(striped, range(7)))])
+    assert (np.array(errors[0]) < 1.02 * np.array(errors[1])).all()
+
+
 def test_a_lamp_that_goes_on_is_followed() -> None:
     lights = [1.0] * 30 + [1.5] * 4
     with_it, without = (

@@ -81,6 +81,30 @@ def test_names_of_tools_that_sign_no_header(colour: str, alpha: str, depth: str,
     assert [*frame.colour[0, 0], frame.alpha[0, 0], frame.depth[0, 0]] == [*values.values()][:5]
 
 
+@pytest.mark.parametrize(
+    ("files", "colour", "depth"),
+    [
+        ({"S.FinalImage": "RGB", "S.SceneColor": "RGB"}, "S.FinalImage.R", None),
+        ({"S.FinalImage": "RGB", "S.BaseColor": "RGB", "S.WorldDepth": "R"}, "S.FinalImage.R", "S.WorldDepth.R"),
+        ({"Image": "RGB", "DiffColor": "RGB"}, "Image.R", None),
+        ({"Color": "RGB", "Normals": "xyz"}, "Color.R", None),
+        ({"x": ["R", "G", "B", "BaseColor.R", "BaseColor.G", "BaseColor.B"]}, "R", None),
+        ({"x": ["R", "G", "B", "Px", "Py", "Pz", "N.X", "N.Y", "N.Z"]}, "R", None),
+        ({"x": ["R", "G", "B", "inverse_depth", "matte_alpha.R", "premultalpha.R"]}, "R", None),
+    ],
+)
+def test_what_only_ends_like_a_picture_or_a_depth_is_none(
+    files: dict[str, str | list[str]], colour: str, depth: str | None, tmp_path: Path
+) -> None:
+    for name, channels in files.items():
+        write_image(tmp_path / f"{name}.0001.exr", {channel: np.ones((4, 6), np.float32) for channel in channels})
+    sequence = open_input(tmp_path)
+    (told,) = [note for note in sequence.notes if note.startswith("channels: ")]
+    assert told.startswith(f"channels: colour {colour} ")
+    assert told.partition("; depth ")[2] == (depth or "")
+    assert "alpha" not in told
+
+
 @pytest.mark.parametrize("layer", LAYERS)
 def test_the_option_that_is_printed_takes_the_other_layer(
     layer: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -97,7 +97,7 @@ def test_semicolons_stand_between_columns_where_commas_stand_in_decimals(row: st
     assert read_side_file(path)[1].jitter_px == (0.25, -0.5)
 
 
-@pytest.mark.parametrize("between", ["\t", ", "])
+@pytest.mark.parametrize("between", ["\t", ", ", " ,\t"])
 def test_columns_may_be_parted_by_tabs_or_have_spaces_before_them(between: str, tmp_path: Path) -> None:
     path = tmp_path / "camera.csv"
     rows = ("frame", "jitter_px.0", "jitter_px.1"), ("1", "0.25", "-0.5")

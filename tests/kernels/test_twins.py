@@ -169,9 +169,12 @@ def test_the_windows_beside_a_recursive_resolve_have_the_bits_of_their_twin(lane
         filter_use=FilterUse.FEW,
     )
     build = replace(strict(lanes), steps=steps, choices=choices, storage=storage)
-    work = chain_work()
+    few = chain_work()
+    past = np.tile(few.past, 3)  # more frames than make a past doubtful
+    past["slot"] = np.arange(len(past))
+    work = dataclasses.replace(few, past=past, planes={**few.planes, "ring": np.tile(few.planes["ring"], (3, 1, 1))})
     many = np.indices((work.layout.rows, work.layout.stride)).sum(0) % 2 == 0
-    work.planes["history_count"][0] = np.where(many, 40.0, 1.0)
+    work.planes["history_count"] = np.where(many, 40.0, 1.0).astype(np.float32)[None]
     ours, theirs = (run_stage("gather_windows", build, work, on) for on in (device(), NumpyLauncher()))
     assert differing(work, ours, theirs) == 0
     parts = work.layout.inside(theirs["windows"]).reshape(UNMOVED + 2, -1, work.layout.height, work.layout.width)

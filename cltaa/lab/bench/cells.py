@@ -34,7 +34,7 @@ from cltaa.core.build import Build, Real, Storage
 from cltaa.core.kernel_source import code_sha256
 from cltaa.core.planes import Layout
 from cltaa.core.resolver import Resolver
-from cltaa.errors import DataError, ResourceError
+from cltaa.errors import CltaaError, DataError, ResourceError
 from cltaa.frame import Frame, Image
 from cltaa.inputs.open import DEFAULT_READING, Reading
 from cltaa.io.atomic import keep, kept
@@ -487,19 +487,31 @@ def run_encoded(task: bytes) -> bytes:
 
 
 def _in_processes(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, dict[str, Cell]]]:
-    """Each task with what it found, as they end."""
+    """Each task with what it found, as they end; what has begun when one fails is waited for, and kept too."""
+    failed: list[CltaaError] = []
     context = multiprocessing.get_context("spawn")
     threads = max(CORES // jobs, 1)
     with ProcessPoolExecutor(jobs, context, initializer=share_processors, initargs=(threads,)) as pool:
         tasks_of = {pool.submit(run_encoded, msgspec.msgpack.encode(task)): task for task in tasks}
         try:
             for future in as_completed(tasks_of):
-                yield tasks_of[future], _decoded(future.result())
+                if future.cancelled():
+                    continue
+                try:
+                    cells = _decoded(future.result())
+                except CltaaError as error:
+                    failed.append(error)
+                    for other in tasks_of:
+                        other.cancel()
+                else:
+                    yield tasks_of[future], cells
         except BrokenProcessPool as error:
             cure = "run the same again, with fewer --jobs; what is finished is kept"
             raise ResourceError("a worker process was killed", cure=cure) from error
         finally:
             pool.shutdown(cancel_futures=True)  # after an error, what has not begun need not begin
+    if failed:
+        raise failed[0]
 
 
 def share_processors(threads: int) -> None:

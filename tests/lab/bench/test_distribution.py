@@ -56,4 +56,5 @@ def test_what_is_finished_outlives_an_error(sequence: Path, tmp_path: Path) -> N
     shutil.rmtree(bare / "reference")
     with pytest.raises(InputMissing):
         list(run_all(tasks, tmp_path / "out", jobs=2))
+    assert tasks[0].finished(tmp_path / "out").keys() == {tasks[0].variants[0].name}
     assert tasks[1].finished(tmp_path / "out") == {}

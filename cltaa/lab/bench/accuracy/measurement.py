@@ -21,7 +21,7 @@ from cltaa.lab.bench.cases import by_name
 from cltaa.lab.bench.cells import Cell, Judging, Rounding, Task, run_all, task_of
 from cltaa.lab.bench.kernels import copy_job, least_bytes
 from cltaa.lab.bench.variants import Variant
-from cltaa.lab.judge.comparison import check_yardsticks, open_yardsticks, truth_of, truth_samples
+from cltaa.lab.judge.comparison import check_yardsticks, content_sha256, open_yardsticks, truth_of, truth_samples
 from cltaa.lab.judge.metrics import METRICS, STRATIFIED_EXPONENT, finite, mean_of, measure, named_metrics
 from cltaa.lab.timing import (
     Clock,
@@ -411,10 +411,11 @@ def bench_accuracy(
     sequences = list[MeasuredSequence]()
     for mine in of.values():
         cells = cells_of(mine, output)
-        path = _path(output, mine, launcher, timing)
+        captured = mine[0].open()
+        path = _path(output, mine, captured, launcher, timing)
         measured = kept(path, MeasuredSequence)
         if measured is None:
-            measured = measure_sequence(mine[0].open(), cells, launcher, timing)
+            measured = measure_sequence(captured, cells, launcher, timing)
             keep(path, measured)
         sequences.append(measured)
     return Accuracy(
@@ -431,8 +432,11 @@ def cells_of(tasks: Iterable[Task], output: Path) -> dict[Variant, Cell]:
     return {variant: task.finished(output)[variant.name] for task in tasks for variant in task.variants}
 
 
-def _path(output: Path, tasks: Sequence[Task], launcher: DeviceLauncher, timing: Timing) -> Path:
+def _path(
+    output: Path, tasks: Sequence[Task], captured: FrameSequence, launcher: DeviceLauncher, timing: Timing
+) -> Path:
     """The file of a finished sequence, named by everything that it depends on."""
     cells = [task.path(output, variant).name for task in tasks for variant in task.variants]
-    digest = hashlib.sha256("\0".join([*cells, launcher.description, repr(timing)]).encode())
+    beside = content_sha256(captured, open_yardsticks(captured).values()), repr(captured.sequence_json)
+    digest = hashlib.sha256("\0".join([*cells, *beside, launcher.description, repr(timing)]).encode())
     return output / "times" / f"{digest.hexdigest()[:16]}.msgpack"
