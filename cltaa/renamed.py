@@ -83,8 +83,9 @@ def one_line_each() -> Iterator[None]:
                 shown(message, category, *place, **more)
 
         warnings.showwarning = show
-        for category in (Renamed, UserWarning):
-            warnings.simplefilter("default", category, append=True)  # after what the user has asked of Python
+        if not sys.warnoptions:  # what the user has asked of Python holds
+            for category in (Renamed, UserWarning):
+                warnings.simplefilter("default", category)
         yield
 
 
