@@ -12,7 +12,6 @@ import numpy as np
 
 from cltaa.core.backend import storage_dtype
 from cltaa.core.build import Build, Steps, Storage, ring_planes, window_planes
-from cltaa.core.constants import UNMOVED
 from cltaa.core.planes import SMALLEST, Layout, in_large_pages
 from cltaa.io import exr_write as exr_zip
 from cltaa.io.exr_frame import GROUPS
@@ -45,7 +44,7 @@ class DevicePlanes(msgspec.Struct, frozen=True):
     band_rows: int = 0  # of a band, the only part of the frame and its result that is held at a time; 0: all rows
     history_frames: int = 0  # a ring holds these and one more
     look_ahead: int = 0  # and these, whose results wait
-    windows: bool = False  # of the frames in the ring are weighed, and hold planes
+    windows: int = 0  # temporal ones that are weighed, and hold planes
     recursion: bool = False  # beside the ring, whose result is not what recurs then
     changes: bool = False  # of light, beside the count of what recurs and of the result
     shared: bool = False  # the device has the host's memory: of a whole frame only inverse depth lies anywhere else
@@ -69,7 +68,7 @@ def device_bytes(width: int, height: int, held: DevicePlanes) -> int:
     frame = REAL * (1 if in_place else 4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
     kept = held.history_frames + 1 + held.look_ahead if held.history_frames else 0
     ring = REAL * ring_planes(steps) * kept
-    ring += REAL * (UNMOVED + 1 + held.recursion) * window_planes(steps) if held.windows else 0
+    ring += REAL * held.windows * window_planes(steps)
     count = REAL * (1 + held.changes)
     # As arrays, without a halo: what comes, and the result in the numbers in which it goes.
     arrays = frame + (HALF if held.half else REAL) * (3 + steps.alpha) if held.staged else 0

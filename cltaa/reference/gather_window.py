@@ -167,7 +167,7 @@ def present_error(g: Gathered, p: Pixel, valid: Mask, build: Build, frame: Recor
     d = share_difference(p.filtered, p.own, build, settings)
     size = (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
     error = constant("PRESENT_PENALTY", size) * ((own_samples(p) + g.recent_count) * (size / (others * others)))
-    result: Array = np.where(valid & (others > number(0.25, one)), error, beyond)
+    result: Array = np.where(valid & (others > constant("LEAST_BESIDE", one)), error, beyond)
     return result
 
 

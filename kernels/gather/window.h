@@ -137,7 +137,7 @@ STAGE real present_error(gathered g, pixel_t p, mask valid, frame_t frame, setti
     const colour d = share_difference(p.filtered, p.own, settings);
     const real size = (d.r * d.r + d.g * d.g) + d.b * d.b;
     const real error = K(PRESENT_PENALTY) * ((own_samples(p) + g.recent_count) * quotient(size, others * others));
-    return (valid & (others > SPLAT(0.25))) ? error : SPLAT(DOMAIN_LIMIT);
+    return (valid & (others > SPLAT(LEAST_BESIDE))) ? error : SPLAT(DOMAIN_LIMIT);
 }
 
 // Whether a window of the ring has no more frames than the one before it.

@@ -18,7 +18,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.core.backend import Buffer
 from cltaa.core.bands import BandedResolver
-from cltaa.core.build import Storage
+from cltaa.core.build import Storage, window_count
 from cltaa.core.planes import Layout, haloed
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
@@ -117,7 +117,8 @@ def test_the_windows_of_changing_light_are_in_the_formula_and_in_the_plan(tmp_pa
         make_frame(0, width=50, height=31, alpha=True, effects=frozenset({Effect.ALPHA, Effect.ILLUMINATION}))
     )
     assert resolver.plan is not None
-    told = device_bytes(50, 31, DevicePlanes(resolver.plan.steps, history_frames=3, windows=True))
+    windows = window_count(resolver.plan.choices)
+    told = device_bytes(50, 31, DevicePlanes(resolver.plan.steps, history_frames=3, windows=windows))
     # Beside the planes the device holds three records of 140 bytes.
     assert 0 < launcher.allocated - told < 1024
     sequence = open_sequence(write_sequence(tmp_path / "in", 1, width=50, height=31))

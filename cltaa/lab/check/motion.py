@@ -30,7 +30,6 @@ from cltaa.lab.check.hypotheses import (
 )
 from cltaa.lab.check.registration import (
     COVERED,
-    FARTHEST_PX,
     LEAST_POINTS,
     Fit,
     Pair,
@@ -41,6 +40,7 @@ from cltaa.lab.check.registration import (
     residual_of,
     sample,
     seen_before,
+    stays_inside,
 )
 
 ITERATIONS = 15
@@ -230,9 +230,8 @@ def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> tuple[l
 
 def _staying(scene: Observed, meant: Affine) -> Observed:
     """``scene`` at points that the vectors that are meant leave in the picture too, unless these are few of them."""
-    size = np.array(scene.before.signal.shape[::-1])[:, None]
-    place = np.stack([scene.x, scene.y]) + meant(scene.own)
-    there = ((place >= FARTHEST_PX) & (place < size - 1 - FARTHEST_PX)).all(0)
+    height, width = scene.before.signal.shape
+    there = stays_inside(np.stack([scene.x, scene.y]) + meant(scene.own), width, height)
     if there.mean() < COVERED:
         return scene
     x, y, now = scene.x[there], scene.y[there], scene.now[there]

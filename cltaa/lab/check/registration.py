@@ -312,11 +312,14 @@ def measure_shifts(shot: Shot) -> tuple[list[Fit | None], bool]:
     return shot.shifts
 
 
+def stays_inside(place: Vector, width: int, height: int) -> Mask:
+    """Places [2, n] that no shift that is compared leads out of the picture, where a residual counts in full."""
+    last = np.array([width - 1, height - 1])[:, None]
+    return np.asarray(((place >= FARTHEST_PX) & (place < last - FARTHEST_PX)).all(0))
+
+
 def _inside(pair: Pair, motion: Vector) -> Mask:
-    """Points that ``motion`` and no shift that is compared lead out of the picture, where a residual counts in full."""
-    last, place = (pair.frame.width - 1, pair.frame.height - 1), np.stack([pair.x, pair.y]) + motion
-    inside = (place >= FARTHEST_PX) & (place < np.array(last)[:, None] - FARTHEST_PX)
-    return np.asarray(inside.all(0))
+    return stays_inside(np.stack([pair.x, pair.y]) + motion, pair.frame.width, pair.frame.height)
 
 
 def seen_before(pair: Pair, motion: Vector, points: Mask) -> Mask:

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from cltaa.core.backend import Launcher
-from cltaa.core.build import Steps, Storage
+from cltaa.core.build import Steps, Storage, window_count
 from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.plan import JittersBefore, Plan, plan_frame, recursive_choices, toggled, with_effects
 from cltaa.core.presets import Preset, Published
@@ -160,7 +160,7 @@ def memory(
         rows = band_rows_for(whole) if has_bands(resolver) else 0
     kept = HistoryKind.FRAMES in histories
     history_frames = preset.settings.history_frames if kept else 0
-    windows = kept and any(each.choices.illumination is Illumination.WINDOW for each in plans)
+    weighed = [each.choices for each in plans if kept and each.choices.illumination is Illumination.WINDOW]
     recursion = any(recursive_choices(each.choices) is not None for each in plans)
     changes = recursion or any(
         each.choices.history is HistoryKind.ACCUMULATED and each.choices.illumination is not Illumination.STATIC
@@ -172,7 +172,7 @@ def memory(
         band_rows=rows,
         history_frames=history_frames,
         look_ahead=preset.settings.look_ahead,
-        windows=windows,
+        windows=max(map(window_count, weighed), default=0),
         recursion=recursion,
         changes=changes,
         shared=shared,
