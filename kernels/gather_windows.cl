@@ -33,7 +33,7 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
         real error = SPLAT(0.0);
         for (int window = 0, from = 0; window <= ALL_FRAMES; ++window) {
             const int to = window_end(window, frames);
-            if (!repeats(window, frames)) {
+            if (has_more_frames(window, frames)) {
                 gather_samples(&near, ring, past, from, to, SHORT_WINDOW, p, x, y, frame, settings);
                 if (has_edges(l))
                     gather_samples(&far, ring, past, from, to, 0, p, x, y, frame, settings);
@@ -45,7 +45,8 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
                 out = longer_history(out, p.most_reactive <= SPLAT(0.0), recursive, recursive_count, x, y, frame);
                 error = window_error(near.sums, p, out, settings);
             }
-            store_window(windows, window, out, error, x, y, frame);
+            if (!repeats(window, frames, standing))
+                store_window(windows, window, out, error, x, y, frame);
             from = to;
         }
         if (REACTIVE)
@@ -53,16 +54,18 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
 
         // The window without motion. It is valid where enough of the latest samples can contradict it. Its history is
         // that of a surface that stands.
-        gathered unmoved_sums;
-        resolved unmoved = resolve_unmoved(&unmoved_sums, ring, past, standing, p, x, y, frame, settings);
-        if (RECURSION == RECURSION_STANDING)
-            unmoved = longer_history(unmoved, in_place(m), recursive, recursive_count, x, y, frame);
-        const mask valid = unmoved_sums.recent_count >= SPLAT(SHORT_WINDOW);
-        out.rgb = choose_colour(valid, unmoved.rgb, out.rgb);
-        out.alpha = valid ? unmoved.alpha : out.alpha;
-        out.count = valid ? unmoved.count : out.count;
-        error = valid ? window_error(unmoved_sums, p, unmoved, settings) : error;
-        store_window(windows, UNMOVED, out, error, x, y, frame);
+        if (!repeats(UNMOVED, frames, standing)) {
+            gathered unmoved_sums;
+            resolved unmoved = resolve_unmoved(&unmoved_sums, ring, past, standing, p, x, y, frame, settings);
+            if (RECURSION == RECURSION_STANDING)
+                unmoved = longer_history(unmoved, in_place(m), recursive, recursive_count, x, y, frame);
+            const mask valid = unmoved_sums.recent_count >= SPLAT(SHORT_WINDOW);
+            out.rgb = choose_colour(valid, unmoved.rgb, out.rgb);
+            out.alpha = valid ? unmoved.alpha : out.alpha;
+            out.count = valid ? unmoved.count : out.count;
+            error = valid ? window_error(unmoved_sums, p, unmoved, settings) : error;
+            store_window(windows, UNMOVED, out, error, x, y, frame);
+        }
 
         // The window of this frame alone. Where it is not valid, it repeats the one before.
         if (RECURSION == RECURSION_STANDING) {

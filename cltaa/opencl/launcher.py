@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from cltaa.core.backend import Exchange
     from cltaa.opencl.program import Kernel
 
-SLIDING = frozenset({"resolve", "gather", "gather_windows"})  # kernels whose work-items walk down rows
+GATHERING = frozenset({"gather", "gather_windows"})
+SLIDING = frozenset({"resolve", "gather", "gather_windows", "weigh_windows"})  # kernels whose work-items walk down rows
 ARRAYS = frozenset({"unpack", "pack"})  # kernels between planes and arrays of a program
 ARRAY_GROUP = 128  # work-items of a group of theirs
 EDGE_GROUP = 256  # work-items of a group of extend_edges
@@ -113,6 +114,8 @@ class DeviceLauncher(OneProcess):
         Rows that were not asked for are then those that fill the device evenly.
         """
         shape, rows = self.device.shape, build.rows
+        if kernel in GATHERING and shape.gather_rows and rows == shape.rows:
+            return msgspec.structs.replace(build, rows=shape.gather_rows)
         if kernel != "resolve" or not shape.one_size:
             return build
         if _banded(kernel, arguments):
@@ -145,7 +148,9 @@ class DeviceLauncher(OneProcess):
             return (-(-columns // group[0]) * group[0], rows), group
         rows = build.rows if kernel in SLIDING else 1
         columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
-        group = (1, 1) if build.lanes > 1 else self.device.shape.group  # a build may have other lanes than the shape
+        shape = self.device.shape
+        wanted = (shape.gather_group if kernel in GATHERING else None) or shape.group
+        group = (1, 1) if build.lanes > 1 else wanted  # a build may have other lanes than the shape
         return (-(-columns // group[0]) * group[0], -(-steps // group[1]) * group[1]), group
 
     def copy(self, source: Buffer, target: Buffer, offset: int, start: int = 0) -> None:

@@ -43,6 +43,8 @@ class Shape(NamedTuple):
     columns_ahead: int = 0  # work-items right of one whose texels it fetches into the second cache; 0: next, first
     far_first: bool = False  # whether, where history moves, it fetches these into the first, not the second alone
     most_rows: int = 0  # up to which a resolve of whole images takes as many rows as fill the device; 0: ``rows``
+    gather_rows: int = 0  # rows of a work-item that gathers; 0: ``rows``
+    gather_group: tuple[int, int] | None = None  # work-items a group of those; None: ``group``
 
     def registers_of(self, build: Build) -> int:
         """The most registers that a work-item of a kernel with this build may have; with more of them fewer work-items
@@ -97,6 +99,8 @@ NVIDIA = Shape(
     registers_in_place=64,
     registers_for_few=72,
     most_rows=36,
+    gather_rows=1,
+    gather_group=(32, 8),
 )
 
 SHAPES = {

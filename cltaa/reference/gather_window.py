@@ -5,7 +5,6 @@ Each pixel is resolved from several windows of its past, each as far as the texe
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,6 +35,20 @@ TEXELS = (2 * WINDOW_REACH + 1) ** 2
 def window_ends(frames: int) -> list[int]:
     """How many of the frames in the ring each window has: the latest, a few more, all."""
     return [min(SHORT_WINDOW, frames), min(MIDDLE_WINDOW, frames), frames]
+
+
+def has_more_frames(window: int, frames: int) -> bool:
+    """Whether one of the windows of the ring has more of its ``frames`` than the one before it."""
+    ends = window_ends(frames)
+    return window == 0 or ends[window] > ends[window - 1]
+
+
+def repeats(window: int, frames: int, standing: int, build: Build) -> bool:
+    """Whether a window says what the one before it does, and is not stored."""
+    if window == UNMOVED:
+        return standing < SHORT_WINDOW
+    longer = UNMOVED - 1 if build.choices.recursion is Recursion.STANDING else UNMOVED
+    return window < longer and not has_more_frames(window, frames)
 
 
 def window_error(g: Gathered, now: Pixel, window: Resolved, build: Build, settings: Record) -> Array:
@@ -116,19 +129,22 @@ def gather_windows(
         if build.choices.recursion is Recursion.STANDING and window == UNMOVED - 1:
             said = _longer_history(said, own.most_reactive <= 0, recursive, recursive_count, layout)
         error = window_error(gathering.near, own, said, build, settings)
-        _store(target[window], said, error)
+        if not repeats(window, frames, standing, build):
+            _store(target[window], said, error)
         begun = end
     if build.steps.reactive:
         unlike = gathering.near.unlike > gathering.near.recent_count
         for window in range(UNMOVED - 1):
             _store(target[window], said, error, unlike)
-    unmoved, sums = resolve_unmoved(gathering.slots, past[:standing], gathering.pixel, build, layout, settings)
-    if build.choices.recursion is Recursion.STANDING:
-        stands = (gathering.motion.u == 0) & (gathering.motion.v == 0)
-        unmoved = _longer_history(unmoved, stands, recursive, recursive_count, layout)
-    told = sums.recent_count >= number(SHORT_WINDOW, error)
-    _store(target[UNMOVED], said, error)
-    _store(target[UNMOVED], unmoved, window_error(sums, own, unmoved, build, settings), told)
+    stands = (gathering.motion.u == 0) & (gathering.motion.v == 0)
+    if not repeats(UNMOVED, frames, standing, build):
+        unmoved, sums = resolve_unmoved(gathering.slots, past[:standing], own, build, layout, settings)
+        if build.choices.recursion is Recursion.STANDING:
+            unmoved = _longer_history(unmoved, stands, recursive, recursive_count, layout)
+        told = sums.recent_count >= number(SHORT_WINDOW, error)
+        said = _chosen(told, unmoved, said)
+        error = np.where(told, window_error(sums, own, unmoved, build, settings), error)
+        _store(target[UNMOVED], said, error)
     if build.choices.recursion is Recursion.STANDING:
         doubtful = past_is_doubtful(stands, own, layout.inside(recursive_count[0]).astype(error.dtype))
         doubtful &= frames_before(past[:standing], build) >= value("DOUBTFUL_SAMPLES")
@@ -137,9 +153,8 @@ def gather_windows(
         present = Resolved(
             storable_colour(from_range(own.filtered, build), own.own, build), own.alpha, np.ones_like(error)
         )
-        target[-1] = target[UNMOVED]
-        _store(target[-1], present, error, doubtful)
-        target[-1, 3] = present_error(gathering.near, own, doubtful, build, frame, settings)
+        beyond = present_error(gathering.near, own, doubtful, build, frame, settings)
+        _store(target[-1], _chosen(doubtful, present, said), beyond)
     extend_stored(build, layout, windows[: count * planes])
 
 
@@ -177,9 +192,14 @@ def _longer_history(
     """A window, or ``where`` the recursive resolve holds more samples than it, that: it knows all frames before."""
     count, held = (layout.inside(planes).astype(window.count.dtype) for planes in (recursive_count[0], recursive))
     longer = (count > window.count) & where
-    r, g, b = (np.where(longer, now, then) for now, then in zip(held[:3], window.rgb, strict=True))
-    alpha = np.where(longer, held[3], window.alpha) if len(held) > 3 else window.alpha
-    return Resolved((r, g, b), alpha, np.where(longer, count, window.count))
+    r, g, b = held[:3]
+    return _chosen(longer, Resolved((r, g, b), held[3] if len(held) > 3 else window.alpha, count), window)
+
+
+def _chosen(where: Mask, one: Resolved, other: Resolved) -> Resolved:
+    """What the one says ``where`` that is asked for, elsewhere the other."""
+    r, g, b = (np.where(where, v, k) for v, k in zip(one.rgb, other.rgb, strict=True))
+    return Resolved((r, g, b), np.where(where, one.alpha, other.alpha), np.where(where, one.count, other.count))
 
 
 def _store(planes: Array, said: Resolved, error: Array, where: Array | None = None) -> None:
@@ -188,20 +208,25 @@ def _store(planes: Array, said: Resolved, error: Array, where: Array | None = No
         plane[...] = values if where is None else np.where(where, values, plane)
 
 
-def around(plane: Array, layout: Layout, reach: int = WINDOW_REACH) -> Iterator[Array]:
-    """A padded plane [rows, stride] moved by each step of the window, row by row, [H, W] each."""
-    for j in range(-reach, reach + 1):
-        for i in range(-reach, reach + 1):
-            top, left = PAD_Y + j, PAD_X + i
-            yield plane[top : top + layout.height, left : left + layout.width]
+def row_sums(plane: Array, layout: Layout) -> Array:
+    """The sums over the texels left and right of each of a padded plane [rows, stride], [rows, W]."""
+    total: Array = np.zeros_like(plane[:, : layout.width])
+    for i in range(-WINDOW_REACH, WINDOW_REACH + 1):
+        total = total + plane[:, PAD_X + i : PAD_X + i + layout.width]
+    return total
+
+
+def column_sums(rows: Array, layout: Layout) -> Array:
+    """The sums [H, W] over the rows above and below each of padded rows [rows, W]."""
+    total: Array = np.zeros_like(rows[: layout.height])
+    for j in range(-WINDOW_REACH, WINDOW_REACH + 1):
+        total = total + rows[PAD_Y + j : PAD_Y + j + layout.height]
+    return total
 
 
 def sum_around(plane: Array, layout: Layout) -> Array:
-    """The sum over the window about each pixel."""
-    total: Array = np.zeros_like(layout.inside(plane))
-    for part in around(plane, layout):
-        total = total + part
-    return total
+    """The sum over the texels [H, W] around each pixel of a padded plane [rows, stride], row by row."""
+    return column_sums(row_sums(plane, layout), layout)
 
 
 def trust(error: Array, least: Array) -> Array:
@@ -216,36 +241,42 @@ def trust(error: Array, least: Array) -> Array:
 
 
 class Drift(NamedTuple):
-    """How far light has moved in one channel since a window: the mean over the window [H, W], its variance, and what
-    the texels show."""
+    """How far light has moved in one channel since a window: the mean over the texels around [H, W], its variance, and
+    what they show."""
 
     mean: Array
     variance: Array
     level: Array
 
 
-def drift_of(then: list[Array], now: list[Array], weights: list[Array]) -> Drift:
-    """The drift of one channel from the texels [H, W] of a window then and now, each by its weight."""
-    differences = [k - v for k, v in zip(now, then, strict=True)]
-    total = squares = level = weight = np.zeros_like(weights[0])
-    for d, v, w in zip(differences, then, weights, strict=True):
-        total, level, weight = total + w * d, level + w * np.abs(v), weight + w
-    mean = total / weight
-    for d, w in zip(differences, weights, strict=True):
-        off = d - mean
-        squares = squares + w * (off * off)
-    return Drift(mean, squares / (weight * number(TEXELS - 1, mean)), level / weight)
+def drift_of(then: Array, now: Array, weights: Array, layout: Layout) -> Drift:
+    """The drift of one channel from padded planes [rows, stride] of a window then and now, each texel by its weight.
+
+    Squares are summed about the mean of a row, then those of the rows' means about that of all (Chan, Golub and LeVeque
+    1979).
+    """
+    d, weight = now - then, row_sums(weights, layout)
+    mean = row_sums(weights * d, layout) / weight
+    squares = np.zeros_like(mean)
+    for i in range(PAD_X - WINDOW_REACH, PAD_X + WINDOW_REACH + 1):
+        columns = np.s_[:, i : i + layout.width]
+        off = d[columns] - mean
+        squares = squares + weights[columns] * (off * off)
+    whole = column_sums(weight, layout)
+    middle = column_sums(weight * mean, layout) / whole
+    spread = np.zeros_like(middle)
+    for j in range(PAD_Y - WINDOW_REACH, PAD_Y + WINDOW_REACH + 1):
+        rows = np.s_[j : j + layout.height]
+        off = mean[rows] - middle
+        spread = spread + (squares[rows] + weight[rows] * (off * off))
+    level = sum_around(weights * np.abs(then), layout) / whole
+    return Drift(middle, spread / (whole * number(TEXELS - 1, middle)), level)
 
 
-def drifts_of(window: Array, shortest: Array, build: Build, layout: Layout, settings: Record) -> list[Drift]:
-    """The drifts of padded planes [3 or more, rows, stride] to the shortest window; a texel counts as the light of the
-    first three does in a mean, then and now."""
-    then, now = ([list(around(plane, layout)) for plane in planes] for planes in (window, shortest))
-    weights = [
-        sample_share((r, g, b), build, settings) * sample_share((x, y, z), build, settings)
-        for r, g, b, x, y, z in zip(*then[:3], *now[:3], strict=True)
-    ]
-    return [drift_of(v, k, weights) for v, k in zip(then, now, strict=True)]
+def shared_weights(window: Array, shortest: Array, build: Build, settings: Record) -> Array:
+    """How much each texel [rows, stride] counts: as its light does in a mean, then and now."""
+    (r, g, b), (x, y, z) = window[:3], shortest[:3]
+    return sample_share((r, g, b), build, settings) * sample_share((x, y, z), build, settings)
 
 
 def t_of(drift: Drift) -> Array:
@@ -255,13 +286,21 @@ def t_of(drift: Drift) -> Array:
     return result
 
 
-def effective(drifts: list[Drift], settings: Record) -> list[Array]:
-    """As much of a drift in each channel as is not chance, by that of the first three that drifted most."""
-    r, g, b = (t_of(drift) for drift in drifts[:3])
+def drift_to_shortest(window: Array, shortest: Array, build: Build, layout: Layout, settings: Record) -> list[Array]:
+    """As much of the drift of light and alpha between padded planes [WINDOW_PLANES, rows, stride] as is not chance.
+
+    The channel of light that drifted most decides that.
+    """
+    weights = shared_weights(window, shortest, build, settings)
+    drifts = [drift_of(then, now, weights, layout) for then, now in zip(window[:3], shortest[:3], strict=True)]
+    r, g, b = (t_of(drift) for drift in drifts)
     enough = number(settings["drift_t"], r)
     chance = enough / greater(greater(r, greater(g, b)), enough)
     sure = number(1.0, r) - chance * chance
-    return [sure * drift.mean for drift in drifts]
+    means = [drift.mean for drift in drifts]
+    if build.steps.alpha:
+        means.append(sum_around(weights * (shortest[5] - window[5]), layout) / sum_around(weights, layout))
+    return [sure * mean for mean in means]
 
 
 @quiet
@@ -271,31 +310,33 @@ def weigh_windows(
     *,
     windows: Array,
     frames: int,
+    standing: int,
     output: Array,
     output_count: Array,
     frame: Record,
     settings: Record,
 ) -> None:
     """Write each pixel from the windows of its past, padded planes [WINDOWS * WINDOW_PLANES, rows, stride], of a ring
-    of ``frames``; a window with no more of them than the one before has drifted by as much."""
+    of ``frames``, of which the latest ``standing`` were seen by the camera of now."""
     real: Any = real_type(build)
     shape = window_count(build.choices), window_planes(build.steps)
     parts = windows[: shape[0] * shape[1]].astype(real).reshape(*shape, layout.rows, layout.stride)
-    errors = [sum_around(part[3], layout) for part in parts]
+    held = [window for window in range(len(parts)) if not repeats(window, frames, standing, build)]
+    said = [max(k for k in held if k <= window) for window in range(len(parts))]
+    errors = [sum_around(parts[k][3], layout) for k in said]
     least: Array = errors[0]
     for error in errors[1:]:
         least = lesser(least, error)
     zero, first, weight = np.zeros_like(least), layout.inside(parts[0]), trust(errors[0], least)
     alpha, darkest = first[5] if build.steps.alpha else np.ones_like(least), list(first[:3])
     sums, alphas, counts = [zero, zero, zero], zero, zero
-    channels = [0, 1, 2, 5] if build.steps.alpha else [0, 1, 2]
-    moved, ends = [zero for _ in channels], [*window_ends(frames), None, 0]
-    for window, (part, error) in enumerate(zip(parts[1:], errors[1:], strict=True), start=1):
-        w, own = trust(error, least), layout.inside(part)
+    moved = [zero, zero, zero, zero]
+    for window, (k, error) in enumerate(zip(said[1:], errors[1:], strict=True), start=1):
+        w, own = trust(error, least), layout.inside(parts[k])
         if window > UNMOVED:
-            moved = [zero for _ in channels]
-        elif ends[window] != ends[window - 1]:
-            moved = effective(drifts_of(part[channels], parts[0][channels], build, layout, settings), settings)
+            moved = [zero, zero, zero, zero]
+        elif k == window and (window == UNMOVED or has_more_frames(window, frames)):
+            moved = drift_to_shortest(parts[k], parts[0], build, layout, settings)
         of_light = zip(sums, own[:3], moved[:3], first[:3], strict=True)
         sums = [total + w * ((v + step) - k) for total, v, step, k in of_light]
         darkest = [lesser(k, v) for k, v in zip(darkest, own[:3], strict=True)]

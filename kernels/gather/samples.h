@@ -2,6 +2,7 @@
 // texels, so nothing blurs, however far and however long things move.
 #include "gather/fit.h"
 #include "gather/track.h"
+#include "schedule/ahead.h"
 
 #if !defined(ALPHA) || !defined(EXPOSURE) || !defined(CAMERA_MOTION) || !defined(OWN_MOTION) || !defined(LOOK_AHEAD)
 #error "samples.h needs ALPHA, EXPOSURE, CAMERA_MOTION, OWN_MOTION and LOOK_AHEAD from the prelude"
@@ -25,10 +26,11 @@ STAGE stretch_t stretch_of(surface s, real slope_x, real slope_y, motion_t m, re
     const real dw = ((K(then.wx) * px + K(then.wy) * py) + K(then.wq) * q) + K(then.w1);
     const real w = m.visible ? SPLAT(1.0) + dw : SPLAT(1.0);
     const real wx = K(then.wx) + K(then.wq) * slope_x, wy = K(then.wy) + K(then.wq) * slope_y;
-    t.xx = ((K(then.xx) + K(then.xq) * slope_x) - dw - (px + m.u) * wx) / w;
-    t.xy = ((K(then.xy) + K(then.xq) * slope_y) - (px + m.u) * wy) / w;
-    t.yx = ((K(then.yx) + K(then.yq) * slope_x) - (py + m.v) * wx) / w;
-    t.yy = ((K(then.yy) + K(then.yq) * slope_y) - dw - (py + m.v) * wy) / w;
+    const real by = divisor(w);
+    t.xx = over((K(then.xx) + K(then.xq) * slope_x) - dw - (px + m.u) * wx, by);
+    t.xy = over((K(then.xy) + K(then.xq) * slope_y) - (px + m.u) * wy, by);
+    t.yx = over((K(then.yx) + K(then.yq) * slope_x) - (py + m.v) * wx, by);
+    t.yy = over((K(then.yy) + K(then.yq) * slope_y) - dw - (py + m.v) * wy, by);
     return t;
 }
 
@@ -108,6 +110,26 @@ STAGE real weight_beside(view_t v, int right, int down, real* dx, real* dy, fram
         = (column > low) & (row > low) & (column < SPLAT(frame.width) - K(0.5)) & (row < SPLAT(frame.height) - K(0.5));
     const real share = window(*dx, reach) * window(*dy, reach);
     return near & inside ? share : zero;
+}
+
+// The columns and rows around the nearest sample outside of which none lies within reach: two each as a rule, three
+// where the surface goes away, so that its samples lie closer together now than then.
+typedef struct
+{
+    int left, right, top, bottom;
+} neighbours_t;
+
+STAGE neighbours_t neighbours_within(view_t v)
+{
+    if (GATHER_FIT == GATHER_FIT_MEAN)
+        return (neighbours_t) { 0, 0, 0, 0 };
+    const places_t p = v.places;
+    const real beyond = v.reach + SPLAT(1.0 / 1024); // by more than a place is rounded
+    const real by_x = p.xx - absolute(p.xy), by_y = p.yy - absolute(p.yx);
+    const mask seen = v.seen & p.visible;
+    const int left = any_of(seen & !(p.x - by_x <= -beyond)), right = any_of(seen & !(p.x + by_x >= beyond)),
+              top = any_of(seen & !(p.y - by_y <= -beyond)), bottom = any_of(seen & !(p.y + by_y >= beyond));
+    return (neighbours_t) { -left, right, -top, bottom };
 }
 
 // One sample of a frame of the ring. It counts if it shows one of the pixel's surfaces; with `far_only` true, if it
@@ -273,11 +295,11 @@ STAGE void gather_samples(way_t* way, plane_in ring, frame_records past, int fro
         v.reach = reach;
         v.recent = k < recent;
         v.stands = ahead ? !t.own : t.own & !t.own;
-        if (GATHER_FIT == GATHER_FIT_MEAN)
-            gather_sample(&way->sums, v, 0, 0, now, s, l, way->far, then, frame, settings);
-        else
-            for (int i = 0; i < 9; ++i)
-                gather_sample(&way->sums, v, i % 3 - 1, i / 3 - 1, now, s, l, way->far, then, frame, settings);
+        fetch_planes(v.planes, RING_PLANES, v.f.at, frame);
+        const neighbours_t near = neighbours_within(v);
+        for (int down = near.top; down <= near.bottom; ++down)
+            for (int right = near.left; right <= near.right; ++right)
+                gather_sample(&way->sums, v, right, down, now, s, l, way->far, then, frame, settings);
         if (OWN_MOTION & (ahead == 0)) {
             motion_t place = nearest;
             place.u += s.x;

@@ -140,10 +140,19 @@ STAGE real present_error(gathered g, pixel_t p, mask valid, frame_t frame, setti
     return (valid & (others > SPLAT(LEAST_BESIDE))) ? error : SPLAT(DOMAIN_LIMIT);
 }
 
-// Whether a window of the ring has no more frames than the one before it.
-STAGE int repeats(int window, int frames)
+STAGE int has_more_frames(int window, int frames)
 {
-    return window > 0 && window <= ALL_FRAMES && window_end(window, frames) == window_end(window - 1, frames);
+    return window == 0 || window_end(window, frames) > window_end(window - 1, frames);
+}
+
+// Whether a window says what the one before it does, and is not stored: it has no more frames, or is that without
+// motion and the camera has not stood for enough of them to contradict it.
+STAGE int repeats(int window, int frames, int standing)
+{
+    if (window == UNMOVED)
+        return standing < SHORT_WINDOW;
+    const int longer = RECURSION == RECURSION_STANDING ? ALL_FRAMES : UNMOVED; // it holds more than the ring's
+    return window < longer && !has_more_frames(window, frames);
 }
 
 STAGE void store_window(plane_out windows, int window, resolved r, real error, int x, int y, frame_t frame)
@@ -176,88 +185,4 @@ STAGE void stand_in(plane_out windows, gathered latest, resolved all, real error
             r.alpha = unlike ? all.alpha : load(p + 5 * plane);
         store_window(windows, window, r, unlike ? error : load(p + 3 * plane), x, y, frame);
     }
-}
-
-STAGE plane_in window_plane(plane_in windows, int window, int plane, frame_t frame)
-{
-    return windows + ((size_t)window * WINDOW_PLANES + (size_t)plane) * plane_size(frame);
-}
-
-// From a texel to the k-th of those around it, row by row.
-STAGE ptrdiff_t window_step(int k, frame_t frame)
-{
-    const int side = 2 * WINDOW_REACH + 1;
-    return (k / side - WINDOW_REACH) * (ptrdiff_t)row_stride(frame) + (k % side - WINDOW_REACH);
-}
-
-STAGE real sum_around(plane_in p, frame_t frame)
-{
-    real sum = SPLAT(0.0);
-    for (int k = 0; k < WINDOW_TEXELS; ++k)
-        sum += load(p + window_step(k, frame));
-    return sum;
-}
-
-// The weight of a window relative to that of the least error: the ratio of errors to the 16th power, since a likelihood
-// goes with half the number of recent samples.
-STAGE real trust(real error, real least)
-{
-    const real ratio = greater(quotient(least + K(TINY), error + K(TINY)), SPLAT(LEAST_TRUST));
-    const real second = ratio * ratio, fourth = second * second, eighth = fourth * fourth;
-    return eighth * eighth;
-}
-
-// Student's t of a mean difference, to whose deviation comes as little of the light as nobody sees.
-STAGE real t_of(real mean, real variance, real level)
-{
-    const real error = square_root(variance) + (SPLAT(DRIFT_FLOOR) * level + K(TINY));
-    return quotient(absolute(mean), error);
-}
-
-// What light and alpha drifted by.
-typedef struct
-{
-    colour light;
-    real alpha;
-} drifted;
-
-// The drift from a window to the shortest, the mean difference of the texels around, as far as it is not chance:
-// 1 - (drift_t / t)^2 (James and Stein), of the channel of light that drifted most. A texel counts as its light does in
-// a mean of samples, then and now: a highlight that comes or goes is no change of the light around it. Twice over the
-// texels: beside a highlight their squares less the square of their mean would leave its rounding.
-STAGE drifted drift_to_shortest(plane_in window, plane_in shortest, frame_t frame, settings_t settings)
-{
-    const size_t plane = plane_size(frame);
-    const real zero = SPLAT(0.0);
-    real weights[WINDOW_TEXELS], weight = zero, alpha = zero;
-    colour mean = { zero, zero, zero }, level = mean, squares = mean;
-    for (int k = 0; k < WINDOW_TEXELS; ++k) {
-        const ptrdiff_t step = window_step(k, frame);
-        const colour was = load_colour(window + step, plane), now = load_colour(shortest + step, plane);
-        const real w = sample_share(was, settings) * sample_share(now, settings);
-        mean.r += w * (now.r - was.r), level.r += w * absolute(was.r);
-        mean.g += w * (now.g - was.g), level.g += w * absolute(was.g);
-        mean.b += w * (now.b - was.b), level.b += w * absolute(was.b);
-        if (ALPHA)
-            alpha += w * (load(shortest + 5 * plane + step) - load(window + 5 * plane + step));
-        weight += w;
-        weights[k] = w;
-    }
-    mean = (colour) { quotient(mean.r, weight), quotient(mean.g, weight), quotient(mean.b, weight) };
-    for (int k = 0; k < WINDOW_TEXELS; ++k) {
-        const ptrdiff_t step = window_step(k, frame);
-        const colour was = load_colour(window + step, plane), now = load_colour(shortest + step, plane);
-        const colour off = { (now.r - was.r) - mean.r, (now.g - was.g) - mean.g, (now.b - was.b) - mean.b };
-        squares.r += weights[k] * (off.r * off.r);
-        squares.g += weights[k] * (off.g * off.g);
-        squares.b += weights[k] * (off.b * off.b);
-    }
-    const real among = weight * SPLAT(WINDOW_TEXELS - 1);
-    const real r = t_of(mean.r, quotient(squares.r, among), quotient(level.r, weight)),
-               g = t_of(mean.g, quotient(squares.g, among), quotient(level.g, weight)),
-               b = t_of(mean.b, quotient(squares.b, among), quotient(level.b, weight));
-    const real t = greater(greater(r, greater(g, b)), SPLAT(settings.drift_t));
-    const real chance = quotient(SPLAT(settings.drift_t), t), sure = SPLAT(1.0) - chance * chance;
-    const colour light = { sure * mean.r, sure * mean.g, sure * mean.b };
-    return (drifted) { light, ALPHA ? sure * quotient(alpha, weight) : zero };
 }

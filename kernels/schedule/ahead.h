@@ -44,3 +44,12 @@ STAGE void fetch_history(history_in history, plane_in count, plane_in previous_i
     if (REJECT == REJECT_DEPTH)
         FETCH_BELOW(previous_inverse_depth, at, ROWS_BELOW, stride);
 }
+
+// Below the texel at `at`, of each of `count` planes of a frame in the ring: what the next row will gather there,
+// unless motion varies wildly.
+STAGE void fetch_planes(plane_in first, int count, uint at, frame_t frame)
+{
+    enum { ROWS_BELOW = 2 };
+    for (int i = 0; i < count; ++i)
+        FETCH_BELOW(first + i * plane_size(frame), at, ROWS_BELOW, row_stride(frame));
+}

@@ -9,7 +9,7 @@ from cltaa.core.build import FRAME_DTYPE, Build, Steps, settings_record
 from cltaa.core.constants import WINDOW_REACH
 from cltaa.core.parameters import Settings
 from cltaa.core.planes import Layout
-from cltaa.reference.gather_window import around, drift_of, drifts_of, t_of, trust, weigh_windows
+from cltaa.reference.gather_window import drift_of, shared_weights, t_of, trust, weigh_windows
 from tests.kernels.hard_planes import padded
 
 WIDTH, HEIGHT = 40, 30
@@ -21,8 +21,8 @@ def test_the_drift_is_students_t() -> None:
     layout = Layout(WIDTH, HEIGHT)
     then = random.uniform(0.2, 1.0, (1, HEIGHT, WIDTH)).astype(np.float32)
     now = (then + random.normal(0.01, 0.03, then.shape)).astype(np.float32)
-    texels = [list(around(padded(values, layout)[0], layout)) for values in (then, now)]
-    drift = drift_of(texels[0], texels[1], [np.full_like(now[0], 0.25)] * len(texels[0]))
+    was, there = (padded(values, layout)[0] for values in (then, now))
+    drift = drift_of(was, there, np.full_like(was, 0.25), layout)
     mean, t = drift.mean, t_of(drift)
     side, inside = 2 * WINDOW_REACH + 1, np.s_[WINDOW_REACH:-WINDOW_REACH, WINDOW_REACH:-WINDOW_REACH]
     windows = np.lib.stride_tricks.sliding_window_view(now[0].astype(np.float64) - then[0], (side, side))
@@ -47,7 +47,7 @@ def weighed(errors: tuple[float, float, float, float]) -> float:
     frame["width"], frame["height"] = WIDTH, HEIGHT
     settings = settings_record(Settings())
     planes = {"windows": windows, "output": output, "output_count": count}
-    weigh_windows(build, layout, frames=48, frame=frame, settings=settings, **planes)
+    weigh_windows(build, layout, frames=48, standing=48, frame=frame, settings=settings, **planes)
     return float(layout.inside(output)[0, HEIGHT // 2, WIDTH // 2])
 
 
@@ -68,7 +68,9 @@ def test_a_highlight_that_appears_is_no_drift_of_the_light_around_it() -> None:
     now = then.copy()
     now[:, 12] = 1e4  # a fifth of the texels around those beside it: by a plain mean t is 2.4, and the drift 2000
     windows = padded(then, layout), padded(now, layout)
-    for drift in drifts_of(*windows, Build(), layout, settings_record(Settings())):
+    weights = shared_weights(*windows, Build(), settings_record(Settings()))
+    for was, there in zip(*windows, strict=True):
+        drift = drift_of(was, there, weights, layout)
         beside = np.s_[10:12, WINDOW_REACH:-WINDOW_REACH]
         assert (drift.mean[beside] < 2).all()
         assert (t_of(drift)[beside] < 0.1).all()

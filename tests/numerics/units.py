@@ -9,14 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Real
-from cltaa.core.constants import PAD_X, PAD_Y, UNMOVED
+from cltaa.core.constants import PAD_X, PAD_Y, UNMOVED, WINDOW_REACH
 from cltaa.core.constants import value as value_of
 from cltaa.reference.accumulate import current_pixel
 from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.gather_fit import Gathered
 from cltaa.reference.gather_samples import gather_samples
 from cltaa.reference.gather_sides import layers_of
-from cltaa.reference.gather_window import around
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import read_rows
 from cltaa.reference.real import outside_domain, quiet
@@ -195,7 +194,10 @@ def of_windows(work: Work) -> Values:
     """Largest magnitude of any window's colour in the 5x5."""
     windows = work.planes["windows"]
     planes = windows.reshape(UNMOVED + 2, -1, *windows.shape[1:])[:, :3].reshape(-1, *windows.shape[1:])
-    return np.max([np.abs(part) for plane in planes for part in around(plane, work.layout)], axis=0)
+    side = 2 * WINDOW_REACH + 1
+    around = np.lib.stride_tricks.sliding_window_view(np.abs(planes).max(0), (side, side)).max((-1, -2))
+    top, left = PAD_Y - WINDOW_REACH, PAD_X - WINDOW_REACH
+    return around[top : top + work.layout.height, left : left + work.layout.width]
 
 
 def counted(work: Work) -> Values:

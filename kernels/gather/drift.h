@@ -1,0 +1,190 @@
+// How far the texels around a pixel bear out each window, and how far light has moved since: sums over the texels, as
+// they weigh windows and move the longer ones to the shortest.
+#include "gather/window.h"
+
+#if !defined(DRIFT_FLOOR) || !defined(LEAST_TRUST)
+#error "drift.h needs DRIFT_FLOOR and LEAST_TRUST from the prelude"
+#endif
+
+#define SIDE (2 * WINDOW_REACH + 1)
+
+STAGE plane_in window_plane(plane_in windows, int window, int plane, frame_t frame)
+{
+    return windows + ((size_t)window * WINDOW_PLANES + (size_t)plane) * plane_size(frame);
+}
+
+// Texels of a window against those of the shortest: the mean of their differences, the squares of what differs from
+// that, and the light that the window shows, each by the weight that the texel's light has in a mean of samples, then
+// and now: a highlight that comes or goes is no change of the light around it. Alpha and level are sums.
+typedef struct
+{
+    colour mean, squares, level;
+    real alpha, weight;
+} drift_sums;
+
+STAGE drift_sums no_drift(void)
+{
+    const real o = SPLAT(0.0);
+    return (drift_sums) { { o, o, o }, { o, o, o }, { o, o, o }, o, o };
+}
+
+// A row of the shortest window around a pixel.
+typedef struct
+{
+    colour now[SIDE];
+    real share[SIDE], alpha[SIDE];
+} shortest_row;
+
+STAGE shortest_row row_of_shortest(plane_in p, frame_t frame, settings_t settings)
+{
+    const size_t plane = plane_size(frame);
+    shortest_row row;
+    for (int i = 0; i < SIDE; ++i) {
+        row.now[i] = load_colour(p + i - WINDOW_REACH, plane);
+        row.share[i] = sample_share(row.now[i], settings);
+        row.alpha[i] = ALPHA ? load(p + 5 * plane + i - WINDOW_REACH) : SPLAT(1.0);
+    }
+    return row;
+}
+
+STAGE drift_sums drift_of_row(plane_in window, const shortest_row* row, frame_t frame, settings_t settings)
+{
+    const size_t plane = plane_size(frame);
+    drift_sums s = no_drift();
+    real w[SIDE];
+    colour d[SIDE];
+    for (int i = 0; i < SIDE; ++i) {
+        plane_in p = window + i - WINDOW_REACH;
+        const colour was = load_colour(p, plane), now = row->now[i];
+        d[i] = (colour) { now.r - was.r, now.g - was.g, now.b - was.b };
+        w[i] = sample_share(was, settings) * row->share[i];
+        s.mean.r += w[i] * d[i].r, s.level.r += w[i] * absolute(was.r);
+        s.mean.g += w[i] * d[i].g, s.level.g += w[i] * absolute(was.g);
+        s.mean.b += w[i] * d[i].b, s.level.b += w[i] * absolute(was.b);
+        if (ALPHA)
+            s.alpha += w[i] * (row->alpha[i] - load(p + 5 * plane));
+        s.weight += w[i];
+    }
+    s.mean = (colour) { quotient(s.mean.r, s.weight), quotient(s.mean.g, s.weight), quotient(s.mean.b, s.weight) };
+    for (int i = 0; i < SIDE; ++i) {
+        const colour off = { d[i].r - s.mean.r, d[i].g - s.mean.g, d[i].b - s.mean.b };
+        s.squares.r += w[i] * (off.r * off.r);
+        s.squares.g += w[i] * (off.g * off.g);
+        s.squares.b += w[i] * (off.b * off.b);
+    }
+    return s;
+}
+
+STAGE real error_of_row(plane_in window, frame_t frame)
+{
+    real sum = SPLAT(0.0);
+    for (int i = -WINDOW_REACH; i <= WINDOW_REACH; ++i)
+        sum += load(window + 3 * plane_size(frame) + i);
+    return sum;
+}
+
+// Whether light is asked how far it drifted since a window: that of the current frame has no past, and what holds no
+// more frames than the one before drifted as far.
+STAGE int drifts(int window, int frames, int standing)
+{
+    if (window == UNMOVED)
+        return !repeats(window, frames, standing);
+    return window > 0 && window < UNMOVED && has_more_frames(window, frames);
+}
+
+// What a row of texels comes to at a pixel. A work-item keeps the SIDE latest rows while it slides down.
+typedef struct
+{
+    real error[WINDOWS];
+    drift_sums drift[UNMOVED]; // of all windows from the second to UNMOVED
+} row_sums;
+
+// The kept row that has the texel in row y in its middle.
+STAGE int kept_row(int y) { return (y + WINDOW_REACH) % SIDE; }
+
+STAGE void keep_row(
+    row_sums* rows, plane_in windows, int x, int y, int frames, int standing, frame_t frame, settings_t settings)
+{
+    row_sums* kept = &rows[kept_row(y)];
+    const uint at = texel_offset(frame, x, y);
+    const shortest_row row = row_of_shortest(windows + at, frame, settings);
+    for (int window = 0; window < WINDOWS; ++window) {
+        plane_in planes = window_plane(windows, window, 0, frame);
+        if (!repeats(window, frames, standing)) {
+            fetch_planes(planes, WINDOW_PLANES, at, frame);
+            kept->error[window] = error_of_row(planes + at, frame);
+        }
+        if (drifts(window, frames, standing))
+            kept->drift[window - 1] = drift_of_row(planes + at, &row, frame, settings);
+    }
+}
+
+STAGE real error_around(const row_sums* rows, int window, int y)
+{
+    real sum = SPLAT(0.0);
+    for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j)
+        sum += rows[kept_row(y + j)].error[window];
+    return sum;
+}
+
+// All rows around a pixel as one. Squares less the square of a mean would leave their rounding where light drifts
+// evenly: what a row's mean is off that of all comes to what its texels are off its own (Chan, Golub and LeVeque).
+STAGE drift_sums drift_around(const row_sums* rows, int window, int y)
+{
+    drift_sums all = no_drift();
+    for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
+        const drift_sums* row = &rows[kept_row(y + j)].drift[window - 1];
+        all.mean.r += row->weight * row->mean.r, all.level.r += row->level.r;
+        all.mean.g += row->weight * row->mean.g, all.level.g += row->level.g;
+        all.mean.b += row->weight * row->mean.b, all.level.b += row->level.b;
+        all.alpha += row->alpha;
+        all.weight += row->weight;
+    }
+    all.mean = (colour) { quotient(all.mean.r, all.weight), quotient(all.mean.g, all.weight),
+        quotient(all.mean.b, all.weight) };
+    for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
+        const drift_sums* row = &rows[kept_row(y + j)].drift[window - 1];
+        const colour off = { row->mean.r - all.mean.r, row->mean.g - all.mean.g, row->mean.b - all.mean.b };
+        all.squares.r += row->squares.r + row->weight * (off.r * off.r);
+        all.squares.g += row->squares.g + row->weight * (off.g * off.g);
+        all.squares.b += row->squares.b + row->weight * (off.b * off.b);
+    }
+    return all;
+}
+
+// The weight of a window relative to that of the least error: the ratio of errors to the 16th power, since a likelihood
+// goes with half the number of recent samples.
+STAGE real trust(real error, real least)
+{
+    const real ratio = greater(quotient(least + K(TINY), error + K(TINY)), SPLAT(LEAST_TRUST));
+    const real second = ratio * ratio, fourth = second * second, eighth = fourth * fourth;
+    return eighth * eighth;
+}
+
+// Student's t of a mean difference, to whose deviation comes as little of the light as nobody sees.
+STAGE real t_of(real mean, real squares, real level, real weight)
+{
+    const real variance = quotient(squares, weight * SPLAT(SIDE * SIDE - 1));
+    const real error = square_root(variance) + (SPLAT(DRIFT_FLOOR) * quotient(level, weight) + K(TINY));
+    return quotient(absolute(mean), error);
+}
+
+// What light and alpha drifted by.
+typedef struct
+{
+    colour light;
+    real alpha;
+} drifted;
+
+// The drift from a window to the shortest, the mean difference of the texels around, as far as it is not chance:
+// 1 - (drift_t / t)^2 (James and Stein), of the channel of light that drifted most.
+STAGE drifted drift_to_shortest(drift_sums s, settings_t settings)
+{
+    const real r = t_of(s.mean.r, s.squares.r, s.level.r, s.weight),
+               g = t_of(s.mean.g, s.squares.g, s.level.g, s.weight),
+               b = t_of(s.mean.b, s.squares.b, s.level.b, s.weight);
+    const real t = greater(greater(r, greater(g, b)), SPLAT(settings.drift_t));
+    const real chance = quotient(SPLAT(settings.drift_t), t), sure = SPLAT(1.0) - chance * chance;
+    const colour light = { sure * s.mean.r, sure * s.mean.g, sure * s.mean.b };
+    return (drifted) { light, ALPHA ? sure * quotient(s.alpha, s.weight) : SPLAT(0.0) };
+}
