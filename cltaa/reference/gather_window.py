@@ -45,10 +45,9 @@ def has_more_frames(window: int, frames: int) -> bool:
 
 def repeats(window: int, frames: int, standing: int, build: Build) -> bool:
     """Whether a window says what the one before it does, and is not stored."""
-    if window == UNMOVED:
-        return standing < SHORT_WINDOW
-    longer = UNMOVED - 1 if build.choices.recursion is Recursion.STANDING else UNMOVED
-    return window < longer and not has_more_frames(window, frames)
+    if window >= (UNMOVED - 1 if build.choices.recursion is Recursion.STANDING else UNMOVED + 1):
+        return False
+    return standing < SHORT_WINDOW if window == UNMOVED else not has_more_frames(window, frames)
 
 
 def window_error(g: Gathered, now: Pixel, window: Resolved, build: Build, settings: Record) -> Array:

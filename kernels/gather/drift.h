@@ -83,8 +83,8 @@ STAGE real error_of_row(plane_in window, frame_t frame)
     return sum;
 }
 
-// Whether light is asked how far it drifted since a window: that of the current frame has no past, and what holds no
-// more frames than the one before drifted as far.
+// Whether light is asked how far it drifted since a window: that of the current frame has no past, and one that has no
+// more frames of the ring than the one before is moved as far.
 STAGE int drifts(int window, int frames, int standing)
 {
     if (window == UNMOVED)

@@ -112,7 +112,7 @@ STAGE real weight_beside(view_t v, int right, int down, real* dx, real* dy, fram
     return near & inside ? share : zero;
 }
 
-// The columns and rows around the nearest sample outside of which none lies within reach: two each as a rule, three
+// The columns and rows around the nearest sample outside of which none lies within reach: at most two each, or three
 // where the surface goes away, so that its samples lie closer together now than then.
 typedef struct
 {

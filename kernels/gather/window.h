@@ -16,7 +16,6 @@
 #define ALL_FRAMES (UNMOVED - 1)
 #define PRESENT (UNMOVED + 1)
 #define WINDOWS (PRESENT + (RECURSION == RECURSION_STANDING))
-#define WINDOW_TEXELS ((2 * WINDOW_REACH + 1) * (2 * WINDOW_REACH + 1))
 
 // How many of the frames in the ring a window has.
 STAGE int window_end(int window, int frames)
@@ -146,13 +145,14 @@ STAGE int has_more_frames(int window, int frames)
 }
 
 // Whether a window says what the one before it does, and is not stored: it has no more frames, or is that without
-// motion and the camera has not stood for enough of them to contradict it.
+// motion and the camera has not stood for enough of them to contradict it. Beside a recursive resolve both may hold its
+// history.
 STAGE int repeats(int window, int frames, int standing)
 {
-    if (window == UNMOVED)
-        return standing < SHORT_WINDOW;
-    const int longer = RECURSION == RECURSION_STANDING ? ALL_FRAMES : UNMOVED; // it holds more than the ring's
-    return window < longer && !has_more_frames(window, frames);
+    const int longer = RECURSION == RECURSION_STANDING ? ALL_FRAMES : PRESENT;
+    if (window >= longer)
+        return 0;
+    return window == UNMOVED ? standing < SHORT_WINDOW : !has_more_frames(window, frames);
 }
 
 STAGE void store_window(plane_out windows, int window, resolved r, real error, int x, int y, frame_t frame)

@@ -135,6 +135,18 @@ def test_the_device_has_the_bits_of_the_oracle(name: str) -> None:
     assert np.array_equal(bits(ours), bits(theirs))
 
 
+@pytest.mark.parametrize("stands", [1, 2, 3])  # from three on the window without motion can be contradicted
+def test_a_camera_that_comes_to_stand_has_the_bits_of_the_oracle(stands: int) -> None:
+    images = []
+    for device in (None, "numpy"):
+        resolver = Resolver(preset_of("gather-8", "standing"), device, strict=True)
+        for index in range(10 + stands):
+            camera = make_camera((0.05 * max(9 - index, 0), 0.0, 5.0))
+            images.append(resolver.resolve(replace(drawn(index), camera=camera)))
+    ours, theirs = images[9 + stands], images[-1]
+    assert np.array_equal(bits(ours), bits(theirs))
+
+
 def planned(effects: frozenset[Effect] | None, *, moves: bool = False) -> Recursion:
     frame = replace(drawn(1), effects=effects)
     before = make_camera((1.0, 0.0, 5.0)) if moves else frame.camera

@@ -68,6 +68,15 @@ def a_wire(frame: Frame, across: Array, _index: int) -> Frame:
     )
 
 
+def a_lattice(frame: Frame, across: Array, index: int) -> Frame:
+    """Bars of several pixels half as far away, past which the camera slides."""
+    at = (across + 0.06 * index) / 2
+    bars = np.abs(at - np.round(at / 0.7) * 0.7) < 0.05
+    return replace(
+        lit(frame, np.where(bars, 0.3, 1.0)), depth=np.where(bars, DISTANCE / 2, DISTANCE).astype(np.float32)
+    )
+
+
 def moving(speed: float, late: int = 0) -> Change:
     def change(frame: Frame, _across: Array, index: int) -> Frame:
         motion = np.zeros((HEIGHT, WIDTH, 2), np.float32)
@@ -115,6 +124,7 @@ CASES: dict[str, tuple[Change | None, float, set[Effect]]] = {
     "noise, a camera that slides": (noisy, 0.03, STANDING | {Effect.CAMERA, Effect.NOISE}),
     "noise, on a belt that carries all of the wall": (a_belt, 0.0, STANDING | {Effect.MOTION}),
     "wires": (a_wire, 0.0, STANDING | {Effect.THIN}),
+    "a lattice, a camera that slides": (a_lattice, 0.06, STANDING | {Effect.CAMERA, Effect.THIN}),
     "highlights": (lambda f, _, _i: lit(f, 40.0), 0.0, STANDING | {Effect.HDR}),
     "sky": (
         lambda f, _, _i: replace(f, depth=f.depth + np.float32(np.inf)),

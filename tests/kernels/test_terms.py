@@ -110,6 +110,13 @@ def test_rows_that_were_not_asked_for_fill_the_device(monkeypatch: pytest.Monkey
     assert fitted("resolve", device().build(Build(rows=asked))).rows == taken
 
 
+@pytest.mark.parametrize(("kernel", "rows"), [("gather", 1), ("gather_windows", 1), ("weigh_windows", ROWS)])
+def test_what_gathers_may_have_rows_of_its_own(monkeypatch: pytest.MonkeyPatch, kernel: str, rows: int) -> None:
+    shape = Shape(lanes=1, rows=ROWS, group=(32, 1), gather_rows=1)
+    monkeypatch.setattr(Device, "shape", property(lambda _: shape))
+    assert fitted(kernel, device().build(Build())).rows == rows
+
+
 def turns(shape: Shape, width: int, height: int, rows: int, at_once: int) -> float:
     return -(-width // shape.group[0]) * -(-height // rows) / at_once
 

@@ -188,6 +188,18 @@ def test_the_windows_beside_a_recursive_resolve_have_the_bits_of_their_twin(lane
     assert judged.mean() > 0.4
 
 
+@pytest.mark.optimised
+@pytest.mark.parametrize("lanes", [1, 8])
+def test_windows_of_different_frames_have_the_bits_of_their_twin(lanes: int) -> None:
+    few = chain_work(33, 9)
+    past = np.tile(few.past, 3)  # nine: three, seven and all differ
+    past["slot"] = np.arange(len(past))
+    work = dataclasses.replace(few, past=past, planes={**few.planes, "ring": np.tile(few.planes["ring"], (3, 1, 1))})
+    ours, theirs = (run_stage("gather_windows", strict(lanes), work, on) for on in (device(), NumpyLauncher()))
+    assert differing(work, ours, theirs) == 0
+    assert all((window != UNWRITTEN).any() for window in theirs["windows"].reshape(UNMOVED + 1, -1))
+
+
 @pytest.mark.big
 @pytest.mark.optimised
 @pytest.mark.parametrize(("kernel", "name"), [(k, name) for k in WRITES for name in variants(k, strict(1))])
