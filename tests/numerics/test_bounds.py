@@ -13,7 +13,9 @@ from msgspec.structs import replace
 from cltaa.core.build import Build, Storage
 from cltaa.core.parameters import Accumulate
 from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.reference.gather_window import repeats
 from cltaa.reference.real import greater
+from tests.kernels.hard_planes import KEPT
 from tests.kernels.stage_chain import (
     ALL_STEPS,
     STAGES,
@@ -137,7 +139,8 @@ def test_every_channel_of_every_kernel_has_a_row() -> None:
     for kernel, written in WRITES.items():
         for plane, count in written.items():
             channels = [i for o in OUTPUTS if (o.kernel, o.plane) == (kernel, plane) for i in range(count)[o.channels]]
-            assert channels == list(range(count)), (kernel, plane)
+            stored = [k for k in range(count) if plane != "windows" or not repeats(k // 6, KEPT, KEPT, DEFAULT)]
+            assert channels == stored, (kernel, plane)
 
 
 @pytest.mark.big
