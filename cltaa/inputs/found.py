@@ -52,7 +52,7 @@ SHADE = 0.02  # of a block's mean: less is no change that anybody sees
 THIN_SHARE = 3e-4
 # And pixels in whose place something nearer was sampled, as beside every edge of a thing: where that is so many, what
 # lies between the edges is as narrow. 0.017 at most past walls, columns and posts; 0.027 and more behind a lattice,
-# 0.05 in hedges. To find it where it is not costs 0.5 dB at most, to miss it behind a lattice 3.5 dB.
+# 0.05 in hedges. To find it where it is not costs 0.5 dB at most, to miss it behind a lattice 3.8 dB.
 EDGES_SHARE = 0.022
 MOVED_PX, MOVED_SHARE = 0.1, 1e-4  # vectors that are not the camera's, and share of pixels that have them
 LOOKED_AT = 2**20  # pixels of a pair of frames at most, in whole rows

@@ -1,5 +1,5 @@
-// How far the texels around a pixel bear out each window, and how far light has moved since: sums over the texels, as
-// they weigh windows and move the longer ones to the shortest.
+// How well the texels around a pixel support each window, and how far light has moved since: sums over the texels,
+// which weigh the windows and move the longer ones to the shortest.
 #include "gather/window.h"
 
 #if !defined(DRIFT_FLOOR) || !defined(LEAST_TRUST)

@@ -124,7 +124,7 @@ STAGE neighbours_t neighbours_within(view_t v)
     if (GATHER_FIT == GATHER_FIT_MEAN)
         return (neighbours_t) { 0, 0, 0, 0 };
     const places_t p = v.places;
-    const real beyond = v.reach + SPLAT(1.0 / 1024); // by more than a place is rounded
+    const real beyond = v.reach + SPLAT(1.0 / 1024); // a place of a few pixels is rounded by 2^-21
     const real by_x = p.xx - absolute(p.xy), by_y = p.yy - absolute(p.yx);
     const mask seen = v.seen & p.visible;
     const int left = any_of(seen & !(p.x - by_x <= -beyond)), right = any_of(seen & !(p.x + by_x >= beyond)),

@@ -45,8 +45,8 @@ STAGE void fetch_history(history_in history, plane_in count, plane_in previous_i
         FETCH_BELOW(previous_inverse_depth, at, ROWS_BELOW, stride);
 }
 
-// Below the texel at `at`, of each of `count` planes of a frame in the ring: what the next row will gather there,
-// unless motion varies wildly.
+// Below the texel at `at`, of each of `count` planes: what the next row will read of frames in the ring, unless motion
+// varies wildly, and of temporal windows.
 STAGE void fetch_planes(plane_in first, int count, uint at, frame_t frame)
 {
     enum { ROWS_BELOW = 2 };

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from cltaa.core.build import Build, Storage
+from cltaa.core.build import Build, Storage, window_planes
 from cltaa.core.parameters import Accumulate
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.reference.gather_window import repeats
@@ -139,7 +139,8 @@ def test_every_channel_of_every_kernel_has_a_row() -> None:
     for kernel, written in WRITES.items():
         for plane, count in written.items():
             channels = [i for o in OUTPUTS if (o.kernel, o.plane) == (kernel, plane) for i in range(count)[o.channels]]
-            stored = [k for k in range(count) if plane != "windows" or not repeats(k // 6, KEPT, KEPT, DEFAULT)]
+            each = window_planes(ALL_STEPS) if plane == "windows" else count
+            stored = [k for k in range(count) if plane != "windows" or not repeats(k // each, KEPT, KEPT, DEFAULT)]
             assert channels == stored, (kernel, plane)
 
 

@@ -252,7 +252,7 @@ OUTPUTS = [
     Output("gather", "gather: colour", "output", RGB, "u·M", gathered),
     Output("gather", "gather: alpha", "output", FOURTH, "u", one),
     Output("gather", "gather: count n", "output_count", FIRST, "u·(1 + n)", one),
-    *(output for window in (0, UNMOVED) for output in outputs_of_window(window)),  # of KEPT frames these differ
+    *(output for window in (0, UNMOVED) for output in outputs_of_window(window)),  # with KEPT frames the others repeat
     Output("weigh_windows", "weighed: colour", "output", RGB, "u·M", of_windows),
     Output("weigh_windows", "weighed: alpha", "output", FOURTH, "u", one),
     Output("weigh_windows", "weighed: count n", "output_count", FIRST, "u·(1 + n)", counted),
