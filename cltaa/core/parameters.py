@@ -148,12 +148,15 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
         float,
         _number("such a t where something nearer stood beside the place of the history", 0.125, 1e6, "1", "measured"),
     ] = 0.8
+    passing_t: Annotated[
+        float, _number("such a t where something nearer has passed by that place", 0.125, 1e6, "1", "measured")
+    ] = 0.4
     illumination_decay: Annotated[
         float, _number("share of such a t that is added to that of the next frame", 0.0, 1.0, "1", "measured")
     ] = 0.72
     falling_t: Annotated[
         float,
-        _number("illumination_t, disocclusion_t where light falls, over where it rises", 0.125, 8.0, "1", "even"),
+        _number("each of these where light falls, over where it rises", 0.125, 8.0, "1", "even"),
     ] = 1.0
     illumination_floor: Annotated[
         float, _number("standard error added to that of the 3x3, over its luminance", 0.0, 1.0, "1", "measured")

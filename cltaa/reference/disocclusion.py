@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from cltaa.core.build import Build, Record
 from cltaa.core.planes import Layout
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.real import Array, Mask, constant, greater, number
-from cltaa.reference.reprojection import Motion, pixel_grid
+from cltaa.reference.reprojection import Motion, motion_from_depth, pixel_grid
 from cltaa.reference.sampling import Quad
 
 
@@ -39,9 +40,27 @@ def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
     return result
 
 
+def nearest_of(q: Quad) -> Array:
+    """The greatest of four inverse depths."""
+    return greater(greater(q.p00, q.p10), greater(q.p01, q.p11))
+
+
 def partly_covered(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
     """True where one of four texels of the previous inverse depth is nearer than all of the current 3x3."""
     _, high = surface_range(s, m, tolerance)
-    nearer = [p > high for p in previous]
-    result: Mask = nearer[0] | nearer[1] | nearer[2] | nearer[3]
-    return result
+    covered: Mask = nearest_of(previous) > high
+    return covered
+
+
+def has_passed(
+    nearest: Array, s: Surface, m: Motion, tolerance: Any, build: Build, layout: Layout, frame: Record
+) -> Mask:
+    """True where the ``nearest`` inverse depth around the place of the history is nearer than the surface, and a
+    camera's motion has moved it by PASSES pixels against the surface since."""
+    _, high = surface_range(s, m, tolerance)
+    here = np.zeros_like(s.nearest)
+    passing = Surface(here, here, (nearest - m.shift) / m.scale, here, here, here, here, here)
+    its = motion_from_depth(passing, build, layout, frame)
+    least = constant("PASSES", m.u)
+    passed: Mask = (nearest > high) & ((np.abs(its.u - m.u) >= least) | (np.abs(its.v - m.v) >= least))
+    return passed

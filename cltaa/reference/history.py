@@ -11,12 +11,21 @@ from cltaa.core.build import Build, Record
 from cltaa.core.parameters import HistoryRange, Reject
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain, sample_is_missing
-from cltaa.reference.disocclusion import on_screen, partly_covered, same_surface
+from cltaa.reference.disocclusion import has_passed, nearest_of, on_screen, partly_covered, same_surface
 from cltaa.reference.illumination import history_in_range, illumination_test, tests_light
 from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.real import Array, Mask, limit, number
+from cltaa.reference.real import Array, Mask, greater, limit, number
 from cltaa.reference.reprojection import Motion, motion_to_edge
-from cltaa.reference.sampling import bilinear, footprint_of, history_weights, sample_plane, sample_quad
+from cltaa.reference.sampling import (
+    Footprint,
+    Quad,
+    bilinear,
+    footprint_of,
+    history_weights,
+    sample_corners,
+    sample_plane,
+    sample_quad,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +40,32 @@ class History:
     fy: Array
     valid: Mask
     change: Array
+
+
+def least_change(
+    previous_inverse_depth: Array,
+    previous: Quad,
+    f: Footprint,
+    s: Surface,
+    m: Motion,
+    build: Build,
+    layout: Layout,
+    frame: Record,
+    settings: Record,
+) -> Array:
+    """The t from which a change of light counts, [H, W]: less where something nearer stood beside the place of the
+    history, and least where it has passed by since."""
+    least_t, tolerance = np.full_like(m.u, settings["illumination_t"]), settings["depth_tolerance"]
+    if build.choices.reject is not Reject.DEPTH or not (build.steps.camera_motion or build.steps.own_motion):
+        return least_t
+    covered = partly_covered(previous, s, m, tolerance)
+    beside: Array = np.where(covered, number(settings["disocclusion_t"], m.u), least_t)
+    if not build.steps.camera_motion:
+        return beside
+    corners = sample_corners(previous_inverse_depth, f, m.u.dtype)
+    nearest = greater(nearest_of(previous), nearest_of(corners))
+    passed = has_passed(nearest, s, m, tolerance, build, layout, frame)
+    return np.where(passed, number(settings["passing_t"], m.u), beside)
 
 
 def sample_history(
@@ -60,17 +95,15 @@ def sample_history(
     r, g, b = (sample_plane(plane, f, wx, wy, build, real) for plane in planes)
     valid &= ~colour_outside_domain((r, g, b))
     count = bilinear(sample_quad(history_count[0], f, real), f)
-    covered = np.zeros_like(valid)
+    previous = sample_quad(previous_inverse_depth[0], f, real)
     if build.choices.reject is Reject.DEPTH:
-        previous, tolerance = sample_quad(previous_inverse_depth[0], f, real), settings["depth_tolerance"]
         no_depth = sample_is_missing(current, layout) & (s.nearest <= number(frame["sky_inverse_depth"], s.nearest))
-        valid &= same_surface(previous, s, m, tolerance) | no_depth
-        if build.steps.camera_motion or build.steps.own_motion:
-            covered = partly_covered(previous, s, m, tolerance)
+        valid &= same_surface(previous, s, m, settings["depth_tolerance"]) | no_depth
     change = np.zeros_like(count)
     if tests_light(build):
+        least_t = least_change(previous_inverse_depth[0], previous, f, s, m, build, layout, frame, settings)
         count, change = illumination_test(
-            count, covered, current, history, history_count[1], f, build, layout, frame, settings
+            count, least_t, current, history, history_count[1], f, build, layout, frame, settings
         )
     rgb = (r, g, b) if in_range else history_in_range((r, g, b), build, frame)
     alpha = np.ones_like(rgb[0])

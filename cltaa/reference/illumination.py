@@ -20,7 +20,7 @@ from cltaa.reference.colour import (
     to_range,
 )
 from cltaa.reference.neighbourhood import spread_of_three
-from cltaa.reference.real import Array, Mask, constant, greater, lesser, limit, number
+from cltaa.reference.real import Array, constant, greater, lesser, limit, number
 from cltaa.reference.sampling import Footprint
 
 
@@ -85,7 +85,7 @@ class IlluminationResult(NamedTuple):
 
 def illumination_test(
     held: Array,
-    covered: Mask,
+    least_t: Array,
     current: Array,
     history: Array,
     history_change: Array,
@@ -98,9 +98,8 @@ def illumination_test(
     """``held`` [H, W] samples of a history, divided by how much light changes.
 
     The change is Student's t of the channel that changed most, negative where luminance falls, and
-    ``illumination_decay`` of the change that the frame before left; the square of its size over ``illumination_t``
-    divides, where it is more than 1; where the surface was partly ``covered`` [H, W], that over ``disocclusion_t``;
-    where light falls, over ``falling_t`` of either.
+    ``illumination_decay`` of the change that the frame before left; the square of its size over ``least_t`` [H, W]
+    divides, where it is more than 1; where light falls, over ``falling_t`` of that.
     ``current`` [3, rows, stride], ``history`` [3 or 4, rows, stride] and
     ``history_change`` [rows, stride], which that frame left, are padded planes.
     """
@@ -135,9 +134,8 @@ def illumination_test(
     t = lesser(largest, constant("DOMAIN_LIMIT", level))
     before = history_change[row, column].astype(real)
     change = np.where(ta < number(0.0, level), -t, t) + number(settings["illumination_decay"], level) * before
-    rising = np.where(covered, *(number(settings[name], level) for name in ("disocclusion_t", "illumination_t")))
-    least_t = np.where(change < number(0.0, level), number(settings["falling_t"], level) * rising, rising)
-    by = greater(np.abs(change) / least_t, number(1.0, level))
+    falling_t = number(settings["falling_t"], level) * least_t
+    by = greater(np.abs(change) / np.where(change < number(0.0, level), falling_t, least_t), number(1.0, level))
     drawn = _drawn(current, layout, zero)
     untested = sample_is_missing(current, layout) & (drawn < number(5.0, drawn))
     return IlluminationResult(

@@ -182,6 +182,11 @@ def sample_quad(plane: Array, f: Footprint, real: Any) -> Quad:
     return Quad(*(plane[f.row + j, f.column + i].astype(real) for j in (0, 1) for i in (0, 1)))
 
 
+def sample_corners(plane: Array, f: Footprint, real: Any) -> Quad:
+    """The corners of the 4x4 around the footprint."""
+    return Quad(*(plane[f.row + j, f.column + i].astype(real) for j in (-1, 2) for i in (-1, 2)))
+
+
 def bilinear(q: Quad, f: Footprint) -> Array:
     """The quad interpolated at the footprint's fraction."""
     top, bottom = q.p00 + f.fx * (q.p10 - q.p00), q.p01 + f.fx * (q.p11 - q.p01)

@@ -37,10 +37,26 @@ STAGE mask same_surface(quad previous, surface s, motion_t m, settings_t setting
         | ((previous.p01 <= r.high) & (previous.p01 >= r.low)) | ((previous.p11 <= r.high) & (previous.p11 >= r.low));
 }
 
+STAGE real nearest_of(quad q) { return greater(greater(q.p00, q.p10), greater(q.p01, q.p11)); }
+
 // Whether something nearer stood in front of the surface at one of the four texels: what the history holds there may be
 // its colour.
 STAGE mask partly_covered(quad previous, surface s, motion_t m, settings_t settings)
 {
-    const real high = surface_range(s, m, settings).high;
-    return ((previous.p00 > high) | (previous.p10 > high)) | ((previous.p01 > high) | (previous.p11 > high));
+    return nearest_of(previous) > surface_range(s, m, settings).high;
+}
+
+// Whether a camera's motion has moved what was `nearest` around the place of the history, and nearer than the surface,
+// by PASSES pixels against the surface since. It has then uncovered what it stood in front of; what comes and goes by
+// the jitter alone has not.
+STAGE mask has_passed(real nearest, surface s, motion_t m, real x, real y, frame_t frame, settings_t settings)
+{
+    const mask nearer = nearest > surface_range(s, m, settings).high;
+    if (LANES > 1 && !any_of(nearer))
+        return nearer;
+    surface passing = s;
+    passing.x = passing.y = SPLAT(0.0);
+    passing.inverse_depth = quotient(nearest - m.shift, m.scale);
+    const motion_t its = motion_from_depth(passing, x, y, frame);
+    return nearer & ((absolute(its.u - m.u) >= SPLAT(PASSES)) | (absolute(its.v - m.v) >= SPLAT(PASSES)));
 }

@@ -141,6 +141,24 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_in
     return sample_planes(history, previous_inverse_depth, f, wx, wy, rgb, counted, count_limit, frame);
 }
 
+// The t from which a change of light counts: less where something nearer stood beside the place of the history, whose
+// colour that may be, and least where it has passed by since.
+STAGE real least_change(plane_in previous_inverse_depth, quad previous, footprint f, surface s, motion_t m, int x,
+    int y, frame_t frame, settings_t settings)
+{
+    const real least_t = SPLAT(settings.illumination_t);
+    if ((REJECT != REJECT_DEPTH)
+        | !(CAMERA_MOTION | OWN_MOTION)) // the jitter alone shows something nearer now and then
+        return least_t;
+    const real beside = partly_covered(previous, s, m, settings) ? SPLAT(settings.disocclusion_t) : least_t;
+    if (!CAMERA_MOTION)
+        return beside;
+    const quad corners = sample_corners(previous_inverse_depth, f, row_stride(frame));
+    const real nearest = greater(nearest_of(previous), nearest_of(corners));
+    const mask passed = has_passed(nearest, s, m, LANE_INDEX + K(x), SPLAT(y), frame, settings);
+    return passed ? SPLAT(settings.passing_t) : beside;
+}
+
 // `next` holds the texels of the row below the pixel's; `lacks` says that a sample of the segment is missing.
 STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, history_in history, plane_in count,
     plane_in previous_inverse_depth, motion_t m, surface s, int x, int y, frame_t frame, settings_t settings,
@@ -158,20 +176,18 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
     h.rgb = v.rgb;
     h.count = v.count;
     h.valid = h.valid & !colour_outside_domain(h.rgb);
-    mask covered = (mask)(0);
     if (REJECT == REJECT_DEPTH) {
         mask same = same_surface(v.inverse_depth, s, m, settings);
         // A sample without depth either does not say that another surface is seen.
         if (lacks)
             same = same | (sample_is_missing(current, x, y, frame) & (s.nearest <= SPLAT(frame.sky_inverse_depth)));
         h.valid = h.valid & same;
-        if (CAMERA_MOTION | OWN_MOTION) // else it is the jitter that shows something nearer now and then
-            covered = partly_covered(v.inverse_depth, s, m, settings);
     }
     h.change = SPLAT(0.0);
     if (TESTS_LIGHT) {
+        const real least_t = least_change(previous_inverse_depth, v.inverse_depth, f, s, m, x, y, frame, settings);
         lit_t l = illumination_test(
-            v.count, covered, current, next, history, count, f, x, y, frame, settings, &cache->illumination);
+            v.count, least_t, current, next, history, count, f, x, y, frame, settings, &cache->illumination);
         if (lacks)
             l = tested_by_drawn(l, v.count, current, x, y, frame);
         h.count = l.count;

@@ -225,12 +225,12 @@ typedef struct
 
 // The `held` samples of a history, divided by how much light changes. The change: Student's t of the channel that
 // changed most, with the sign of the first one, luminance, and illumination_decay of what the frame before left. The
-// square of its size over illumination_t divides, where that is more than 1: an error of one standard error is worth
-// what one sample is, and one of k as little as k^2 samples fewer. The jitter moves all nine differences one way in one
-// frame and another way in the next, light that changes goes on: so what the jitter does stays small in the sum. Where
-// the surface was partly `covered`, disocclusion_t takes the place of illumination_t. Where light falls falling_t times
-// either does: nine dim samples of noise agree, nine with a bright one do not. `next` is the row below the pixel's.
-STAGE lit_t illumination_test(real held, mask covered, plane_in current, boxed_row next, history_in history,
+// square of its size over least_t divides, where that is more than 1: an error of one standard error is worth what one
+// sample is, and one of k as little as k^2 samples fewer. The jitter moves all nine differences one way in one frame
+// and another way in the next, light that changes goes on: so what the jitter does stays small in the sum. Where light
+// falls falling_t times least_t divides: nine dim samples of noise agree, nine with a bright one do not. `next` is the
+// row below the pixel's.
+STAGE lit_t illumination_test(real held, real least_t, plane_in current, boxed_row next, history_in history,
     plane_in count, footprint f, int x, int y, frame_t frame, settings_t settings, illumination_cache* cache)
 {
     const nearest_t n = nearest_texels(f, row_stride(frame));
@@ -250,8 +250,7 @@ STAGE lit_t illumination_test(real held, mask covered, plane_in current, boxed_r
     const real t = lesser(largest, SPLAT(DOMAIN_LIMIT)); // or that, where it is NaN
     const real before = nearest_change(count + history_plane_size(frame), n, row_stride(frame));
     const real change = (ta < SPLAT(0.0) ? -t : t) + K(settings.illumination_decay) * before;
-    const real rising = covered ? SPLAT(settings.disocclusion_t) : SPLAT(settings.illumination_t);
-    const real from = change < SPLAT(0.0) ? SPLAT(settings.falling_t) * rising : rising;
+    const real from = change < SPLAT(0.0) ? SPLAT(settings.falling_t) * least_t : least_t;
     const real by = greater(quotient(absolute(change), from), SPLAT(1.0));
     return (lit_t) { quotient(held, by * by), stored_change(change) };
 }

@@ -308,6 +308,29 @@ STAGE quad sample_quad(plane_in p, footprint f, int stride)
     return t;
 }
 
+// The texel that lies i columns to the right of the footprint's whole part and j rows below it.
+STAGE real texel_beside(plane_in p, footprint f, int i, int j, int stride)
+{
+    const ptrdiff_t way = j * (ptrdiff_t)stride + i;
+    if (LANES > 1 && f.lanes == LANES_APART)
+        return texels_apart(p + f.own + way, steps_apart(f.dx, f.dy, stride));
+    plane_in q = p + f.at + way;
+    if (LANES > 1 && f.lanes == LANES_CLOSE) {
+        const mask right = f.step_x != 0, down = f.step_y != 0;
+        const real above = right ? load(q + 1) : load(q), below = right ? load(q + stride + 1) : load(q + stride);
+        return down ? below : above;
+    }
+    return load(q);
+}
+
+// The corners of the 4x4 around the footprint: what is at least two texels wide and in the 4x4 is in them or in its
+// middle.
+STAGE quad sample_corners(plane_in p, footprint f, int stride)
+{
+    return (quad) { texel_beside(p, f, -1, -1, stride), texel_beside(p, f, 2, -1, stride),
+        texel_beside(p, f, -1, 2, stride), texel_beside(p, f, 2, 2, stride) };
+}
+
 STAGE real bilinear(quad t, footprint f)
 {
     if (f.lanes == LANES_ON_TEXELS)

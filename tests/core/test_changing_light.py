@@ -34,7 +34,7 @@ NONE = 1.0 + 2.0**-22  # divisors below it are 1
 
 
 def in_light(
-    now: Any, then: Any, before: float, held: float = 1.0, *, covered: bool = False, **settings: Any
+    now: Any, then: Any, before: float, held: float = 1.0, *, least_t: float | None = None, **settings: Any
 ) -> IlluminationResult:
     """What ``held`` samples count for, [H, W], and the change, where nothing moves; ``before`` is the last one."""
     layout = Layout(WIDTH, HEIGHT)
@@ -45,7 +45,7 @@ def in_light(
     change, counts = padded(np.full((1, HEIGHT, WIDTH), before, np.float32), layout)[0], np.full_like(still, held)
     return illumination_test(
         counts,
-        np.full(still.shape, covered),
+        np.full_like(still, record["illumination_t"] if least_t is None else least_t),
         padded(now, layout),
         padded(then, layout),
         change,
@@ -74,22 +74,23 @@ def test_it_is_students_t() -> None:
     assert 0.05 < (found < NONE).mean() < 0.95
 
 
-def test_less_is_a_change_where_something_nearer_stood_beside() -> None:
+def test_least_t_divides() -> None:
     noisy = np.random.default_rng(1).normal(0.5, 0.1, (3, HEIGHT, WIDTH)).astype(np.float32)
     brighter, settings = np.float32(1.1) * noisy, Settings()
-    there, elsewhere = (divisors(brighter, noisy, covered=covered) for covered in (True, False))
-    ratio = (settings.illumination_t / settings.disocclusion_t) ** 2
+    elsewhere = divisors(brighter, noisy)
     changed = elsewhere > NONE
     assert changed.any()
-    assert np.allclose(there[changed], ratio * elsewhere[changed], rtol=1e-5)
-    assert (there >= elsewhere).all()
+    for least_t in (settings.disocclusion_t, settings.passing_t):
+        there = divisors(brighter, noisy, least_t=least_t)
+        assert np.allclose(there[changed], (settings.illumination_t / least_t) ** 2 * elsewhere[changed], rtol=1e-5)
+        assert (there >= elsewhere).all()
 
 
 def test_light_that_falls_is_asked_for_falling_t_times_as_much() -> None:
     noisy = np.random.default_rng(1).normal(0.5, 0.1, (3, HEIGHT, WIDTH)).astype(np.float32)
-    for covered in (False, True):
+    for least_t in (None, Settings().disocclusion_t):
         for light, factor in ((1.2, 1.0), (0.8, 2.0)):
-            once, asked = (divisors(np.float32(light) * noisy, noisy, covered=covered, falling_t=t) for t in (1.0, 2.0))
+            once, asked = (divisors(np.float32(light) * noisy, noisy, least_t=least_t, falling_t=t) for t in (1.0, 2.0))
             changed = asked > NONE
             assert changed.any()
             assert np.allclose(once[changed], factor**2 * asked[changed], rtol=1e-5)
