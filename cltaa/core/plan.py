@@ -57,8 +57,9 @@ REPROJECTION = "reprojection"
 CHANGING = frozenset(
     {Effect.CAMERA, Effect.MOTION, Effect.DISOCCLUSION, Effect.ILLUMINATION, Effect.REACTIVE, Effect.EXPOSURE}
 )
-# Those that make history wrong of a surface that depth takes for the same.
-CHANGING_LIGHT = frozenset({Effect.ILLUMINATION, Effect.MOTION, Effect.REACTIVE, Effect.THIN})
+# Those that make history wrong of a surface that depth takes for the same, and what does where a camera moves past it.
+CHANGING_LIGHT = frozenset({Effect.ILLUMINATION, Effect.MOTION, Effect.REACTIVE})
+IN_MOTION = frozenset({Effect.THIN})
 
 SURER = 2.0  # times drift_t, where no light is known to change
 # Where samples scatter: times falling_t, since dim samples of noise agree and bright ones do not, and times a box of
@@ -165,9 +166,10 @@ def _illumination_may_change(declared: frozenset[Effect] | None) -> bool:
 def _testing_illumination(
     preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str
 ) -> tuple[Choices, Reason]:
-    """Light changes, what moves turns in the light, and depth misses what is thinner than a pixel: history is wrong.
+    """Light changes, what moves turns in the light, and a camera that moves past what is thinner than a pixel uncovers
+    what depth takes for seen: history is wrong.
 
-    Where a camera moves past what is solid there is none of it to test for.
+    Where a camera moves past what is solid, or stands before what is thin, there is none of it to test for.
     """
     if why := declined(preset, "illumination", Illumination.TEST, Illumination.WINDOW):
         return choices, Reason(LIGHT, False, why)
@@ -177,9 +179,9 @@ def _testing_illumination(
         return choices, Reason(LIGHT, True, "as published")
     if declared is None:
         return choices, Reason(LIGHT, True, declared_or_not(Effect.ILLUMINATION, declared, word))
-    if found := declared & CHANGING_LIGHT:
+    if found := declared & (CHANGING_LIGHT | IN_MOTION if Effect.CAMERA in declared else CHANGING_LIGHT):
         return choices, Reason(LIGHT, True, f"{word}: {format_effects(found)}")
-    why = f"none of illumination, motion, reactive and thin is {word}"
+    why = f"none of illumination, motion and reactive is {word}, nor thin with a camera"
     return msgspec.structs.replace(choices, illumination=Illumination.STATIC), Reason(LIGHT, False, why)
 
 

@@ -193,6 +193,7 @@ def test_light_that_goes_on_is_followed_and_light_that_alternates_a_little_is_no
     [
         ({Effect.CAMERA, Effect.DISOCCLUSION}, False),
         ({Effect.CAMERA, Effect.THIN}, True),
+        ({Effect.DISOCCLUSION, Effect.THIN}, False),  # which stands
         ({Effect.MOTION}, True),
         ({Effect.ILLUMINATION}, True),
         ({Effect.REACTIVE, Effect.HDR}, True),
