@@ -13,6 +13,7 @@ from typing import Any, assert_type
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pyopencl import invoker
 
 from cltaa.core.bands import BandedResolver
 from cltaa.core.plan import Reason
@@ -138,6 +139,19 @@ def test_every_method_refuses_a_second_thread(kind: type[Resolver]) -> None:
         method = partial(getattr(kind, name), resolver, *given, *frames)
         with pytest.raises(UsageError, match="two threads use one resolver at once"):
             list(method() if frames else [method()])
+
+
+def test_pyopencl_keeps_no_struct_by_its_fields(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In its cache on disk it looks for them by size and compares fields: it would warn once one is renamed."""
+    given, made = list[Any](), invoker.generate_enqueue_and_set_args
+
+    def spy(*values: Any, **others: Any) -> Any:
+        given.extend(values[3] or ())
+        return made(*values, **others)
+
+    monkeypatch.setattr(invoker, "generate_enqueue_and_set_args", spy)
+    Resolver().resolve(make_frame(0))
+    assert {None, np.void} <= set(given) <= {None, np.void, np.int32, np.float32}
 
 
 def test_a_device_may_be_named_by_its_number_and_a_launcher_shared() -> None:
