@@ -19,7 +19,7 @@ import numpy as np
 
 from cltaa import __version__
 from cltaa.errors import DataError, UsageError, import_extra, known
-from cltaa.frame import Image
+from cltaa.frame import Image, shared
 from cltaa.io.display import luma, shown_light, to_display
 from cltaa.printable import counted
 
@@ -223,6 +223,7 @@ def measure(
     Raises UsageError for an unknown metric and what is no array, DataError for sizes that differ, for bytes and greys,
     and for NaN or infinity, with ``frame`` and the file's path in its text.
     """
+    test, reference = shared("image", test), shared("reference", reference)
     for image in (test, reference):
         if not isinstance(image, np.ndarray):
             cure = "files are judged by cltaa compare"
