@@ -45,7 +45,7 @@ def configure() -> None:
     for name, value in ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     with suppress(RuntimeError):  # a folder of our own keeps other programs out of PoCL's cache
-        os.environ.setdefault("POCL_CACHE_DIR", str(user_cache() / "cltaa" / "pocl"))
+        os.environ["POCL_CACHE_DIR"] = os.environ.get("POCL_CACHE_DIR") or str(user_cache() / "cltaa" / "pocl")
     _keep_heap()
     while _waiting:
         _waiting.pop()()
@@ -74,8 +74,12 @@ def once_own(change: Callable[[], None]) -> None:
 
 
 def user_cache() -> Path:
-    """The user's folder for what can be made again; raises RuntimeError where the user has no home."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    """The user's folder for what can be made again; raises RuntimeError where the user has no home.
+
+    A relative XDG_CACHE_HOME is none (XDG Base Directory Specification, Basics): each folder of work would get one.
+    """
+    chosen = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return chosen if chosen.is_absolute() else Path.home() / ".cache"
 
 
 CORES, MANY_CORES = len(os.sched_getaffinity(0)), 8
