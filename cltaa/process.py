@@ -124,20 +124,34 @@ class Stop:
     requested = False
 
 
+_asked = Stop()
+
+
 @contextmanager
 def interrupts(stop: Stop) -> Iterator[None]:
     """Let SIGTERM raise KeyboardInterrupt, as SIGINT does, so that whatever is half-done is cleared away.
 
-    ``stop`` remembers it, because what is raised while another package is imported may get lost there, or come out as
-    another error.
+    ``stop`` remembers it, because what is raised while another package is imported, or in a call back from C, may get
+    lost there, or come out as another error.
     """
+    global _asked
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         stop.requested = True
         signal.default_int_handler(number, frame)
 
-    with _handled(SIGNALS, interrupt):
-        yield
+    before, _asked = _asked, stop
+    try:
+        with _handled(SIGNALS, interrupt):
+            yield
+    finally:
+        _asked = before
+
+
+def stop_where_asked() -> None:
+    """Raise KeyboardInterrupt where an earlier one got lost, as ``interrupts`` remembers."""
+    if _asked.requested:
+        raise KeyboardInterrupt
 
 
 @contextmanager
