@@ -149,6 +149,7 @@ CASES: list[tuple[str, int, str]] = [
     ("bench quality --sequence seq --sequence twin/seq --work out --settled 1", WRONG, "two sequences of one name"),
     ("bench accuracy seq small -o out --only preset", MISSING, "small/reference: no truth"),
     ("tune seq small --budget 5ms -o out.toml", MISSING, "small/reference: no truth"),
+    ("bench accuracy seq -o out --only ''", WRONG, "--only names nothing"),
     ("bench accuracy seq -o out --only colour", WRONG, "--only: unknown variant or group colour"),
     ("bench kernels --size x", USAGE, "not WIDTHxHEIGHT"),
     ("bench quality --held-out 1,x", USAGE, "'1,x' is no list of whole numbers from 0 on"),

@@ -240,14 +240,19 @@ def measure(
                 expected="floats [H, W, 3]",
                 found=f"{image.dtype} {list(image.shape)}",
             )
-        bad = image.size - int(np.isfinite(image).sum())
-        if bad:
-            what = f"NaN or infinity in {counted(bad, 'value')} of the {name}"
-            raise DataError(what, path=file, frame=frame, cure="there is no error to state; look for their cause")
+        check_finite(name, image, file, frame)
     if metrics is None:
         metrics = DEFAULT_METRICS
     chosen = [named_metrics([metric])[0] if isinstance(metric, str) else metric for metric in metrics]
     return {metric.name: metric.function(test, reference, stops) for metric in chosen}
+
+
+def check_finite(name: str, image: Image, path: Path | None, frame: int | None) -> None:
+    """Raise DataError for NaN or infinity in ``image``, which is called ``name``."""
+    bad = image.size - int(np.isfinite(image).sum())
+    if bad:
+        what = f"NaN or infinity in {counted(bad, 'value')} of the {name}"
+        raise DataError(what, path=path, frame=frame, cure="there is no error to state; look for their cause")
 
 
 def finite(image: Image) -> Image:
