@@ -63,6 +63,7 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq -o out --config empty", DATA, "empty: this is a folder (expected a TOML file)"),
     ("resolve seq -o out --config /dev/zero", DATA, "/dev/zero: this is a pipe or a device (expected a TOML file)"),
     ("resolve seq -o out --config latin.toml", DATA, "latin.toml: not UTF-8"),
+    ("resolve seq -o out --config profile.toml", WRONG, "profile.toml: unknown key colour"),
     ("resolve seq -o out --config large.toml", DATA, "large.toml: too large for a TOML file"),
     ("resolve seq -o out --preset ../../etc/passwd", WRONG, "unknown preset"),
     ("resolve seq -o out --set box_scale_static=nan", WRONG, "box_scale_static"),
@@ -210,6 +211,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "file.txt").write_text("not what you think")
     (folder / "latin.toml").write_bytes(b"# caf\xe9")
     (folder / "other.toml").write_text('preset = "nope"')
+    (folder / "profile.toml").write_text("[colour]\n[jitter]\n")
     (folder / "large.toml").write_text("#" * 100_000)
     (folder / "deep.toml").write_text("x = " + "[" * 60_000)
     (folder / "deep.json").write_text('{"frames": ' + "[" * 100_000)
