@@ -55,14 +55,19 @@ def guide_line(guides: Mapping[str, tuple[str, ...]]) -> str:
     return f"denoised with: {'; '.join(told)}"
 
 
+def denoises(name: str) -> bool:
+    """Whether a denoiser of that name does anything; raises UsageError for no such denoiser."""
+    if name not in DENOISERS:
+        raise UsageError("no such denoiser", expected=", ".join(DENOISERS), found=repr(name))
+    return name != "none"
+
+
 def denoiser(name: str) -> Denoise | None:
     """What denoises a frame, from it and from three planes [H, W] of each guide; None for ``none``.
 
     Raises UsageError for no such denoiser, and where the extra is not installed.
     """
-    if name not in DENOISERS:
-        raise UsageError("no such denoiser", expected=", ".join(DENOISERS), found=name)
-    if name == "none":
+    if not denoises(name):
         return None
     oidn: Any = import_extra("pyoidn", package="pyoidn", extra="denoise", purpose="--denoise oidn")
 

@@ -90,7 +90,7 @@ def test_each_frame_is_denoised_before_the_resolve(
     ("name", "line"),
     [
         ("oidn", r"--denoise oidn needs pyoidn.*pip install 'cltaa\[denoise\]'"),
-        ("optix", r"no such denoiser \(expected none, oidn, found optix\)"),
+        ("optix", r"no such denoiser \(expected none, oidn, found 'optix'\)"),
     ],
 )
 def test_a_denoiser_that_is_not_there_is_refused_before_the_work(

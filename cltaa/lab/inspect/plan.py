@@ -27,6 +27,7 @@ from cltaa.io.names import Named
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.timing import Clock, Interval, Job, Samples, measure, resolve_job
 from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.pipeline.denoise import denoises
 from cltaa.pipeline.folder import band_rows_for, find_for, for_denoised, has_bands, of_whole
 from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence, program_bytes
 from cltaa.pipeline.output import carried_kinds, check_layers, chosen_layers
@@ -91,7 +92,7 @@ def plan(
     is ``denoise``, whose own time and memory are not among what is told. Raises what opening the device and reading
     raise, and UsageError for no such layer.
     """
-    denoised = denoise != "none"
+    denoised = denoises(denoise)
     if denoised and not isinstance(preset, Preset):
         preset = for_denoised(load_preset(preset))
     if not isinstance(sequence, FrameSequence):
