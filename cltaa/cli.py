@@ -8,7 +8,7 @@ import io
 import os
 import sys
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TextIO
 
 import click
 from click.shell_completion import CompletionItem
@@ -198,11 +198,24 @@ def _take_debug(arguments: list[str]) -> tuple[bool, list[str]]:
     return debug, ["--debug"] * debug + others + arguments[end:]
 
 
+def _tell(line: str) -> None:
+    """Print a last line on standard error; where that is a full disk or a closed pipe the exit code tells alone."""
+    try:
+        click.echo(line, err=True)
+    except OSError:
+        _forsake(sys.stderr)
+
+
+def _forsake(stream: TextIO) -> None:
+    """Let what ``stream`` still holds end nowhere: Python would write it at its end, and fail with its own code."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
 def _interrupted(arguments: list[str]) -> int:
     words = [argument for argument in arguments if not argument.startswith("-")]
     goes_on = tuple(words[:1]) in GOES_ON or tuple(words[:2]) in GOES_ON
     more = "; what was finished is kept, run the same again to go on" if goes_on else ""
-    click.echo(f"cltaa: interrupted{more}", err=True)
+    _tell(f"cltaa: interrupted{more}")
     return INTERRUPTED
 
 
@@ -211,13 +224,13 @@ def _failed(error: Exception) -> int:
         context = getattr(error, "ctx", None)
         command = "cltaa" if context is None else context.command_path
         line = " ".join(error.format_message().split()).rstrip(".")
-        click.echo(f"cltaa: error: {printable(line)}; see {command} --help", err=True)
+        _tell(f"cltaa: error: {printable(line)}; see {command} --help")
         return error.exit_code
     if isinstance(error, BrokenPipeError):  # whoever read what was printed has had enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _forsake(sys.stdout)
         return StorageError.exit_code
     deliberate = _deliberate(error)
-    click.echo(f"cltaa: error: {deliberate}", err=True)
+    _tell(f"cltaa: error: {deliberate}")
     return deliberate.exit_code
 
 

@@ -98,11 +98,12 @@ def known(name: str, names: Iterable[str], kind: str) -> str:
     return f"did you mean {'one of ' * (len(having) > 1)}{', '.join(having)}?" if having else listed
 
 
-def disk_space_cure(error: OSError) -> str:
-    """The cure for a file that could not be written: what the system says is too large is no matter of a full disk."""
+def disk_cure(error: OSError) -> str:
+    """The cure for a file that could not be read or written, by what the system says: not every disk is full."""
     if error.errno == errno.EFBIG:
         return "the shell limits the size of a file, and of a copy in memory: ulimit -f unlimited"
-    return "free some space and run again"
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    return "free some space and run again" if full else "check the folder and the disk, and run again"
 
 
 class UsageError(CltaaError):

@@ -183,7 +183,7 @@ class Frame:
     ) -> None:
         """Take the arrays where they are."""
         given = {name: value for name, value in locals().items() if name in self.__dataclass_fields__}
-        given |= {name: _shared(name, given[name]) for name in PLANES}
+        given |= {name: shared(name, given[name]) for name in PLANES}
         if depth is None:  # one number in memory, that of the sky
             size = getattr(given["colour"], "shape", ())[:2]
             given["depth"] = np.broadcast_to(np.float32(np.inf), size)
@@ -240,13 +240,13 @@ def _pair(numbers: Any) -> Any:
     """A list or an array of two as the tuple that it stands for; all else as it is, for the check of a frame."""
     with suppress(ValueError, TypeError, RuntimeError):  # of several lengths, or of another device
         if not isinstance(numbers, tuple) and np.shape(numbers) == (2,):
-            return tuple(np.asarray(_shared("jitter_px", numbers)).tolist())
+            return tuple(np.asarray(shared("jitter_px", numbers)).tolist())
     return numbers
 
 
-def _shared(name: str, array: object) -> object:
+def shared(name: str, array: Any) -> Any:
     """``array`` as NumPy's where another library holds it in the host's memory, what is masked as NaN; all else as it
-    is."""
+    is. Raises DataError, by its ``name``, where it cannot be shared."""
     if isinstance(array, np.ma.MaskedArray) and array.dtype.kind == "f":
         return array.filled(np.nan)
     if isinstance(array, np.ndarray) or not hasattr(array, "__dlpack__") or on_device(array):
@@ -254,5 +254,5 @@ def _shared(name: str, array: object) -> object:
     try:
         return np.from_dlpack(array)
     except (BufferError, RuntimeError, TypeError, ValueError) as error:
-        cure = "give its copy in the host's memory, without gradients"
+        cure = "give its copy of floats in the host's memory, without gradients"
         raise DataError(f"{name} cannot be shared: {error}", found=type(array).__name__, cure=cure) from error

@@ -45,7 +45,7 @@ def configure() -> None:
     for name, value in ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     with suppress(RuntimeError):  # a folder of our own keeps other programs out of PoCL's cache
-        os.environ.setdefault("POCL_CACHE_DIR", str(user_cache() / "cltaa" / "pocl"))
+        os.environ["POCL_CACHE_DIR"] = os.environ.get("POCL_CACHE_DIR") or str(user_cache() / "cltaa" / "pocl")
     _keep_heap()
     while _waiting:
         _waiting.pop()()
@@ -74,8 +74,12 @@ def once_own(change: Callable[[], None]) -> None:
 
 
 def user_cache() -> Path:
-    """The user's folder for what can be made again; raises RuntimeError where the user has no home."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    """The user's folder for what can be made again; raises RuntimeError where the user has no home.
+
+    A relative XDG_CACHE_HOME is none (XDG Base Directory Specification, Basics): each folder of work would get one.
+    """
+    chosen = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return chosen if chosen.is_absolute() else Path.home() / ".cache"
 
 
 CORES, MANY_CORES = len(os.sched_getaffinity(0)), 8
@@ -120,20 +124,34 @@ class Stop:
     requested = False
 
 
+_asked = Stop()
+
+
 @contextmanager
 def interrupts(stop: Stop) -> Iterator[None]:
     """Let SIGTERM raise KeyboardInterrupt, as SIGINT does, so that whatever is half-done is cleared away.
 
-    ``stop`` remembers it, because what is raised while another package is imported may get lost there, or come out as
-    another error.
+    ``stop`` remembers it, because what is raised while another package is imported, or in a call back from C, may get
+    lost there, or come out as another error.
     """
+    global _asked
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         stop.requested = True
         signal.default_int_handler(number, frame)
 
-    with _handled(SIGNALS, interrupt):
-        yield
+    before, _asked = _asked, stop
+    try:
+        with _handled(SIGNALS, interrupt):
+            yield
+    finally:
+        _asked = before
+
+
+def stop_where_asked() -> None:
+    """Raise KeyboardInterrupt where an earlier one got lost, as ``interrupts`` remembers."""
+    if _asked.requested:
+        raise KeyboardInterrupt
 
 
 @contextmanager

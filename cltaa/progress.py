@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.text import Text
 
 from cltaa.printable import printable
-from cltaa.process import is_own
+from cltaa.process import is_own, stop_where_asked
 
 Item = TypeVar("Item")
 Advance = Callable[[int, int], None]  # called with how many are done, and of how many
@@ -38,15 +38,24 @@ def shown_progress(action: str, unit: str = "frames") -> Iterator[Advance]:
     """Yield what is to be called before the first item and after each.
 
     On a terminal it moves a bar that vanishes at the end; elsewhere it prints a line every ten seconds and at the end.
+    An interrupt that got lost since the last item is raised.
     """
     action = printable(action)  # which may be of a file
     if not sys.stderr.isatty():
-        yield _lines(action, unit)
+        yield _stopping(_lines(action, unit))
         return
 
     with progress_bar(unit) as bar:
         task = bar.add_task(action, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+        yield _stopping(lambda done, total: bar.update(task, completed=done, total=total))
+
+
+def _stopping(show: Advance) -> Advance:
+    def advance(done: int, total: int) -> None:
+        stop_where_asked()
+        show(done, total)
+
+    return advance
 
 
 def _lines(action: str, unit: str) -> Advance:

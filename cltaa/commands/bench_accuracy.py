@@ -130,6 +130,8 @@ def chosen_variants(preset: Preset, only: Sequence[str]) -> list[Variant]:
     every = ladder(preset, [load_preset(name) for name in preset_names()])
     there = {name for variant in every for name in (variant.group, variant.name)}
     names = {name for text in only for name in ([text] if text in there else NAMES.convert(text, None, None))}
+    if only and not names:
+        raise UsageError("--only names nothing", expected="variants or groups of them", cure="leave it out for all")
     for name in sorted(names - there):
         cure = known(name, sorted(there), "variants and groups")
         raise UsageError(f"--only: unknown variant or group {name}", cure=cure)

@@ -18,6 +18,7 @@ from cltaa.commands.options import (
     PRESET,
     assigned,
     chosen_effects,
+    denoise_option,
     input_options,
     json_option,
     one_sequence,
@@ -35,6 +36,7 @@ from cltaa.io.pixel_statistics import ChannelStatistics
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.inspect.findings import Description, Inspection, describe_input, inspect_folder
 from cltaa.lab.inspect.plan import Section, SequencePlan
+from cltaa.pipeline.folder import for_denoised
 from cltaa.printable import bytes_of, counted, printable, shown, written
 from cltaa.progress import shown_progress
 
@@ -93,7 +95,7 @@ def _table(section: Section, title: str) -> Table:
     return table
 
 
-OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_rows", "config", "changes")
+OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_rows", "config", "changes", "denoise")
 
 
 @click.command(context_settings={"allow_extra_args": True})  # of files that a shell lists
@@ -124,6 +126,7 @@ OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_row
 @click.option(
     "--layers", type=LAYERS, help="With --plan: channels of the input that are kept, as cltaa resolve has it."
 )
+@partial(denoise_option, where="With --plan: ")
 @input_options
 @json_option
 @click.pass_context
@@ -142,6 +145,7 @@ def inspect(
     band_rows: int | None,
     half: bool,
     layers: tuple[str, ...] | None,
+    denoise: str,
     as_json: bool,
     **reading: Any,
 ) -> None:
@@ -157,9 +161,9 @@ def inspect(
     _check_options(ctx, planned=planned, pixels=pixels)
     place = selection_of(one_sequence(ctx, folder))
     if planned:
-        wanted = assigned(preset_of(preset, config), changes)
-        memory = {"storage": Storage(storage), "half": half, "layers": layers, "band_rows": band_rows}
-        _plan(open_input(place, **reading), wanted, device, effects, as_json, **memory)
+        wanted = assigned(preset_of(preset, config, None if denoise == "none" else for_denoised), changes)
+        resolved = {"half": half, "layers": layers, "band_rows": band_rows, "denoise": denoise}
+        _plan(open_input(place, **reading), wanted, device, effects, as_json, storage=Storage(storage), **resolved)
         return
     profile, asked = reading["profile"], reading["assignments"] or reading["side_file"] is not None
     named = asked or profile not in ("auto", "cltaa")

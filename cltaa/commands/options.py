@@ -246,6 +246,19 @@ def storage_option(command: Command, where: str = "") -> Command:
     )(command)
 
 
+def denoise_option(command: Command, where: str = "") -> Command:
+    """Add ``--denoise``; ``where`` it counts begins its help."""
+    from cltaa.pipeline.denoise import DENOISERS  # here: most commands need none of it
+
+    return click.option(
+        "--denoise",
+        type=click.Choice(DENOISERS),
+        default="none",
+        show_default=True,
+        help=f"{where}Denoise each frame before the resolve: oidn is Open Image Denoise, the extra cltaa[denoise].",
+    )(command)
+
+
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
 
 

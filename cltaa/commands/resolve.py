@@ -15,6 +15,7 @@ from cltaa.commands.options import (
     SOME_FRAMES,
     assigned,
     chosen_effects,
+    denoise_option,
     effects_option,
     frame_range,
     input_options,
@@ -31,7 +32,6 @@ from cltaa.errors import UsageError
 from cltaa.inputs.open import open_input
 from cltaa.io.numbered import OnBreak
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY
-from cltaa.pipeline.denoise import DENOISERS
 from cltaa.pipeline.folder import for_denoised, resolve_folder
 from cltaa.pipeline.run import COMPARISONS, ResolveReport, stage_rows
 from cltaa.printable import counted, json_of, printable, shown
@@ -131,13 +131,7 @@ from cltaa.process import stop_signals
     type=click.Choice([kind.value for kind in Fireflies]),
     help="Isolated samples far above what lies around them and their history.  [default: as the profile says]",
 )
-@click.option(
-    "--denoise",
-    type=click.Choice(DENOISERS),
-    default="none",
-    show_default=True,
-    help="Denoise each frame before the resolve: oidn is Open Image Denoise, the extra cltaa[denoise].",
-)
+@denoise_option
 @click.option("--restart", is_flag=True, help="Begin the output folder anew, whatever it was begun with.")
 @click.option(
     "--checkpoint",

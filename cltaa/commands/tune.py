@@ -13,6 +13,7 @@ from cltaa.core.backend import launcher_for
 from cltaa.errors import UsageError
 from cltaa.inputs.open import Reading
 from cltaa.io.atomic import check_creatable
+from cltaa.io.names import real_path
 from cltaa.lab.tune import PRESET as AS_IT_IS
 from cltaa.lab.tune import Tuned, parse_goal, tune
 from cltaa.printable import counted, printable
@@ -68,7 +69,7 @@ def command(
     goal = parse_goal(budget, target, metric)
     if not checked and len(sequences) > 1:
         sequences, checked = sequences[:-1], sequences[-1:]
-    if {path.resolve() for path in sequences} & {path.resolve() for path in checked}:
+    if set(map(real_path, sequences)) & set(map(real_path, checked)):
         raise UsageError("a sequence is both searched and checked on", cure="name another one with --check")
     check_creatable(output)
     opened = open_each([*sequences, *checked], reading)

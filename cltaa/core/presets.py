@@ -145,8 +145,8 @@ def parse_preset(text: str, origin: str, base: Preset) -> Preset:
         except UsageError as error:
             raise UsageError(f"{origin}: {error}") from None
     said = {key: values.pop(key) for key in ("description", "jitter", "published") if key in values}
+    preset = override(base, values, origin)  # first: a file of another kind is told by its keys
     try:
-        named = msgspec.convert(msgspec.to_builtins(base) | said, Preset)
+        return msgspec.convert(msgspec.to_builtins(preset) | said, Preset)
     except msgspec.ValidationError as error:
         raise UsageError(f"{origin}: {error}".replace("`$.", "`")) from None
-    return override(named, values, origin)

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import msgspec
 
-from cltaa.errors import DataError, OutputError, StorageError, disk_space_cure
+from cltaa.errors import DataError, OutputError, StorageError, disk_cure
 from cltaa.printable import printable
 
 Kept = TypeVar("Kept")
@@ -79,7 +79,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
             _flush(path.parent)
         except OSError as error:
             what = f"writing failed: {error.strerror or error}"
-            raise StorageError(what, path=path, cure=disk_space_cure(error)) from error
+            raise StorageError(what, path=path, cure=disk_cure(error)) from error
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -124,7 +124,7 @@ def move_into(path: Path, folder: Path) -> None:
         _flush(folder)
     except OSError as error:
         what = f"moving it to {printable(folder)} failed: {error.strerror or error}"
-        raise StorageError(what, path=path, cure=disk_space_cure(error)) from error
+        raise StorageError(what, path=path, cure=disk_cure(error)) from error
 
 
 def remove_stale_temporaries(folder: Path) -> None:

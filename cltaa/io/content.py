@@ -6,7 +6,6 @@ read. They are copied, not mapped: a mapped file that somebody cuts short kills 
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import os
 import stat
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import BinaryIO, Self
 
 from cltaa.core.planes import BLOCK_POOL
-from cltaa.errors import DataError, InputMissing, ResourceError, StorageError, disk_space_cure
+from cltaa.errors import DataError, InputMissing, ResourceError, StorageError, disk_cure
 
 ReadAt = Callable[[int, int], bytes]  # the bytes from a place on, as many as are asked for or fewer where the file ends
 
@@ -45,8 +44,8 @@ def open_regular(path: Path, expected: str = "an EXR file") -> Iterator[BinaryIO
     except PermissionError as error:
         raise InputMissing("the file cannot be read: permission denied", path=path) from error
     except OSError as error:
-        cure = disk_space_cure(error) if error.errno in (errno.EFBIG, errno.ENOSPC) else None  # of the copy in memory
-        raise StorageError(f"reading failed: {error.strerror or error}", path=path, cure=cure) from error
+        what = f"reading failed: {error.strerror or error}"  # of the file, or into the copy in memory
+        raise StorageError(what, path=path, cure=disk_cure(error)) from error
 
 
 def read_bytes(path: Path, expected: str, largest: int) -> bytes:

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from cltaa.errors import DataError, StorageError, disk_space_cure
+from cltaa.errors import DataError, StorageError, disk_cure
 from cltaa.io.atomic import atomic_path
 from cltaa.io.content import read_bytes, read_text
 
@@ -142,7 +142,7 @@ class Manifest:
                 os.fsync(stream.fileno())
         except OSError as error:
             what = f"writing failed: {error.strerror}"
-            raise StorageError(what, path=self.path, cure=disk_space_cure(error)) from error
+            raise StorageError(what, path=self.path, cure=disk_cure(error)) from error
         self.entries[name] = entry
 
     def vouches_for(self, path: Path) -> bool:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from glob import has_magic
-from os.path import commonpath
+from os.path import commonpath, realpath
 from pathlib import Path
 
 from cltaa.errors import DataError, InputMissing, UsageError
@@ -22,6 +22,11 @@ NUMBERED = re.compile(
     r"(?P<name>.*?)(?P<between>[._ ]|(?<=.)-|)(?P<number>(?:(?<![^._ -])-)?(?<![0-9])[0-9]{1,9})\.(?:exr|png)",
     re.DOTALL,
 )
+
+
+def real_path(path: Path) -> Path:
+    """Where ``path`` leads; a loop of links, in which ``Path.resolve`` fails until 3.13, is told by who opens it."""
+    return Path(realpath(path))
 
 
 def number_of(path: Path) -> int | None:

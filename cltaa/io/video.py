@@ -14,6 +14,7 @@ from cltaa.errors import DataError, StorageError, UsageError, import_extra
 from cltaa.frame import Image
 from cltaa.io.atomic import atomic_path, check_creatable
 from cltaa.io.display import GAP, Picture, side_by_side, to_picture, wipe
+from cltaa.io.names import real_path
 from cltaa.io.numbered import NumberedFiles
 
 QUALITY = 16  # x264's constant rate factor: finer than its default of 23, whose blocks would hide what is compared
@@ -96,8 +97,8 @@ def check_film(path: Path, sequence: NumberedFiles, output: Path, *, beside: boo
     A film in a folder that is not there before ``output`` is made, with its parents, is not tried here.
     """
     import_av()
-    folder, made = path.parent.resolve(), [output.resolve(), *output.resolve().parents]
-    if path.resolve() in made:
+    folder, made = real_path(path.parent), [real_path(output), *real_path(output).parents]
+    if real_path(path) in made:
         raise UsageError("the film would lie where the output does", path=path, cure="name another file or folder")
     if folder.is_dir() or folder not in made:
         check_creatable(path)

@@ -13,14 +13,15 @@ from typing import Any
 import numpy as np
 import pyopencl as cl
 
-from cltaa.core.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, prelude
+from cltaa.core.build import Build, prelude
 from cltaa.core.kernel_source import kernel_files, kernel_folder, kernel_names
 from cltaa.errors import InternalError, UsageError, known
 from cltaa.opencl.cache import cache_folder, save_log
 from cltaa.process import OneProcess
 
-# What kernels take by value, by its name in OpenCL C.
-TYPES = {"int": np.int32, "float": np.float32, "frame_t": FRAME_DTYPE, "settings_t": SETTINGS_DTYPE}
+# What kernels take by value, by its name in OpenCL C. Of structs not the fields: pyopencl keeps them on disk by their
+# size, and would warn of a collision once a field has another name.
+TYPES = {"int": np.int32, "float": np.float32, "frame_t": np.void, "settings_t": np.void}
 
 
 def _pasted(name: str, seen: set[str]) -> list[str]:

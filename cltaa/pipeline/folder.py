@@ -28,12 +28,13 @@ from cltaa.inputs.open import check_declared, looked_for, open_input
 from cltaa.io.content import memory_limit
 from cltaa.io.manifest import RESTART_CURE, Manifest
 from cltaa.io.sequence import FrameSequence
+from cltaa.pipeline.denoise import denoiser, guide_line, guides_of
 from cltaa.pipeline.follow import Arrivals
 from cltaa.pipeline.memory import NO_LAYERS, Memory, of_whole_images
 from cltaa.pipeline.output import carried_compression, carried_kinds, chosen_layers
 from cltaa.pipeline.run import RECORD, ResolveReport, check_jobs, refuse_place, resolve_sequence
 from cltaa.printable import printable
-from cltaa.progress import shown_progress
+from cltaa.progress import Advance, shown_progress
 
 
 def band_rows_for(whole: Memory, jobs: int = 1) -> int:
@@ -122,6 +123,12 @@ def for_denoised(preset: Preset) -> Preset:
     return preset if preset.published is not Published.NO else override(preset, {"current_filter": "none"})
 
 
+def find_for(sequence: FrameSequence, *, denoised: bool, advance: Advance | None = None) -> Found:
+    """The effects of ``sequence``; frames that are denoised first have no noise."""
+    found = find_effects(sequence, advance)
+    return found.without(Effect.NOISE, "each frame is denoised first") if denoised else found
+
+
 def resolve_folder(
     source: str | Path | FrameSequence,
     output: str | Path,
@@ -163,7 +170,7 @@ def resolve_folder(
     What is given neither ``compression`` nor ``layers`` keeps those that the command keeps.
     ``options`` are those of ``resolve_sequence`` that are not named here. Raises what that and opening raise.
     """
-    denoised = options.get("denoise", "none") != "none"
+    denoised = denoiser(options.get("denoise", "none")) is not None
     if not isinstance(preset, Preset):
         preset = for_denoised(load_preset(preset)) if denoised else load_preset(preset)
     check_jobs(1 if jobs is None else jobs, preset, follow=follow, debug=bool(debug), dask=dask is not None)
@@ -176,6 +183,8 @@ def resolve_folder(
         sequence = open_input(source, **reading) if isinstance(source, str | Path | None) else source
     check_declared(sequence, effects)
     refuse_place(Path(output), sequence)
+    if denoised and progress:
+        print(guide_line(guides_of(sequence.layouts[sequence.first].channels, sequence.replaced)), file=sys.stderr)
     carried = chosen_layers((layers,) if isinstance(layers, str) else layers, sequence)
     preset = with_fireflies(preset, sequence, fireflies)
     made: dict[str, Any] = {"strict": strict, "storage": storage}
@@ -257,9 +266,7 @@ def with_known_effects(
         found, line = None, ""
     else:
         with shown_progress("finding effects") if progress else nullcontext() as advance:
-            found = find_effects(sequence, advance)
-        if denoised:
-            found = found.without(Effect.NOISE, "each frame is denoised first")
+            found = find_for(sequence, denoised=denoised, advance=advance)
         line = found.line
     if progress and line:
         print(line, file=sys.stderr)

@@ -335,9 +335,11 @@ def _read(
     carried = carried_over(path, kept, file)
     missing = missing_samples(frame.colour, number)
     if denoise is not None:
-        names = {name for triple in guides_of(sequence.layouts[number].channels).values() for name in triple}
-        window = sequence.layouts[number].data_window
-        frame = denoise(frame, read_planes(path, names, picture=window) if names else {})
+        layout = sequence.layouts[number]
+        guides = guides_of(layout.channels, sequence.replaced)
+        names = {name for triple in guides.values() for name in triple}
+        planes = read_planes(path, names, picture=layout.data_window) if names else {}
+        frame = denoise(frame, {role: [planes[name] for name in triple] for role, triple in guides.items()})
     if _stamps(sequence, number) != found:  # else a file of now would vouch for a result of before
         raise DataError("a file changed while it was read", path=path, frame=number, cure="run again")
     return Read(frame, source, missing, is_opaque(frame.alpha), carried)

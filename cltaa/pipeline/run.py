@@ -30,7 +30,7 @@ from cltaa.inputs.found import Found
 from cltaa.io.atomic import atomic_path, check_creatable, move_into, owned, temporary_folder
 from cltaa.io.exr_layout import check_lossless
 from cltaa.io.manifest import REFERENCE
-from cltaa.io.names import Selection
+from cltaa.io.names import Selection, real_path
 from cltaa.io.numbered import OnBreak
 from cltaa.io.pixel_statistics import Missing
 from cltaa.io.sequence import FrameSequence, ImageSequence, open_images
@@ -318,9 +318,9 @@ def _every_step(resolvers: Sequence[Resolver], every: bool) -> Iterator[None]:
 
 
 def refuse_place(output: Path, sequence: FrameSequence) -> None:
-    """Raise UsageError for the sequence's own folder, and for one in it in which its truth is looked for."""
-    cure, place, folder = "name another folder with -o", output.resolve(), sequence.folder.resolve()
-    if place == folder:
+    """Raise UsageError for a folder with a file of the sequence, and for one in which its truth is looked for."""
+    cure, place, folder = "name another folder with -o", real_path(output), real_path(sequence.folder)
+    if place in {folder, *(real_path(path).parent for path in sequence.files)}:
         raise UsageError("the output would overwrite the sequence", path=output, cure=cure)
     if place.parent == folder and REFERENCE.fullmatch(place.name):
         raise UsageError("the output would be taken for the truth of the sequence", path=output, cure=cure)

@@ -213,6 +213,12 @@ def test_answer_onto_a_full_disk() -> None:
     assert "No space left on device" in done.stderr
 
 
+def test_an_error_onto_a_full_disk_keeps_its_code() -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([sys.executable, "-m", "cltaa.cli", "inspect", "nowhere"], stderr=full, check=False)
+    assert done.returncode == errors.InputMissing.exit_code
+
+
 def test_debug_behind_two_dashes_is_a_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["inspect", "--", "--debug"]) == errors.InputMissing.exit_code
     assert "--debug" in capsys.readouterr().err

@@ -14,6 +14,7 @@ import pytest
 
 from cltaa import cli, errors
 from cltaa.io.exr_read import read_image
+from cltaa.progress import track
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -42,6 +43,18 @@ def test_interrupt_that_another_module_swallows(
     monkeypatch.setattr(cli.root, "main", swallowed)
     assert cli.main([]) == code
     assert capsys.readouterr().err.startswith(words)
+
+
+def test_an_interrupt_that_is_lost_ends_the_next_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one in a call back from C, such as of a driver, which has no way to raise it."""
+
+    def lost(*_: object, **__: object) -> None:
+        for _step in track(range(9), 9, "working"):
+            with contextlib.suppress(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(cli.root, "main", lost)
+    assert cli.main([]) == 130
 
 
 WRITING = """

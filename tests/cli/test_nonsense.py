@@ -14,7 +14,7 @@ from cltaa.cli import main
 from cltaa.printable import json_of
 from tests.sequence_factory import write_sequence
 
-USAGE, WRONG, DATA, MISSING, OUTPUT, RESOURCE = 2, 64, 65, 66, 73, 75
+USAGE, WRONG, DATA, MISSING, OUTPUT, STORAGE, RESOURCE = 2, 64, 65, 66, 73, 74, 75
 
 CASES: list[tuple[str, int, str]] = [
     ("inspect", USAGE, "Missing argument 'SEQUENCE'"),
@@ -48,6 +48,10 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq", USAGE, "Missing option '-o'"),
     ("resolve seq -o ''", USAGE, "the name is empty"),
     ("resolve seq -o seq", WRONG, "would overwrite the sequence"),
+    ("resolve linked -o seq --restart", WRONG, "seq: the output would overwrite the sequence"),
+    ("resolve seq -o loop", OUTPUT, "loop: the folder cannot be created"),
+    ("resolve seq -o out --preview loop", WRONG, "loop: a film is an MP4"),
+    ("tune loop seq -o t.toml --budget 1ms", STORAGE, "loop: reading failed: Too many levels of symbolic links"),
     ("resolve small -o small/reference", WRONG, "would be taken for the truth of the sequence; name another folder"),
     ("resolve seq -o seq/reference-8", WRONG, "would be taken for the truth of the sequence"),
     ("resolve seq -o file.txt", OUTPUT, "file.txt: the folder cannot be created"),
@@ -59,6 +63,7 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq -o out --config empty", DATA, "empty: this is a folder (expected a TOML file)"),
     ("resolve seq -o out --config /dev/zero", DATA, "/dev/zero: this is a pipe or a device (expected a TOML file)"),
     ("resolve seq -o out --config latin.toml", DATA, "latin.toml: not UTF-8"),
+    ("resolve seq -o out --config profile.toml", WRONG, "profile.toml: unknown key colour"),
     ("resolve seq -o out --config large.toml", DATA, "large.toml: too large for a TOML file"),
     ("resolve seq -o out --preset ../../etc/passwd", WRONG, "unknown preset"),
     ("resolve seq -o out --set box_scale_static=nan", WRONG, "box_scale_static"),
@@ -145,6 +150,7 @@ CASES: list[tuple[str, int, str]] = [
     ("bench quality --sequence seq --sequence twin/seq --work out --settled 1", WRONG, "two sequences of one name"),
     ("bench accuracy seq small -o out --only preset", MISSING, "small/reference: no truth"),
     ("tune seq small --budget 5ms -o out.toml", MISSING, "small/reference: no truth"),
+    ("bench accuracy seq -o out --only ''", WRONG, "--only names nothing"),
     ("bench accuracy seq -o out --only colour", WRONG, "--only: unknown variant or group colour"),
     ("bench kernels --size x", USAGE, "not WIDTHxHEIGHT"),
     ("bench quality --held-out 1,x", USAGE, "'1,x' is no list of whole numbers from 0 on"),
@@ -195,13 +201,17 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_sequence(folder / "small", 3, width=20, height=10)
     assert main(["resolve", str(folder / "seq"), "-o", str(folder / "done"), "--device", "numpy"]) == 0
     write_sequence(folder / "twin" / "seq", 3, reference=True)
-    for name in ("empty", "noexr", "pngs"):
+    for name in ("empty", "noexr", "pngs", "linked"):
         (folder / name).mkdir()
     (folder / "noexr" / "readme").touch()
     (folder / "pngs" / "a.0001.PNG").touch()
+    (folder / "loop").symlink_to("loop")
+    for path in (folder / "seq").glob("*.exr"):
+        (folder / "linked" / path.name).symlink_to(path)
     (folder / "file.txt").write_text("not what you think")
     (folder / "latin.toml").write_bytes(b"# caf\xe9")
     (folder / "other.toml").write_text('preset = "nope"')
+    (folder / "profile.toml").write_text("[colour]\n[jitter]\n")
     (folder / "large.toml").write_text("#" * 100_000)
     (folder / "deep.toml").write_text("x = " + "[" * 60_000)
     (folder / "deep.json").write_text('{"frames": ' + "[" * 100_000)

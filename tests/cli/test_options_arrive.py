@@ -56,6 +56,7 @@ COMMANDS = {
             "cltaa.commands.resolve.open_input": sequence,
             "cltaa.pipeline.folder.arrivals_of": begins,
             "cltaa.pipeline.folder.check_declared": lambda *_: None,
+            "cltaa.pipeline.folder.denoiser": lambda *_: None,
             "cltaa.pipeline.folder.chosen_layers": lambda *_: ("carried",),
             "cltaa.pipeline.folder.carried_kinds": lambda *_: {},
             "cltaa.pipeline.folder.carried_compression": lambda *_: "piz",
@@ -269,6 +270,8 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--plan --storage half", "plan.storage", Storage.HALF),
         ("--plan --band-rows 7", "plan.band_rows", 7),
         ("--plan --half", "plan.half", True),
+        ("--plan --denoise oidn", "plan.denoise", "oidn"),
+        ("--plan --denoise oidn", "plan.preset.choices.current_filter", "none"),
         ("--plan --layers one,two", "plan.layers", ("one", "two")),
     ],
     "check": [

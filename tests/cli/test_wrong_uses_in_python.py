@@ -27,6 +27,7 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "measure files": (lambda seq: cltaa.measure(seq, seq), "no image to measure"),
     "a metric's name": (lambda _: cltaa.measure(LIGHT, LIGHT, ["nope"]), "unknown metric nope"),
     "a plan of nothing": (lambda _: cltaa.plan("nowhere"), "nowhere: the folder is missing"),
+    "a plan of no denoiser": (lambda seq: cltaa.plan(seq, denoise="optix"), "no such denoiser .*found 'optix'"),
     "no checkpoint": (lambda seq: cltaa.resolve(seq, "out", checkpoint_every=0), "a checkpoint every so many frames"),
     "preview by text": (lambda seq: cltaa.resolve(seq, "out", preview="x.gif"), "a film is an MP4"),
     "no comparison": (lambda seq: cltaa.resolve(seq, "out", compare="diagonal"), "no such comparison"),

@@ -13,6 +13,7 @@ from typing import Any, assert_type
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pyopencl import invoker
 
 from cltaa.core.bands import BandedResolver
 from cltaa.core.plan import Reason
@@ -21,6 +22,7 @@ from cltaa.core.resolver import INSIDE, Resolver
 from cltaa.errors import DataError, UsageError
 from cltaa.frame import Camera, Frame
 from cltaa.io.sequence import open_sequence
+from cltaa.lab.judge.metrics import measure
 from cltaa.reference.launcher import NumpyLauncher
 from tests.core.standing import still_frame
 from tests.sequence_factory import bits, make_camera, make_frame, write_sequence
@@ -138,6 +140,19 @@ def test_every_method_refuses_a_second_thread(kind: type[Resolver]) -> None:
         method = partial(getattr(kind, name), resolver, *given, *frames)
         with pytest.raises(UsageError, match="two threads use one resolver at once"):
             list(method() if frames else [method()])
+
+
+def test_pyopencl_keeps_no_struct_by_its_fields(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In its cache on disk it looks for them by size and compares fields: it would warn once one is renamed."""
+    given, made = list[Any](), invoker.generate_enqueue_and_set_args
+
+    def spy(*values: Any, **others: Any) -> Any:
+        given.extend(values[3] or ())
+        return made(*values, **others)  # type: ignore[no-untyped-call]
+
+    monkeypatch.setattr(invoker, "generate_enqueue_and_set_args", spy)
+    Resolver().resolve(make_frame(0))
+    assert {None, np.void} <= set(given) <= {None, np.void, np.int32, np.float32}
 
 
 def test_a_device_may_be_named_by_its_number_and_a_launcher_shared() -> None:
@@ -331,7 +346,8 @@ def test_arrays_of_other_libraries_are_taken_where_they_are() -> None:
     lent = replace(frame, colour=Lent(frame.colour), motion=Lent(frame.motion))  # type: ignore[arg-type]
     assert np.shares_memory(lent.colour, frame.colour)
     assert np.array_equal(Resolver(device="numpy").resolve(lent), Resolver(device="numpy").resolve(frame))
-    with pytest.raises(DataError, match=r"colour cannot be shared: requires grad \(found Lent\)"):
+    assert measure(Lent(frame.colour), frame.colour, ["mse"]) == {"mse": 0.0}  # type: ignore[arg-type]
+    with pytest.raises(DataError, match=r"colour cannot be shared: requires grad \(found Lent\); .* of floats"):
         replace(frame, colour=Lent(frame.colour, fails=True))  # type: ignore[arg-type]
 
 

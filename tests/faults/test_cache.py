@@ -19,6 +19,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.errors import ResourceError
 from cltaa.opencl import cache as kernel_cache
+from cltaa.process import configure
 from tests.faults.runs import (
     PATIENCE,
     check_after_fault,
@@ -41,6 +42,15 @@ def test_cache_that_cannot_be_written(tmp_path: Path, on_device: tuple[Path, dic
     code, said = run(arguments(on_device[0], tmp_path / "out"), POCL_CACHE_DIR=str(cache))
     assert code == 69, said
     assert f"{cache}: the kernel cache cannot be written: Not a directory" in said
+
+
+@pytest.mark.parametrize("variable", ["POCL_CACHE_DIR", "XDG_CACHE_HOME"])
+def test_a_cache_that_names_no_place_is_the_users_own(variable: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("POCL_CACHE_DIR")
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv(variable, "" if variable == "POCL_CACHE_DIR" else "relative")
+    configure()
+    assert os.environ["POCL_CACHE_DIR"] == str(Path.home() / ".cache" / "cltaa" / "pocl")
 
 
 def test_cache_of_another_owner(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import cltaa
 from cltaa.cli import main
 from cltaa.errors import DataError, UsageError
 from cltaa.io.exr_read import read_image
@@ -28,13 +29,23 @@ from tests.sequence_factory import make_frame
         ),
         ("R G B N.X N.Y N.Z sh_normal.X", {"normal": ("N.X", "N.Y", "N.Z")}),
         ("R G B Column.R Column.G Column.B normal.X normal.Y", {}),
+        ("R G B N.X N.Y N.Z left.N.X left.N.Y left.N.Z", {"normal": ("N.X", "N.Y", "N.Z")}),
     ],
 )
 def test_guides_are_found_by_their_names(channels: str, found: dict[str, tuple[str, ...]]) -> None:
     assert guides_of(channels.split()) == found
 
 
-def test_each_frame_is_denoised_before_the_resolve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("colour", ["Trees.right.R", "Trees.Combined.right.R"])
+def test_guides_are_those_of_the_colours_layer_and_view(colour: str) -> None:
+    layers = [f"{layer}.Normal{view}" for layer in ("Rocks", "Trees") for view in ("", ".left", ".right")]
+    channels = [f"{layer}.{axis}" for layer in layers for axis in "XYZ"]
+    assert guides_of(channels, [colour]) == {"normal": tuple(f"Trees.Normal.right.{axis}" for axis in "XYZ")}
+
+
+def test_each_frame_is_denoised_before_the_resolve(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     given: list[dict[str, Any]] = []
 
     def halve(colour: Any, *, hdr: bool, **guides: Any) -> Any:
@@ -59,8 +70,12 @@ def test_each_frame_is_denoised_before_the_resolve(tmp_path: Path, monkeypatch: 
     assert main([*command, "--denoise", "oidn", "--set", "current_filter=gaussian"]) == 0
     told = {name: (tmp_path / name / "resolve.json").read_text() for name in ("clean", "filtered")}
     assert ['"gaussian"' in text for text in told.values()] == [False, True]
+    assert "denoised with: no albedo in the colour's file; normal N.X N.Y N.Z" in capsys.readouterr().err.splitlines()
     outcome = json.loads((tmp_path / "clean" / "resolve.json").read_text())["outcome"]
-    assert "each frame is denoised first" in [each["why"] for each in outcome["found"]["evidence"]]
+    command = ["inspect", "--plan", str(tmp_path / "in"), "--denoise", "oidn", "--effects", "find", "--device", "numpy"]
+    assert main([*command, "--json"]) == 0
+    for told in (outcome, json.loads(capsys.readouterr().out)):
+        assert "each frame is denoised first" in [each["why"] for each in told["found"]["evidence"]]
     assert [sorted(each) for each in given] == [["hdr", "normal"]] * 4
     # What is missing stays so, and its history stands in.
     frame = make_frame(0)
@@ -71,10 +86,19 @@ def test_each_frame_is_denoised_before_the_resolve(tmp_path: Path, monkeypatch: 
     assert np.argwhere(missing).tolist() == [[2, 3], [4, 5]]
 
 
-def test_without_the_extra_its_name_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("oidn", r"--denoise oidn needs pyoidn.*pip install 'cltaa\[denoise\]'"),
+        ("optix", r"no such denoiser \(expected none, oidn, found 'optix'\)"),
+    ],
+)
+def test_a_denoiser_that_is_not_there_is_refused_before_the_work(
+    name: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "pyoidn", None)
-    with pytest.raises(UsageError, match=r"--denoise oidn needs pyoidn.*pip install 'cltaa\[denoise\]'"):
-        denoiser("oidn")
+    with pytest.raises(UsageError, match=line):
+        cltaa.resolve(tmp_path, tmp_path / "out", denoise=name)  # of a folder without a frame
 
 
 def test_a_denoiser_that_fails_names_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:

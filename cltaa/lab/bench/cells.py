@@ -48,6 +48,7 @@ from cltaa.lab.judge.correspondence import Mask
 from cltaa.lab.judge.metrics import (
     METRICS,
     Measure,
+    check_finite,
     equal_quality_samples,
     finite,
     flip_map,
@@ -315,6 +316,8 @@ class _Pass:
     def look(self, place: int, frame: Frame, truth: Image, resolved: Sequence[Image]) -> None:
         """Judge the frame at a place of the sequence."""
         judged, light = place >= self._judging.settled, truth[..., :3]
+        if judged or self._video is not None:  # which follows light from frames that are not judged
+            check_finite("reference", truth, self.reference.path(frame.index), frame.index)
         single = [frame.colour] if self._judging.in_time else []
         outputs = [*single, *(image[..., :3] for image in resolved)]
         images = _shared(tally.repaired(image) for tally, image in zip(self._tallies.values(), outputs, strict=True))

@@ -17,17 +17,18 @@ from cltaa.core.backend import Launcher
 from cltaa.core.build import Steps, Storage, window_count
 from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.plan import JittersBefore, Plan, plan_frame, recursive_choices, toggled, with_effects
-from cltaa.core.presets import Preset, Published
+from cltaa.core.presets import Preset, Published, load_preset
 from cltaa.core.record import Past
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Asked, format_effects
-from cltaa.inputs.found import Found, find_effects, with_found
+from cltaa.inputs.found import Found, with_found
 from cltaa.inputs.open import looked_for, open_input
 from cltaa.io.names import Named
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.timing import Clock, Interval, Job, Samples, measure, resolve_job
 from cltaa.opencl.launcher import DeviceLauncher
-from cltaa.pipeline.folder import band_rows_for, has_bands, of_whole
+from cltaa.pipeline.denoise import denoises
+from cltaa.pipeline.folder import band_rows_for, find_for, for_denoised, has_bands, of_whole
 from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence, program_bytes
 from cltaa.pipeline.output import carried_kinds, check_layers, chosen_layers
 from cltaa.progress import track
@@ -81,21 +82,26 @@ def plan(
     half: bool = False,
     layers: tuple[str, ...] | None = None,
     band_rows: int | None = None,
+    denoise: str = "none",
 ) -> SequencePlan:
     """Say which steps of ``preset`` run on which frames of ``sequence``, opened or named, and why.
 
     Effects that nobody declares are found in its pixels first, as by ``cltaa resolve``. With ``rounds`` each step, but
     of a preset that looks ahead, is also timed on ``device``, on and off in turn, on two frames of the sequence.
-    ``storage``, ``half``, ``layers`` and ``band_rows`` are those of ``cltaa resolve``, on which memory depends. Raises
-    what opening the device and reading raise, and UsageError for no such layer.
+    ``storage``, ``half``, ``layers`` and ``band_rows`` are those of ``cltaa resolve``, on which memory depends, and so
+    is ``denoise``, whose own time and memory are not among what is told. Raises what opening the device and reading
+    raise, and UsageError for no such layer.
     """
+    denoised = denoises(denoise)
+    if denoised and not isinstance(preset, Preset):
+        preset = for_denoised(load_preset(preset))
     if not isinstance(sequence, FrameSequence):
         sequence = open_input(sequence)
     layers = chosen_layers(layers, sequence)
     check_layers(sequence, layers)
     resolver = Resolver(preset, device, storage=storage, every_step=True)
     free = resolver.preset.published is Published.NO  # a transcription does what it does on every scene
-    found = find_effects(sequence) if free and looked_for(sequence, effects) else None
+    found = find_for(sequence, denoised=denoised) if free and looked_for(sequence, effects) else None
     sequence = with_found(sequence, found)
     program = program_bytes()  # before a kernel is built
     sections: list[Section] = []

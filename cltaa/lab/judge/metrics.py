@@ -19,7 +19,7 @@ import numpy as np
 
 from cltaa import __version__
 from cltaa.errors import DataError, UsageError, import_extra, known
-from cltaa.frame import Image
+from cltaa.frame import Image, shared
 from cltaa.io.display import luma, shown_light, to_display
 from cltaa.printable import counted
 
@@ -223,6 +223,7 @@ def measure(
     Raises UsageError for an unknown metric and what is no array, DataError for sizes that differ, for bytes and greys,
     and for NaN or infinity, with ``frame`` and the file's path in its text.
     """
+    test, reference = shared("image", test), shared("reference", reference)
     for image in (test, reference):
         if not isinstance(image, np.ndarray):
             cure = "files are judged by cltaa compare"
@@ -239,14 +240,19 @@ def measure(
                 expected="floats [H, W, 3]",
                 found=f"{image.dtype} {list(image.shape)}",
             )
-        bad = image.size - int(np.isfinite(image).sum())
-        if bad:
-            what = f"NaN or infinity in {counted(bad, 'value')} of the {name}"
-            raise DataError(what, path=file, frame=frame, cure="there is no error to state; look for their cause")
+        check_finite(name, image, file, frame)
     if metrics is None:
         metrics = DEFAULT_METRICS
     chosen = [named_metrics([metric])[0] if isinstance(metric, str) else metric for metric in metrics]
     return {metric.name: metric.function(test, reference, stops) for metric in chosen}
+
+
+def check_finite(name: str, image: Image, path: Path | None, frame: int | None) -> None:
+    """Raise DataError for NaN or infinity in ``image``, which is called ``name``."""
+    bad = image.size - int(np.isfinite(image).sum())
+    if bad:
+        what = f"NaN or infinity in {counted(bad, 'value')} of the {name}"
+        raise DataError(what, path=path, frame=frame, cure="there is no error to state; look for their cause")
 
 
 def finite(image: Image) -> Image:

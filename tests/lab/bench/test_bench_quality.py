@@ -130,6 +130,17 @@ def test_what_is_not_finite_counts_and_is_judged_as_black(tmp_path: Path, monkey
     assert math.isfinite(found["default"].scores["psnr"] or math.nan)
 
 
+def test_a_truth_that_is_no_light_is_refused_where_scores_look_at_it(tmp_path: Path) -> None:
+    """In time also before the first frame that is judged; of other frames nothing is read that decides a score."""
+    folder = write_sequence(tmp_path / "capture", 3, reference=True)
+    write_images(folder / "reference", [np.full((23, 37, 3), np.nan, np.float32)], name="synthetic")
+    with pytest.raises(DataError, match=r"reference/synthetic\.0000\.exr frame 0: NaN or infinity in 2553 values"):
+        judged(open_sequence(folder), load_preset())
+    errors = msgspec.structs.replace(SOON, in_time=False)
+    (cell,) = judge_sequence(open_sequence(folder), [Variant.of(load_preset())], NUMPY, errors).values()
+    assert all(map(math.isfinite, cell.errors["mse"]))
+
+
 @pytest.mark.parametrize(("least", "again"), [(1, True), (1, False), (10_000, True)])
 def test_what_appears_is_told_by_single_samples_drawn_elsewhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, least: int, *, again: bool
