@@ -14,7 +14,6 @@ import click
 from click.shell_completion import CompletionItem
 
 from cltaa import __version__
-from cltaa.core.debug_views import are_views
 from cltaa.errors import CltaaError, InternalError, ResourceError, StorageError, UsageError
 from cltaa.printable import printable
 from cltaa.process import Stop, configure, ends_at_once, ignore_signals, interrupts
@@ -190,6 +189,10 @@ def _take_debug(arguments: list[str]) -> tuple[bool, list[str]]:
 
     Where a list of views follows, it is the option of ``cltaa resolve``.
     """
+    if "--debug" not in arguments:
+        return False, arguments
+    from cltaa.core.debug import are_views  # which needs NumPy, and so is left to those who ask
+
     end = arguments.index("--") if "--" in arguments else len(arguments)
     following = [*arguments[1:], ""]
     pairs = zip(arguments[:end], following, strict=False)

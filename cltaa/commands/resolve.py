@@ -25,7 +25,7 @@ from cltaa.commands.options import (
     verify_option,
 )
 from cltaa.core.build import Storage
-from cltaa.core.debug_views import View, parse_views
+from cltaa.core.debug import View, parse_views
 from cltaa.core.parameters import Fireflies
 from cltaa.errors import UsageError
 from cltaa.inputs.open import open_input

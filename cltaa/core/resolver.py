@@ -18,7 +18,7 @@ from cltaa.core.backend import Buffer, Launcher, Queue, launcher_for, storage_dt
 from cltaa.core.buffers import Buffers, FrameRing, LastRun, upload
 from cltaa.core.build import HALVES, Build, Steps, Storage, build_of, edge_build, storage_of
 from cltaa.core.cuts import Coarse, coarse_colours, looks_cut
-from cltaa.core.debug_views import parse_views
+from cltaa.core.debug import decided, parse_views
 from cltaa.core.frame_checks import check_frame
 from cltaa.core.kernel_source import code_sha256
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
@@ -421,8 +421,6 @@ class Resolver:
         ``reject`` and ``count`` [H, W], ``motion`` [H, W, 2] in pixels, ``clip`` [H, W]. Raises UsageError for other
         names, and ValueError before the first frame.
         """
-        from cltaa.core.debug import decided
-
         if self.last is None:
             raise ValueError("nothing was resolved yet")
         return decided(self.launcher, self.last, parse_views(",".join(map(str, views)), "debug"))

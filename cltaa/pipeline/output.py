@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.core.constants import value
-from cltaa.core.debug_views import View
+from cltaa.core.debug import View
 from cltaa.core.resolver import Resolver
 from cltaa.errors import CltaaError, DataError, UsageError
 from cltaa.frame import Frame, Image

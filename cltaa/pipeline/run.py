@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 
 from cltaa.core.bands import BandedResolver
-from cltaa.core.debug_views import View
+from cltaa.core.debug import View
 from cltaa.core.parameters import HistoryKind
 from cltaa.core.planes import pooled_memory
 from cltaa.core.presets import Preset

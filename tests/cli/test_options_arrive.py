@@ -17,7 +17,7 @@ import pytest
 
 from cltaa.cli import root
 from cltaa.core.build import Storage
-from cltaa.core.debug_views import View
+from cltaa.core.debug import View
 from cltaa.core.parameters import Fireflies
 from cltaa.core.presets import load_preset
 from cltaa.io.numbered import OnBreak
