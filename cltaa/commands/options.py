@@ -13,7 +13,7 @@ import click
 import msgspec
 from click.shell_completion import CompletionItem
 
-from cltaa.core.build import STORAGES, Storage
+from cltaa.core.build import STORAGES, Storage, kernel_names
 from cltaa.core.frame_checks import EXPOSURE_STOPS
 from cltaa.errors import UsageError, known
 from cltaa.frame import ASKED, Asked, Effect, parse_effects
@@ -53,12 +53,6 @@ def _profiles() -> list[str]:
     return ["auto", *profile_names()]
 
 
-def _kernels() -> list[str]:
-    from cltaa.core.kernel_source import kernel_names
-
-    return kernel_names()
-
-
 def _scenes() -> Iterable[str]:
     from cltaa.lab.bench.cases import known_scenes
 
@@ -66,7 +60,7 @@ def _scenes() -> Iterable[str]:
 
 
 PRESET, PROFILE = _Name(_presets), _Name(_profiles, or_file=True)
-KERNEL, SCENE = _Name(_kernels), _Name(_scenes)
+KERNEL, SCENE = _Name(kernel_names), _Name(_scenes)
 
 
 Command = Callable[..., Any]

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from cltaa.core.backend import Buffer, Launcher, Queue, launcher_for, storage_dtype
 from cltaa.core.buffers import Buffers, FrameRing, LastRun, upload
-from cltaa.core.build import HALVES, Build, Steps, Storage, build_of, edge_build, storage_of
+from cltaa.core.build import HALVES, Build, Steps, Storage, build_of, code_sha256, edge_build, storage_of
 from cltaa.core.cuts import Coarse, coarse_colours, looks_cut
 from cltaa.core.debug import decided, parse_views
 from cltaa.core.frame_checks import check_frame
-from cltaa.core.kernel_source import code_sha256
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.passes import Passes
 from cltaa.core.plan import JittersBefore, Plan, channel_steps, from_ring_alone, plan_frame, recursive_choices

@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 
 from cltaa import __version__
 from cltaa.core.backend import Launcher
-from cltaa.core.build import Build
-from cltaa.core.kernel_source import code_sha256
+from cltaa.core.build import Build, code_sha256
 from cltaa.core.parameters import HistoryKind
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Frame, Image

@@ -19,7 +19,7 @@ import numpy as np
 import tomli_w
 
 from cltaa.core.backend import Launcher
-from cltaa.core.kernel_source import code_sha256
+from cltaa.core.build import code_sha256
 from cltaa.core.parameters import Choices
 from cltaa.core.presets import LADDER, Preset, load_preset, override, preset_names
 from cltaa.core.resolver import Resolver

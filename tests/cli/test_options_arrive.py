@@ -184,7 +184,7 @@ COMMANDS = {
             "cltaa_datasets.scenes.build_scene": lambda *_: "scene",
         },
     ),
-    "kernels": Command("kernels --show resolve", {"cltaa.opencl.program.source": begins}),
+    "kernels": Command("kernels --show resolve", {"cltaa.commands.presets.source": begins}),
     "presets": Command(
         "presets fast",
         {"cltaa.commands.presets.difference": begins, "cltaa.commands.presets.parameter_rows": begins},

@@ -10,7 +10,7 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
-from cltaa.core.kernel_source import code_sha256
+from cltaa.core.build import code_sha256
 from cltaa.core.resolver import Resolver
 from cltaa.lab.bench.frames import Motion, make_frames
 from cltaa.opencl import device

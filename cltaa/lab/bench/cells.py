@@ -30,8 +30,7 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 
 from cltaa.core.backend import DEVICE_VARIABLE, Buffer, Launcher, launcher_for
-from cltaa.core.build import Build, Real, Storage
-from cltaa.core.kernel_source import code_sha256
+from cltaa.core.build import Build, Real, Storage, code_sha256
 from cltaa.core.planes import Layout
 from cltaa.core.resolver import Resolver
 from cltaa.errors import CltaaError, DataError, ResourceError

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from cltaa.core.kernel_source import code_sha256
+from cltaa.core.build import code_sha256
 from cltaa.core.presets import load_preset
 from cltaa.core.resolver import Resolver
 from cltaa.errors import InternalError, OutputError
