@@ -26,10 +26,9 @@ from cltaa.lab.bench.api import SIZES, ApiBench, bench_api
 from cltaa.lab.bench.cases import check_scenes, known_scenes
 from cltaa.lab.bench.devices import ShapesBench, bench_shapes, forget_shapes
 from cltaa.lab.bench.files import FilesBench, bench_files
-from cltaa.lab.bench.frames import Motion
 from cltaa.lab.bench.kernels import KernelBench, Timing, bench_kernels
 from cltaa.lab.inspect.plan import EffectRow, effect_cells, judge_effects
-from cltaa.lab.timing import Interval
+from cltaa.lab.timing import Interval, Motion
 from cltaa.printable import counted, json_of, markdown, markdown_row, printable, shown
 from cltaa.process import run_cltaa
 

@@ -13,7 +13,7 @@ import pytest
 from cltaa.core.build import source
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Image
-from cltaa.lab.bench.frames import Motion, make_frames
+from cltaa.lab.timing import Motion, make_frames
 from cltaa.opencl import device
 from cltaa.opencl.device import device_flags
 

@@ -22,16 +22,17 @@ from cltaa.core.record import Past, frame_record
 from cltaa.core.resolver import Resolver
 from cltaa.errors import CltaaError, DeviceMissing, InternalError, UsageError, import_extra
 from cltaa.frame import Frame, Image
-from cltaa.lab.bench.frames import Motion, make_frames
 from cltaa.lab.timing import (
     Clock,
     Environment,
     Interval,
     Job,
+    Motion,
     Samples,
     device_seconds,
     environment,
     load_average,
+    make_frames,
     measure,
     resolve_job,
     too_noisy,
