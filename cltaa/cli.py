@@ -106,7 +106,9 @@ GOES_ON = {("capture",), ("demo",), ("resolve",), ("bench", "accuracy"), ("bench
 
 
 @click.group(
-    cls=LazyGroup, entries=COMMANDS, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+    cls=LazyGroup,
+    entries=COMMANDS,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True},
 )
 @click.version_option(__version__)
 @click.option("--debug", is_flag=True, help="Show the whole traceback of an error.")

@@ -97,22 +97,19 @@ ALL_SCENES = "all"  # of cltaa scenes
     "presets or in their place; repeatable.",
 )
 @device_option
-@click.option("--size", type=SIZE, default="320x180", show_default=True, help="Pixels of a capture.")
-@click.option("--frames", default=64, show_default=True, type=click.IntRange(min=2), help="Frames of a capture.")
+@click.option("--size", type=SIZE, default="320x180", help="Pixels of a capture.")
+@click.option("--frames", default=64, type=click.IntRange(min=2), help="Frames of a capture.")
 @click.option(
     "--samples",
     default=256,
-    show_default=True,
     type=click.IntRange(min=1),
     help="Samples of the truth; 4 times as many where nothing moves.",
 )
-@click.option("--jitter", default="lattice:64", show_default=True, help="Sample positions, as for cltaa capture.")
-@click.option("--train", type=FROM_0, default="0", show_default=True, help="Seeds that presets were tuned on.")
-@click.option("--held-out", type=FROM_0, default="1", show_default=True, help="Other seeds; may be empty.")
-@click.option("--settled", default=8, show_default=True, type=click.IntRange(min=0), help="First frame that is judged.")
-@click.option(
-    "--work", default=Path("quality"), show_default=True, type=FILE_PATH, help="Folder of captures and finished cells."
-)
+@click.option("--jitter", default="lattice:64", help="Sample positions, as for cltaa capture.")
+@click.option("--train", type=FROM_0, default="0", help="Seeds that presets were tuned on.")
+@click.option("--held-out", type=FROM_0, default="1", help="Other seeds; may be empty.")
+@click.option("--settled", default=8, type=click.IntRange(min=0), help="First frame that is judged.")
+@click.option("--work", default=Path("quality"), type=FILE_PATH, help="Folder of captures and finished cells.")
 @click.option(
     "--page",
     type=FILE_PATH,

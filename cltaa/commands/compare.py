@@ -154,14 +154,11 @@ def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bo
     "--metrics",
     "metric_names",
     default=",".join(DEFAULT_METRICS),
-    show_default=True,
     metavar="LIST",
     help=f"Comma-separated, or all: {', '.join(METRICS)}.",
 )
 @click.option("--frames", type=SOME_FRAMES, help="Only these frames, both included, or the first N of A.")
-@click.option(
-    "--stops", type=STOPS, default=0.0, show_default=True, help="Exposure before the display transform, in stops."
-)
+@click.option("--stops", type=STOPS, default=0.0, help="Exposure before the display transform, in stops.")
 @click.option("--heatmap", type=FILE_PATH, metavar="DIR", help="Write an error map a frame as PNG.")
 @click.option(
     "--video",
@@ -173,7 +170,6 @@ def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bo
 @click.option(
     "--ours",
     default="default,fast,gather-8",
-    show_default=True,
     metavar="LIST",
     help="Presets that stand beside the entries of --table; an empty list for none.",
 )

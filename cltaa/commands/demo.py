@@ -43,20 +43,11 @@ class Gain:
 
 @click.command("demo")
 @click.option(
-    "-o",
-    "--output",
-    type=FILE_PATH,
-    default=Path("demo"),
-    show_default=True,
-    help="Folder for everything that the demo leaves.",
+    "-o", "--output", type=FILE_PATH, default=Path("demo"), help="Folder for everything that the demo leaves."
 )
-@click.option(
-    "--scene", type=SCENE, default="spinner", show_default=True, help="What to capture; list scenes with: cltaa scenes"
-)
-@click.option(
-    "--frames", type=click.IntRange(min=SETTLED + 1), default=40, show_default=True, help="Frames to capture."
-)
-@click.option("--size", type=SIZE, default="640x360", show_default=True, help="Size of a frame in pixels.")
+@click.option("--scene", type=SCENE, default="spinner", help="What to capture; list scenes with: cltaa scenes")
+@click.option("--frames", type=click.IntRange(min=SETTLED + 1), default=40, help="Frames to capture.")
+@click.option("--size", type=SIZE, default="640x360", help="Size of a frame in pixels.")
 @device_option
 @json_option
 def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: str | None, as_json: bool) -> None:

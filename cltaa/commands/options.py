@@ -196,7 +196,6 @@ STOPS = _Number(min=-EXPOSURE_STOPS, max=EXPOSURE_STOPS)
 verify_option = click.option(
     "--verify/--no-verify",
     default=True,
-    show_default=True,
     help="Refuse a file whose SHA-256 is not the one recorded beside it (sequence.json, manifest.jsonl).",
 )
 
@@ -212,7 +211,6 @@ def effects_option_of(default: str) -> Callable[[Command], Command]:
         "--effects",
         metavar="LIST",
         default=default,
-        show_default=True,
         help="auto (as declared, else found in the pixels), find (found, whatever is declared), all (every step), or a "
         "comma-separated list.",
     )
@@ -223,7 +221,6 @@ step_option = click.option(
     "--step",
     type=click.IntRange(min=1),
     default=1,
-    show_default=True,
     metavar="N",
     help="Frame numbers are N apart, and motion vectors span N (docs/inputs.md).",
 )
@@ -235,7 +232,6 @@ def storage_option(command: Command, where: str = "") -> Command:
         "--storage",
         type=click.Choice([kind.value for kind in STORAGES]),
         default=Storage.FLOAT.value,
-        show_default=True,
         help=f"{where}Number that the history is kept in.",
     )(command)
 
@@ -266,7 +262,6 @@ def input_options(command: Command) -> Command:
             type=PROFILE,
             metavar="NAME",
             default="auto",
-            show_default=True,
             help="Who wrote the files: auto, a name (cltaa profiles), or FILE.toml.",
         ),
     ):

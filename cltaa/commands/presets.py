@@ -157,12 +157,8 @@ def profiles(name: str | None, as_json: bool) -> None:
 @click.option(
     "--show", type=KERNEL, metavar="KERNEL", help="Print the whole text of a kernel, prelude and includes pasted."
 )
-@click.option(
-    "--preset", type=PRESET, default="default", show_default=True, help="Preset whose choices the prelude carries."
-)
-@click.option(
-    "--lanes", type=click.Choice(["1", "4", "8", "16"]), default="8", show_default=True, help="Pixels a work-item."
-)
+@click.option("--preset", type=PRESET, default="default", help="Preset whose choices the prelude carries.")
+@click.option("--lanes", type=click.Choice(["1", "4", "8", "16"]), default="8", help="Pixels a work-item.")
 @click.option("--strict", is_flag=True, help="The strict build.")
 @json_option
 def kernels(show: str | None, preset: str, lanes: str, strict: bool, as_json: bool) -> None:

@@ -45,9 +45,7 @@ from cltaa.process import stop_signals
 )
 @click.argument("sequence", type=FILE_PATH)
 @click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder for the resolved EXRs.")
-@click.option(
-    "--preset", type=PRESET, default="default", show_default=True, help="Named settings; list them with: cltaa presets"
-)
+@click.option("--preset", type=PRESET, default="default", help="Named settings; list them with: cltaa presets")
 @click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated.")
 @click.option(
@@ -116,14 +114,12 @@ from cltaa.process import stop_signals
     "--gaps",
     type=click.Choice([mode.value for mode in OnBreak]),
     default=OnBreak.ERROR.value,
-    show_default=True,
     help="A missing frame: refuse it, or begin a new history behind it.",
 )
 @click.option(
     "--on-resize",
     type=click.Choice([mode.value for mode in OnBreak]),
     default=OnBreak.ERROR.value,
-    show_default=True,
     help="Another size: refuse it, or begin a new history with it.",
 )
 @click.option(
@@ -135,7 +131,6 @@ from cltaa.process import stop_signals
     "--denoise",
     type=click.Choice(DENOISERS),
     default="none",
-    show_default=True,
     help="Denoise each frame before the resolve: oidn is Open Image Denoise, the extra cltaa[denoise].",
 )
 @click.option("--restart", is_flag=True, help="Begin the output folder anew, whatever it was begun with.")
@@ -143,7 +138,6 @@ from cltaa.process import stop_signals
     "--checkpoint",
     type=click.IntRange(min=1),
     default=CHECKPOINT_EVERY,
-    show_default=True,
     metavar="N",
     help="Save the state every N frames, for a run that goes on after a kill.",
 )
@@ -151,6 +145,7 @@ from cltaa.process import stop_signals
     "--debug",
     "views",
     default="",
+    show_default=False,
     metavar="LIST",
     help=f"Also show what was decided at each pixel, as EXR layers and PNGs: {', '.join(View)}.",
 )

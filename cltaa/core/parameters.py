@@ -112,8 +112,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
         int, _number("later frames whose samples are gathered too (history frames)", 0, 64, "frames", "measured")
     ] = 0
     fit_ridge: Annotated[
-        float,
-        _number("even samples' worth that holds the fitted slope back", 2.0**-6, 2.0**20, "1", "measured"),
+        float, _number("even samples' worth that holds the fitted slope back", 2.0**-6, 2.0**20, "1", "measured")
     ] = 0.125
     fit_reach: Annotated[
         float,
@@ -152,8 +151,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
         float, _number("share of such a t that is added to that of the next frame", 0.0, 1.0, "1", "measured")
     ] = 0.72
     falling_t: Annotated[
-        float,
-        _number("illumination_t, disocclusion_t where light falls, over where it rises", 0.125, 8.0, "1", "even"),
+        float, _number("illumination_t, disocclusion_t where light falls, over where it rises", 0.125, 8.0, "1", "even")
     ] = 1.0
     illumination_floor: Annotated[
         float, _number("standard error added to that of the 3x3, over its luminance", 0.0, 1.0, "1", "measured")
@@ -187,8 +185,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
         float, _number("motion from which box_scale_moving holds", 1e-3, 1e6, "pixels a frame", "measured")
     ] = 1.0
     box_floor: Annotated[
-        float,
-        _number("least half extent of the box over its size (clip, ellipsoid)", 0.0, 1.0, "1", "2^-10: no jumps"),
+        float, _number("least half extent of the box over its size (clip, ellipsoid)", 0.0, 1.0, "1", "2^-10: no jumps")
     ] = 2.0**-10
     depth_tolerance: Annotated[
         float, _number("relative slack of the depth test", 0.0, 1.0, "1", "0.02, two engines' value")
@@ -225,16 +222,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
 
 
 # What the host alone looks at: it does not reach the kernels' struct.
-HOST_SETTINGS = frozenset(
-    {
-        "filter_falloff",
-        "history_frames",
-        "look_ahead",
-        "motion_widths",
-        "sky_at",
-        "sky_below",
-    }
-)
+HOST_SETTINGS = frozenset({"filter_falloff", "history_frames", "look_ahead", "motion_widths", "sky_at", "sky_below"})
 KERNEL_SETTINGS = tuple(name for name in Settings.__struct_fields__ if name not in HOST_SETTINGS)
 
 

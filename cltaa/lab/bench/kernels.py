@@ -308,13 +308,7 @@ class Contenders:
 
 
 def bench_kernels(
-    presets: Sequence[Preset],
-    device: str | None,
-    *,
-    width: int,
-    height: int,
-    motions: Sequence[Motion],
-    rounds: int,
+    presets: Sequence[Preset], device: str | None, *, width: int, height: int, motions: Sequence[Motion], rounds: int
 ) -> KernelBench:
     """Time the kernels of ``presets`` and of the core against everything else on ``device``.
 

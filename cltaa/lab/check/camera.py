@@ -32,16 +32,7 @@ from cltaa.lab.check.hypotheses import (
     spoken,
     sureness,
 )
-from cltaa.lab.check.registration import (
-    COVERED,
-    LEAST_POINTS,
-    Pair,
-    Shot,
-    Vector,
-    fit_shift,
-    residual_of,
-    seen_before,
-)
+from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Pair, Shot, Vector, fit_shift, residual_of, seen_before
 
 MOST_PAIRS, MOST_POINTS = 6, 3000  # looked at for each of a dozen meanings; more only cost time
 LARGEST_MISMATCH = 0.5  # residual of a meaning that is named

@@ -16,13 +16,7 @@ from numpy.typing import NDArray
 from cltaa.frame import Frame
 from cltaa.inputs.convert import device_planes, planes_of, ray_length
 from cltaa.inputs.profile import Depth, DepthKind
-from cltaa.lab.check.camera import (
-    CLEARLY_BETTER,
-    LARGEST_MISMATCH,
-    camera_residual,
-    moving_pairs,
-    screened,
-)
+from cltaa.lab.check.camera import CLEARLY_BETTER, LARGEST_MISMATCH, camera_residual, moving_pairs, screened
 from cltaa.lab.check.hypotheses import Finding, mistake, sureness
 from cltaa.lab.check.registration import Pair, Shot, Vector, seen_before
 
