@@ -177,7 +177,9 @@ def quality(
             sequence, how = opened[case.folder], ways[case.folder]
         else:
             how = Reading(effects=reading.effects)
-            sequence = _captured(case, shape, how)
+            sequence = open_case(case) or capture(case, shape)
+            if how != DEFAULT_READING:  # other effects than the scene's
+                sequence = how.open(case.folder)
         task = task_of(sequence, variants, device, judging, how)
         for _ in run_all([task], work):
             pass
@@ -212,12 +214,6 @@ def chosen_presets(names: Sequence[str], configs: Sequence[Path]) -> list[Preset
         over = load_config(path, load_preset())
         chosen.append(msgspec.structs.replace(over, name=name, description=over.name))
     return chosen
-
-
-def _captured(case: Case, shape: Shape, how: Reading) -> FrameSequence:
-    """The capture of a case, drawn if need be, with effects declared as ``how`` says in place of the scene's."""
-    sequence = open_case(case) or capture(case, shape)
-    return sequence if how == DEFAULT_READING else how.open(case.folder)
 
 
 def _effects_of(scenes: tuple[str, ...]) -> dict[str, frozenset[str]]:

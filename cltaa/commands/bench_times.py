@@ -113,13 +113,10 @@ def devices(device: str | None, forget: bool, as_json: bool) -> None:
     processor and version of the kernels, and changes no bit of a strict build.
     """
     if forget:
-        answer({"forgotten": forget_shapes()}, as_json, _print_forgotten)
+        told = {"forgotten": forget_shapes()}
+        answer(told, as_json, lambda found: print_line(f"forgotten: {counted(found['forgotten'], 'shape')}"))
     else:
         answer(bench_shapes(device), as_json, _print_devices)
-
-
-def _print_forgotten(found: dict[str, int]) -> None:
-    print_line(f"forgotten: {counted(found['forgotten'], 'shape')}")
 
 
 def _print_devices(bench: ShapesBench) -> None:

@@ -84,8 +84,9 @@ class Diagnosis(msgspec.Struct, frozen=True):
 
 def diagnose() -> Diagnosis:
     """Look at everything, the slow things side by side, and return the findings in a fixed order."""
+    python = f"{platform.python_version()} on {platform.platform(terse=True)}"  # one too old has no cltaa in it
     looks: list[Callable[[], Finding]] = [
-        look_at_python,
+        lambda: Finding("Python", "both", ok=True, found=python),
         look_at_processor,
         lambda: probe("EXR files", "both", PACKAGES_CURE, "files"),
         look_at_linker,
@@ -159,11 +160,6 @@ def look_at_resolve() -> Finding:
     with tempfile.TemporaryDirectory() as empty:
         anew = probe("resolve", "resolve", ABORT_CURE, "resolve", POCL_CACHE_DIR=empty)
     return msgspec.structs.replace(kept, cure=KEPT_CURE) if anew.ok else anew
-
-
-def look_at_python() -> Finding:
-    """Name the interpreter and the machine; an interpreter that is too old could not have been installed into."""
-    return Finding("Python", "both", ok=True, found=f"{platform.python_version()} on {platform.platform(terse=True)}")
 
 
 def look_at_processor() -> Finding:

@@ -195,12 +195,8 @@ class Problems:
     @property
     def lines(self) -> list[str]:
         """A line for each kind of error, in the order in which they were met."""
-        return [_with_others(text, numbers[1:]) for text, numbers in self._wrong.values()]
-
-
-def _with_others(problem: str, others: list[int]) -> str:
-    same = f"the same in {named_frames(sorted(others))}"
-    return f"{problem}; {same}" if others else problem
+        told = ((text, sorted(numbers[1:])) for text, numbers in self._wrong.values())
+        return [f"{text}; the same in {named_frames(others)}" if others else text for text, others in told]
 
 
 # What a folder without frames may hold in their place.

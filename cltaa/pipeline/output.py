@@ -385,7 +385,9 @@ class ResolvedFiles:
             facts = {"missing": missing, "opaque": opaque, "saturated": sum(saturated)}
             self.take(Written.now(path, number, source, **facts))
 
-        attributes = merged(read.carried, resolved_attributes(read.frame, self._resolver), self._undeclared)
+        preset, device = self._resolver.preset.name, self._resolver.launcher.description
+        told = frame_attributes(read.frame) | {"cltaa:preset": preset, "cltaa:device": device}
+        attributes = merged(read.carried, told, self._undeclared)
         writer.write(path, channels, attributes, then=finish, windows=windows)
 
     def take(self, written: Written) -> None:
@@ -399,9 +401,3 @@ class ResolvedFiles:
         if image.dtype == np.float16:
             return limit_halves(image)
         return saturated_pixels(image) if self._resolver.keeps_halves else 0
-
-
-def resolved_attributes(frame: Frame, resolver: Resolver) -> dict[str, object]:
-    """Attributes of a resolved image: those of its frame, and what resolved it."""
-    made_by = {"cltaa:preset": resolver.preset.name, "cltaa:device": resolver.launcher.description}
-    return {**frame_attributes(frame), **made_by}

@@ -265,21 +265,17 @@ class Contenders:
         self.absent: dict[str, str] = {}
         self.opengl: str | None = None
         self._shader: Shader | None = None
-        self.core = self._add_preset(CORE, BASELINE)
+        self.core = self.add_preset(CORE, BASELINE)
         self.jobs.append(Job(CONTROL, self.jobs[0].run))
         self.moved[CONTROL] = self.moved[CORE]
 
-    def _add_preset(self, name: str, preset: Preset) -> Image:
+    def add_preset(self, name: str, preset: Preset) -> Image:
+        """Add a preset as it is, which need not compute what the core does; returns the image that it gives."""
         resolver = Resolver(preset, self._launcher)
         job, image = resolve_job(name, resolver, self._frames)
         self.jobs.append(job)
         self.moved[name] = least_bytes(resolver, Storage.FLOAT)
         return image
-
-    def add_presets(self, presets: Sequence[Preset]) -> None:
-        """Add presets as they are, which need not compute what the core does."""
-        for preset in presets:
-            self._add_preset(preset.name, preset)
 
     def add_ports(self) -> None:
         """Add the plain port and the shader, each checked against the core's image."""
@@ -326,7 +322,8 @@ def bench_kernels(
     for motion in motions:
         contenders = Contenders(launcher, make_frames(width, height, motion))
         try:
-            contenders.add_presets(presets)
+            for preset in presets:
+                contenders.add_preset(preset.name, preset)
             contenders.add_ports()
             timings.append(_timing(contenders, launcher, motion, width * height, rounds))
         finally:

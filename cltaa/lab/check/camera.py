@@ -221,7 +221,8 @@ ZEROES = 0.5  # share of the vectors that are nothing where the camera moves the
 def check_zeroes(shot: Shot) -> list[Finding]:
     """Find vectors of nothing where the camera moves what rests: it alone is meant, or nothing was written."""
     pairs = moving_pairs(shot) if shot.has_camera and shot.has_depth else []
-    found = [(pair, points) for pair in pairs if (points := _unmoved(pair)).sum() >= LEAST_POINTS]
+    nothing = [(pair, np.asarray((pair.own == 0.0).all(0) & pair.usable & _moved(pair))) for pair in pairs]
+    found = [(pair, points) for pair, points in nothing if points.sum() >= LEAST_POINTS]
     if not found:
         return []
     able = [np.isfinite(pair.own).all(0) & pair.usable & _moved(pair) for pair, _ in found]
@@ -239,11 +240,6 @@ def check_zeroes(shot: Shot) -> list[Finding]:
     evidence += f"{winner.mean():.3f} by matrices and depth, {declared.mean():.3f} as declared"
     what = "the motion vectors are 0 where the camera alone moves the picture"
     return [mistake("motion-zero-is-camera", what, evidence, sure, {"zero": "camera"})]
-
-
-def _unmoved(pair: Pair) -> NDArray[np.bool_]:
-    """Points whose vector is nothing and that the camera moves."""
-    return np.asarray((pair.own == 0.0).all(0) & pair.usable & _moved(pair))
 
 
 def _moved(pair: Pair) -> NDArray[np.bool_]:
