@@ -120,7 +120,7 @@ def _header(
     OpenEXR.File(windows, {name: plane[:1] for name, plane in channels.items()}).write(file)
     *_, end = read_headers(path, file)
     content = file.getvalue()
-    window = places_of(content)["dataWindow"].start
+    window = places_of(path, content)[0]["dataWindow"].start
     return content[: window + 12] + struct.pack("<i", last[1]) + content[window + 16 : end]
 
 

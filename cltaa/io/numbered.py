@@ -279,6 +279,11 @@ class NumberedFiles:
         """Rows of the first frame."""
         return self.layouts[self.first].height
 
+    @property
+    def notes(self) -> list[str]:
+        """What was decided about the files of another tool, line by line; own ones: nothing."""
+        return []
+
     def __len__(self) -> int:
         """Count of frames."""
         return len(self._paths)

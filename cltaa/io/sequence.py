@@ -37,11 +37,6 @@ from cltaa.io.numbered import (
 class ImageSequence(NumberedFiles):
     """Colour only: a reference, or resolved frames. Iteration yields ``[H, W, 3]`` linear float32 in frame order."""
 
-    @property
-    def notes(self) -> list[str]:
-        """What was decided about the files of another tool, line by line; own ones: nothing."""
-        return []
-
     def image(self, number: int, *, alpha: bool = False) -> Image:
         """Read one frame number, [H, W, 3] linear float32; with ``alpha`` behind the colour where it is there."""
         window = self.layouts[number].data_window
@@ -138,11 +133,6 @@ class FrameSequence(NumberedFiles):
     def undeclared(self) -> frozenset[str]:
         """Attributes of a frame's header that its files do not declare and the reader filled in; own ones: none."""
         return frozenset()
-
-    @property
-    def notes(self) -> list[str]:
-        """What was decided about the files of another tool, line by line; own ones: nothing."""
-        return []
 
     @property
     def converted(self) -> bool:

@@ -117,6 +117,7 @@ def test_flags_have_linux_s_names(
 RESOLVED_AT = """
 import sys, ctypes
 import numpy as np
+from cltaa.opencl import device, pocl_cpu_name as unknown_cpu
 from cltaa.lab.timing import Motion, make_frames
 from cltaa.core.resolver import Resolver
 level = next(level for level in unknown_cpu.LEVELS if level.name == sys.argv[1].encode())
@@ -146,6 +147,7 @@ def test_the_resolve_is_built_for_the_levels_that_this_cpu_has(level: bytes, tmp
 # A thread that maps and unmaps the page at which every word of the record points, as threads that free memory do.
 UNMAPPED_MEANWHILE = """
 import ctypes, mmap, threading
+from cltaa.opencl.pocl_cpu_name import name_unknown_cpu
 libc = ctypes.CDLL(None)
 libc.mmap.restype = ctypes.c_void_p
 libc.mmap.argtypes = [ctypes.c_void_p, ctypes.c_size_t] + [ctypes.c_int] * 3 + [ctypes.c_long]
