@@ -359,8 +359,9 @@ def _compared(pairs: Sequence[Pair], camera: str, scale: float, maps: dict[str, 
 
 def middle_length(vectors: Vector) -> float:
     """The middle length of those of ``vectors`` [2, n] that are numbers; infinite where there is none."""
-    known = vectors[:, np.isfinite(vectors).all(0)]
-    return float(np.median(np.hypot(*known))) if known.size else np.inf
+    lengths = np.hypot(*vectors)
+    known = lengths[np.isfinite(lengths)]
+    return float(np.median(known)) if known.size else np.inf
 
 
 def _findings(best: _Reading, declared: _Reading, maps: dict[str, Affine], pairs: int) -> list[Finding]:
