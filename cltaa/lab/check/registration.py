@@ -90,7 +90,8 @@ class Picture(NamedTuple):
     @property
     def signal(self) -> NDArray[np.float32]:
         """The signal alone, [H, W]."""
-        return self.planes[0]
+        signal: NDArray[np.float32] = self.planes[0]
+        return signal
 
     @classmethod
     def of(cls, signal: NDArray[np.float32]) -> Picture:
