@@ -116,13 +116,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     ] = 0.125
     fit_reach: Annotated[
         float,
-        _number(
-            "where few samples no longer count, from the pixel's centre along an axis",
-            0.5625,
-            1.0,
-            "pixels",
-            "measured",
-        ),
+        _number("where few samples no longer count, from the centre along an axis", 0.5625, 1.0, "pixels", "measured"),
     ] = 0.8
     drift_t: Annotated[
         float,
@@ -199,13 +193,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     ] = 4.0
     firefly_threshold: Annotated[
         float,
-        _number(
-            "luminance that a sample may have over its 3x3's second greatest or its history's",
-            1.0,
-            1e6,
-            "1",
-            "measured",
-        ),
+        _number("luminance of a sample over its 3x3's second greatest or its history's", 1.0, 1e6, "1", "measured"),
     ] = 5.0
     firefly_floor: Annotated[
         float, _number("luminance up to which no sample is a firefly", 0.0, 1e6, "scene units", "measured")
