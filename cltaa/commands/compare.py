@@ -291,13 +291,8 @@ def _check_alike(comparisons: Mapping[str, Comparison], heatmap: Path | None) ->
     for test in others:
         expected, found = (comparisons[name].test.numbers for name in (first, test))
         if expected != found:
-            raise UsageError(
-                f"other frames than those of {first}",
-                path=Path(test),
-                expected=ranges(expected),
-                found=ranges(found),
-                cure="choose frames that all have with --frames",
-            )
+            what, cure = f"other frames than those of {first}", "choose frames that all have with --frames"
+            raise UsageError(what, path=Path(test), expected=ranges(expected), found=ranges(found), cure=cure)
         if comparisons[first].region != comparisons[test].region:
             what = f"what it shares with B is another region than what {first} does"
             raise UsageError(what, path=Path(test), cure="compare them with B one at a time")
@@ -349,19 +344,10 @@ def _check_followed(comparison: Comparison) -> None:
         )
     if comparison.region is not None:
         expected, found = (images.layouts[images.first].size for images in (comparison.reference, comparison.test))
-        raise UsageError(
-            "--video judges whole pictures only",
-            path=comparison.test.folder,
-            expected=expected,
-            found=found,
-            cure="leave --video out for a region",
-        )
+        what, cure = "--video judges whole pictures only", "leave --video out for a region"
+        raise UsageError(what, path=comparison.test.folder, expected=expected, found=found, cure=cure)
     apart = even_step(comparison.test.numbers)
     if apart > 1 and comparison.capture.step == 1:
-        raise UsageError(
-            "--video follows each frame to the next, but no number lies beside another",
-            path=comparison.test.folder,
-            expected="frames 1 apart",
-            found=f"{apart} apart",
-            cure=f"say --step {apart} if each continues the last",
-        )
+        what = "--video follows each frame to the next, but no number lies beside another"
+        found, cure = f"{apart} apart", f"say --step {apart} if each continues the last"
+        raise UsageError(what, path=comparison.test.folder, expected="frames 1 apart", found=found, cure=cure)

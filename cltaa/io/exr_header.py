@@ -61,14 +61,9 @@ def read_channels(path: Path, value: bytes) -> dict[str, str]:
         name, place = _name(value, place)
         kind, _, x_sampling, y_sampling = struct.unpack_from("<4i", value, place)
         if (x_sampling, y_sampling) != (1, 1):
-            raise DataError(
-                "sub-sampled channels are not read",
-                path=path,
-                channel=name,
-                expected="every pixel",
-                found=f"one in {x_sampling} x {y_sampling}",
-                cure="write R G B, and every channel at full size",
-            )
+            what, cure = "sub-sampled channels are not read", "write R G B, and every channel at full size"
+            found = f"one in {x_sampling} x {y_sampling}"
+            raise DataError(what, path=path, channel=name, expected="every pixel", found=found, cure=cure)
         if name in channels or kind < 0:
             raise ValueError("channel twice, or of no type")
         channels[name] = PIXEL_TYPES[kind]

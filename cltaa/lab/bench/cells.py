@@ -196,13 +196,9 @@ def check_judged(sequence: FrameSequence, settled: int) -> ImageSequence:
     """The truth of a sequence that can be judged; raises InputMissing without one, DataError for too few frames."""
     reference = truth_of(sequence)
     if len(sequence) <= settled:
-        raise DataError(
-            "the sequence is over before it is judged",
-            path=sequence.folder,
-            expected=f"more than {settled} frames",
-            found=len(sequence),
-            cure="capture more, or judge sooner: --settled 0",
-        )
+        what, cure = "the sequence is over before it is judged", "capture more, or judge sooner: --settled 0"
+        expected = f"more than {settled} frames"
+        raise DataError(what, path=sequence.folder, expected=expected, found=len(sequence), cure=cure)
     return reference
 
 

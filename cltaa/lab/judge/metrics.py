@@ -232,20 +232,14 @@ def measure(
         raise DataError("images differ in size", path=path, frame=frame, expected=expected, found=found)
     for name, image, file in (("image", test, path), ("reference", reference, truth_path)):
         if image.dtype.kind != "f" or image.shape[2:] != (3,):
-            raise DataError(
-                f"the {name} is no linear light",
-                path=file,
-                frame=frame,
-                expected="floats [H, W, 3]",
-                found=f"{image.dtype} {list(image.shape)}",
-            )
+            what, given = f"the {name} is no linear light", f"{image.dtype} {list(image.shape)}"
+            raise DataError(what, path=file, frame=frame, expected="floats [H, W, 3]", found=given)
         bad = image.size - int(np.isfinite(image).sum())
         if bad:
             what = f"NaN or infinity in {counted(bad, 'value')} of the {name}"
             raise DataError(what, path=file, frame=frame, cure="there is no error to state; look for their cause")
-    if metrics is None:
-        metrics = DEFAULT_METRICS
-    chosen = [named_metrics([metric])[0] if isinstance(metric, str) else metric for metric in metrics]
+    wanted = DEFAULT_METRICS if metrics is None else metrics
+    chosen = [named_metrics([metric])[0] if isinstance(metric, str) else metric for metric in wanted]
     return {metric.name: metric.function(test, reference, stops) for metric in chosen}
 
 
