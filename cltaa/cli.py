@@ -14,7 +14,6 @@ import click
 from click.shell_completion import CompletionItem
 
 from cltaa import __version__
-from cltaa.core.debug_views import are_views
 from cltaa.errors import CltaaError, InternalError, ResourceError, StorageError, UsageError
 from cltaa.printable import printable
 from cltaa.process import Stop, configure, ends_at_once, ignore_signals, interrupts
@@ -107,7 +106,9 @@ GOES_ON = {("capture",), ("demo",), ("resolve",), ("bench", "accuracy"), ("bench
 
 
 @click.group(
-    cls=LazyGroup, entries=COMMANDS, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+    cls=LazyGroup,
+    entries=COMMANDS,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True},
 )
 @click.version_option(__version__)
 @click.option("--debug", is_flag=True, help="Show the whole traceback of an error.")
@@ -190,6 +191,10 @@ def _take_debug(arguments: list[str]) -> tuple[bool, list[str]]:
 
     Where a list of views follows, it is the option of ``cltaa resolve``.
     """
+    if "--debug" not in arguments:
+        return False, arguments
+    from cltaa.core.debug import are_views  # which needs NumPy, and so is left to those who ask
+
     end = arguments.index("--") if "--" in arguments else len(arguments)
     following = [*arguments[1:], ""]
     pairs = zip(arguments[:end], following, strict=False)

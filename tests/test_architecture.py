@@ -45,7 +45,7 @@ BELOW = {"camera", "errors", "frame", "printable", "process", "progress", "renam
 # The one arrow upwards: a resolver that is given no launcher asks for one by the name of its device.
 CHOOSES_LAUNCHER = "cltaa.core.backend"
 # The only modules that speak OpenCL.
-SPEAK_OPENCL = {f"cltaa.opencl.{name}" for name in ("device", "exchange", "program")}
+SPEAK_OPENCL = {f"cltaa.opencl.{name}" for name in ("device", "exchange")}
 
 VAGUE_NAME = re.compile(r"(?i)(manager|helper|utils?$|utils?_|^common|_common|_misc|^misc)")
 AMERICAN = re.compile(r"(?i)(color|neighbor|normaliz|center)")

@@ -65,7 +65,7 @@ def test_the_kernels_are_found(place: str, wheel: Path, tmp_path: Path) -> None:
     if place == "wheel":
         zipfile.ZipFile(wheel).extractall(tmp_path)
     package, kernels = (tmp_path, tmp_path / "cltaa/kernels") if place == "wheel" else (TOP, TOP / "kernels")
-    code = "from cltaa.opencl import program; print(program.__file__); print(program.kernel_folder())"
+    code = "from cltaa.core import build; print(build.__file__); print(build.kernel_folder())"
     done = subprocess.run(
         [sys.executable, "-c", code],
         cwd=tmp_path,
@@ -74,4 +74,4 @@ def test_the_kernels_are_found(place: str, wheel: Path, tmp_path: Path) -> None:
         text=True,
         check=True,
     )
-    assert done.stdout.splitlines() == [str(package / "cltaa/opencl/program.py"), str(kernels)]
+    assert done.stdout.splitlines() == [str(package / "cltaa/core/build.py"), str(kernels)]

@@ -33,12 +33,11 @@ def complete_scene(_context: click.Context, _parameter: click.Parameter, incompl
 @click.command(short_help="Draw a scene into a jittered EXR sequence.")
 @click.argument("scene", shell_complete=complete_scene)
 @click.option("-o", "--output", type=FILE_PATH, help="Folder of the sequence; made if need be.")
-@click.option("--frames", type=click.IntRange(1), default=48, show_default=True, help="Number of frames.")
-@click.option("--size", type=SIZE, default="640x360", show_default=True, help="Size of a frame in pixels.")
+@click.option("--frames", type=click.IntRange(1), default=48, help="Number of frames.")
+@click.option("--size", type=SIZE, default="640x360", help="Size of a frame in pixels.")
 @click.option(
     "--jitter",
     default=USUAL,
-    show_default=True,
     help="Sample positions: none, halton:N, r2:N, lattice:N, grid:N or hammersley:N with period N, centred; or vireo, "
     "babylon, simvx, as published.",
 )
@@ -46,7 +45,6 @@ def complete_scene(_context: click.Context, _parameter: click.Parameter, incompl
     "--reference",
     type=click.IntRange(0),
     default=0,
-    show_default=True,
     metavar="N",
     help="Also draw the truth of the same instants, N samples a pixel, into reference/.",
 )
@@ -54,20 +52,17 @@ def complete_scene(_context: click.Context, _parameter: click.Parameter, incompl
     "--yardstick",
     type=FROM_2,
     default="",
+    show_default=False,
     help="Also draw the frames with N samples a pixel into reference-N/ and note the time, for bench accuracy.",
 )
-@click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Changes textures, placement, phase."
-)
-@click.option(
-    "--fps", type=click.FloatRange(0.0, min_open=True), default=30.0, show_default=True, help="Frames a second."
-)
+@click.option("--seed", type=click.IntRange(0), default=0, help="Changes textures, placement, phase.")
+@click.option("--fps", type=click.FloatRange(0.0, min_open=True), default=30.0, help="Frames a second.")
 @click.option(
     "--motion",
     type=click.Choice(MOTIONS),
     help="How a model of file:PATH is shown.  [default: play where it is animated, else turntable]",
 )
-@click.option("--backend", type=click.Choice(BACKENDS), default="auto", show_default=True, help="Off-screen OpenGL.")
+@click.option("--backend", type=click.Choice(BACKENDS), default="auto", help="Off-screen OpenGL.")
 @click.option("--restart", is_flag=True, help="Begin anew in a folder begun with other settings.")
 @click.option("--explain", "explained", is_flag=True, help="Say what is drawn for each effect; without -o, only that.")
 @json_option

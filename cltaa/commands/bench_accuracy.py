@@ -39,7 +39,7 @@ from cltaa.printable import counted, json_of, printable, shown
 @click.argument("sequences", nargs=-1, required=True, type=FOLDER, metavar="SEQUENCE...")
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder of the report.")
 @device_option
-@click.option("--preset", type=PRESET, default="default", show_default=True, help="Preset that the steps depart from.")
+@click.option("--preset", type=PRESET, default="default", help="Preset that the steps depart from.")
 @click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
 @click.option(
     "--only",
@@ -47,25 +47,17 @@ from cltaa.printable import counted, json_of, printable, shown
     metavar="NAME",
     help="Only this variant, or these groups of them, comma-separated, beside the default; repeatable.",
 )
-@click.option(
-    "--metrics",
-    default="mse,flip",
-    show_default=True,
-    metavar="LIST",
-    help="Errors against the truth; see cltaa compare.",
-)
+@click.option("--metrics", default="mse,flip", metavar="LIST", help="Errors against the truth; see cltaa compare.")
 @click.option(
     "--rounding-frames",
     default=8,
-    show_default=True,
     type=click.IntRange(min=0),
     help="Frames that are also resolved in float64, by NumPy, to measure rounding; 0 for none.",
 )
-@click.option("--rounds", default=15, show_default=True, type=click.IntRange(min=3), help="Rounds of timing, at least.")
+@click.option("--rounds", default=15, type=click.IntRange(min=3), help="Rounds of timing, at least.")
 @click.option(
     "--patience",
     default=20.0,
-    show_default=True,
     type=click.FloatRange(min=0),
     metavar="SECONDS",
     help="Time for more rounds of a sequence, while the default is not like its own copy.",
@@ -76,14 +68,11 @@ from cltaa.printable import counted, json_of, printable, shown
     metavar="N",
     help="Pixels of the frames that are timed, at least.  [default: what fills the device]",
 )
-@click.option(
-    "--jobs", default=1, show_default=True, type=click.IntRange(min=1), help="Processes to measure errors in."
-)
+@click.option("--jobs", default=1, type=click.IntRange(min=1), help="Processes to measure errors in.")
 @click.option("--dask", metavar="ADDRESS", help="Measure errors on a Dask cluster: the scheduler's address.")
 @click.option(
     "--pictured",
     default=4,
-    show_default=True,
     type=click.IntRange(min=0),
     help="Sequences, the first ones, whose frames the page shows and that are plotted.",
 )
@@ -179,11 +168,7 @@ def _table(result: Accuracy, measured: MeasuredSequence) -> Table:
 @click.argument("reports", nargs=-1, required=True, type=FILE_PATH, metavar="REPORT...")
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder to write into.")
 @click.option(
-    "--pictured",
-    default=4,
-    show_default=True,
-    type=click.IntRange(min=0),
-    help="Sequences, the first ones, that have plots of their own.",
+    "--pictured", default=4, type=click.IntRange(min=0), help="Sequences, the first ones, that have plots of their own."
 )
 @json_option
 def overview(reports: tuple[Path, ...], output: Path, pictured: int, as_json: bool) -> None:

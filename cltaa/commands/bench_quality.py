@@ -97,22 +97,19 @@ ALL_SCENES = "all"  # of cltaa scenes
     "presets or in their place; repeatable.",
 )
 @device_option
-@click.option("--size", type=SIZE, default="320x180", show_default=True, help="Pixels of a capture.")
-@click.option("--frames", default=64, show_default=True, type=click.IntRange(min=2), help="Frames of a capture.")
+@click.option("--size", type=SIZE, default="320x180", help="Pixels of a capture.")
+@click.option("--frames", default=64, type=click.IntRange(min=2), help="Frames of a capture.")
 @click.option(
     "--samples",
     default=256,
-    show_default=True,
     type=click.IntRange(min=1),
     help="Samples of the truth; 4 times as many where nothing moves.",
 )
-@click.option("--jitter", default="lattice:64", show_default=True, help="Sample positions, as for cltaa capture.")
-@click.option("--train", type=FROM_0, default="0", show_default=True, help="Seeds that presets were tuned on.")
-@click.option("--held-out", type=FROM_0, default="1", show_default=True, help="Other seeds; may be empty.")
-@click.option("--settled", default=8, show_default=True, type=click.IntRange(min=0), help="First frame that is judged.")
-@click.option(
-    "--work", default=Path("quality"), show_default=True, type=FILE_PATH, help="Folder of captures and finished cells."
-)
+@click.option("--jitter", default="lattice:64", help="Sample positions, as for cltaa capture.")
+@click.option("--train", type=FROM_0, default="0", help="Seeds that presets were tuned on.")
+@click.option("--held-out", type=FROM_0, default="1", help="Other seeds; may be empty.")
+@click.option("--settled", default=8, type=click.IntRange(min=0), help="First frame that is judged.")
+@click.option("--work", default=Path("quality"), type=FILE_PATH, help="Folder of captures and finished cells.")
 @click.option(
     "--page",
     type=FILE_PATH,
@@ -180,7 +177,9 @@ def quality(
             sequence, how = opened[case.folder], ways[case.folder]
         else:
             how = Reading(effects=reading.effects)
-            sequence = _captured(case, shape, how)
+            sequence = open_case(case) or capture(case, shape)
+            if how != DEFAULT_READING:  # other effects than the scene's
+                sequence = how.open(case.folder)
         task = task_of(sequence, variants, device, judging, how)
         for _ in run_all([task], work):
             pass
@@ -215,12 +214,6 @@ def chosen_presets(names: Sequence[str], configs: Sequence[Path]) -> list[Preset
         over = load_config(path, load_preset())
         chosen.append(msgspec.structs.replace(over, name=name, description=over.name))
     return chosen
-
-
-def _captured(case: Case, shape: Shape, how: Reading) -> FrameSequence:
-    """The capture of a case, drawn if need be, with effects declared as ``how`` says in place of the scene's."""
-    sequence = open_case(case) or capture(case, shape)
-    return sequence if how == DEFAULT_READING else how.open(case.folder)
 
 
 def _effects_of(scenes: tuple[str, ...]) -> dict[str, frozenset[str]]:

@@ -6,15 +6,7 @@ from pathlib import Path
 
 import click
 
-from cltaa.commands.options import (
-    FILE_PATH,
-    PRESET,
-    SIZE,
-    device_option,
-    json_option,
-    open_each,
-    reading_options,
-)
+from cltaa.commands.options import FILE_PATH, PRESET, SIZE, device_option, json_option, open_each, reading_options
 from cltaa.commands.printing import answer, figures, print_line, print_table, three_digits
 from cltaa.core.backend import launcher_for
 from cltaa.core.presets import load_preset
@@ -26,25 +18,16 @@ from cltaa.lab.bench.api import SIZES, ApiBench, bench_api
 from cltaa.lab.bench.cases import check_scenes, known_scenes
 from cltaa.lab.bench.devices import ShapesBench, bench_shapes, forget_shapes
 from cltaa.lab.bench.files import FilesBench, bench_files
-from cltaa.lab.bench.frames import Motion
 from cltaa.lab.bench.kernels import KernelBench, Timing, bench_kernels
 from cltaa.lab.inspect.plan import EffectRow, effect_cells, judge_effects
-from cltaa.lab.timing import Interval
+from cltaa.lab.timing import Interval, Motion
 from cltaa.printable import counted, json_of, markdown, markdown_row, printable, shown
 from cltaa.process import run_cltaa
 
 
 @click.command("kernels")
-@click.option(
-    "--preset",
-    "presets",
-    type=PRESET,
-    multiple=True,
-    default=["default"],
-    show_default=True,
-    help="To time; repeatable.",
-)
-@click.option("--size", type=SIZE, default="1920x1080", show_default=True, help="Pixels.")
+@click.option("--preset", "presets", type=PRESET, multiple=True, default=["default"], help="To time; repeatable.")
+@click.option("--size", type=SIZE, default="1920x1080", help="Pixels.")
 @device_option
 @click.option(
     "--motion",
@@ -54,7 +37,7 @@ from cltaa.process import run_cltaa
     help="Camera motion: uniform, or turn (rotation with zoom, another displacement at each pixel); "
     "repeatable; both unless given.",
 )
-@click.option("--rounds", default=31, show_default=True, type=click.IntRange(min=3), help="Rounds of all contenders.")
+@click.option("--rounds", default=31, type=click.IntRange(min=3), help="Rounds of all contenders.")
 @json_option
 def kernels(
     presets: tuple[str, ...],
@@ -130,13 +113,10 @@ def devices(device: str | None, forget: bool, as_json: bool) -> None:
     processor and version of the kernels, and changes no bit of a strict build.
     """
     if forget:
-        answer({"forgotten": forget_shapes()}, as_json, _print_forgotten)
+        told = {"forgotten": forget_shapes()}
+        answer(told, as_json, lambda found: print_line(f"forgotten: {counted(found['forgotten'], 'shape')}"))
     else:
         answer(bench_shapes(device), as_json, _print_devices)
-
-
-def _print_forgotten(found: dict[str, int]) -> None:
-    print_line(f"forgotten: {counted(found['forgotten'], 'shape')}")
 
 
 def _print_devices(bench: ShapesBench) -> None:
@@ -155,19 +135,18 @@ def _print_devices(bench: ShapesBench) -> None:
 
 
 @click.command("api")
-@click.option("--preset", type=PRESET, default="default", show_default=True, help="That resolves.")
+@click.option("--preset", type=PRESET, default="default", help="That resolves.")
 @click.option(
     "--size",
     "sizes",
     type=SIZE,
     multiple=True,
     default=[f"{width}x{height}" for width, height in SIZES],
-    show_default=True,
     metavar="WxH",
     help="Of the frames; may be repeated.",
 )
 @device_option
-@click.option("--rounds", default=9, show_default=True, type=click.IntRange(min=3), help="Rounds a size.")
+@click.option("--rounds", default=9, type=click.IntRange(min=3), help="Rounds a size.")
 @json_option
 def api(preset: str, sizes: tuple[tuple[int, int], ...], device: str | None, rounds: int, as_json: bool) -> None:
     """Time Resolver.resolve as a program calls it, in milliseconds a frame of colour and depth.
@@ -195,11 +174,11 @@ def _print_api(bench: ApiBench) -> None:
 
 @click.command("files")
 @click.argument("sequence", type=FILE_PATH)
-@click.option("--preset", type=PRESET, default="default", show_default=True, help="That resolves.")
+@click.option("--preset", type=PRESET, default="default", help="That resolves.")
 @device_option
 @click.option("--half", is_flag=True, help="Write half-precision EXRs.")
-@click.option("--compression", default="zip", show_default=True, help="EXR compression that loses nothing.")
-@click.option("--rounds", default=5, show_default=True, type=click.IntRange(min=3), help="Rounds.")
+@click.option("--compression", default="zip", help="EXR compression that loses nothing.")
+@click.option("--rounds", default=5, type=click.IntRange(min=3), help="Rounds.")
 @reading_options
 @json_option
 def files(
@@ -247,12 +226,12 @@ def _range(value: Interval, form: str = ".0f") -> str:
 
 @click.command("effects")
 @click.argument("scenes", nargs=-1)
-@click.option("--work", type=FILE_PATH, default=Path("effects"), show_default=True, help="Folder of captures.")
-@click.option("--size", type=SIZE, default="320x180", show_default=True, help="Pixels of a capture.")
-@click.option("--frames", default=16, show_default=True, type=click.IntRange(min=2), help="Frames of a capture.")
-@click.option("--preset", type=PRESET, default="default", show_default=True, help="Whose steps.")
+@click.option("--work", type=FILE_PATH, default=Path("effects"), help="Folder of captures.")
+@click.option("--size", type=SIZE, default="320x180", help="Pixels of a capture.")
+@click.option("--frames", default=16, type=click.IntRange(min=2), help="Frames of a capture.")
+@click.option("--preset", type=PRESET, default="default", help="Whose steps.")
 @device_option
-@click.option("--rounds", default=21, show_default=True, type=click.IntRange(min=3), help="Rounds of timing.")
+@click.option("--rounds", default=21, type=click.IntRange(min=3), help="Rounds of timing.")
 @json_option
 @click.pass_context
 def effects(

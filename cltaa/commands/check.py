@@ -26,7 +26,6 @@ from cltaa.printable import counted, json_of, printable, shown
     "--frames",
     type=SOME_FRAMES,
     default=FRAMES,
-    show_default=True,
     help="Only these frames, both included, or the first N; 8 or more tell the jitter's mistakes apart.",
 )
 @click.option("--fix", type=FILE_PATH, metavar="FILE.toml", help="Write a profile that reads the sequence right.")

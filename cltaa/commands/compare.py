@@ -154,14 +154,11 @@ def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bo
     "--metrics",
     "metric_names",
     default=",".join(DEFAULT_METRICS),
-    show_default=True,
     metavar="LIST",
     help=f"Comma-separated, or all: {', '.join(METRICS)}.",
 )
 @click.option("--frames", type=SOME_FRAMES, help="Only these frames, both included, or the first N of A.")
-@click.option(
-    "--stops", type=STOPS, default=0.0, show_default=True, help="Exposure before the display transform, in stops."
-)
+@click.option("--stops", type=STOPS, default=0.0, help="Exposure before the display transform, in stops.")
 @click.option("--heatmap", type=FILE_PATH, metavar="DIR", help="Write an error map a frame as PNG.")
 @click.option(
     "--video",
@@ -173,7 +170,6 @@ def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bo
 @click.option(
     "--ours",
     default="default,fast,gather-8",
-    show_default=True,
     metavar="LIST",
     help="Presets that stand beside the entries of --table; an empty list for none.",
 )
@@ -295,13 +291,8 @@ def _check_alike(comparisons: Mapping[str, Comparison], heatmap: Path | None) ->
     for test in others:
         expected, found = (comparisons[name].test.numbers for name in (first, test))
         if expected != found:
-            raise UsageError(
-                f"other frames than those of {first}",
-                path=Path(test),
-                expected=ranges(expected),
-                found=ranges(found),
-                cure="choose frames that all have with --frames",
-            )
+            what, cure = f"other frames than those of {first}", "choose frames that all have with --frames"
+            raise UsageError(what, path=Path(test), expected=ranges(expected), found=ranges(found), cure=cure)
         if comparisons[first].region != comparisons[test].region:
             what = f"what it shares with B is another region than what {first} does"
             raise UsageError(what, path=Path(test), cure="compare them with B one at a time")
@@ -353,19 +344,10 @@ def _check_followed(comparison: Comparison) -> None:
         )
     if comparison.region is not None:
         expected, found = (images.layouts[images.first].size for images in (comparison.reference, comparison.test))
-        raise UsageError(
-            "--video judges whole pictures only",
-            path=comparison.test.folder,
-            expected=expected,
-            found=found,
-            cure="leave --video out for a region",
-        )
+        what, cure = "--video judges whole pictures only", "leave --video out for a region"
+        raise UsageError(what, path=comparison.test.folder, expected=expected, found=found, cure=cure)
     apart = even_step(comparison.test.numbers)
     if apart > 1 and comparison.capture.step == 1:
-        raise UsageError(
-            "--video follows each frame to the next, but no number lies beside another",
-            path=comparison.test.folder,
-            expected="frames 1 apart",
-            found=f"{apart} apart",
-            cure=f"say --step {apart} if each continues the last",
-        )
+        what = "--video follows each frame to the next, but no number lies beside another"
+        found, cure = f"{apart} apart", f"say --step {apart} if each continues the last"
+        raise UsageError(what, path=comparison.test.folder, expected="frames 1 apart", found=found, cure=cure)

@@ -16,7 +16,7 @@ from cltaa.errors import UsageError
 from cltaa.frame import Image
 from cltaa.io.display import side_by_side, write_image_png, write_png
 from cltaa.io.sequence import ImageSequence, open_images, open_sequence
-from cltaa.io.video import import_av, write_side_by_side
+from cltaa.io.video import import_av, write_pairs
 from cltaa.lab.judge.metrics import METRICS, equal_quality_samples, mean, measure, named_metrics
 from cltaa.pipeline.run import ResolveReport, resolve_sequence
 from cltaa.printable import counted, shown
@@ -43,20 +43,11 @@ class Gain:
 
 @click.command("demo")
 @click.option(
-    "-o",
-    "--output",
-    type=FILE_PATH,
-    default=Path("demo"),
-    show_default=True,
-    help="Folder for everything that the demo leaves.",
+    "-o", "--output", type=FILE_PATH, default=Path("demo"), help="Folder for everything that the demo leaves."
 )
-@click.option(
-    "--scene", type=SCENE, default="spinner", show_default=True, help="What to capture; list scenes with: cltaa scenes"
-)
-@click.option(
-    "--frames", type=click.IntRange(min=SETTLED + 1), default=40, show_default=True, help="Frames to capture."
-)
-@click.option("--size", type=SIZE, default="640x360", show_default=True, help="Size of a frame in pixels.")
+@click.option("--scene", type=SCENE, default="spinner", help="What to capture; list scenes with: cltaa scenes")
+@click.option("--frames", type=click.IntRange(min=SETTLED + 1), default=40, help="Frames to capture.")
+@click.option("--size", type=SIZE, default="640x360", help="Size of a frame in pixels.")
 @device_option
 @json_option
 def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: str | None, as_json: bool) -> None:
@@ -126,7 +117,7 @@ def _show(output: Path, before: ImageSequence, after: ImageSequence) -> None:
     write_image_png(output / "before.png", left)
     write_image_png(output / "after.png", right)
     write_png(output / "crop.png", side_by_side(_crop(left), _crop(right)))
-    write_side_by_side(output / "side-by-side.mp4", before, after, rate=24)
+    write_pairs(output / "side-by-side.mp4", before, after, rate=24)
 
 
 def _crop(image: Image) -> Image:

@@ -1,4 +1,9 @@
-"""``cltaa doctor``: what this machine offers to capture and resolve, each probed apart, each fault with its cure."""
+"""``cltaa doctor``: what this machine offers to capture and resolve, each probed apart, each fault with its cure.
+
+A driver that is not set up right may end the whole process (PoCL without a linker does), and a choice such as OSMesa or
+EGL can be made once a process. So each probe has its own: ``python -m cltaa.commands.doctor NAME [ARGUMENT]`` prints
+what it found as one line of JSON.
+"""
 
 from __future__ import annotations
 
@@ -10,20 +15,27 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import click
 import msgspec
+import numpy as np
 from rich.table import Table
 
 from cltaa.commands.options import json_option
 from cltaa.commands.printing import Console
-from cltaa.errors import DeviceMissing, UsageError
+from cltaa.errors import CltaaError, DeviceMissing, UsageError
+from cltaa.frame import Frame
+from cltaa.inputs.convert import still_camera
 from cltaa.opencl import cache as kernel_cache
 from cltaa.opencl.pocl_cpu_name import cpu_facts, cpu_flags, cpu_name, level_of
 from cltaa.printable import counted, json_of, shown
+from cltaa.process import configure
 
 # A cold build of every kernel takes about 10 s on one core, 60 s on one that ten others want too; far beyond that a
 # probe hangs.
@@ -72,8 +84,9 @@ class Diagnosis(msgspec.Struct, frozen=True):
 
 def diagnose() -> Diagnosis:
     """Look at everything, the slow things side by side, and return the findings in a fixed order."""
+    python = f"{platform.python_version()} on {platform.platform(terse=True)}"  # one too old has no cltaa in it
     looks: list[Callable[[], Finding]] = [
-        look_at_python,
+        lambda: Finding("Python", "both", ok=True, found=python),
         look_at_processor,
         lambda: probe("EXR files", "both", PACKAGES_CURE, "files"),
         look_at_linker,
@@ -94,8 +107,8 @@ def diagnose() -> Diagnosis:
 
 
 def probe(name: str, serves: str, cure: str, *arguments: str, **environment: str) -> Finding:
-    """Run ``python -m cltaa.probes ARGUMENTS`` in a process of its own, which may die, and say what came of it."""
-    command = [sys.executable, "-m", "cltaa.probes", *arguments]
+    """Run a probe with its arguments in a process of its own, which may die, and say what came of it."""
+    command = [sys.executable, "-m", "cltaa.commands.doctor", *arguments]
     try:
         child = subprocess.run(
             command,
@@ -147,11 +160,6 @@ def look_at_resolve() -> Finding:
     with tempfile.TemporaryDirectory() as empty:
         anew = probe("resolve", "resolve", ABORT_CURE, "resolve", POCL_CACHE_DIR=empty)
     return msgspec.structs.replace(kept, cure=KEPT_CURE) if anew.ok else anew
-
-
-def look_at_python() -> Finding:
-    """Name the interpreter and the machine; an interpreter that is too old could not have been installed into."""
-    return Finding("Python", "both", ok=True, found=f"{platform.python_version()} on {platform.platform(terse=True)}")
 
 
 def look_at_processor() -> Finding:
@@ -236,3 +244,116 @@ def _cell(name: str, value: object) -> str:
     if name.endswith("_bytes") and isinstance(value, int):
         return f"{value / 2**30:.1f} GiB"
     return shown(str(value))
+
+
+# Bits of cl_device_fp_config (OpenCL 1.2, table 4.3).
+FP_DENORM = 1 << 0
+FP_CORRECTLY_ROUNDED_DIVIDE_SQRT = 1 << 7
+
+# How the names of extensions begin by which a driver takes memory of Vulkan, CUDA, OpenGL and other devices, and waits
+# for it (OpenCL 3.0 Extension Specification; that of Arm).
+EXTERNAL = ("cl_khr_external_", "cl_khr_gl_", "cl_khr_egl_", "cl_arm_import_memory")
+
+# Large enough that every lane of a CPU kernel and its remainder run, small enough to cost nothing.
+WIDTH, HEIGHT = 40, 24
+
+
+def _try_files() -> str:
+    """Write an EXR, read it back and compare; return the version of OpenEXR."""
+    from cltaa.io.exr_read import read_image
+    from cltaa.io.exr_write import write_image
+
+    written = np.random.default_rng(0).random((HEIGHT, WIDTH), np.float32)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "probe.exr")
+        write_image(path, {"Y": written})
+        channels, _ = read_image(path)
+    if not np.array_equal(channels["Y"], written):
+        raise SystemExit("OpenEXR does not read back what it wrote")
+    return f"OpenEXR {version('OpenEXR')}, read back what it wrote"
+
+
+def _try_cache() -> str:
+    """Write into the folder where the driver keeps built kernels, and look at the space left there."""
+    import_module("cltaa.opencl.device")  # decides where that folder is
+    try:
+        return f"{kernel_cache.cache_folder()}, {kernel_cache.check_cache() / 1e9:.1f} GB free"
+    except CltaaError as error:
+        raise SystemExit(f"{error.path}: {error.what}") from None
+
+
+def _try_devices() -> list[dict[str, object]]:
+    """Return what each OpenCL device can do, in the order in which they are chosen from."""
+    from cltaa.opencl.device import chosen_shape, devices
+
+    return [_facts(device) | {"shape": ", ".join(chosen_shape(device))} for device in devices()]
+
+
+def _facts(device: Any) -> dict[str, object]:
+    extensions = device.extensions.split()
+    return {
+        "device": device.name.strip(),
+        "platform": device.platform.name.strip(),
+        "driver": device.platform.version.strip(),
+        "language": device.opencl_c_version.strip(),
+        "compute_units": device.max_compute_units,
+        "memory_bytes": device.global_mem_size,
+        "largest_buffer_bytes": device.max_mem_alloc_size,
+        "fp64": "cl_khr_fp64" in extensions,
+        "fp16": "cl_khr_fp16" in extensions,
+        "denormals": bool(device.single_fp_config & FP_DENORM),
+        "rounded_divide": bool(device.single_fp_config & FP_CORRECTLY_ROUNDED_DIVIDE_SQRT),
+        "external_memory": sorted(name for name in extensions if name.startswith(EXTERNAL)),
+    }
+
+
+def _try_resolve() -> str:
+    """Build the production kernel, resolve three frames of noise and look at the result."""
+    from cltaa.core.resolver import Resolver
+
+    resolver = Resolver()
+    random = np.random.default_rng(0)
+    camera = still_camera(WIDTH, HEIGHT)
+    for index in range(3):
+        colour = np.moveaxis(random.random((3, HEIGHT, WIDTH), np.float32), 0, -1)
+        frame = Frame(index=index, colour=colour, depth=np.ones((HEIGHT, WIDTH), np.float32), camera=camera)
+        resolved = resolver.resolve(frame)
+        if resolved.shape != colour.shape or not (resolved.min() >= 0.0 and resolved.max() <= 1.0):
+            raise SystemExit("the resolve of three frames of noise in [0, 1] is not in [0, 1]")
+    return "resolved three frames"
+
+
+def _try_capture(backend: str) -> str:
+    """Draw one frame of a scene with ``cltaa capture`` on one back end and return what drew it."""
+    from cltaa.cli import main
+
+    with tempfile.TemporaryDirectory() as folder:
+        arguments = ["still", "-o", folder, "--frames", "1", "--size", f"{WIDTH}x{HEIGHT}", "--backend", backend]
+        code = main(["capture", *arguments, "--reference", "0"])
+        if code:
+            raise SystemExit(code)
+        asked: Mapping[str, Any] = json.loads(Path(folder, "sequence.json").read_text())
+    return str(asked.get("versions", {}).get("opengl", "drew one frame"))
+
+
+PROBES: dict[str, Callable[..., object]] = {
+    "cache": _try_cache,
+    "capture": _try_capture,
+    "devices": _try_devices,
+    "files": _try_files,
+    "resolve": _try_resolve,
+}
+
+
+def _run_probe(name: str, *arguments: str) -> None:
+    """Run one probe; what goes wrong ends the process with one line on standard error."""
+    try:
+        found = PROBES[name](*arguments)
+    except CltaaError as error:
+        raise SystemExit(str(error)) from None
+    print("\n" + json.dumps(found))
+
+
+if __name__ == "__main__":
+    configure()
+    _run_probe(*sys.argv[1:])

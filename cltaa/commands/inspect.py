@@ -102,13 +102,12 @@ OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_row
 @click.argument("folder", metavar="SEQUENCE", type=FILE_PATH)
 @click.option("--pixels", is_flag=True, help="Decode every frame: ranges, NaN, infinities, promises kept.")
 @click.option("--plan", "planned", is_flag=True, help="Say which steps a resolve runs, why, and what each costs here.")
-@click.option("--preset", type=PRESET, default="default", show_default=True, help="With --plan: whose steps.")
+@click.option("--preset", type=PRESET, default="default", help="With --plan: whose steps.")
 @click.option("--device", metavar="NAME", help="With --plan: where; its index or a part of its name.")
 @click.option(
     "--effects",
     metavar="LIST",
     default="auto",
-    show_default=True,
     help="With --plan: auto (as declared, else found), find, all, or names.",
 )
 @click.option("--config", type=FILE_PATH, help="With --plan: TOML file of parameters, over the preset.")

@@ -13,7 +13,7 @@ import click
 import msgspec
 from click.shell_completion import CompletionItem
 
-from cltaa.core.build import STORAGES, Storage
+from cltaa.core.build import STORAGES, Storage, kernel_names
 from cltaa.core.frame_checks import EXPOSURE_STOPS
 from cltaa.errors import UsageError, known
 from cltaa.frame import ASKED, Asked, Effect, parse_effects
@@ -53,12 +53,6 @@ def _profiles() -> list[str]:
     return ["auto", *profile_names()]
 
 
-def _kernels() -> list[str]:
-    from cltaa.core.kernel_source import kernel_names
-
-    return kernel_names()
-
-
 def _scenes() -> Iterable[str]:
     from cltaa.lab.bench.cases import known_scenes
 
@@ -66,7 +60,7 @@ def _scenes() -> Iterable[str]:
 
 
 PRESET, PROFILE = _Name(_presets), _Name(_profiles, or_file=True)
-KERNEL, SCENE = _Name(_kernels), _Name(_scenes)
+KERNEL, SCENE = _Name(kernel_names), _Name(_scenes)
 
 
 Command = Callable[..., Any]
@@ -202,7 +196,6 @@ STOPS = _Number(min=-EXPOSURE_STOPS, max=EXPOSURE_STOPS)
 verify_option = click.option(
     "--verify/--no-verify",
     default=True,
-    show_default=True,
     help="Refuse a file whose SHA-256 is not the one recorded beside it (sequence.json, manifest.jsonl).",
 )
 
@@ -218,7 +211,6 @@ def effects_option_of(default: str) -> Callable[[Command], Command]:
         "--effects",
         metavar="LIST",
         default=default,
-        show_default=True,
         help="auto (as declared, else found in the pixels), find (found, whatever is declared), all (every step), or a "
         "comma-separated list.",
     )
@@ -229,7 +221,6 @@ step_option = click.option(
     "--step",
     type=click.IntRange(min=1),
     default=1,
-    show_default=True,
     metavar="N",
     help="Frame numbers are N apart, and motion vectors span N (docs/inputs.md).",
 )
@@ -241,7 +232,6 @@ def storage_option(command: Command, where: str = "") -> Command:
         "--storage",
         type=click.Choice([kind.value for kind in STORAGES]),
         default=Storage.FLOAT.value,
-        show_default=True,
         help=f"{where}Number that the history is kept in.",
     )(command)
 
@@ -254,7 +244,6 @@ def denoise_option(command: Command, where: str = "") -> Command:
         "--denoise",
         type=click.Choice(DENOISERS),
         default="none",
-        show_default=True,
         help=f"{where}Denoise each frame before the resolve: oidn is Open Image Denoise, the extra cltaa[denoise].",
     )(command)
 
@@ -285,7 +274,6 @@ def input_options(command: Command) -> Command:
             type=PROFILE,
             metavar="NAME",
             default="auto",
-            show_default=True,
             help="Who wrote the files: auto, a name (cltaa profiles), or FILE.toml.",
         ),
     ):

@@ -12,8 +12,7 @@ from rich.padding import Padding
 
 from cltaa.commands.options import KERNEL, PRESET, PROFILE, json_option
 from cltaa.commands.printing import Console, listing
-from cltaa.core.build import Build, Steps
-from cltaa.core.kernel_source import kernel_names
+from cltaa.core.build import Build, Steps, kernel_names, source, source_hash
 from cltaa.core.parameters import Choices, Settings
 from cltaa.core.presets import LADDER, Preset, allowed, load_preset, preset_names
 from cltaa.errors import UsageError
@@ -158,18 +157,12 @@ def profiles(name: str | None, as_json: bool) -> None:
 @click.option(
     "--show", type=KERNEL, metavar="KERNEL", help="Print the whole text of a kernel, prelude and includes pasted."
 )
-@click.option(
-    "--preset", type=PRESET, default="default", show_default=True, help="Preset whose choices the prelude carries."
-)
-@click.option(
-    "--lanes", type=click.Choice(["1", "4", "8", "16"]), default="8", show_default=True, help="Pixels a work-item."
-)
+@click.option("--preset", type=PRESET, default="default", help="Preset whose choices the prelude carries.")
+@click.option("--lanes", type=click.Choice(["1", "4", "8", "16"]), default="8", help="Pixels a work-item.")
 @click.option("--strict", is_flag=True, help="The strict build.")
 @json_option
 def kernels(show: str | None, preset: str, lanes: str, strict: bool, as_json: bool) -> None:
     """List the OpenCL kernels with the hash of their text, or print one as the compiler sees it."""
-    from cltaa.opencl.program import source, source_hash
-
     build = Build(choices=load_preset(preset).choices, steps=Steps(), lanes=int(lanes), rows=32, strict=strict)
     if show is not None:
         text = source(show, build)

@@ -26,7 +26,7 @@ from cltaa.commands.options import (
     verify_option,
 )
 from cltaa.core.build import Storage
-from cltaa.core.debug_views import View, parse_views
+from cltaa.core.debug import View, parse_views
 from cltaa.core.parameters import Fireflies
 from cltaa.errors import UsageError
 from cltaa.inputs.open import open_input
@@ -45,9 +45,7 @@ from cltaa.process import stop_signals
 )
 @click.argument("sequence", type=FILE_PATH)
 @click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder for the resolved EXRs.")
-@click.option(
-    "--preset", type=PRESET, default="default", show_default=True, help="Named settings; list them with: cltaa presets"
-)
+@click.option("--preset", type=PRESET, default="default", help="Named settings; list them with: cltaa presets")
 @click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated.")
 @click.option(
@@ -116,14 +114,12 @@ from cltaa.process import stop_signals
     "--gaps",
     type=click.Choice([mode.value for mode in OnBreak]),
     default=OnBreak.ERROR.value,
-    show_default=True,
     help="A missing frame: refuse it, or begin a new history behind it.",
 )
 @click.option(
     "--on-resize",
     type=click.Choice([mode.value for mode in OnBreak]),
     default=OnBreak.ERROR.value,
-    show_default=True,
     help="Another size: refuse it, or begin a new history with it.",
 )
 @click.option(
@@ -137,7 +133,6 @@ from cltaa.process import stop_signals
     "--checkpoint",
     type=click.IntRange(min=1),
     default=CHECKPOINT_EVERY,
-    show_default=True,
     metavar="N",
     help="Save the state every N frames, for a run that goes on after a kill.",
 )
@@ -145,6 +140,7 @@ from cltaa.process import stop_signals
     "--debug",
     "views",
     default="",
+    show_default=False,
     metavar="LIST",
     help=f"Also show what was decided at each pixel, as EXR layers and PNGs: {', '.join(View)}.",
 )

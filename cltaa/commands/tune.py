@@ -25,7 +25,7 @@ from cltaa.printable import counted, printable
     "--budget", metavar="TIME", help="Least error within this time a frame, as 5ms; the kernels' time counts."
 )
 @click.option("--target", metavar="METRIC=VALUE", help="Least time with at most this error, as flip=0.02.")
-@click.option("--metric", default="mse", show_default=True, help="What is minimised within a --budget.")
+@click.option("--metric", default="mse", help="What is minimised within a --budget.")
 @click.option(
     "--check",
     "checked",
@@ -34,10 +34,10 @@ from cltaa.printable import counted, printable
     metavar="SEQUENCE",
     help="Only check the outcome on this one; repeatable.  [default: the last SEQUENCE]",
 )
-@click.option("--preset", type=PRESET, default="default", show_default=True, help="Where the search begins.")
+@click.option("--preset", type=PRESET, default="default", help="Where the search begins.")
 @click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
-@click.option("--trials", default=40, show_default=True, type=click.IntRange(min=2), help="Settings to try.")
-@click.option("--seed", default=0, show_default=True, help="Of the search.")
+@click.option("--trials", default=40, type=click.IntRange(min=2), help="Settings to try.")
+@click.option("--seed", default=0, help="Of the search.")
 @click.option("--device", metavar="NAME", help="OpenCL device, or numpy.")
 @click.option(
     "-o", "--output", required=True, type=FILE_PATH, help="TOML file to write; use it with cltaa resolve --config."

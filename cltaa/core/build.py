@@ -1,16 +1,19 @@
-"""What a kernel is built from beside its source: the prelude with structs, constants and choices."""
+"""What a kernel is built from: its source, behind a prelude with structs, constants and choices."""
 
 from __future__ import annotations
 
+import hashlib
+import re
 from enum import StrEnum
-from functools import lru_cache
+from functools import cache, lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.constants import CONSTANTS, UNMOVED, WHOLE_NUMBERS
+from cltaa.core.constants import CONSTANTS, PAD_X, PAD_Y, UNMOVED, WHOLE_NUMBERS
 from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, GatherFit, HistoryKind, Recursion, Settings
 from cltaa.errors import UsageError, known
 
@@ -257,3 +260,67 @@ def prelude(build: Build) -> str:
     lines.extend(_struct_lines("frame_t", {name: kind for name, (kind, _) in FRAME_FIELDS.items()}))
     lines.extend(_struct_lines("settings_t", dict.fromkeys(KERNEL_SETTINGS, "float")))
     return "\n".join(lines) + "\n"
+
+
+# A kernel's function is its name and _kernel, so that stage functions can have the plain name.
+_ENTRY = re.compile(r"^__kernel void (\w+)_kernel\(", re.MULTILINE)
+
+# Raise it where other Python code gives other bits, or a folder of results holds other things: then no run goes on
+# where one of the code before has stopped.
+FORMAT = 1
+
+
+@cache
+def kernel_folder() -> Path:
+    """Where the kernels are: inside the installed package, or beside it in a checkout."""
+    package = Path(__file__).parents[1]
+    packaged = package / "kernels"
+    return packaged if packaged.is_dir() else package.parent / "kernels"
+
+
+@cache
+def kernel_files() -> dict[str, str]:
+    """The entry points of all kernels, sorted, and the file that each of them is in."""
+    files = sorted(kernel_folder().glob("*.cl"))
+    return dict(sorted((name, path.name) for path in files for name in _ENTRY.findall(path.read_text("utf-8"))))
+
+
+def kernel_names() -> list[str]:
+    """Names of all kernels, sorted."""
+    return list(kernel_files())
+
+
+@cache
+def code_sha256() -> str:
+    """SHA-256 of what decides a result beside preset and device: the kernels, the constants, ``FORMAT``."""
+    folder = kernel_folder()
+    values = {name: constant.value for name, constant in CONSTANTS.items()}
+    digest = hashlib.sha256(repr([FORMAT, PAD_X, PAD_Y, sorted(values.items())]).encode())
+    for path in sorted([*folder.rglob("*.cl"), *folder.rglob("*.h")]):
+        digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def _pasted(name: str, seen: set[str]) -> list[str]:
+    lines = [f'#line 1 "{name}"']
+    for number, line in enumerate((kernel_folder() / name).read_text(encoding="utf-8").splitlines(), start=1):
+        if not line.startswith("#include"):
+            lines.append(line)
+        elif (included := line.split('"')[1]) not in seen:
+            seen.add(included)
+            lines += [*_pasted(included, seen), f'#line {number + 1} "{name}"']
+    return lines
+
+
+@cache
+def source(kernel: str, build: Build) -> str:
+    """The whole text of a kernel as the compiler sees it: prelude, then the file with its includes pasted."""
+    name = kernel_files().get(kernel, f"{kernel}.cl")  # those of bench lie in a folder of their own
+    if not (kernel_folder() / name).is_file():
+        raise UsageError(f"unknown kernel {kernel}", cure=known(kernel, kernel_names(), "kernels"))
+    return prelude(build) + "\n".join(_pasted(name, set())) + "\n"
+
+
+def source_hash(kernel: str, build: Build) -> str:
+    """SHA-256 of name, text and flags: what a result depends on, beside the device."""
+    return hashlib.sha256("\0".join([kernel, source(kernel, build), *build.flags()]).encode()).hexdigest()

@@ -6,7 +6,8 @@ The fused kernel holds nothing of this; the stages are its own functions one at 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from enum import IntEnum
+from enum import IntEnum, StrEnum
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,21 @@ from numpy.typing import NDArray
 from cltaa.core.backend import Buffer, Launcher
 from cltaa.core.buffers import LastRun
 from cltaa.core.build import Build
-from cltaa.core.debug_views import View
 from cltaa.core.parameters import Rectify, Reject
+from cltaa.errors import UsageError, closest, known
 from cltaa.frame import Image
 
 Planes = NDArray[Any]  # [planes, H, W]
 MOST_REACTIVE = 0.5  # share from which REACTIVE is said
+
+
+class View(StrEnum):
+    """What can be looked at."""
+
+    REJECT = "reject"  # why the history of each pixel was dropped
+    COUNT = "count"  # samples that the result stands for
+    MOTION = "motion"  # displacement that each pixel followed, pixels, x right, y down
+    CLIP = "clip"  # how far rectification moved the history, length of the change of colour
 
 
 class Reason(IntEnum):
@@ -33,6 +43,27 @@ class Reason(IntEnum):
     BAD_TEXEL = 3  # it is NaN, or beyond the domain
     DEPTH = 4  # it shows another surface
     REACTIVE = 5  # half of it or more, because the reactive mask says so
+
+
+def are_views(text: str) -> bool:
+    """True for a comma-separated list of views, misspelt ones too unless something of that name is there."""
+    names = _split(text)
+    if all(name in [*View] for name in names):
+        return bool(names)
+    return any(closest(name, View) for name in names) and (len(names) > 1 or not Path(text).exists())
+
+
+def parse_views(text: str, origin: str = "--debug") -> tuple[View, ...]:
+    """Views named in a comma-separated list, none for an empty text; raises UsageError for an unknown name."""
+    names = _split(text)
+    for name in names:
+        if name not in [*View]:
+            raise UsageError(f"{origin}: unknown view {name}", cure=known(name, View, "views"))
+    return tuple(View(name) for name in dict.fromkeys(names))
+
+
+def _split(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def decided(launcher: Launcher, last: LastRun, views: Iterable[View]) -> dict[str, Image]:

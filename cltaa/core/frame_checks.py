@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from contextlib import suppress
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -192,16 +192,17 @@ def _check_again(view: bytes, clip: bytes) -> None:
 
 
 def _check_camera(camera: Camera, path: Path | None, frame: int | None) -> None:
+    wrong = partial(DataError, path=path, frame=frame)
     for name, matrix in zip(MATRICES, (camera.world_to_view, camera.view_to_clip), strict=True):
         attribute = _named(name, path)
         if not isinstance(matrix, np.ndarray) or matrix.shape != (4, 4) or not _is_real(matrix):
-            raise DataError(f"{attribute} is no 4 x 4 matrix", path=path, frame=frame, found=_kind(matrix))
+            raise wrong(f"{attribute} is no 4 x 4 matrix", found=_kind(matrix))
         if not np.isfinite(matrix).all():
-            raise DataError(f"{attribute} holds NaN or infinity", path=path, frame=frame, cure="write the frame again")
+            raise wrong(f"{attribute} holds NaN or infinity", cure="write the frame again")
         error = _inverse_error(matrix)
         if not error < INVERSE_TOLERANCE:
             expected, found = f"|M inv(M) - I| < {INVERSE_TOLERANCE:g}", f"{error:.3g}"
-            raise DataError(f"{attribute} cannot be inverted", path=path, frame=frame, expected=expected, found=found)
+            raise wrong(f"{attribute} cannot be inverted", expected=expected, found=found)
     view, clip = camera.world_to_view, camera.view_to_clip
     _check_row(MATRICES[0], view, ([0, 0, 0, 1],), path, frame)
     _check_row(MATRICES[1], clip, ([0, 0, -1, 0], [0, 0, 0, 1]), path, frame)
@@ -209,22 +210,11 @@ def _check_camera(camera: Camera, path: Path | None, frame: int | None) -> None:
         size, across = (float(np.linalg.det(part)) for part in (view[:3, :3], clip[:2, :2]))
     for name, scale in zip(MATRICES, (abs(size), abs(across)), strict=True):
         if not 1 / LARGEST_SCALE <= scale <= LARGEST_SCALE:
-            raise DataError(
-                f"{_named(name, path)} scales beyond use",
-                path=path,
-                frame=frame,
-                found=f"{scale:.3g}",
-                expected=f"a determinant from {1 / LARGEST_SCALE:g} to {LARGEST_SCALE:g}",
-                cure="use another unit",
-            )
+            what, expected = f"{_named(name, path)} scales beyond use", f"{1 / LARGEST_SCALE:g} to {LARGEST_SCALE:g}"
+            raise wrong(what, found=f"{scale:.3g}", expected=f"a determinant from {expected}", cure="use another unit")
     if size < 0:
-        raise DataError(
-            f"{_named(MATRICES[0], path)} mirrors the world",
-            path=path,
-            frame=frame,
-            expected="right-handed view space, -z forward",
-            cure="flip its z row",
-        )
+        what, expected = f"{_named(MATRICES[0], path)} mirrors the world", "right-handed view space, -z forward"
+        raise wrong(what, expected=expected, cure="flip its z row")
 
 
 def _check_row(name: str, matrix: Matrix, allowed: tuple[list[int], ...], path: Path | None, frame: int | None) -> None:
@@ -243,14 +233,8 @@ def _check_row(name: str, matrix: Matrix, allowed: tuple[list[int], ...], path: 
             cure = f"it is {kind}: of files cltaa check names the options that mend it, of arrays see docs/python.md"
             break
     expected = " or ".join(" ".join(map(str, numbers)) for numbers in allowed)
-    raise DataError(
-        f"{_named(name, path)} has a wrong last row",
-        path=path,
-        frame=frame,
-        expected=expected,
-        found=" ".join(f"{number:g}" for number in matrix[3]),
-        cure=cure,
-    )
+    what, found = f"{_named(name, path)} has a wrong last row", " ".join(f"{number:g}" for number in matrix[3])
+    raise DataError(what, path=path, frame=frame, expected=expected, found=found, cure=cure)
 
 
 def _inverse_error(matrix: Matrix) -> float:
@@ -264,27 +248,18 @@ def check_numbers(
     jitter_px: tuple[float, float], exposure: float, *, path: Path | None = None, frame: int | None = None
 ) -> None:
     """Raise DataError unless the jitter is two numbers of a pixel or so and the exposure one that light can have."""
+    wrong = partial(DataError, path=path, frame=frame)
     if type(jitter_px) is tuple and [type(number) for number in jitter_px] == [float, float]:  # nearly always, and fast
         sound = all(abs(number) < LARGEST_JITTER for number in jitter_px)
     else:
         sound = _is_real(jitter_px) and np.shape(jitter_px) == (2,) and np.abs(jitter_px).max() < LARGEST_JITTER
     if not sound:  # NaN too
-        raise DataError(
-            f"{_named('attribute cltaa:jitterPx', path)} is no jitter",
-            path=path,
-            frame=frame,
-            expected=f"two numbers of less than {LARGEST_JITTER:g} pixels",
-            found=jitter_px,
-        )
+        what, expected = "attribute cltaa:jitterPx", f"two numbers of less than {LARGEST_JITTER:g} pixels"
+        raise wrong(f"{_named(what, path)} is no jitter", expected=expected, found=jitter_px)
     factor = exposure if isinstance(exposure, int) else float(exposure)  # an integer may be beyond every float
     if not 2.0**-EXPOSURE_STOPS <= factor <= 2.0**EXPOSURE_STOPS:  # which a half cannot hold
-        raise DataError(
-            f"{_named('attribute cltaa:exposure', path)} is no exposure",
-            path=path,
-            frame=frame,
-            expected=f"a positive factor within {EXPOSURE_STOPS:g} stops of 1",
-            found=exposure,
-        )
+        what, expected = "attribute cltaa:exposure", f"a positive factor within {EXPOSURE_STOPS:g} stops of 1"
+        raise wrong(f"{_named(what, path)} is no exposure", expected=expected, found=exposure)
 
 
 def _is_real(value: object) -> bool:

@@ -112,18 +112,11 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
         int, _number("later frames whose samples are gathered too (history frames)", 0, 64, "frames", "measured")
     ] = 0
     fit_ridge: Annotated[
-        float,
-        _number("even samples' worth that holds the fitted slope back", 2.0**-6, 2.0**20, "1", "measured"),
+        float, _number("even samples' worth that holds the fitted slope back", 2.0**-6, 2.0**20, "1", "measured")
     ] = 0.125
     fit_reach: Annotated[
         float,
-        _number(
-            "where few samples no longer count, from the pixel's centre along an axis",
-            0.5625,
-            1.0,
-            "pixels",
-            "measured",
-        ),
+        _number("where few samples no longer count, from the centre along an axis", 0.5625, 1.0, "pixels", "measured"),
     ] = 0.8
     drift_t: Annotated[
         float,
@@ -155,8 +148,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
         float, _number("share of such a t that is added to that of the next frame", 0.0, 1.0, "1", "measured")
     ] = 0.72
     falling_t: Annotated[
-        float,
-        _number("each of these where light falls, over where it rises", 0.125, 8.0, "1", "even"),
+        float, _number("each of these where light falls, over where it rises", 0.125, 8.0, "1", "even")
     ] = 1.0
     illumination_floor: Annotated[
         float, _number("standard error added to that of the 3x3, over its luminance", 0.0, 1.0, "1", "measured")
@@ -190,8 +182,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
         float, _number("motion from which box_scale_moving holds", 1e-3, 1e6, "pixels a frame", "measured")
     ] = 1.0
     box_floor: Annotated[
-        float,
-        _number("least half extent of the box over its size (clip, ellipsoid)", 0.0, 1.0, "1", "2^-10: no jumps"),
+        float, _number("least half extent of the box over its size (clip, ellipsoid)", 0.0, 1.0, "1", "2^-10: no jumps")
     ] = 2.0**-10
     depth_tolerance: Annotated[
         float, _number("relative slack of the depth test", 0.0, 1.0, "1", "0.02, two engines' value")
@@ -205,13 +196,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     ] = 4.0
     firefly_threshold: Annotated[
         float,
-        _number(
-            "luminance that a sample may have over its 3x3's second greatest or its history's",
-            1.0,
-            1e6,
-            "1",
-            "measured",
-        ),
+        _number("luminance of a sample over its 3x3's second greatest or its history's", 1.0, 1e6, "1", "measured"),
     ] = 5.0
     firefly_floor: Annotated[
         float, _number("luminance up to which no sample is a firefly", 0.0, 1e6, "scene units", "measured")
@@ -228,16 +213,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
 
 
 # What the host alone looks at: it does not reach the kernels' struct.
-HOST_SETTINGS = frozenset(
-    {
-        "filter_falloff",
-        "history_frames",
-        "look_ahead",
-        "motion_widths",
-        "sky_at",
-        "sky_below",
-    }
-)
+HOST_SETTINGS = frozenset({"filter_falloff", "history_frames", "look_ahead", "motion_widths", "sky_at", "sky_below"})
 KERNEL_SETTINGS = tuple(name for name in Settings.__struct_fields__ if name not in HOST_SETTINGS)
 
 

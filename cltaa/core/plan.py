@@ -317,6 +317,7 @@ def plan_frame(
     ``jitters`` are those of the frames before it that one ring can hold, in pixels (``JittersBefore``).
     ``every`` adds each step that the preset allows and the frame does not call for: it costs time and changes no bit.
     """
+    ring = set(jitters)  # one that has this jitter too holds all places that are ever drawn, if it has several
     facts = Facts(
         frame.motion is not None,
         frame.alpha is not None,
@@ -327,7 +328,7 @@ def plan_frame(
         *_known(frame.effects, frame.found),
         previous is None,
         previous is not None and not is_still(frame.camera, previous),
-        previous is not None and _repeats(frame.jitter_px, set(jitters)),
+        previous is not None and frame.jitter_px in ring and len(ring) > 1,
         frame.width,
     )
     return _planned(preset, facts, every)
@@ -351,12 +352,6 @@ class JittersBefore:
     def restore(self, before: Iterable[tuple[int, tuple[float, float]]]) -> None:
         """Go on after frames of these numbers and jitters."""
         self._of = dict(before)
-
-
-def _repeats(jitter: tuple[float, float], others: set[tuple[float, float]]) -> bool:
-    """Whether a ring with samples of these jitters holds all places that are ever drawn; without any jitter samples
-    differ by noise, if at all."""
-    return jitter in others and len(others) > 1
 
 
 def _known(declared: frozenset[Effect] | None, found: frozenset[Effect] | None) -> tuple[frozenset[Effect] | None, str]:

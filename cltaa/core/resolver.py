@@ -16,17 +16,15 @@ from numpy.typing import NDArray
 
 from cltaa.core.backend import Buffer, Launcher, Queue, launcher_for, storage_dtype
 from cltaa.core.buffers import Buffers, FrameRing, LastRun, upload
-from cltaa.core.build import HALVES, Build, Steps, Storage, build_of, edge_build, storage_of
-from cltaa.core.cuts import Coarse, coarse_colours, looks_cut
-from cltaa.core.debug_views import parse_views
+from cltaa.core.build import HALVES, Build, Steps, Storage, build_of, code_sha256, edge_build, storage_of
+from cltaa.core.debug import decided, parse_views
 from cltaa.core.frame_checks import check_frame
-from cltaa.core.kernel_source import code_sha256
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.passes import Passes
 from cltaa.core.plan import JittersBefore, Plan, channel_steps, from_ring_alone, plan_frame, recursive_choices
 from cltaa.core.planes import Layout, checked_out, empty_result, result_shape
 from cltaa.core.presets import Preset, load_preset, override
-from cltaa.core.record import Past, frame_record
+from cltaa.core.record import Coarse, Past, coarse_colours, frame_record, looks_cut
 from cltaa.errors import UsageError
 from cltaa.frame import DeviceArray, Frame, on_device, outline
 from cltaa.process import OneProcess, no_copy
@@ -421,8 +419,6 @@ class Resolver:
         ``reject`` and ``count`` [H, W], ``motion`` [H, W, 2] in pixels, ``clip`` [H, W]. Raises UsageError for other
         names, and ValueError before the first frame.
         """
-        from cltaa.core.debug import decided
-
         if self.last is None:
             raise ValueError("nothing was resolved yet")
         return decided(self.launcher, self.last, parse_views(",".join(map(str, views)), "debug"))

@@ -93,6 +93,8 @@ EFFECT_OF = {"motion": Effect.MOTION, "alpha": Effect.ALPHA, "reactive": Effect.
 class ForeignSequence(FrameSequence):
     """A ``Sequence`` whose frames are converted while they are read; ``strict`` False lets wrong matrices pass."""
 
+    converted = True
+
     def __init__(
         self,
         folder: Path,
@@ -162,11 +164,6 @@ class ForeignSequence(FrameSequence):
         return [*intake_lines(self.intake), *declared]
 
     @property
-    def converted(self) -> bool:
-        """Whether what is decoded is converted before it is a frame: colours, depth and vectors are."""
-        return True
-
-    @property
     def holds(self) -> frozenset[str]:
         """Which of motion, alpha and reactive its frames have: all or none, as the profile finds their channels."""
         return frozenset(CHANNEL_OF.keys() & self._roles.keys())
@@ -188,7 +185,6 @@ class ForeignSequence(FrameSequence):
         return selected
 
     def _open_alike(self, folder: Path) -> ImageSequence:
-
         profile, assignments = self.intake.asked
         return open_pictures(folder, verify=self.verify, gaps=OnBreak.RESET, profile=profile, assignments=assignments)
 
@@ -209,15 +205,10 @@ class ForeignSequence(FrameSequence):
             depth = planar_depth(planes["depth"][..., 0], profile.depth, outline.camera, outline.jitter_px)
             if not self._strict:  # for who looks for it; the resolve takes it for sky
                 depth[np.isnan(planes["depth"][..., 0]) & self._shown("depth", number)] = np.nan
-        motion = None
-        if "motion" in planes:
-            motion = motion_px(
-                planes["motion"],
-                profile.motion,
-                outline.jitter_px,
-                self._jitter(number - self.step, number),
-                self.layouts[number].display_size,
-            )
+        motion = planes.get("motion")
+        if motion is not None:
+            now, before = outline.jitter_px, self._jitter(number - self.step, number)
+            motion = motion_px(motion, profile.motion, now, before, self.layouts[number].display_size)
         alpha, reactive = _only(planes.get("alpha")), _only(planes.get("reactive"))
         frame = replace(outline, colour=colour, depth=depth, motion=motion, alpha=alpha, reactive=reactive)
         header = ImageHeader(self.layouts[number], self.intake.attributes[number])
@@ -326,14 +317,8 @@ class ForeignSequence(FrameSequence):
         if path != self.path(number):
             other = read_any_header(path).layout
             if other.display_window != picture.display_window and not other.covers(picture.region):
-                raise DataError(
-                    "shows another picture than the colour",
-                    path=path,
-                    frame=number,
-                    expected=picture.size,
-                    found=other.size,
-                    cure="write all channels with one display window",
-                )
+                what, cure = "shows another picture than the colour", "write all channels with one display window"
+                raise DataError(what, path=path, frame=number, expected=picture.size, found=other.size, cure=cure)
         # Where depth and vectors are not, there is nothing: the sky, which moves as the camera has it.
         nowhere = {place.channel for role in ("depth", "motion") for place in self._roles.get(role, ())}
         outside = dict.fromkeys(nowhere, np.nan)

@@ -157,13 +157,9 @@ def _jitter(profile: Profile, attributes: Attributes, side: Side | None, path: P
         x, y = np.asarray(value, np.float64).ravel()[:2].tolist()
         if np.isfinite((x, y)).all():
             return x, y
-    raise DataError(
-        f"attribute {profile.jitter.attribute} is no jitter",
-        path=path,
-        frame=number,
-        expected="two numbers",
-        cure="write both, or do without by --input jitter.source=none",
-    )
+    what = f"attribute {profile.jitter.attribute} is no jitter"
+    cure = "write both, or do without by --input jitter.source=none"
+    raise DataError(what, path=path, frame=number, expected="two numbers", cure=cure)
 
 
 def _matrices(rule: Cameras, attributes: Attributes, side: Side | None, path: Path) -> tuple[Matrix, Matrix] | None:
@@ -389,13 +385,8 @@ def _side_of(path: Path, numbers: Many[int]) -> dict[int, Side]:
     """What the side file says; raises DataError where it speaks of none of the frames."""
     side = read_side_file(path)
     if not side.keys() & set(numbers):
-        raise DataError(
-            "none of the frames is in the side file",
-            path=path,
-            expected=named_frames(numbers),
-            found=ranges(sorted(side)),
-            cure="number its frames as the files are",
-        )
+        what, cure = "none of the frames is in the side file", "number its frames as the files are"
+        raise DataError(what, path=path, expected=named_frames(numbers), found=ranges(sorted(side)), cure=cure)
     return side
 
 
@@ -423,11 +414,8 @@ def _check_complete(
             lacking = sorted({number + late if number + late in known else number for number in without})
             beside = any(getattr(one, given) is not None for one in side.values())
             where = "there" if beside else "with --camera FILE"
-            raise DataError(
-                f"no {what} for {named_frames(lacking)}",
-                path=side_file if beside else folder,
-                cure=f"give it to every frame {where}, or to none {otherwise}",
-            )
+            cure = f"give it to every frame {where}, or to none {otherwise}"
+            raise DataError(f"no {what} for {named_frames(lacking)}", path=side_file if beside else folder, cure=cure)
 
 
 def intake_lines(intake: Intake) -> Iterator[str]:

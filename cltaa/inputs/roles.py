@@ -135,14 +135,8 @@ def channel_missing(place: Place, role: str, count: int, path: Path, there: Iter
 
 def whole_numbers(place: Place, path: Path) -> DataError:
     """The error where what is to be read as light, depth or motion holds whole numbers."""
-    return DataError(
-        "wrong channel type",
-        path=path,
-        channel=place.channel,
-        expected="half or float",
-        found="uint",
-        cure="write it as 32-bit float",
-    )
+    what, expected, cure = "wrong channel type", "half or float", "write it as 32-bit float"
+    return DataError(what, path=path, channel=place.channel, expected=expected, found="uint", cure=cure)
 
 
 def describe(roles: Roles, several: bool = False) -> str:

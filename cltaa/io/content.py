@@ -134,13 +134,9 @@ def read_all(path: Path, file: BinaryIO, sha256: str | None, check: Callable[[Re
         # By one call: where threads are many, each acquisition of the GIL is waited for.
         found = "" if sha256 is None else hashlib.sha256(content).hexdigest()
     if sha256 is not None and found != sha256:
-        raise DataError(
-            "the content is not what was recorded when it was written",
-            path=path,
-            expected=f"SHA-256 {sha256[:12]}...",
-            found=f"{found[:12]}...",
-            cure="capture or copy the file again",
-        )
+        what, cure = "the content is not what was recorded when it was written", "capture or copy the file again"
+        expected, other = f"SHA-256 {sha256[:12]}...", f"{found[:12]}..."
+        raise DataError(what, path=path, expected=expected, found=other, cure=cure)
     return copy
 
 
@@ -153,13 +149,9 @@ def check_memory(path: Path, needed: int) -> None:
     """Raise ResourceError where ``needed`` bytes are more than all the memory that there is."""
     limit = memory_limit()
     if needed > limit:
-        raise ResourceError(
-            "the picture does not fit into memory",
-            path=path,
-            expected=f"at most {limit / 1e9:.1f} GB",
-            found=f"{needed / 1e9:.1f} GB",
-            cure="use smaller frames or a machine with more memory",
-        )
+        expected, found = f"at most {limit / 1e9:.1f} GB", f"{needed / 1e9:.1f} GB"
+        what, cure = "the picture does not fit into memory", "use smaller frames or a machine with more memory"
+        raise ResourceError(what, path=path, expected=expected, found=found, cure=cure)
 
 
 def memory_limit() -> int:

@@ -79,14 +79,9 @@ def frame_channels(layout: Layout) -> list[str]:
             names += group
     check_float_channels(layout, names)
     if layout.channels["Z"] == "half":
-        raise DataError(
-            "half-precision depth is refused: it is wrong by metres at a kilometre",
-            path=layout.path,
-            channel="Z",
-            expected="float",
-            found="half",
-            cure="write depth as 32-bit float",
-        )
+        what = "half-precision depth is refused: it is wrong by metres at a kilometre"
+        cure = "write depth as 32-bit float"
+        raise DataError(what, path=layout.path, channel="Z", expected="float", found="half", cure=cure)
     if layout.channels.get("id", "uint") != "uint":
         found = layout.channels["id"]
         raise DataError("wrong channel type", path=layout.path, channel="id", expected="uint", found=found)

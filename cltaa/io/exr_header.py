@@ -31,7 +31,7 @@ MOST_PARTS, MOST_ATTRIBUTES, MOST_CHANNELS = 256, 4096, 1024  # renderers write 
 LONGEST_NAME = 255  # bytes, as the file layout says
 PIXEL_TYPES = ("uint", "half", "float")  # in the order of their numbers in the file
 
-Header = dict[str, bytes]
+Header = dict[str, bytes]  # raw values of attributes by name
 
 
 def read_headers(path: Path, file: BinaryIO) -> tuple[int, list[Header], int]:
@@ -61,14 +61,9 @@ def read_channels(path: Path, value: bytes) -> dict[str, str]:
         name, place = _name(value, place)
         kind, _, x_sampling, y_sampling = struct.unpack_from("<4i", value, place)
         if (x_sampling, y_sampling) != (1, 1):
-            raise DataError(
-                "sub-sampled channels are not read",
-                path=path,
-                channel=name,
-                expected="every pixel",
-                found=f"one in {x_sampling} x {y_sampling}",
-                cure="write R G B, and every channel at full size",
-            )
+            what, cure = "sub-sampled channels are not read", "write R G B, and every channel at full size"
+            found = f"one in {x_sampling} x {y_sampling}"
+            raise DataError(what, path=path, channel=name, expected="every pixel", found=found, cure=cure)
         if name in channels or kind < 0:
             raise ValueError("channel twice, or of no type")
         channels[name] = PIXEL_TYPES[kind]
@@ -83,19 +78,6 @@ def read_channels(path: Path, value: bytes) -> dict[str, str]:
 
 def _deep(path: Path) -> DataError:
     return DataError("deep images are not read", path=path, cure="write a flat EXR")
-
-
-def places_of(content: bytes) -> dict[str, slice]:
-    """Where the value of each attribute stands in a file of one part; raises IndexError where it is cut off."""
-    places: dict[str, slice] = {}
-    place = 8
-    while content[place] != 0:
-        name, place = _name(content, place)
-        _, place = _name(content, place)  # of its type
-        start = place + 4
-        place = start + struct.unpack_from("<i", content, place)[0]
-        places[name] = slice(start, place)
-    return places
 
 
 @contextmanager
@@ -115,19 +97,19 @@ def read_at(file: BinaryIO, place: int, size: int) -> bytes:
 
 def _headers(path: Path, content: bytes, *, many: bool) -> tuple[list[Header], int]:
     """One header, or all up to an empty one, and the place behind them."""
-    header, place = _attributes(path, content, 8)
-    headers = [header]
-    while many and content[place] != 0:
+    headers, place = list[Header](), 8
+    while not headers or (many and content[place] != 0):
         if len(headers) == MOST_PARTS:
             raise DataError("too many parts", path=path, expected=f"at most {MOST_PARTS}")
-        header, place = _attributes(path, content, place)
-        headers.append(header)
+        places, place = places_of(path, content, place)
+        headers.append({name: content[value] for name, value in places.items()})
     return headers, place + many
 
 
-def _attributes(path: Path, header: bytes, place: int) -> tuple[Header, int]:
-    """Raw attribute values by name from ``place`` on, and the place behind them; IndexError where it is cut off."""
-    attributes: Header = {}
+def places_of(path: Path, header: bytes, place: int = 8) -> tuple[dict[str, slice], int]:
+    """Where the value of each attribute stands from ``place`` on, and the place behind them; raises IndexError where it
+    is cut off, ValueError and DataError for what is damaged or too much."""
+    attributes: dict[str, slice] = {}
     while header[place] != 0:
         name, place = _name(header, place)
         _, place = _name(header, place)  # of its type
@@ -141,7 +123,7 @@ def _attributes(path: Path, header: bytes, place: int) -> tuple[Header, int]:
             raise DataError("too many attributes", path=path, expected=f"at most {MOST_ATTRIBUTES}")
         if place >= len(header):
             raise IndexError("attribute reaches beyond the file")
-        attributes[name] = header[start:place]
+        attributes[name] = slice(start, place)
     return attributes, place + 1
 
 
@@ -263,7 +245,7 @@ class Outline(NamedTuple):
         """
         head, ends = read_at(0, self.end), [8]
         for _ in range(len(self.parts) + len(self.faults)):
-            ends.append(_attributes(self.path, head, ends[-1])[1])
+            ends.append(places_of(self.path, head, ends[-1])[1])
         kept = [self.places[part] for part in parts]
         version = struct.unpack_from("<I", head, 4)[0] & ~DEEP
         made = [struct.pack("<II", MAGIC, version), *(head[ends[at] : ends[at + 1]] for at in kept), b"\0"]

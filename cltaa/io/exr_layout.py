@@ -87,14 +87,10 @@ class Layout:
         """Raise DataError where nothing of the picture lies in the display window."""
         left, top, right, bottom = self.region
         if left >= self.display_size[0] or top >= self.display_size[1] or right < 0 or bottom < 0:
-            raise DataError(
-                "the data window lies outside of the display window",
-                path=self.path,
-                frame=frame,
-                expected=f"some of {self.display_window}",
-                found=self.data_window,
-                cure="render a region of the picture, or the whole",
-            )
+            what = "the data window lies outside of the display window"
+            cure = "render a region of the picture, or the whole"
+            expected, found = f"some of {self.display_window}", self.data_window
+            raise DataError(what, path=self.path, frame=frame, expected=expected, found=found, cure=cure)
 
     def covers(self, region: Window) -> bool:
         """True where the picture shows all of a region, which begins at the first pixel of the display window."""

@@ -59,12 +59,7 @@ Pack = Callable[[int], Packed]
 
 def fast_deflate() -> Deflate | None:
     """What packs chunks; None where ISA-L is not installed."""
-    return None if isal_zlib is None else _deflate
-
-
-def _deflate(content: Bytes) -> bytes:
-    packed: bytes = isal_zlib.compress(content.data, level=LEVEL)
-    return packed
+    return None if isal_zlib is None else lambda content: isal_zlib.compress(content.data, level=LEVEL)
 
 
 def write_zip(
@@ -125,7 +120,7 @@ def _header(
     OpenEXR.File(windows, {name: plane[:1] for name, plane in channels.items()}).write(file)
     *_, end = read_headers(path, file)
     content = file.getvalue()
-    window = places_of(content)["dataWindow"].start
+    window = places_of(path, content)[0]["dataWindow"].start
     return content[: window + 12] + struct.pack("<i", last[1]) + content[window + 16 : end]
 
 
@@ -203,7 +198,7 @@ def write_image(
         raise UsageError("channels do not make an image", path=path, expected=expected, found=(shapes, types))
     given = {name: value for name, value in (attributes or {}).items() if name not in STRUCTURAL}
     # OpenEXR reads an empty list, but cannot tell what would be in it, and writes none.
-    header = {name: _attribute(name, value) for name, value in given.items() if not _is_empty_list(value)}
+    header = {name: _attribute(name, value) for name, value in given.items() if not isinstance(value, list) or value}
     header["compression"] = OpenEXR.Compression(COMPRESSION_NUMBERS[compression])
     header["type"] = OpenEXR.scanlineimage
     for name, window in zip(("dataWindow", "displayWindow"), windows or (), strict=False):
@@ -231,7 +226,3 @@ def _attribute(name: str, value: object) -> object:
     if isinstance(value, float) and not isinstance(value, Single) and name not in _STANDARD_FLOATS:
         return np.array([value], dtype=np.float64)  # a bare float would be rounded to float32
     return value
-
-
-def _is_empty_list(value: object) -> bool:
-    return isinstance(value, list) and not value

@@ -7,7 +7,7 @@ A frame is ``<name>.<number>.exr`` or ``.png``, with ``.``, ``_``, ``-``, a spac
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from glob import has_magic
 from os.path import commonpath, realpath
@@ -43,20 +43,21 @@ def name_of(path: Path) -> str:
 
 def renumbered(path: Path, number: int) -> Path:
     """The file of frame ``number`` in the sequence that ``path`` belongs to; as it is where it has no number."""
-    match = NUMBERED.fullmatch(path.name)
-    if match is None:
-        return path
-    start, end = match.span("number")
-    return path.with_name(f"{path.name[:start]}{number:0{end - start}d}{path.name[end:]}")
+    return _with_number(path, lambda digits: f"{number:0{digits}d}")
 
 
 def pattern_of(path: Path) -> Path:
     """The pattern of all frames of the sequence that ``path`` is one of, as it is typed."""
+    return _with_number(path, lambda digits: "#" * digits)
+
+
+def _with_number(path: Path, made: Callable[[int], str]) -> Path:
+    """``path`` with what is ``made`` of as many digits in place of its number, if it has one."""
     match = NUMBERED.fullmatch(path.name)
     if match is None:
         return path
     start, end = match.span("number")
-    return path.with_name(f"{path.name[:start]}{'#' * (end - start)}{path.name[end:]}")
+    return path.with_name(f"{path.name[:start]}{made(end - start)}{path.name[end:]}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,11 +97,7 @@ class Selection:
             if number in numbers:
                 cure = "move one of the two elsewhere, or name the others by a pattern"
                 raise DataError(
-                    "two files have one frame number",
-                    path=path,
-                    frame=number,
-                    found=numbers[number].name,
-                    cure=cure,
+                    "two files have one frame number", path=path, frame=number, found=numbers[number].name, cure=cure
                 )
             numbers[number] = path
         return found

@@ -54,12 +54,9 @@ def only_below(folder: Path, found: list[Path]) -> InputMissing:
     """The error for a folder without frames of its own, but with sequences below it."""
     names = [printable(str(path.relative_to(folder))) for path in found[:MOST_NAMES]]
     more = f" and {len(found) - MOST_NAMES} more" if len(found) > MOST_NAMES else ""
-    return InputMissing(
-        "no frames in the folder itself, but sequences below it",
-        path=folder,
-        found=", ".join(names) + more,
-        cure=f"name one of them, such as {printable(str(found[0]))}",
-    )
+    what = "no frames in the folder itself, but sequences below it"
+    cure = f"name one of them, such as {printable(str(found[0]))}"
+    return InputMissing(what, path=folder, found=", ".join(names) + more, cure=cure)
 
 
 FrameRange = tuple[int, int]  # numbers of the first and the last frame, both included
@@ -195,12 +192,8 @@ class Problems:
     @property
     def lines(self) -> list[str]:
         """A line for each kind of error, in the order in which they were met."""
-        return [_with_others(text, numbers[1:]) for text, numbers in self._wrong.values()]
-
-
-def _with_others(problem: str, others: list[int]) -> str:
-    same = f"the same in {named_frames(sorted(others))}"
-    return f"{problem}; {same}" if others else problem
+        told = ((text, sorted(numbers[1:])) for text, numbers in self._wrong.values())
+        return [f"{text}; the same in {named_frames(others)}" if others else text for text, others in told]
 
 
 # What a folder without frames may hold in their place.
@@ -282,6 +275,11 @@ class NumberedFiles:
     def height(self) -> int:
         """Rows of the first frame."""
         return self.layouts[self.first].height
+
+    @property
+    def notes(self) -> list[str]:
+        """What was decided about the files of another tool, line by line; own ones: nothing."""
+        return []
 
     def __len__(self) -> int:
         """Count of frames."""
@@ -367,14 +365,8 @@ def check_size(layout: Layout, before: Layout, number: int, on_resize: OnBreak) 
 def check_region(layout: Layout, other: Layout, named: str, number: int | None = None) -> None:
     """Raise DataError where two pictures of one size are other regions of their display windows."""
     if layout.region != other.region or layout.display_size != other.display_size:
-        raise DataError(
-            f"shows another region than {named}",
-            path=layout.path,
-            frame=number,
-            expected=other.size,
-            found=layout.size,
-            cure=ONE_REGION,
-        )
+        what, path, expected = f"shows another region than {named}", layout.path, other.size
+        raise DataError(what, path=path, frame=number, expected=expected, found=layout.size, cure=ONE_REGION)
 
 
 def shared_region(one: NumberedFiles, other: NumberedFiles) -> Window | None:

@@ -52,7 +52,11 @@ class _StandardOutput:
 class _Complaints:
     """The variable ``stderr`` of the C library, which C code prints to and Python does not."""
 
-    def __init__(self, library: ctypes.CDLL) -> None:
+    def __init__(self) -> None:
+        self._silent: int | None = None
+        if platform.libc_ver()[0] != "glibc":  # in other C libraries the variable is a constant
+            return
+        library = ctypes.CDLL(None)
         library.fopen.restype = ctypes.c_void_p
         self._stream = ctypes.c_void_p.in_dll(library, "stderr")
         self._loud, self._silent = self._stream.value, library.fopen(os.devnull.encode(), b"w")
@@ -86,7 +90,7 @@ def muted_output() -> Iterator[None]:
     with _lock:
         if _output is None:
             _output = sys.stdout = _around(sys.stdout)
-            _mute_complaints(True)
+            _complaints().mute(True)
         _output.muted.add(thread)
     try:
         yield
@@ -97,7 +101,7 @@ def muted_output() -> Iterator[None]:
                 if sys.stdout is _output:
                     sys.stdout = _output.stream
                 _output = None
-                _mute_complaints(False)
+                _complaints().mute(False)
 
 
 def _around(stream: TextIO) -> _StandardOutput:
@@ -108,13 +112,4 @@ def _around(stream: TextIO) -> _StandardOutput:
     return _made[-1]
 
 
-def _mute_complaints(on: bool) -> None:
-    complaints = _complaints()
-    if complaints is not None:
-        complaints.mute(on)
-
-
-@cache
-def _complaints() -> _Complaints | None:
-    # In other C libraries than glibc the variable is a constant.
-    return _Complaints(ctypes.CDLL(None)) if platform.libc_ver()[0] == "glibc" else None
+_complaints = cache(_Complaints)

@@ -37,11 +37,6 @@ from cltaa.io.numbered import (
 class ImageSequence(NumberedFiles):
     """Colour only: a reference, or resolved frames. Iteration yields ``[H, W, 3]`` linear float32 in frame order."""
 
-    @property
-    def notes(self) -> list[str]:
-        """What was decided about the files of another tool, line by line; own ones: nothing."""
-        return []
-
     def image(self, number: int, *, alpha: bool = False) -> Image:
         """Read one frame number, [H, W, 3] linear float32; with ``alpha`` behind the colour where it is there."""
         window = self.layouts[number].data_window
@@ -109,6 +104,7 @@ class FrameSequence(NumberedFiles):
     ``found`` are the effects that were found in its frames where it declares none, which its frames then say.
     """
 
+    converted = False  # whether what is decoded is converted before it is a frame
     found: frozenset[Effect] | None = None
     truth: ImageSequence | None = None  # where it was given, and is not that in ``reference/``
     replaced: frozenset[str] = frozenset()  # channels of other names than R, G, B and A that a resolve makes anew
@@ -140,16 +136,6 @@ class FrameSequence(NumberedFiles):
         return frozenset()
 
     @property
-    def notes(self) -> list[str]:
-        """What was decided about the files of another tool, line by line; own ones: nothing."""
-        return []
-
-    @property
-    def converted(self) -> bool:
-        """Whether what is decoded is converted before it is a frame; own ones: no."""
-        return False
-
-    @property
     def holds(self) -> frozenset[str]:
         """Which of motion, alpha and reactive its frames have, one of them at least."""
         return frozenset(part for part, name in CHANNEL_OF.items() if name in self.channels)
@@ -172,12 +158,8 @@ class FrameSequence(NumberedFiles):
     def refuse_result(self) -> None:
         """Raise UsageError where these are results of a resolve, which has used up what one needs."""
         if RESOLVED in self.attributes:
-            raise UsageError(
-                "these are results of cltaa resolve",
-                path=self.folder,
-                found=f"preset {self.attributes[RESOLVED]}",
-                cure="name the folder that they were made from",
-            )
+            what, cure = "these are results of cltaa resolve", "name the folder that they were made from"
+            raise UsageError(what, path=self.folder, found=f"preset {self.attributes[RESOLVED]}", cure=cure)
 
     @cached_property
     def effects(self) -> frozenset[Effect] | None:
@@ -263,13 +245,8 @@ class FrameSequence(NumberedFiles):
         if "cltaa:frame" not in header.attributes:  # by its name alone shot-003 need not be what its folder makes of it
             frame = replace(frame, index=number)
         if frame.index != number:
-            raise DataError(
-                "the file name and attribute cltaa:frame disagree",
-                path=frame.path,
-                expected=number,
-                found=frame.index,
-                cure="give the file its own number again",
-            )
+            what, cure = "the file name and attribute cltaa:frame disagree", "give the file its own number again"
+            raise DataError(what, path=frame.path, expected=number, found=frame.index, cure=cure)
         if frame.effects != self.effects:
             expected, found = name_effects(self.effects), name_effects(frame.effects)
             what = "declares other effects than the first frame"

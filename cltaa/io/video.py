@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
@@ -143,46 +143,22 @@ def write_video(path: Path, images: Iterable[Image], *, rate: Fraction | int = U
     return video.count
 
 
-def write_side_by_side(
-    path: Path,
-    before: Iterable[Image],
-    after: Iterable[Image],
-    *,
-    labels: tuple[str, str] = ("before", "after"),
-    rate: Fraction | int = USUAL_RATE,
-) -> int:
-    """Write two sequences of equal length and size next to each other, labelled; errors as above."""
-    return _write_pairs(path, before, after, rate, lambda left, right, _: side_by_side(left, right, labels))
-
-
 WIPE_SECONDS = 4.0  # that the line takes to go over the picture and back
 
 
-def write_wipe(
+def write_pairs(
     path: Path,
     before: Iterable[Image],
     after: Iterable[Image],
     *,
     labels: tuple[str, str] = ("before", "after"),
     rate: Fraction | int = USUAL_RATE,
+    swept: bool = False,
 ) -> int:
-    """Write one sequence over another of equal length and size, parted by a line that sweeps; errors as above."""
-
-    def swept(left: Image, right: Image, count: int) -> Picture:
-        turn = 2.0 * np.pi * count / (WIPE_SECONDS * float(rate))
-        return wipe(left, right, 0.5 - 0.5 * float(np.cos(turn)), labels)
-
-    return _write_pairs(path, before, after, rate, swept)
-
-
-def _write_pairs(
-    path: Path,
-    before: Iterable[Image],
-    after: Iterable[Image],
-    rate: Fraction | int,
-    drawn: Callable[[Image, Image, int], Picture],
-) -> int:
+    """Write two sequences of equal length and size next to each other, labelled, or one over the other, parted by a
+    line that sweeps; errors as above."""
     with open_video(path, rate) as video:
         for left, right in zip(before, after, strict=True):
-            video.add(drawn(left, right, video.count))
+            share = 0.5 - 0.5 * float(np.cos(2.0 * np.pi * video.count / (WIPE_SECONDS * float(rate))))
+            video.add(wipe(left, right, share, labels) if swept else side_by_side(left, right, labels))
     return video.count

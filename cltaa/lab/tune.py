@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 import shutil
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ import numpy as np
 import tomli_w
 
 from cltaa.core.backend import Launcher
-from cltaa.core.kernel_source import code_sha256
+from cltaa.core.build import code_sha256
 from cltaa.core.parameters import Choices
 from cltaa.core.presets import LADDER, Preset, load_preset, override, preset_names
 from cltaa.core.resolver import Resolver
@@ -223,11 +223,6 @@ def _tried(bench: Bench, folder: Path, key: str, preset: Preset, values: dict[st
     return trial
 
 
-def _preset_of(base: Preset, values: Mapping[str, str | float]) -> Preset:
-    """The preset that a trial is of."""
-    return load_preset(str(values[PRESET])) if PRESET in values else override(base, values, "cltaa tune")
-
-
 def _study(seed: int) -> Any:
     """A search of optuna's, which asks for values and is told their scores; raises UsageError without it."""
     optuna: Any = import_extra("optuna", package="optuna", extra="tune", purpose="cltaa tune")
@@ -248,7 +243,10 @@ def _judged(
     kept = [trial for trial in trials if goal.reached(trial.error, trial.milliseconds)]
     best = min(kept or trials, key=lambda trial: goal.score(trial.error, trial.milliseconds))
     start = trials[0]
-    preset = base if best is start else _preset_of(base, best.values)
+    preset = base
+    if best is not start:
+        own = best.values.get(PRESET)
+        preset = override(base, best.values, "cltaa tune") if own is None else load_preset(str(own))
     gain, elsewhere = start.error / max(best.error, 1e-30), None
     if checked:
         other = Bench(checked, goal.metric, launcher)

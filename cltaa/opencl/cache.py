@@ -54,22 +54,14 @@ def check_cache() -> int:
         with tempfile.TemporaryFile(dir=folder):
             free = shutil.disk_usage(folder).free
     if free < LEAST_FREE:
-        raise ResourceError(
-            "too little room for built kernels",
-            path=folder,
-            expected=f"{LEAST_FREE / 1e6:.0f} MB",
-            found=f"{free / 1e6:.0f} MB free",
-            cure=CURE,
-        )
+        expected, found = f"{LEAST_FREE / 1e6:.0f} MB", f"{free / 1e6:.0f} MB free"
+        raise ResourceError("too little room for built kernels", path=folder, expected=expected, found=found, cure=CURE)
     most = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
     if most != resource.RLIM_INFINITY and most < LEAST_FILE:
-        raise ResourceError(
-            "files may not grow large enough for built kernels",
-            path=folder,
-            expected=f"{LEAST_FILE / 1e6:.1f} MB",
-            found=f"at most {most / 1e6:.1f} MB",
-            cure="the shell limits the size of a file: ulimit -f unlimited",
-        )
+        what = "files may not grow large enough for built kernels"
+        cure = "the shell limits the size of a file: ulimit -f unlimited"
+        expected, found = f"{LEAST_FILE / 1e6:.1f} MB", f"at most {most / 1e6:.1f} MB"
+        raise ResourceError(what, path=folder, expected=expected, found=found, cure=cure)
     return free
 
 

@@ -1,12 +1,15 @@
-"""OpenCL devices: which there are, which one to use, and memory on it that the host can fill and read."""
+"""OpenCL devices: which there are, which one to use, memory on it that the host can fill and read, and its kernels."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cached_property
+from pathlib import Path
+from threading import Lock
 from typing import Any, cast
 
 import numpy as np
@@ -14,9 +17,10 @@ import pyopencl as cl
 from numpy.typing import NDArray
 
 from cltaa.core.backend import DEVICE_VARIABLE, Queue
+from cltaa.core.build import Build, source
 from cltaa.core.planes import LARGE_PAGE, bytes_in_large_pages
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
-from cltaa.opencl.cache import check_cache, filling
+from cltaa.opencl.cache import cache_folder, check_cache, filling, save_log
 from cltaa.opencl.pocl_cpu_name import cpu_facts, cpu_vendor, known_lanes, name_unknown_cpu
 from cltaa.opencl.shape import SHAPES, Shape, kept_shape
 from cltaa.process import OneProcess
@@ -31,6 +35,9 @@ PROCESSOR = ("cpu family", "model", "flags", "CPU part", "Features")
 MEASURED_SHAPES = (POCL, "Intel(R) OpenCL")  # on x86-64 the shapes of CPUs were measured under these
 INTEL = "GenuineIntel"  # what a processor calls its maker; a driver's vendor may be the driver's
 FILL_BYTES = 2**30
+# What kernels take by value, by its name in OpenCL C. Of structs not the fields: pyopencl keeps them on disk by their
+# size, and would warn of a collision once a field has another name.
+TYPES = {"int": np.int32, "float": np.float32, "frame_t": np.void, "settings_t": np.void}
 
 
 def devices() -> list[cl.Device]:
@@ -250,6 +257,65 @@ class Device(OneProcess):
     def first_use(self, kernel: str) -> AbstractContextManager[None]:
         """Hold this while ``kernel``, a hash, is built and runs for the first time: then PoCL fills its cache."""
         return filling(kernel) if self.cl_device.platform.name == POCL else nullcontext()
+
+
+def device_flags(devices: Iterable[cl.Device]) -> tuple[str, ...]:
+    """Options that a build for these devices needs beside its own.
+
+    The literals of K are doubles cast to its precision. Clang does so too where a device has no doubles, but with a
+    warning that belongs to no group, which -Werror makes an error; the option takes it back and changes no bit.
+    """
+    doubles = all("cl_khr_fp64" in device.extensions.split() for device in devices)
+    return () if doubles else ("-cl-single-precision-constant",)
+
+
+class Kernel(OneProcess):
+    """One built kernel; call ``enqueue`` with its arguments by name."""
+
+    def __init__(self, context: cl.Context, name: str, build: Build) -> None:
+        self.name, self.build = name, build
+        try:
+            with warnings.catch_warnings():
+                # Some drivers print remarks for every build; -Werror has made errors of the warnings among them.
+                warnings.simplefilter("ignore", cl.CompilerWarning)
+                options = [*build.flags(), *device_flags(context.devices)]
+                program = cl.Program(context, source(name, build)).build(options=options)
+        except cl.RuntimeError as error:
+            said = (line.strip() for line in str(error).splitlines() if not line.startswith("(options:"))  # -Werror
+            reason = next((line for line in said if "error" in line), None)
+            log = save_log(Path(name).name, str(error), source(name, build))
+            told = f"the whole log and text: {log}; " if log else ""
+            cure = f"{told}check the driver and its kernel cache with: cltaa doctor"
+            if reason is None:
+                other = f"if parts of the kernel cache {cache_folder()} are another user's"
+                cure += f"; {other}, set POCL_CACHE_DIR to a folder of your own"
+            what = f"kernel {name} does not build: {reason or 'the compiler gave no reason'}"
+            raise InternalError(what, cure=cure) from error
+        self._kernel = cl.Kernel(program, f"{Path(name).name}_kernel")
+        # Their names, in order.
+        self.arguments = [str(name) for name in self._of_arguments(cl.kernel_arg_info.NAME)]
+        # By their types all are set in two calls; else each is tried as one thing after another, 10 us of it a number.
+        kinds = self._of_arguments(cl.kernel_arg_info.TYPE_NAME)
+        self._kernel.set_scalar_arg_dtypes([TYPES.get(kind) for kind in kinds])
+        self._starting = Lock()  # arguments are the kernel's own: of two threads one starts it after the other
+
+    def enqueue(
+        self, queue: cl.CommandQueue, size: tuple[int, ...], group: tuple[int, ...] | None, arguments: Mapping[str, Any]
+    ) -> cl.Event:
+        """Start the kernel over ``size`` work-items in groups of ``group``; raises InternalError for a wrong name."""
+        values = [arguments[name] for name in self.arguments if name in arguments]
+        if not len(values) == len(arguments) == len(self.arguments):
+            raise InternalError(
+                f"kernel {self.name}: arguments do not match",
+                expected=", ".join(self.arguments),
+                found=", ".join(arguments),
+            )
+        with self._starting:
+            self._kernel.set_args(*values)
+            return cl.enqueue_nd_range_kernel(queue, self._kernel, size, group)
+
+    def _of_arguments(self, what: cl.kernel_arg_info) -> list[Any]:
+        return [self._kernel.get_arg_info(index, what) for index in range(self._kernel.num_args)]
 
 
 def chosen_shape(device: cl.Device) -> tuple[str, str]:

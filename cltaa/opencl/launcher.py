@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.core.backend import Buffer, Queue
-from cltaa.core.build import Build
+from cltaa.core.build import Build, source_hash
 from cltaa.core.constants import PAD_X
 from cltaa.core.planes import Layout
 from cltaa.opencl.shape import in_place
@@ -18,7 +18,7 @@ from cltaa.process import OneProcess
 
 if TYPE_CHECKING:
     from cltaa.core.backend import Exchange
-    from cltaa.opencl.program import Kernel
+    from cltaa.opencl.device import Kernel
 
 GATHERING = frozenset({"gather", "gather_windows"})
 SLIDING = frozenset({"resolve", "gather", "gather_windows", "weigh_windows"})  # kernels whose work-items walk down rows
@@ -98,7 +98,6 @@ class DeviceLauncher(OneProcess):
     ) -> Any:
         """Start a kernel for the first time over an image of ``layout``, and wait for its end."""
         from cltaa.opencl.device import device_errors
-        from cltaa.opencl.program import source_hash
 
         size, group = self._range(name, build, layout, arguments)
         with self.device.first_use(source_hash(name, build)), device_errors(self.device):
@@ -127,7 +126,7 @@ class DeviceLauncher(OneProcess):
 
     def kernel(self, name: str, build: Build) -> Kernel:
         """The built kernel, from the cache of this launcher."""
-        from cltaa.opencl.program import Kernel, source_hash
+        from cltaa.opencl.device import Kernel
 
         key = (name, build)
         if key not in self._kernels:

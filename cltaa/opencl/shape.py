@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from cltaa.core.build import Build
-from cltaa.core.kernel_source import code_sha256
+from cltaa.core.build import Build, code_sha256
 from cltaa.core.parameters import HistoryFilter, HistoryKind, Illumination, Rectify, Reject
 from cltaa.printable import printable
 from cltaa.process import user_cache

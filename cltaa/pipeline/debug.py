@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cltaa.core.debug import Reason
-from cltaa.core.debug_views import View
+from cltaa.core.debug import Reason, View
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Image
 from cltaa.io.atomic import make_folder

@@ -16,7 +16,7 @@ import msgspec
 from cltaa.core.backend import DEVICE_VARIABLE, Launcher
 from cltaa.core.bands import BAND_ROWS, BandedResolver
 from cltaa.core.build import Storage
-from cltaa.core.debug_views import parse_views
+from cltaa.core.debug import parse_views
 from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.presets import Preset, Published, load_preset, override
 from cltaa.core.resolver import Resolver

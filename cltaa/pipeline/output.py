@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.core.constants import value
-from cltaa.core.debug_views import View
+from cltaa.core.debug import View
 from cltaa.core.resolver import Resolver
 from cltaa.errors import CltaaError, DataError, UsageError
 from cltaa.frame import Frame, Image
@@ -233,13 +233,8 @@ class OutputFolder:
                 raise UsageError("was begun with another version of cltaa's code", path=path, cure=RESTART_CURE)
             earlier = self._preset_begun_with() if key.startswith("preset.") else preset
             what = f"preset {earlier}, not {preset}:" if earlier not in ("", preset) else "another"
-            raise UsageError(
-                f"was begun with {what} {key}",
-                path=path,
-                expected=now.get(key, "none"),
-                found=before.get(key, "none"),
-                cure=RESTART_CURE,
-            )
+            what, sides = f"was begun with {what} {key}", (now.get(key, "none"), before.get(key, "none"))
+            raise UsageError(what, path=path, expected=sides[0], found=sides[1], cure=RESTART_CURE)
 
     def _preset_begun_with(self) -> str:
         """What the first finished image says of its preset, empty where none can tell: the manifest has no names."""
@@ -387,7 +382,9 @@ class ResolvedFiles:
             facts = {"missing": missing, "opaque": opaque, "saturated": sum(saturated)}
             self.take(Written.now(path, number, source, **facts))
 
-        attributes = merged(read.carried, resolved_attributes(read.frame, self._resolver), self._undeclared)
+        preset, device = self._resolver.preset.name, self._resolver.launcher.description
+        told = frame_attributes(read.frame) | {"cltaa:preset": preset, "cltaa:device": device}
+        attributes = merged(read.carried, told, self._undeclared)
         writer.write(path, channels, attributes, then=finish, windows=windows)
 
     def take(self, written: Written) -> None:
@@ -401,9 +398,3 @@ class ResolvedFiles:
         if image.dtype == np.float16:
             return limit_halves(image)
         return saturated_pixels(image) if self._resolver.keeps_halves else 0
-
-
-def resolved_attributes(frame: Frame, resolver: Resolver) -> dict[str, object]:
-    """Attributes of a resolved image: those of its frame, and what resolved it."""
-    made_by = {"cltaa:preset": resolver.preset.name, "cltaa:device": resolver.launcher.description}
-    return {**frame_attributes(frame), **made_by}

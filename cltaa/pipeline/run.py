@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 
 from cltaa.core.bands import BandedResolver
-from cltaa.core.debug_views import View
+from cltaa.core.debug import View
 from cltaa.core.parameters import HistoryKind
 from cltaa.core.planes import pooled_memory
 from cltaa.core.presets import Preset
@@ -34,7 +34,7 @@ from cltaa.io.names import Selection, real_path
 from cltaa.io.numbered import OnBreak
 from cltaa.io.pixel_statistics import Missing
 from cltaa.io.sequence import FrameSequence, ImageSequence, open_images
-from cltaa.io.video import check_film, rate_of, write_side_by_side, write_video, write_wipe
+from cltaa.io.video import check_film, rate_of, write_pairs, write_video
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.pipeline.debug import DebugViews
 from cltaa.pipeline.denoise import denoiser
@@ -291,11 +291,7 @@ def _write_film(
         return
     frames = (sequence.frame(number).colour for number in results.numbers)
     before = (np.nan_to_num(colour, nan=0.0, posinf=0.0, neginf=0.0) for colour in frames)
-    labels = "input", "resolved"
-    if compare == "side":
-        write_side_by_side(path, before, results, labels=labels, rate=rate)
-    else:
-        write_wipe(path, before, results, labels=labels, rate=rate)
+    write_pairs(path, before, results, labels=("input", "resolved"), rate=rate, swept=compare == "wipe")
 
 
 def _results(output: Path, sequence: FrameSequence) -> Selection:

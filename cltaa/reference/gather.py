@@ -13,8 +13,7 @@ from cltaa.reference.accumulate import Pixel, Resolved, current_pixel
 from cltaa.reference.colour import filled_colour, sample_is_missing
 from cltaa.reference.gather_fit import Gathered, resolve_gathered
 from cltaa.reference.gather_samples import add_side, begin_layer, gather_samples
-from cltaa.reference.gather_sides import Layers, layers_of, side_of
-from cltaa.reference.gather_subpixel import find_subpixel_feature
+from cltaa.reference.gather_sides import Layers, find_subpixel_feature, layers_of, side_of
 from cltaa.reference.gather_track import Track
 from cltaa.reference.neighbourhood import Surface, nearest_surface
 from cltaa.reference.planes import extend_stored, read_rows, store_resolved

@@ -472,11 +472,11 @@ def draw(family: str, output: Path, frames: int, size: tuple[int, int], period: 
 @click.command(short_help="Draw a scene of formulas, which declares nothing.")
 @click.argument("family", type=click.Choice(sorted(FAMILIES)))
 @click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder of the sequence; made if need be.")
-@click.option("--frames", type=click.IntRange(1), default=48, show_default=True, help="Number of frames.")
-@click.option("--size", type=SIZE, default="320x180", show_default=True, help="Size of a frame in pixels.")
-@click.option("--period", type=click.IntRange(1), default=64, show_default=True, help="Period of the jitter, Halton.")
-@click.option("--reference", type=click.IntRange(0), default=0, show_default=True, help="Samples of the truth.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Changes colours, places, phase.")
+@click.option("--frames", type=click.IntRange(1), default=48, help="Number of frames.")
+@click.option("--size", type=SIZE, default="320x180", help="Size of a frame in pixels.")
+@click.option("--period", type=click.IntRange(1), default=64, help="Period of the jitter, Halton.")
+@click.option("--reference", type=click.IntRange(0), default=0, help="Samples of the truth.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Changes colours, places, phase.")
 def raycast(
     family: str, output: Path, frames: int, size: tuple[int, int], period: int, reference: int, seed: int
 ) -> None:

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from cltaa import probes
 from cltaa.cli import main
 from cltaa.commands import doctor
 from cltaa.opencl import cache as kernel_cache
@@ -123,6 +122,6 @@ def test_memory_of_others_is_told_by_the_extensions_for_it(extensions: str, foun
     platform = SimpleNamespace(name="P", version="1")
     numbers = dict.fromkeys(("max_compute_units", "global_mem_size", "max_mem_alloc_size", "single_fp_config"), 1)
     device = SimpleNamespace(name="D", platform=platform, opencl_c_version="1.2", extensions=extensions, **numbers)
-    facts = probes._facts(device)
+    facts = doctor._facts(device)
     assert facts["external_memory"] == found
     assert said in doctor._cell("external_memory", found)

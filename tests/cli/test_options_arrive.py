@@ -17,7 +17,7 @@ import pytest
 
 from cltaa.cli import root
 from cltaa.core.build import Storage
-from cltaa.core.debug_views import View
+from cltaa.core.debug import View
 from cltaa.core.parameters import Fireflies
 from cltaa.core.presets import load_preset
 from cltaa.io.numbered import OnBreak
@@ -185,7 +185,7 @@ COMMANDS = {
             "cltaa_datasets.scenes.build_scene": lambda *_: "scene",
         },
     ),
-    "kernels": Command("kernels --show resolve", {"cltaa.opencl.program.source": begins}),
+    "kernels": Command("kernels --show resolve", {"cltaa.commands.presets.source": begins}),
     "presets": Command(
         "presets fast",
         {"cltaa.commands.presets.difference": begins, "cltaa.commands.presets.parameter_rows": begins},

@@ -11,7 +11,7 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.core.build import Storage
-from cltaa.core.debug_views import View
+from cltaa.core.debug import View
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect

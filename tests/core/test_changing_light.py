@@ -12,7 +12,7 @@ import pytest
 from cltaa.core.bands import BandedResolver
 from cltaa.core.build import Build, Steps, settings_record
 from cltaa.core.constants import CONSTANTS, PAD_X, PAD_Y
-from cltaa.core.debug_views import View
+from cltaa.core.debug import View
 from cltaa.core.parameters import BoxSpace, Choices, Illumination, Rectify, Settings
 from cltaa.core.plan import plan_frame
 from cltaa.core.planes import Layout

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cltaa import Effect, Frame, Resolver
-from cltaa.core.cuts import coarse_colours, looks_cut
+from cltaa.core.record import coarse_colours, looks_cut
 from cltaa.pipeline.checkpoint import Checkpoints
 
 WIDTH, HEIGHT = 64, 36

@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from cltaa.core.backend import Launcher
-from cltaa.core.build import Build, Steps, Terms
+from cltaa.core.build import Build, Steps, Terms, source_hash
 from cltaa.core.parameters import Choices, Rectify, Reject, Settings, Weighting
 from cltaa.core.plan import Reason, plan_frame, with_effects
 from cltaa.core.presets import load_preset, override, preset_names
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Camera, Effect, Frame
 from cltaa.opencl.launcher import DeviceLauncher
-from cltaa.opencl.program import source_hash
 from cltaa.reference.launcher import NumpyLauncher
 from tests.sequence_factory import WIDTH, make_camera, make_frame
 

@@ -97,13 +97,16 @@ class Forks:
 class Ended:
     """Runs of one command that a signal ends, and what has to be so after each."""
 
-    def __init__(self, top: Path, work: Work, number: int) -> None:
-        self.forks, self.top, self.work, self.number = Forks(top), top, work, number
+    def __init__(self, top: Path, work: Work, number: int, shim: ctypes.CDLL) -> None:
+        self.forks, self.top, self.work, self.number, self.shim = Forks(top), top, work, number, shim
         self.whole: dict[str, str] = {}
 
         def prepared() -> int:
             work.prepare(top)
-            return cli.main(work.command(top, top / "whole"))
+            shim.fault_arm(str(top / "whole").encode(), 1 << 30, -number, 0)  # at no step: they are counted
+            code = cli.main(work.command(top, top / "whole"))
+            (top / "calls").write_text(str(shim.fault_calls()))
+            return code
 
         assert self.forks.run(prepared) == 0, self.forks.said.read_text()
         self.whole |= digests(top / "whole")
@@ -142,21 +145,15 @@ class Ended:
 
         self.forks.run(work)
 
-    def at_each_step(self, shim: ctypes.CDLL, stride: int) -> None:
+    def at_each_step(self, stride: int) -> None:
         output = self.top / "out"
 
         def armed(at: int) -> int:
-            shim.fault_arm(str(output).encode(), at, -self.number, 0)
+            self.shim.fault_arm(str(output).encode(), at, -self.number, 0)
             return self.once(output)
 
-        def counted() -> int:
-            assert armed(1 << 30) == 0
-            (self.top / "calls").write_text(str(shim.fault_calls()))
-            return 0
-
-        self.forks.run(counted)
         for at in range(1, int((self.top / "calls").read_text()) + 1, stride):
-            shutil.rmtree(output)
+            shutil.rmtree(output, ignore_errors=True)
             code = self.forks.run(partial(armed, at))
             kept = self.check(output, code)
             self.finish(output)
@@ -197,8 +194,8 @@ if __name__ == "__main__":
     configure()
     OpenEXR.set_global_thread_count(0)
     folder, library, name, how, signal_number, given = sys.argv[1:]
-    runs = Ended(Path(folder), WORK[name], int(signal_number))
+    runs = Ended(Path(folder), WORK[name], int(signal_number), ctypes.CDLL(library))
     if how == "steps":
-        runs.at_each_step(ctypes.CDLL(library), int(given))
+        runs.at_each_step(int(given))
     else:
         runs.at_any_time(int(given))

@@ -12,10 +12,11 @@ import pyopencl as cl
 import pytest
 
 from cltaa.cli import main
+from cltaa.core.build import source
 from cltaa.core.presets import load_preset
 from cltaa.core.resolver import Resolver
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError
-from cltaa.opencl import device, program
+from cltaa.opencl import device
 from cltaa.opencl import launcher as device_launcher
 from tests.faults.runs import check_after_fault, check_finished, digests, run
 from tests.faults.runs import on_first_device as arguments
@@ -39,9 +40,8 @@ def test_no_device(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> No
 
 
 def test_kernel_that_does_not_build(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    real = program.source
     broken = '#error "planted"\n'
-    monkeypatch.setattr(program, "source", lambda name, build: broken + real(name, build))
+    monkeypatch.setattr(device, "source", lambda name, build: broken + source(name, build))
     monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
     for _ in range(2):  # the second time it is told in the same file
         with pytest.raises(InternalError, match=r"kernel unpack does not build: .*planted.*kernel cache") as caught:
@@ -54,7 +54,7 @@ def test_kernel_that_does_not_build(monkeypatch: pytest.MonkeyPatch, tmp_path: P
 
 
 def test_a_build_log_that_cannot_be_kept_is_not_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(program, "source", lambda _name, _build: '#error "planted"\n')
+    monkeypatch.setattr(device, "source", lambda _name, _build: '#error "planted"\n')
     monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
     (tmp_path / "logs").write_text("no folder")
     with pytest.raises(InternalError, match=r"planted\S*; check the driver and its kernel cache") as caught:

@@ -332,4 +332,6 @@ def test_what_is_found_is_no_promise(tmp_path: Path) -> None:
     steps = {step.name: step for step in sections[-1].steps}
     assert steps["rejection"].on
     assert not steps["illumination change"].on
-    assert steps["illumination change"].why == "none of illumination, motion and reactive is found, nor thin with a camera"
+    assert (
+        steps["illumination change"].why == "none of illumination, motion and reactive is found, nor thin with a camera"
+    )

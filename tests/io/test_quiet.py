@@ -53,7 +53,7 @@ def test_without_a_null_device_complaints_are_heard(
 ) -> None:
     """C code that complains to a stream that is none would take the process with it."""
     monkeypatch.setattr("os.devnull", "/dev/null/none")
-    complaints = _Complaints(ctypes.CDLL(None))
+    complaints = _Complaints()
     complaints.mute(True)
     ctypes.CDLL(None).perror(b"heard")
     complaints.mute(False)
@@ -135,7 +135,7 @@ def test_progress_shows_a_name_to_the_letter(capsys: pytest.CaptureFixture[str])
 
 PRINTING = """
 import sys, threading, time
-from cltaa.io.openexr import _Complaints, muted_output
+from cltaa.io.openexr import muted_output
 
 class Slow:  # as a pipe whose reader is busy: other threads run while it takes the text
     def write(self, text):

@@ -17,7 +17,7 @@ from cltaa.errors import DataError, OutputError, UsageError
 from cltaa.frame import Image
 from cltaa.io.display import GAP, to_picture
 from cltaa.io.exr_write import write_frame, write_image
-from cltaa.io.video import open_video, rate_of, write_side_by_side, write_video, write_wipe
+from cltaa.io.video import open_video, rate_of, write_pairs, write_video
 from tests.sequence_factory import make_frame, write_sequence
 
 # 8-bit limited-range YCbCr has 219 steps of luma and 224 of chroma for 255 of RGB, so a flat colour is off by about
@@ -64,7 +64,7 @@ def test_index_lies_before_the_frames(tmp_path: Path) -> None:
 
 def test_a_wipe_goes_over_the_picture_and_back(tmp_path: Path) -> None:
     """At 2 frames a second the line is at the left end, in the middle, at the right end, and in the middle again."""
-    write_wipe(tmp_path / "a.mp4", [flat((1, 0, 0))] * 8, [flat((0, 0, 1))] * 8, labels=("", ""), rate=2)
+    write_pairs(tmp_path / "a.mp4", [flat((1, 0, 0))] * 8, [flat((0, 0, 1))] * 8, labels=("", ""), rate=2, swept=True)
     pictures, _ = frames_of(tmp_path / "a.mp4")
     reds = [int((picture[-8, :, 0] > 128).sum()) for picture in pictures]
     assert [abs(red - white) <= 4 for red, white in zip(reds, (0, 9, 32, 55, 64, 55, 32, 9), strict=True)] == [True] * 8
@@ -72,7 +72,7 @@ def test_a_wipe_goes_over_the_picture_and_back(tmp_path: Path) -> None:
 
 def test_side_by_side(tmp_path: Path) -> None:
     before, after = [flat((0.05, 0.05, 0.05))] * 4, [flat((0.6, 0.6, 0.6))] * 4
-    assert write_side_by_side(tmp_path / "a.mp4", before, after, labels=("one sample", "resolved")) == 4
+    assert write_pairs(tmp_path / "a.mp4", before, after, labels=("one sample", "resolved")) == 4
     frames, facts = frames_of(tmp_path / "a.mp4")
     assert facts[:2] == (2 * 64 + GAP, 48)
     lower = frames[0][40:].astype(int)
@@ -92,7 +92,7 @@ def test_failures_leave_nothing_behind(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="frame 1: picture size differs"):
         write_video(tmp_path / "a.mp4", [flat((0, 0, 0)), flat((0, 0, 0), 32)])
     with pytest.raises(ValueError, match="shorter"):
-        write_side_by_side(tmp_path / "a.mp4", [flat((0, 0, 0))] * 2, [flat((0, 0, 0))])
+        write_pairs(tmp_path / "a.mp4", [flat((0, 0, 0))] * 2, [flat((0, 0, 0))])
     with pytest.raises(OutputError):
         write_video(tmp_path / "nowhere" / "a.mp4", [flat((0, 0, 0))])
     assert list(tmp_path.iterdir()) == []

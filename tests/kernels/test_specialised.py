@@ -15,7 +15,7 @@ import msgspec
 import pyopencl as cl
 import pytest
 
-from cltaa.core.build import Build, Steps, Terms
+from cltaa.core.build import Build, Steps, Terms, source
 from cltaa.core.parameters import (
     Box,
     Choices,
@@ -28,7 +28,6 @@ from cltaa.core.parameters import (
     Weighting,
 )
 from cltaa.opencl.device import POCL, Device, devices
-from cltaa.opencl.program import source
 
 pytestmark = pytest.mark.optimised  # what is left out without it is still linked
 

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from cltaa.core.build import Build, Steps, settings_record
+from cltaa.core.build import Build, Steps, settings_record, source_hash
 from cltaa.core.constants import value
 from cltaa.core.parameters import (
     Box,
@@ -25,8 +25,8 @@ from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import InternalError
 from cltaa.frame import Effect, Frame, Image
+from cltaa.opencl.device import Kernel
 from cltaa.opencl.launcher import DeviceLauncher
-from cltaa.opencl.program import Kernel, source_hash
 from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.launcher import NumpyLauncher
 from cltaa.reference.reprojection import Motion

@@ -27,8 +27,8 @@ HEIGHT, WIDTH, FRAMES = 24, 40, 6
 # Colours up to 2.4. The oracle computes in float32 and carries its own roundings through six frames: worst seen 5.8e-7.
 TOLERANCE = 1e-6
 KNEE, FALLOFF, FILTER_SAMPLES, SAMPLE_LIMIT = 4.0, 1.5, 8.0, 24.0
-LIGHT_T, COVERED_T, LIGHT_DECAY, LIGHT_FLOOR, MOST_CHANGE = 2.6, 0.8, 0.72, 0.03, 8.0
-EDGE, DEPTH, CLIP_PENALTY, RESAMPLING_PENALTY, BOX_FLOOR = 0.03, 0.05, 0.5, 0.8, 2.0**-10
+LIGHT_T, COVERED_T, PASSED_T, LIGHT_DECAY, LIGHT_FLOOR, MOST_CHANGE = 2.6, 0.8, 0.4, 0.72, 0.03, 8.0
+EDGE, PASSED, DEPTH, CLIP_PENALTY, RESAMPLING_PENALTY, BOX_FLOOR = 0.03, 0.25, 0.05, 0.5, 0.8, 2.0**-10
 AROUND = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
 Y, X = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
 
@@ -195,7 +195,11 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
         slack = DEPTH * np.maximum(np.abs(near * scale), np.abs(far * scale))
         four = [past(left.inverse_depth, dx, dy) for dx in (0, 1) for dy in (0, 1)]
         valid &= np.any([(t >= far * scale - slack) & (t <= near * scale + slack) for t in four], 0)
-        covered = np.any([t > near * scale + slack for t in four], 0)
+        least_t = np.where(np.max(four, 0) > near * scale + slack, COVERED_T, LIGHT_T)
+        nearest = np.max([*four, *(past(left.inverse_depth, dx, dy) for dx in (-1, 2) for dy in (-1, 2))], 0)
+        its_u, its_v, _ = reproject(nearest / scale, none := np.zeros_like(q), none, frame, left.camera)
+        against = np.maximum(np.abs(its_u - u), np.abs(its_v - v)) >= PASSED
+        least_t = np.where((nearest > near * scale + slack) & against, PASSED_T, least_t)
     history = sampled(lambda dx, dy: past(left.colour, dx, dy), fx, fy)
     past_colour = history
     linear = ((wx * wy, dx, dy) for dx, wx in ((0, 1 - fx), (1, fx)) for dy, wy in ((0, 1 - fy), (1, fy)))
@@ -213,7 +217,7 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
         t = mean / (deviation / 3 + LIGHT_FLOOR * level[..., None])
         signed = np.where(t[..., 0] < 0, -1, 1) * np.abs(t).max(-1)
         change = signed + LIGHT_DECAY * past(left.change, across, below)
-        n = count / np.maximum(1, np.abs(change) / np.where(covered, COVERED_T, LIGHT_T)) ** 2
+        n = count / np.maximum(1, np.abs(change) / least_t) ** 2
     clipped = np.zeros_like(q)
     gamma = MOVING + np.maximum(0, 1 - np.maximum(np.abs(u), np.abs(v))) * (STATIC - MOVING)
     low, high = (pick(list(box.values()), 0) for pick in (np.min, np.max))

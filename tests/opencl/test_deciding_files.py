@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cltaa.core import kernel_source as kernel_files
+from cltaa.core import build
 from cltaa.core.constants import CONSTANTS
 
 
@@ -15,18 +15,18 @@ from cltaa.core.constants import CONSTANTS
 def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of the kernels, which takes their place."""
     copy = tmp_path / "kernels"
-    shutil.copytree(kernel_files.kernel_folder(), copy)
-    monkeypatch.setattr(kernel_files, "kernel_folder", lambda: copy)
+    shutil.copytree(build.kernel_folder(), copy)
+    monkeypatch.setattr(build, "kernel_folder", lambda: copy)
     return copy
 
 
 def number() -> str:
-    return kernel_files.code_sha256.__wrapped__()
+    return build.code_sha256.__wrapped__()
 
 
 def test_it_does_not_depend_on_where_the_kernels_lie(kernels: Path) -> None:
     assert kernels.is_dir()
-    assert number() == kernel_files.code_sha256()
+    assert number() == build.code_sha256()
 
 
 @pytest.mark.parametrize("pattern", ["*.cl", "*.h"])
@@ -42,7 +42,7 @@ def test_every_kernel_and_header_counts(pattern: str, kernels: Path) -> None:
 
 def test_constants_and_the_format_count(monkeypatch: pytest.MonkeyPatch) -> None:
     before = number()
-    monkeypatch.setattr(kernel_files, "FORMAT", kernel_files.FORMAT + 1)
+    monkeypatch.setattr(build, "FORMAT", build.FORMAT + 1)
     after = number()
     monkeypatch.setitem(CONSTANTS, "TINY", CONSTANTS["TINY"]._replace(value=0.0))
     assert len({before, after, number()}) == 3

@@ -10,9 +10,9 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
-from cltaa.core.kernel_source import code_sha256
+from cltaa.core.build import code_sha256
 from cltaa.core.resolver import Resolver
-from cltaa.lab.bench.frames import Motion, make_frames
+from cltaa.lab.timing import Motion, make_frames
 from cltaa.opencl import device
 from cltaa.opencl.device import choose_device, chosen_shape, measured_on, usual_shape
 from cltaa.opencl.launcher import DeviceLauncher

@@ -10,11 +10,12 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
+from cltaa.core.build import source
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Image
-from cltaa.lab.bench.frames import Motion, make_frames
-from cltaa.opencl import device, program
-from cltaa.opencl.program import device_flags
+from cltaa.lab.timing import Motion, make_frames
+from cltaa.opencl import device
+from cltaa.opencl.device import device_flags
 
 # Rusticl (Mesa 22.3 and 25.0) has no doubles, and a compiler that does not tell what it compiles for.
 NO_DOUBLES = "-cl-single-precision-constant"
@@ -27,9 +28,8 @@ def resolved(device: str | None) -> Image:
 
 
 def test_a_runtime_without_doubles_or_a_target_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    text = program.source
-    monkeypatch.setattr(program, "device_flags", lambda _: (NO_DOUBLES,))
-    monkeypatch.setattr(program, "source", lambda kernel, build: NO_TARGET + text(kernel, build))
+    monkeypatch.setattr(device, "device_flags", lambda _: (NO_DOUBLES,))
+    monkeypatch.setattr(device, "source", lambda kernel, build: NO_TARGET + source(kernel, build))
     assert np.array_equal(resolved(None).view(np.uint32), resolved("numpy").view(np.uint32))
 
 

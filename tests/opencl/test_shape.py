@@ -13,7 +13,7 @@ from cltaa.core.build import Build, Steps, Storage, prelude
 from cltaa.core.presets import load_preset
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Image
-from cltaa.lab.bench.frames import Motion, make_frames
+from cltaa.lab.timing import Motion, make_frames
 from cltaa.opencl.device import POCL, Device, candidate_shapes, cpu_shape, usual_shape
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.opencl.shape import CPU_16, INTEL_16, Shape

@@ -118,7 +118,7 @@ RESOLVED_AT = """
 import sys, ctypes
 import numpy as np
 from cltaa.opencl import device, pocl_cpu_name as unknown_cpu
-from cltaa.lab.bench.frames import Motion, make_frames
+from cltaa.lab.timing import Motion, make_frames
 from cltaa.core.resolver import Resolver
 level = next(level for level in unknown_cpu.LEVELS if level.name == sys.argv[1].encode())
 unknown_cpu.level_of = lambda flags: level

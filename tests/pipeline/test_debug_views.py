@@ -12,8 +12,7 @@ import pytest
 from PIL import Image as Pillow
 
 from cltaa.cli import main
-from cltaa.core.debug import Reason
-from cltaa.core.debug_views import View, are_views, parse_views
+from cltaa.core.debug import Reason, View, are_views, parse_views
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError

@@ -16,16 +16,18 @@ import numpy as np
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Frame
-from cltaa.lab.bench.frames import Motion, camera_at, make_frames
 from cltaa.lab.timing import (
     Clock,
     Environment,
     Interval,
     Job,
+    Motion,
     Samples,
+    camera_at,
     environment,
     kernel_seconds,
     load_average,
+    make_frames,
     measure,
 )
 from cltaa.opencl.exchange import PlainCopies, array_on

@@ -107,14 +107,11 @@ def planned(scenes: dict[str, frozenset[str]], seeds: dict[int, str], shape: Sha
     cases = []
     for scene, effects in scenes.items():
         samples = shape.samples * (1 if effects & _CHANGES else STILL)
+        name = Path(scene.removeprefix(MODEL)).stem if scene.startswith(MODEL) else scene
         for seed, split in seeds.items():
-            folder = work / f"{_stem(scene)}-seed{seed}-{size}-{jitter}-{samples}"
+            folder = work / f"{name}-seed{seed}-{size}-{jitter}-{samples}"
             cases.append(Case(scene, split, folder, seed, samples))
     return cases
-
-
-def _stem(scene: str) -> str:
-    return Path(scene.removeprefix(MODEL)).stem if scene.startswith(MODEL) else scene
 
 
 def open_case(case: Case) -> FrameSequence | None:

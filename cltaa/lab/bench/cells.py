@@ -30,8 +30,7 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 
 from cltaa.core.backend import DEVICE_VARIABLE, Buffer, Launcher, launcher_for
-from cltaa.core.build import Build, Real, Storage
-from cltaa.core.kernel_source import code_sha256
+from cltaa.core.build import Build, Real, Storage, code_sha256
 from cltaa.core.planes import Layout
 from cltaa.core.resolver import Resolver
 from cltaa.errors import CltaaError, DataError, ResourceError
@@ -198,13 +197,9 @@ def check_judged(sequence: FrameSequence, settled: int) -> ImageSequence:
     """The truth of a sequence that can be judged; raises InputMissing without one, DataError for too few frames."""
     reference = truth_of(sequence)
     if len(sequence) <= settled:
-        raise DataError(
-            "the sequence is over before it is judged",
-            path=sequence.folder,
-            expected=f"more than {settled} frames",
-            found=len(sequence),
-            cure="capture more, or judge sooner: --settled 0",
-        )
+        what, cure = "the sequence is over before it is judged", "capture more, or judge sooner: --settled 0"
+        expected = f"more than {settled} frames"
+        raise DataError(what, path=sequence.folder, expected=expected, found=len(sequence), cure=cure)
     return reference
 
 

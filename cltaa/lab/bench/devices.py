@@ -8,15 +8,26 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from cltaa.core.kernel_source import code_sha256
+from cltaa.core.build import code_sha256
 from cltaa.core.presets import load_preset
 from cltaa.core.resolver import Resolver
 from cltaa.errors import InternalError, OutputError
 from cltaa.frame import Frame, Image
 from cltaa.io.atomic import atomic_path, make_folder
-from cltaa.lab.bench.frames import Motion, make_frames
 from cltaa.lab.bench.kernels import check_same
-from cltaa.lab.timing import Clock, Environment, Interval, Job, Samples, environment, load_average, measure, resolve_job
+from cltaa.lab.timing import (
+    Clock,
+    Environment,
+    Interval,
+    Job,
+    Motion,
+    Samples,
+    environment,
+    load_average,
+    make_frames,
+    measure,
+    resolve_job,
+)
 from cltaa.opencl.device import candidate_shapes, choose_device, describe, is_cpu, measured_on, usual_shape
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.opencl.shape import SHAPES, Kept, kept_folder, kept_path

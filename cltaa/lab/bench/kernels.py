@@ -22,16 +22,17 @@ from cltaa.core.record import Past, frame_record
 from cltaa.core.resolver import Resolver
 from cltaa.errors import CltaaError, DeviceMissing, InternalError, UsageError, import_extra
 from cltaa.frame import Frame, Image
-from cltaa.lab.bench.frames import Motion, make_frames
 from cltaa.lab.timing import (
     Clock,
     Environment,
     Interval,
     Job,
+    Motion,
     Samples,
     device_seconds,
     environment,
     load_average,
+    make_frames,
     measure,
     resolve_job,
     too_noisy,
@@ -264,21 +265,17 @@ class Contenders:
         self.absent: dict[str, str] = {}
         self.opengl: str | None = None
         self._shader: Shader | None = None
-        self.core = self._add_preset(CORE, BASELINE)
+        self.core = self.add_preset(CORE, BASELINE)
         self.jobs.append(Job(CONTROL, self.jobs[0].run))
         self.moved[CONTROL] = self.moved[CORE]
 
-    def _add_preset(self, name: str, preset: Preset) -> Image:
+    def add_preset(self, name: str, preset: Preset) -> Image:
+        """Add a preset as it is, which need not compute what the core does; returns the image that it gives."""
         resolver = Resolver(preset, self._launcher)
         job, image = resolve_job(name, resolver, self._frames)
         self.jobs.append(job)
         self.moved[name] = least_bytes(resolver, Storage.FLOAT)
         return image
-
-    def add_presets(self, presets: Sequence[Preset]) -> None:
-        """Add presets as they are, which need not compute what the core does."""
-        for preset in presets:
-            self._add_preset(preset.name, preset)
 
     def add_ports(self) -> None:
         """Add the plain port and the shader, each checked against the core's image."""
@@ -307,13 +304,7 @@ class Contenders:
 
 
 def bench_kernels(
-    presets: Sequence[Preset],
-    device: str | None,
-    *,
-    width: int,
-    height: int,
-    motions: Sequence[Motion],
-    rounds: int,
+    presets: Sequence[Preset], device: str | None, *, width: int, height: int, motions: Sequence[Motion], rounds: int
 ) -> KernelBench:
     """Time the kernels of ``presets`` and of the core against everything else on ``device``.
 
@@ -331,7 +322,8 @@ def bench_kernels(
     for motion in motions:
         contenders = Contenders(launcher, make_frames(width, height, motion))
         try:
-            contenders.add_presets(presets)
+            for preset in presets:
+                contenders.add_preset(preset.name, preset)
             contenders.add_ports()
             timings.append(_timing(contenders, launcher, motion, width * height, rounds))
         finally:

@@ -16,13 +16,7 @@ from numpy.typing import NDArray
 from cltaa.frame import Frame
 from cltaa.inputs.convert import device_planes, planes_of, ray_length
 from cltaa.inputs.profile import Depth, DepthKind
-from cltaa.lab.check.camera import (
-    CLEARLY_BETTER,
-    LARGEST_MISMATCH,
-    camera_residual,
-    moving_pairs,
-    screened,
-)
+from cltaa.lab.check.camera import CLEARLY_BETTER, LARGEST_MISMATCH, camera_residual, moving_pairs, screened
 from cltaa.lab.check.hypotheses import Finding, mistake, sureness
 from cltaa.lab.check.registration import Pair, Shot, Vector, seen_before
 
@@ -65,7 +59,8 @@ def check_depth(frames: Sequence[Frame], rule: Depth = AS_DECLARED) -> list[Find
             return [_reciprocal(depth, finite, evidence, shares[kind])]
         what = f"depth is the distance along {ALONG[kind]}"
         return [mistake(f"depth-{kind}", what, evidence, shares[kind], {"kind": kind})]
-    if read == "planar" and _looks_like_device(finite):
+    # Planes cannot tell of values that crowd below 1: all of 1/Z lies within a few roundings.
+    if read == "planar" and finite.min() >= 0.0 and finite.max() <= 1.0 and np.median(finite) > 0.9:
         evidence = f"all values within {finite.min():.4g} and {finite.max():.4g}, their middle {np.median(finite):.4g}"
         return [mistake("depth-device", DEVICE, evidence, 0.85, {"kind": "device"})]
     return []
@@ -83,11 +78,6 @@ def _stored(frame: Frame, planar: Plane, rule: Depth) -> Plane:
             at_near = (rule.scale / planar - far) / (near - far)
             return np.asarray(at_near if rule.kind is DepthKind.DEVICE_REVERSED else 1.0 - at_near, np.float64)
     return planar
-
-
-def _looks_like_device(finite: Vector) -> bool:
-    """True for values that crowd below 1: planes cannot tell there, for all of 1/Z lies within a few roundings."""
-    return bool(finite.min() >= 0.0 and finite.max() <= 1.0 and np.median(finite) > 0.9)
 
 
 def check_depth_scale(shot: Shot) -> list[Finding]:
@@ -146,7 +136,7 @@ def _flat_shares(frames: Sequence[Frame], depth: Sequence[Plane], read: str) -> 
         step = _step(raw[usable])
         for kind, inverse_depth in _readings(frame, np.where(usable, raw, np.nan)).items():
             # Along rows and along columns: a level floor is at one depth along each row.
-            flat[kind] += [_is_flat(lines, step)[_is_known(lines)] for lines in (inverse_depth, inverse_depth.T)]
+            flat[kind] += [_are_flat(lines, step) for lines in (inverse_depth, inverse_depth.T)]
     table = {kind: np.concatenate(planes) for kind, planes in flat.items()}
     shares = {}
     for kind in table:
@@ -164,10 +154,6 @@ def _readings(frame: Frame, raw: Plane) -> dict[str, Plane]:
     return {"planar": near, "ray": near * ray_length(raw.shape, frame.camera, frame.jitter_px), "reciprocal": raw}
 
 
-def _is_known(lines: Plane) -> NDArray[np.bool_]:
-    return np.isfinite(lines[:, :-2] + lines[:, 1:-1] + lines[:, 2:])
-
-
 def _step(values: Vector) -> float:
     """How far apart two numbers lie at most, relative to them: of float32, or of the halves that they were."""
     distinct = np.unique(values)
@@ -175,11 +161,12 @@ def _step(values: Vector) -> float:
     return 2.0 * least if least > COARSE else FINEST
 
 
-def _is_flat(lines: Plane, step: float) -> NDArray[np.bool_]:
-    """True where three neighbours of a row lie on a line, to rounding."""
+def _are_flat(lines: Plane, step: float) -> NDArray[np.bool_]:
+    """Of each three known neighbours of a row whether they lie on a line, to rounding."""
     left, middle, right = lines[:, :-2], lines[:, 1:-1], lines[:, 2:]
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.abs(left - 2 * middle + right) <= ROUNDING * step * np.abs(middle))
+        flat = np.abs(left - 2 * middle + right) <= ROUNDING * step * np.abs(middle)
+    return np.asarray(flat[np.isfinite(left + middle + right)])
 
 
 def _reciprocal(stored: Sequence[Plane], finite: Vector, evidence: str, confidence: float) -> Finding:

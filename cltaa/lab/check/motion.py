@@ -106,12 +106,10 @@ def _normal_equations(pair: Observed, unknown: Vector) -> tuple[Vector, Vector]:
     gain, leak = unknown[:4].reshape(2, 2), unknown[4:].reshape(2, 2)
     shift = np.zeros(2) if pair.shift is None else pair.shift
     u, v = gain @ pair.own + (shift + leak @ pair.jitter_change)[:, None]
-    there = sample(pair.before.signal, pair.x + u, pair.y + v)
-    inside = np.isfinite(there)
-    x, y = (pair.x + u)[inside], (pair.y + v)[inside]
-    left = (pair.now - there)[inside]
-    by_x, by_y = sample(pair.before.gradient, x, y)
-    change = np.repeat(pair.jitter_change[:, None], len(x), axis=1)
+    there = sample(pair.before.planes, pair.x + u, pair.y + v)
+    inside = np.isfinite(there[0])
+    left, (by_x, by_y) = (pair.now - there[0])[inside], there[1:, inside]
+    change = np.repeat(pair.jitter_change[:, None], len(left), axis=1)
     slope = np.concatenate([by_x * pair.own[:, inside], by_y * pair.own[:, inside], by_x * change, by_y * change])
     weight = 1.0 / (1.0 + (left / pair.scale) ** 2) ** 2
     return (slope * weight) @ slope.T, (slope * weight) @ left

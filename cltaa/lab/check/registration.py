@@ -83,15 +83,20 @@ LEAST_POINTS = 60  # fewer decide nothing
 
 
 class Picture(NamedTuple):
-    """A signal [H, W] and its gradient [2, H, W], by x and by y."""
+    """A signal and its gradient by x and by y, [3, H, W]: fetched at once, since their places are the same."""
 
-    signal: NDArray[np.float32]
-    gradient: NDArray[np.float32]
+    planes: NDArray[np.float32]
+
+    @property
+    def signal(self) -> NDArray[np.float32]:
+        """The signal alone, [H, W]."""
+        signal: NDArray[np.float32] = self.planes[0]
+        return signal
 
     @classmethod
     def of(cls, signal: NDArray[np.float32]) -> Picture:
         """Differentiate ``signal`` by central differences."""
-        return cls(signal, np.stack([_slope(signal, axis) for axis in (1, 0)]))
+        return cls(np.stack([signal, *(_slope(signal, axis) for axis in (1, 0))]))
 
 
 def _slope(signal: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
@@ -147,10 +152,9 @@ def residual_of(now: Vector, before: Picture, x: Vector, y: Vector, scale: float
 
 def _linear(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> tuple[Vector, Vector, Vector]:
     """Residuals, gradients [2, n] and robust weights (Geman-McClure) of the points inside the earlier picture."""
-    there = sample(before.signal, x, y)
-    inside = np.isfinite(there)
-    left = (now - there)[inside]
-    slope = sample(before.gradient, x[inside], y[inside])
+    there = sample(before.planes, x, y)
+    inside = np.isfinite(there[0])
+    left, slope = (now - there[0])[inside], there[1:, inside]
     weight = 1.0 / (1.0 + (left / scale) ** 2) ** 2
     return left, slope, weight
 

@@ -108,13 +108,8 @@ def plan(
     plans: list[Plan] = []
     for number, starts, planned in _plans(sequence, resolver.preset, effects):
         steps = [Step(name=reason.step, on=reason.on, why=reason.why) for reason in planned.reasons]
-        if (
-            plans
-            and not starts
-            and sections[-1].starts
-            and sections[-1].first == sections[-1].last
-            and _run(planned) == _run(plans[-1])
-        ):
+        second = bool(plans) and not starts and sections[-1].starts and sections[-1].first == sections[-1].last
+        if second and [reason.on for reason in planned.reasons] == [reason.on for reason in plans[-1].reasons]:
             # The same steps as of a first frame, and better reasons: of that one nobody knows whether the camera moved.
             plans[-1], sections[-1].steps = plans[-1]._replace(reasons=planned.reasons), steps
         if plans and planned.reasons == plans[-1].reasons and not starts:
@@ -186,11 +181,6 @@ def memory(
         staged=resolver.launcher.stages,
     )
     return of_sequence(sequence, held, layers)
-
-
-def _run(plan: Plan) -> list[bool]:
-    """Whether each step runs."""
-    return [reason.on for reason in plan.reasons]
 
 
 def _plans(sequence: FrameSequence, preset: Preset, effects: Asked) -> Iterator[tuple[int, bool, Plan]]:

@@ -65,14 +65,9 @@ class Round:
         return capture is not None and len(self.numbers) > 1 and not missing_from(self.numbers, capture.step)
 
 
-def is_sequence(folder: Path) -> bool:
-    """Whether a folder is a captured sequence with its truth."""
-    return (folder / "reference").is_dir()
-
-
 def divided(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     """The folders of entries and of sequences; raises UsageError where one kind is missing or a sequence is twice."""
-    sequences = [path for path in paths if is_sequence(path)]
+    sequences = [path for path in paths if (path / "reference").is_dir()]
     if not sequences:
         raise UsageError(
             "--table: no captured sequence among the folders",

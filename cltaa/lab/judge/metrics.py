@@ -233,17 +233,11 @@ def measure(
         raise DataError("images differ in size", path=path, frame=frame, expected=expected, found=found)
     for name, image, file in (("image", test, path), ("reference", reference, truth_path)):
         if image.dtype.kind != "f" or image.shape[2:] != (3,):
-            raise DataError(
-                f"the {name} is no linear light",
-                path=file,
-                frame=frame,
-                expected="floats [H, W, 3]",
-                found=f"{image.dtype} {list(image.shape)}",
-            )
+            what, given = f"the {name} is no linear light", f"{image.dtype} {list(image.shape)}"
+            raise DataError(what, path=file, frame=frame, expected="floats [H, W, 3]", found=given)
         check_finite(name, image, file, frame)
-    if metrics is None:
-        metrics = DEFAULT_METRICS
-    chosen = [named_metrics([metric])[0] if isinstance(metric, str) else metric for metric in metrics]
+    wanted = DEFAULT_METRICS if metrics is None else metrics
+    chosen = [named_metrics([metric])[0] if isinstance(metric, str) else metric for metric in wanted]
     return {metric.name: metric.function(test, reference, stops) for metric in chosen}
 
 
@@ -341,15 +335,6 @@ def samples_on_curve(mse: float, curve: Sequence[tuple[int, float]]) -> float:
     return float(np.exp(np.interp(-math.log(mse), -np.log(errors), samples)))
 
 
-def supersampling_curve(one_sample_mse: float, yardsticks: Mapping[int, Sequence[float]]) -> list[tuple[int, float]]:
-    """Mean squared error against samples a pixel, from the errors of each frame of the yardsticks.
-
-    It begins with the single samples; without an error is what was drawn as the truth itself was, which is left out.
-    """
-    means = [(count, sum(errors) / len(errors)) for count, errors in yardsticks.items() if any(errors)]
-    return [(1, one_sample_mse), *means]
-
-
 class EqualQuality(NamedTuple):
     """Equal-quality samples of a test, how they were found, and whether there may be more of them, or fewer."""
 
@@ -366,7 +351,9 @@ def equal_quality(
     The errors are those of ``light_mse``: means over the frames of the test, and of the
     ``yardsticks``, by samples a pixel, those of each frame. ``count`` is the samples of the truth, where known.
     """
-    curve = supersampling_curve(one_sample_mse, yardsticks)
+    # Without an error is what was drawn as the truth itself was.
+    means = [(samples, sum(errors) / len(errors)) for samples, errors in yardsticks.items() if any(errors)]
+    curve = [(1, one_sample_mse), *means]
     if falls(curve):
         bound = "at most" if test_mse > one_sample_mse else "at least" if test_mse < curve[-1][1] else None
         return EqualQuality(samples_on_curve(test_mse, curve), "measured", bound)

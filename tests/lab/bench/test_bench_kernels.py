@@ -15,8 +15,8 @@ from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import InternalError
 from cltaa.frame import Frame, Image
-from cltaa.lab.bench.frames import SHIFT_PX, Motion, camera_at, make_frames
 from cltaa.lab.bench.kernels import BASELINE, CONTROL, CORE, Contenders, PlainPort, check_same, least_bytes
+from cltaa.lab.timing import SHIFT_PX, Motion, camera_at, make_frames
 from cltaa.opencl.launcher import DeviceLauncher
 
 SIZE = ["--size", "72x40", "--rounds", "3"]

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cltaa import __version__
-from cltaa.core.build import Build
-from cltaa.core.kernel_source import code_sha256
+from cltaa.core.build import Build, code_sha256
 from cltaa.lab import timing as module
 from cltaa.lab.timing import environment
 

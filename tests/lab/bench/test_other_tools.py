@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
+from cltaa.commands.bench_accuracy import print_accuracy
 from cltaa.core.presets import load_preset
 from cltaa.errors import UsageError
 from cltaa.frame import Frame, parse_effects
 from cltaa.inputs.open import Reading, readings
 from cltaa.io.exr_write import write_frame
 from cltaa.lab.bench.accuracy.measurement import tasks_of, yardstick_errors
+from cltaa.lab.bench.accuracy.report import read_report
 from cltaa.lab.bench.cases import REDRAWN
 from cltaa.lab.bench.cells import Judging, run, task_of
 from cltaa.lab.bench.variants import ladder
@@ -145,7 +147,7 @@ def test_a_truth_may_lie_elsewhere(own: Path, shot: Path, tmp_path: Path, capsys
     arguments = ["bench", "quality", "--sequence", str(shot), "--preset", "fast", "--work", str(tmp_path / "work")]
     assert main([*arguments, *camera]) == 66
     assert "say by --truth DIR where it is" in capsys.readouterr().err
-    for place in (str(tmp_path / "truth"), "{}/../truth", str(own)):
+    for place in ("{}/../truth", str(own)):
         found, _ = judged(capsys, shot, tmp_path / "work", *camera, "--truth", place)
         assert found["rows"] == expected["rows"]
     reading = Reading(side_file=camera[1], truth=str(tmp_path / "truth"))
@@ -245,10 +247,10 @@ def test_accuracy_in_words_and_pictures(
     arguments = ["bench", "accuracy", str(shot), "-o", str(tmp_path), "--only", "basic", "--preset", "fast"]
     arguments += ["--rounds", "3"]
     arguments += ["--patience", "0", "--pixels", "1", "--rounding-frames", "1", "--camera", str(shot / "camera.txt")]
-    assert main(arguments) == 0
-    assert "        all │" in capsys.readouterr().out  # bits right: a first frame is not rounded
     assert main([*arguments, "--json"]) == 0
     said = capsys.readouterr()
+    print_accuracy(read_report(tmp_path))
+    assert "        all │" in capsys.readouterr().out  # bits right: a first frame is not rounded
     (measured,) = json.loads(said.out)["sequences"]
     assert [yard["samples"] for yard in measured["yardstick"]] == [1, 2]
     assert measured["profile"] == "blender"

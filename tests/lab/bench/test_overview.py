@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
-from matplotlib import pyplot
 
 from cltaa.cli import main
 from cltaa.core.presets import load_preset
-from cltaa.lab.bench.accuracy.figures import front_figure, overall, table, write_plots
+from cltaa.lab.bench.accuracy import figures
+from cltaa.lab.bench.accuracy.figures import overall, table, write_plots
 from cltaa.lab.bench.accuracy.measurement import Accuracy, Measured, MeasuredSequence, spread
 from cltaa.lab.bench.accuracy.report import read_report, write_report
 from cltaa.lab.bench.cells import Rounding
@@ -116,9 +117,10 @@ def test_the_figure_is_drawn_for_several_sequences_alone(tmp_path: Path) -> None
 
 
 @pytest.mark.usefixtures("svg_alone")
-@pytest.mark.parametrize("metric", ["mse", "psnr"])
-@pytest.mark.parametrize("wrong", [0, 1, 3])
-def test_what_errs_nowhere_has_no_place_on_a_plot(tmp_path: Path, metric: str, wrong: int) -> None:
+@pytest.mark.parametrize(("metric", "wrong"), [("mse", 0), ("mse", 1), ("psnr", 0), ("psnr", 3)])
+def test_what_errs_nowhere_has_no_place_on_a_plot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, metric: str, wrong: int
+) -> None:
     """Nor does it warn, which tests take for an error: where none errs, where one does, where all do in some frames."""
     one = sequence("one", (1.0, 4.0, 0.5))
     none, some = {"mse": (0.0, 0.0), "psnr": (math.inf, math.inf)}, {"mse": (0.0, 0.1), "psnr": (math.inf, 20.0)}
@@ -127,17 +129,23 @@ def test_what_errs_nowhere_has_no_place_on_a_plot(tmp_path: Path, metric: str, w
         for place, cell in enumerate(one.cells)
     ]
     result = msgspec.structs.replace(accuracy(msgspec.structs.replace(one, cells=cells)), metrics=[metric])
+    drawn = []
+    draw = figures.front_figure
+
+    def kept(*given: Any) -> Any:
+        drawn.append(draw(*given))
+        return drawn[0]
+
+    monkeypatch.setattr(figures, "front_figure", kept)
     assert len(list(write_plots(result, tmp_path))) == 2
-    figure = front_figure(pyplot, result.sequences[0], metric, 0.1)
-    assert len(figure.axes[0].containers) == wrong
-    pyplot.close(figure)
+    assert len(drawn[0].axes[0].containers) == wrong
 
 
 @pytest.mark.usefixtures("svg_alone")
 def test_a_report_keeps_nothing_of_the_one_before(tmp_path: Path) -> None:
     one, two = sequence("one", (1.0, 4.0, 0.5)), sequence("two", (0.0, 2.0, 1.0))
     (tmp_path / "index.html").touch()
-    write_report(accuracy(one), tmp_path)
+    write_report(accuracy(one), tmp_path, 0)
     assert (tmp_path / "index.html").exists()  # a page that no report left
     write_report(accuracy(one, two), tmp_path, pages={"index.html": "one, two"})
     assert (tmp_path / "overview.md").is_file()
@@ -156,16 +164,15 @@ def test_a_report_keeps_nothing_of_the_one_before(tmp_path: Path) -> None:
 def test_reports_of_one_device_become_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     one, two = accuracy(sequence("one", (1.0, 4.0, 0.5))), accuracy(sequence("two", (2.0, 2.0, 1.0)))
     folders = [report(tmp_path / name, result) for name, result in (("a", one), ("b", two))]
-    assert main(["bench", "overview", *folders, "-o", str(tmp_path / "both")]) == 0
+    assert main(["bench", "overview", *folders, "-o", str(tmp_path / "both"), "--pictured", "1"]) == 0
     text = capsys.readouterr().out
     assert text == table(accuracy(*one.sequences, *two.sequences), ["mse"])
     assert text == (tmp_path / "both" / "overview.md").read_text()
     assert [measured.name for measured in read_report(tmp_path / "both").sequences] == ["one", "two"]
-    assert {"overview.svg", "accuracy.csv", "front-two.svg"} <= {path.name for path in (tmp_path / "both").iterdir()}
-    assert main(["bench", "overview", *folders, "-o", str(tmp_path / "few"), "--pictured", "1"]) == 0
-    fronts = {path.name for path in (tmp_path / "few").glob("front-*.svg")}
-    assert fronts == {"front-one.svg"}
-    assert main(["bench", "overview", folders[0], "-o", str(tmp_path / "alone")]) == 0
+    names = {path.name for path in (tmp_path / "both").iterdir()}
+    assert {"overview.svg", "accuracy.csv"} <= names
+    assert {name for name in names if name.startswith("front-")} == {"front-one.svg"}
+    assert main(["bench", "overview", folders[0], "-o", str(tmp_path / "alone"), "--pictured", "0"]) == 0
     assert (tmp_path / "alone" / "overview.md").read_text() == table(one, ["mse"])
 
 

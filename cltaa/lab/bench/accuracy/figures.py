@@ -246,7 +246,9 @@ def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: d
     cells = [cell for cell in measured.cells if groups[cell.variant] not in (DEFAULT, PRESETS)]
     figure, both = pyplot.subplots(1, 2, figsize=(8, 0.7 + 0.19 * max(len(cells), 2)), sharey=True)
     names = [cell.variant for cell in cells]
-    ratios = [_over(cell.errors[metric].mean, base) for cell in cells]
+    means = [cell.errors[metric].mean for cell in cells]
+    known = base and math.isfinite(base)  # else, and where a mean is without end, a multiple of 1
+    ratios = [mean / base if known and math.isfinite(mean) else 1.0 for mean in means]
     both[0].barh(names, [ratio - 1 for ratio in ratios], left=1, color=FRONT)
     errors = [
         [cell.ratio.median - cell.ratio.low for cell in cells],
@@ -259,8 +261,3 @@ def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: d
         axes.tick_params(labelsize=6)
     both[0].invert_yaxis()
     return figure
-
-
-def _over(value: float, base: float) -> float:
-    """``value`` as a multiple of ``base``; 1 where either is NaN to divide by or without end."""
-    return value / base if base and math.isfinite(base) and math.isfinite(value) else 1.0

@@ -274,7 +274,8 @@ def measure_sequence(
         )
         for variant, cell in cells.items()
     ]
-    one, drawn = _one_sample(yardstick), truth_samples(truth_of(captured))
+    one = next((row.errors["mse"].mean for row in yardstick if row.samples == 1 and "mse" in row.errors), None)
+    drawn = truth_samples(truth_of(captured))
     return MeasuredSequence(
         name=captured.folder.name,
         folder=str(captured.folder),
@@ -355,11 +356,6 @@ def _yardstick(captured: FrameSequence, metrics: Iterable[str]) -> list[Yardstic
         added = None if spent is None or one is None else max(spent - one, 0.0) * unit
         rows.append(Yardstick(samples=samples, seconds=spent, added=added, errors=_spreads(errors)))
     return rows
-
-
-def _one_sample(yardstick: Sequence[Yardstick]) -> float | None:
-    """Mean squared error of the capture itself, one sample a pixel."""
-    return next((row.errors["mse"].mean for row in yardstick if row.samples == 1 and "mse" in row.errors), None)
 
 
 def tasks_of(

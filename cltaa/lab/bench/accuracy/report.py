@@ -134,10 +134,7 @@ def falling_metrics(result: Accuracy) -> list[str]:
 
 
 def write_report(
-    result: Accuracy,
-    output: Path,
-    pictured: int | None = None,
-    pages: Mapping[str, str] | None = None,
+    result: Accuracy, output: Path, pictured: int | None = None, pages: Mapping[str, str] | None = None
 ) -> str:
     """Write the numbers as JSON and CSV, the plots, a table over all sequences, and ``pages``, texts by file name, into
     the folder ``output``; returns the table, empty where no metric falls with the error and none is written.

@@ -59,7 +59,7 @@ def write_pictures(
         row = worst_row(table.rows, preset.name)
         others = [] if preset.name == DEFAULT else [load_preset(DEFAULT)]
         resolvers = {each.name: Resolver(each, launcher) for each in (preset, *others)}
-        crop = worst_crop(sequences[row.key], resolvers, preset.name)
+        crop = max(_crops(sequences[row.key], resolvers, preset.name), key=lambda crop: crop.excess)
         path = output / f"{preset.name}.png"
         write_png(path, _magnified(crop))
         stale.remove(preset.name)
@@ -89,15 +89,11 @@ def _worse(row: Row, preset: str) -> bool:
     return own is None or default is None or own > default
 
 
-def worst_crop(sequence: FrameSequence, resolvers: Mapping[str, Resolver], preset: str) -> Crop:
-    """The place and frame at which the preset errs most beyond the default, in the second half of a sequence."""
-    side = max(8, sequence.height // SHARE)
-    return max(_candidates(sequence, resolvers, preset, side), key=lambda crop: crop.excess)
-
-
-def _candidates(sequence: FrameSequence, resolvers: Mapping[str, Resolver], preset: str, side: int) -> Iterator[Crop]:
+def _crops(sequence: FrameSequence, resolvers: Mapping[str, Resolver], preset: str) -> Iterator[Crop]:
+    """Of each frame in the second half of a sequence the place at which the preset errs most beyond the default."""
     reference = sequence.reference
     assert reference is not None
+    side = max(8, sequence.height // SHARE)
     ndimage, half = import_ndimage(), side // 2
     for (place, frame), images in in_step(resolvers.values(), enumerate(sequence), lambda given: given[1]):
         outputs = {name: image[..., :3] for name, image in zip(resolvers, images, strict=True)}
