@@ -1,0 +1,63 @@
+"""A box passes by a wall: which of the wall's pixels ask least of a change of light, by the places of the box alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cltaa.core.planes import Layout
+from cltaa.core.presets import load_preset, override
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Effect, Frame
+from tests.sequence_factory import make_camera
+
+WIDTH, HEIGHT, WALL, BOX = 48, 20, 8.0, 2.0
+FOCAL = HEIGHT / 2 / np.tan(np.radians(60.0) / 2)  # pixels
+
+
+def frames(step: float, box_step: float) -> tuple[list[Frame], list[np.ndarray]]:
+    """Two frames of ever brighter light, the camera ``step`` wall pixels apart and the box ``box_step``, and where each
+    shows the box, [H, W]."""
+    texture = np.random.default_rng(0).uniform(0.2, 0.8, (HEIGHT, WIDTH, 3)).astype(np.float32)
+    (y, x), made, boxes = np.mgrid[:HEIGHT, :WIDTH], [], []
+    for index in range(2):
+        box = (np.abs(x - (20.3 + index * box_step)) < 4.0) & (y > 5) & (y < 14)
+        camera = make_camera((-index * step * WALL / FOCAL, 0.0, 5.0), WIDTH / HEIGHT)
+        effects = frozenset({Effect.CAMERA, Effect.DISOCCLUSION, Effect.ILLUMINATION})
+        depth = np.where(box, BOX, WALL).astype(np.float32)
+        made.append(Frame(index, texture * 2.0**index, depth=depth, camera=camera, effects=effects))
+        boxes.append(box)
+    return made, boxes
+
+
+def counts(made: list[Frame], passing_t: float) -> np.ndarray:
+    """The counts that the last frame leaves, [H, W]."""
+    resolver = Resolver(override(load_preset(), {"passing_t": passing_t, "disocclusion_t": 1e6, "illumination_t": 1e6}))
+    for frame in made:
+        resolver.resolve(frame)
+    assert resolver.last is not None
+    with resolver.last.arguments["output_count"].mapped(write=False) as count:
+        return Layout(WIDTH, HEIGHT).inside(count)[0].copy()
+
+
+@pytest.mark.parametrize("step", [0.3, -1.6, 2.75])
+def test_least_is_asked_where_a_box_was_in_the_four_texels_or_the_corners(step: float) -> None:
+    made, boxes = frames(step, step * WALL / BOX)
+    before, now = (np.pad(box, 8, mode="edge") for box in boxes)
+    asked = counts(made, 0.125) < counts(made, 1e6)
+    expected = np.zeros((HEIGHT, WIDTH), bool)
+    for y, x in np.ndindex(HEIGHT, WIDTH):
+        place = x - step  # moved as the wall
+        row, column = y + 8, int(np.floor(place)) + 8
+        four, around = before[row : row + 2, column : column + 2], before[row - 1 : row + 3, column - 1 : column + 3]
+        passed = four.any() or around[[0, 0, 3, 3], [0, 3, 0, 3]].any()
+        seen = -0.5 <= place <= WIDTH - 0.5 and not four.all() and not now[y + 7 : y + 10, x + 7 : x + 10].any()
+        expected[y, x] = passed and seen
+    assert expected.sum() > 10
+    assert np.array_equal(asked, expected)
+
+
+def test_what_moves_by_less_than_a_quarter_pixel_has_not_passed() -> None:
+    for step, passes in ((0.08, False), (0.09, True)):  # of the wall; the box moves four times as far
+        made, _ = frames(step, -1.0)  # by the jitter, say
+        assert (counts(made, 0.125) < counts(made, 1e6)).any() == passes
