@@ -42,9 +42,7 @@ def band_rows_for(whole: Memory, jobs: int = 1) -> int:
     return BAND_ROWS if whole.whole * jobs > memory_limit() else 0
 
 
-def of_whole(
-    sequence: FrameSequence, resolver: Resolver, *, half: bool = False, layers: Mapping[str, str] = NO_LAYERS
-) -> Memory:
+def of_whole(sequence: FrameSequence, resolver: Resolver, *, half: bool, layers: Mapping[str, str]) -> Memory:
     """Memory of a resolve of ``sequence`` by ``resolver`` over whole images; ``layers`` as for ``of_resolve``."""
     return of_whole_images(
         sequence,

@@ -243,7 +243,7 @@ class OutputFolder:
         except (CltaaError, ValueError):  # nothing is finished, or it is not there or damaged now
             return ""
 
-    def missing(self, sequence: FrameSequence, look_ahead: int = 0) -> list[int]:
+    def missing(self, sequence: FrameSequence, look_ahead: int) -> list[int]:
         """Return the frames that are not finished, after a look at every file of those that are; with them the
         ``look_ahead`` frames before each, since their results hold it and nothing vouches yet for what it was.
 

@@ -37,7 +37,8 @@ def counts(made: list[Frame], passing_t: float) -> np.ndarray:
         resolver.resolve(frame)
     assert resolver.last is not None
     with resolver.last.arguments["output_count"].mapped(write=False) as count:
-        return Layout(WIDTH, HEIGHT).inside(count)[0].copy()
+        left: np.ndarray = Layout(WIDTH, HEIGHT).inside(count)[0].copy()
+        return left
 
 
 @pytest.mark.parametrize("step", [0.3, -1.6, 2.75])

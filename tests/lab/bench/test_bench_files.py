@@ -33,6 +33,14 @@ def test_nothing_is_deleted_within_a_time(tmp_path: Path, monkeypatch: pytest.Mo
     assert deleted == []
 
 
+def test_to_write_alone_is_to_finish_each_frame_as_a_run_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    finished: list[str] = []
+    monkeypatch.setattr("cltaa.pipeline.output.OutputFolder.finish", lambda _, done: finished.append(done.name))
+    arguments = ["--compression", "none", "--rounds", "3", "--json"]
+    assert main(["bench", "files", str(write_sequence(tmp_path / "in", 2)), *arguments]) == 0
+    assert {"alone.0000.exr", "alone.0001.exr"} <= {*finished}
+
+
 def test_nonsense_is_refused_before_anything_is_timed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

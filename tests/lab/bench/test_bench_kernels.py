@@ -42,6 +42,7 @@ def test_everything_in_one_run() -> None:
         assert "copy" in rows
         assert rows["copy"]["of_floor"] == pytest.approx(1.0)
         assert rows[CORE]["ratio"]["median"] == 1.0
+        assert all(rows[name]["device_ns"] for name in (CORE, CONTROL, "default", "plain port", "copy"))
         for row in rows.values():
             assert row["least_wall_ns"] <= row["wall_ns"]["median"]
             assert row["wall_ns"]["low"] <= row["wall_ns"]["median"] <= row["wall_ns"]["high"]

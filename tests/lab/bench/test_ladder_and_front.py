@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -42,6 +43,8 @@ def test_what_is_published_is_measured_as_published() -> None:
 def test_a_step_changes_one_thing() -> None:
     base, *others = ladder(load_preset())
     assert len({rung.name for rung in others}) == len(others)
+    unnamed = [msgspec.structs.replace(rung, name="", group="") for rung in (base, *others)]
+    assert all(rung not in unnamed[:at] for at, rung in enumerate(unnamed))
     for rung in others:
         changed = [
             field
