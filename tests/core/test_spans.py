@@ -1,4 +1,4 @@
-"""Temporal windows: where light may change, each pixel is resolved from the one that its latest samples bear out."""
+"""Temporal windows: where light may change, each pixel is resolved from the one that its latest samples support."""
 
 from __future__ import annotations
 

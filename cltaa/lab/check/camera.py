@@ -303,7 +303,7 @@ def _filled(shot: Shot) -> list[Pair]:
 
 
 def _seen(alike: Sequence[_Reading], pairs: Sequence[Pair], maps: dict[str, Affine]) -> _Reading:
-    """The plainest of readings that agree, of those of the vectors that the pictures bear out best.
+    """The plainest of readings that agree, of those of the vectors that agree best with the pictures.
 
     Inverse matrices and vectors to the frame after agree as well as the right ones do, to the first order.
     """

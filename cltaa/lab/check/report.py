@@ -145,7 +145,7 @@ def _excused(shot: Shot, found: Sequence[Finding]) -> list[Finding]:
         return list(found)
     if any(finding.name.startswith("motion-") and finding.fix for finding in found):
         return [finding for finding in found if finding.name != "motion-constant"]
-    right, told = _bears_out(shot), shot.has_camera and shot.has_depth
+    right, told = _agrees(shot), shot.has_camera and shot.has_depth
     change = {"mistake": False} if right else {} if told else {"confidence": DOUBTFUL}
     return [
         msgspec.structs.replace(finding, **change) if finding.name == "motion-constant" else finding
@@ -153,7 +153,7 @@ def _excused(shot: Shot, found: Sequence[Finding]) -> list[Finding]:
     ]
 
 
-def _bears_out(shot: Shot) -> bool:
+def _agrees(shot: Shot) -> bool:
     """True where matrices and depth say the same as the vectors, as of a plane that the camera moves along; without
     them where the pictures lie on each other so.
     """
