@@ -161,7 +161,7 @@ def _outcome(arguments: list[str]) -> int:
     except (KeyboardInterrupt, click.Abort):
         return _interrupted(arguments)
     except click.exceptions.NoArgsIsHelpError as error:
-        error.show()
+        _tell(error.format_message())
         return error.exit_code
     except Exception as error:
         if stop.requested and not isinstance(error, CltaaError):  # what it stumbled over; our own errors stand

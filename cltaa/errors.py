@@ -98,12 +98,19 @@ def known(name: str, names: Iterable[str], kind: str) -> str:
     return f"did you mean {'one of ' * (len(having) > 1)}{', '.join(having)}?" if having else listed
 
 
+DISK_CURES = {
+    errno.EFBIG: "the shell limits the size of a file, and of a copy in memory: ulimit -f unlimited",
+    errno.EMFILE: "the shell limits how many files are open: ulimit -n 4096",
+    errno.ELOOP: "mend its links, which lead in a circle",
+    errno.ENAMETOOLONG: "give it a shorter name",
+    errno.ENOSPC: "free some space and run again",
+    errno.EDQUOT: "free some space and run again",
+}
+
+
 def disk_cure(error: OSError) -> str:
     """The cure for a file that could not be read or written, by what the system says: not every disk is full."""
-    if error.errno == errno.EFBIG:
-        return "the shell limits the size of a file, and of a copy in memory: ulimit -f unlimited"
-    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-    return "free some space and run again" if full else "check the folder and the disk, and run again"
+    return DISK_CURES.get(error.errno or 0, "check the folder and the disk, and run again")
 
 
 class UsageError(CltaaError):

@@ -273,7 +273,7 @@ FORMAT = 1
 @cache
 def kernel_folder() -> Path:
     """Where the kernels are: inside the installed package, or beside it in a checkout."""
-    package = Path(__file__).parents[1]
+    package = Path(__file__).resolve().parents[1]
     packaged = package / "kernels"
     return packaged if packaged.is_dir() else package.parent / "kernels"
 

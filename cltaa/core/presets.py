@@ -144,7 +144,8 @@ def parse_preset(text: str, origin: str, base: Preset) -> Preset:
             base = load_preset(str(values.pop("preset")))
         except UsageError as error:
             raise UsageError(f"{origin}: {error}") from None
-    said = {key: values.pop(key) for key in ("description", "jitter", "published") if key in values}
+    words = ("description", "jitter", "published")
+    said = {key: values.pop(key) for key in words if key in values and not isinstance(values[key], dict)}
     preset = override(base, values, origin)  # first: a file of another kind is told by its keys
     try:
         return msgspec.convert(msgspec.to_builtins(preset) | said, Preset)

@@ -28,8 +28,15 @@ def guides_of(channels: Iterable[str], colour: Iterable[str] = ()) -> dict[str, 
     """The channels of a file that guide a denoiser: ``albedo`` and ``normal`` -> three names; what is not there is left
     out. Those of the layer and view of the ``colour`` channels come first, then what is named for a denoiser."""
     names, own = set(channels), {word for name in colour for word in name.split(".")[:-1]}
+
+    def is_of_another(layer: str) -> bool:  # of a layer or view that has a picture of its own
+        above = layer.rpartition(".")[0]
+        return f"{above}.R" in names and not own.issuperset(above.split("."))
+
     others = {
-        layer: [word for word in layer.split(".") if word not in own] for layer in {n.rpartition(".")[0] for n in names}
+        layer: [word for word in layer.split(".") if word not in own]
+        for layer in {n.rpartition(".")[0] for n in names}
+        if not is_of_another(layer)
     }
 
     def rank(layer: str) -> tuple[int, bool, int, str]:

@@ -220,7 +220,7 @@ def resolve_sequence(
     workers ``elsewhere`` do, ``resolver`` only says what theirs are.
     ``found`` is what the effects that ``sequence`` was told rest on, for the report.
 
-    Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless
+    Raises UsageError where ``output`` is a folder with files of the sequence or was begun with other settings (unless
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
     what reading, resolving and writing raise; finished frames stay complete.
     """
@@ -316,7 +316,9 @@ def _every_step(resolvers: Sequence[Resolver], every: bool) -> Iterator[None]:
 def refuse_place(output: Path, sequence: FrameSequence) -> None:
     """Raise UsageError for a folder with a file of the sequence, and for one in which its truth is looked for."""
     cure, place, folder = "name another folder with -o", real_path(output), real_path(sequence.folder)
-    if place in {folder, *(real_path(path).parent for path in sequence.files)}:
+    links = {path for path in sequence.files if path.is_symlink()}
+    parents = {path.parent for path in sequence.files}
+    if place in {folder, *map(real_path, parents), *(real_path(path).parent for path in links)}:
         raise UsageError("the output would overwrite the sequence", path=output, cure=cure)
     if place.parent == folder and REFERENCE.fullmatch(place.name):
         raise UsageError("the output would be taken for the truth of the sequence", path=output, cure=cure)

@@ -56,11 +56,13 @@ def has_passed(
     nearest: Array, s: Surface, m: Motion, tolerance: Any, build: Build, layout: Layout, frame: Record
 ) -> Mask:
     """True where the ``nearest`` inverse depth around the place of the history is nearer than the surface, and a
-    camera's motion has moved it by PASSES pixels against the surface since."""
+    camera's motion has moved it by PASSES pixels against the surface since, whatever moves on its own."""
     _, high = surface_range(s, m, tolerance)
     here = np.zeros_like(s.nearest)
     passing = Surface(here, here, (nearest - m.shift) / m.scale, here, here, here, here, here)
     its = motion_from_depth(passing, build, layout, frame)
+    if build.steps.own_motion:
+        m = motion_from_depth(passing._replace(inverse_depth=s.nearest), build, layout, frame)
     least = constant("PASSES", m.u)
     passed: Mask = (nearest > high) & ((np.abs(its.u - m.u) >= least) | (np.abs(its.v - m.v) >= least))
     return passed

@@ -14,7 +14,7 @@ from cltaa.reference.colour import Colour, colour_outside_domain, sample_is_miss
 from cltaa.reference.disocclusion import has_passed, nearest_of, on_screen, partly_covered, same_surface
 from cltaa.reference.illumination import history_in_range, illumination_test, tests_light
 from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.real import Array, Mask, greater, limit, number
+from cltaa.reference.real import Array, Mask, greater, lesser, limit, number
 from cltaa.reference.reprojection import Motion, motion_to_edge
 from cltaa.reference.sampling import (
     Footprint,
@@ -65,7 +65,7 @@ def least_change(
     corners = sample_corners(previous_inverse_depth, f, m.u.dtype)
     nearest = greater(nearest_of(previous), nearest_of(corners))
     passed = has_passed(nearest, s, m, tolerance, build, layout, frame)
-    return np.where(passed, number(settings["passing_t"], m.u), beside)
+    return np.where(passed, lesser(number(settings["passing_t"], beside), beside), beside)
 
 
 def sample_history(

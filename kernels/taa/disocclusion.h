@@ -48,7 +48,7 @@ STAGE mask partly_covered(quad previous, surface s, motion_t m, settings_t setti
 
 // Whether a camera's motion has moved what was `nearest` around the place of the history, and nearer than the surface,
 // by PASSES pixels against the surface since. It has then uncovered what it stood in front of; what comes and goes by
-// the jitter alone has not.
+// the jitter alone has not, nor what moves with the surface by vectors of their own: so both are moved by the camera.
 STAGE mask has_passed(real nearest, surface s, motion_t m, real x, real y, frame_t frame, settings_t settings)
 {
     const mask nearer = nearest > surface_range(s, m, settings).high;
@@ -56,6 +56,11 @@ STAGE mask has_passed(real nearest, surface s, motion_t m, real x, real y, frame
         return nearer;
     surface passing = s;
     passing.x = passing.y = SPLAT(0.0);
+    if (OWN_MOTION) {
+        passing.inverse_depth = s.nearest;
+        const motion_t by_camera = motion_from_depth(passing, x, y, frame);
+        m.u = by_camera.u, m.v = by_camera.v;
+    }
     passing.inverse_depth = quotient(nearest - m.shift, m.scale);
     const motion_t its = motion_from_depth(passing, x, y, frame);
     return nearer & ((absolute(its.u - m.u) >= SPLAT(PASSES)) | (absolute(its.v - m.v) >= SPLAT(PASSES)));

@@ -156,7 +156,7 @@ STAGE real least_change(plane_in previous_inverse_depth, quad previous, footprin
     const quad corners = sample_corners(previous_inverse_depth, f, row_stride(frame));
     const real nearest = greater(nearest_of(previous), nearest_of(corners));
     const mask passed = has_passed(nearest, s, m, LANE_INDEX + K(x), SPLAT(y), frame, settings);
-    return passed ? SPLAT(settings.passing_t) : beside;
+    return passed ? lesser(SPLAT(settings.passing_t), beside) : beside;
 }
 
 // `next` holds the texels of the row below the pixel's; `lacks` says that a sample of the segment is missing.

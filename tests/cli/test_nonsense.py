@@ -51,7 +51,11 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve linked -o seq --restart", WRONG, "seq: the output would overwrite the sequence"),
     ("resolve seq -o loop", OUTPUT, "loop: the folder cannot be created"),
     ("resolve seq -o out --preview loop", WRONG, "loop: a film is an MP4"),
-    ("tune loop seq -o t.toml --budget 1ms", STORAGE, "loop: reading failed: Too many levels of symbolic links"),
+    (
+        "tune loop seq -o t.toml --budget 1ms",
+        STORAGE,
+        "loop: reading failed: Too many levels of symbolic links; mend",
+    ),
     ("resolve small -o small/reference", WRONG, "would be taken for the truth of the sequence; name another folder"),
     ("resolve seq -o seq/reference-8", WRONG, "would be taken for the truth of the sequence"),
     ("resolve seq -o file.txt", OUTPUT, "file.txt: the folder cannot be created"),
@@ -64,6 +68,7 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq -o out --config /dev/zero", DATA, "/dev/zero: this is a pipe or a device (expected a TOML file)"),
     ("resolve seq -o out --config latin.toml", DATA, "latin.toml: not UTF-8"),
     ("resolve seq -o out --config profile.toml", WRONG, "profile.toml: unknown key colour"),
+    ("resolve seq -o out --config jitter.toml", WRONG, "jitter.toml: unknown key jitter"),
     ("resolve seq -o out --config large.toml", DATA, "large.toml: too large for a TOML file"),
     ("resolve seq -o out --preset ../../etc/passwd", WRONG, "unknown preset"),
     ("resolve seq -o out --set box_scale_static=nan", WRONG, "box_scale_static"),
@@ -212,6 +217,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "latin.toml").write_bytes(b"# caf\xe9")
     (folder / "other.toml").write_text('preset = "nope"')
     (folder / "profile.toml").write_text("[colour]\n[jitter]\n")
+    (folder / "jitter.toml").write_text("[jitter]\nscale = [-1.0, -1.0]\n")
     (folder / "large.toml").write_text("#" * 100_000)
     (folder / "deep.toml").write_text("x = " + "[" * 60_000)
     (folder / "deep.json").write_text('{"frames": ' + "[" * 100_000)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from tests.sequence_factory import make_camera
 
 WIDTH, HEIGHT, WALL, BOX = 48, 20, 8.0, 2.0
 FOCAL = HEIGHT / 2 / np.tan(np.radians(60.0) / 2)  # pixels
+CAMERA = frozenset({Effect.CAMERA, Effect.DISOCCLUSION, Effect.ILLUMINATION})
 
 
 def frames(step: float, box_step: float) -> tuple[list[Frame], list[np.ndarray]]:
@@ -23,9 +26,8 @@ def frames(step: float, box_step: float) -> tuple[list[Frame], list[np.ndarray]]
     for index in range(2):
         box = (np.abs(x - (20.3 + index * box_step)) < 4.0) & (y > 5) & (y < 14)
         camera = make_camera((-index * step * WALL / FOCAL, 0.0, 5.0), WIDTH / HEIGHT)
-        effects = frozenset({Effect.CAMERA, Effect.DISOCCLUSION, Effect.ILLUMINATION})
         depth = np.where(box, BOX, WALL).astype(np.float32)
-        made.append(Frame(index, texture * 2.0**index, depth=depth, camera=camera, effects=effects))
+        made.append(Frame(index, texture * 2.0**index, depth=depth, camera=camera, effects=CAMERA))
         boxes.append(box)
     return made, boxes
 
@@ -61,4 +63,14 @@ def test_least_is_asked_where_a_box_was_in_the_four_texels_or_the_corners(step: 
 def test_what_moves_by_less_than_a_quarter_pixel_has_not_passed() -> None:
     for step, passes in ((0.08, False), (0.09, True)):  # of the wall; the box moves four times as far
         made, _ = frames(step, -1.0)  # by the jitter, say
+        assert (counts(made, 0.125) < counts(made, 1e6)).any() == passes
+
+
+def test_what_moves_with_a_surface_by_vectors_of_its_own_has_not_passed() -> None:
+    """Steps of one rigid thing before a camera that hardly moves; and a still wall whose vectors are the camera's."""
+    for step, motion, passes in ((0.02, -4.0, False), (1.5, -1.5, True)):
+        made, _ = frames(step, -motion if not passes else step * WALL / BOX)
+        vectors = np.zeros((HEIGHT, WIDTH, 2), np.float32)
+        vectors[..., 0] = motion
+        made = [replace(frame, motion=vectors, effects=CAMERA | {Effect.MOTION}) for frame in made]
         assert (counts(made, 0.125) < counts(made, 1e6)).any() == passes

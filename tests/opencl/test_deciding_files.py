@@ -24,6 +24,12 @@ def number() -> str:
     return build.code_sha256.__wrapped__()
 
 
+def test_kernels_are_found_where_a_link_leads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "cltaa").symlink_to(Path(build.__file__).parents[1])
+    monkeypatch.setattr(build, "__file__", str(tmp_path / "cltaa" / "core" / "build.py"))
+    assert build.kernel_folder.__wrapped__() == build.kernel_folder()
+
+
 def test_it_does_not_depend_on_where_the_kernels_lie(kernels: Path) -> None:
     assert kernels.is_dir()
     assert number() == build.code_sha256()

@@ -43,6 +43,12 @@ def test_guides_are_those_of_the_colours_layer_and_view(colour: str) -> None:
     assert guides_of(channels, [colour]) == {"normal": tuple(f"Trees.Normal.right.{axis}" for axis in "XYZ")}
 
 
+def test_a_view_with_a_picture_of_its_own_guides_no_other() -> None:
+    channels = ["right.R", "right.G", "right.B", "left.R", "left.G", "left.B", "left.N.X", "left.N.Y", "left.N.Z"]
+    assert guides_of(channels, ["right.R"]) == {}
+    assert guides_of(channels, ["left.R"]) == {"normal": ("left.N.X", "left.N.Y", "left.N.Z")}
+
+
 def test_each_frame_is_denoised_before_the_resolve(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
