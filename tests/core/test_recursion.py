@@ -14,6 +14,8 @@ from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Effect, Frame
+from cltaa.opencl.device import Device
+from cltaa.opencl.shape import Shape
 from cltaa.pipeline.checkpoint import Checkpoints
 from cltaa.reference.launcher import NumpyLauncher
 from cltaa.reference.real import Array
@@ -133,6 +135,15 @@ def test_a_lamp_that_goes_on_is_followed() -> None:
 def test_the_device_has_the_bits_of_the_oracle(name: str) -> None:
     ours, theirs = (last(preset_of(name, "standing"), [1.0] * 14, device) for device in (None, "numpy"))
     assert np.array_equal(bits(ours), bits(theirs))
+
+
+def test_the_groups_of_a_gpu_gather_the_bits_of_the_oracle(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Eight rows a group, as on NVIDIA; of more than 64 work-items PoCL cannot hold the private memory on its stack.
+    shape = Shape(lanes=1, rows=8, group=(32, 1), gather_rows=1, gather_group=(8, 8))
+    assert HEIGHT % 8  # so that groups reach over the image
+    oracle = last(preset_of("gather-8", "standing"), [1.0] * 6, "numpy")
+    monkeypatch.setattr(Device, "shape", property(lambda _: shape))
+    assert np.array_equal(bits(last(preset_of("gather-8", "standing"), [1.0] * 6)), bits(oracle))
 
 
 @pytest.mark.parametrize("stands", [1, 2, 3])  # from three on the window without motion can be contradicted
