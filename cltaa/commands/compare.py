@@ -348,6 +348,6 @@ def _check_followed(comparison: Comparison) -> None:
         raise UsageError(what, path=comparison.test.folder, expected=expected, found=found, cure=cure)
     apart = even_step(comparison.test.numbers)
     if apart > 1 and comparison.capture.step == 1:
-        what = "--video follows each frame to the next, but no number lies beside another"
+        what = "--video follows each frame to the next, but no two frame numbers are consecutive"
         found, cure = f"{apart} apart", f"say --step {apart} if each continues the last"
         raise UsageError(what, path=comparison.test.folder, expected="frames 1 apart", found=found, cure=cure)

@@ -57,9 +57,8 @@ REPROJECTION = "reprojection"
 CHANGING = frozenset(
     {Effect.CAMERA, Effect.MOTION, Effect.DISOCCLUSION, Effect.ILLUMINATION, Effect.REACTIVE, Effect.EXPOSURE}
 )
-# Those that make history wrong of a surface that depth takes for the same, and what does where a camera moves past it.
+# Those that make history wrong of a surface that depth takes for the same; where a camera moves, what is thin does too.
 CHANGING_LIGHT = frozenset({Effect.ILLUMINATION, Effect.MOTION, Effect.REACTIVE})
-IN_MOTION = frozenset({Effect.THIN})
 
 SURER = 2.0  # times drift_t, where no light is known to change
 # Where samples scatter: times falling_t, since dim samples of noise agree and bright ones do not, and times a box of
@@ -179,7 +178,8 @@ def _testing_illumination(
         return choices, Reason(LIGHT, True, "as published")
     if declared is None:
         return choices, Reason(LIGHT, True, declared_or_not(Effect.ILLUMINATION, declared, word))
-    if found := declared & (CHANGING_LIGHT | IN_MOTION if Effect.CAMERA in declared else CHANGING_LIGHT):
+    changing = CHANGING_LIGHT | {Effect.THIN} if Effect.CAMERA in declared else CHANGING_LIGHT
+    if found := declared & changing:
         return choices, Reason(LIGHT, True, f"{word}: {format_effects(found)}")
     why = f"none of illumination, motion and reactive is {word}, nor thin with a camera"
     return msgspec.structs.replace(choices, illumination=Illumination.STATIC), Reason(LIGHT, False, why)

@@ -159,6 +159,9 @@ def write_pairs(
     line that sweeps; errors as above."""
     with open_video(path, rate) as video:
         for left, right in zip(before, after, strict=True):
-            share = 0.5 - 0.5 * float(np.cos(2.0 * np.pi * video.count / (WIPE_SECONDS * float(rate))))
-            video.add(wipe(left, right, share, labels) if swept else side_by_side(left, right, labels))
+            if swept:
+                turn = 2.0 * np.pi * video.count / (WIPE_SECONDS * float(rate))
+                video.add(wipe(left, right, 0.5 - 0.5 * float(np.cos(turn)), labels))
+            else:
+                video.add(side_by_side(left, right, labels))
     return video.count

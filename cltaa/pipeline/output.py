@@ -233,8 +233,8 @@ class OutputFolder:
                 raise UsageError("was begun with another version of cltaa's code", path=path, cure=RESTART_CURE)
             earlier = self._preset_begun_with() if key.startswith("preset.") else preset
             what = f"preset {earlier}, not {preset}:" if earlier not in ("", preset) else "another"
-            what, sides = f"was begun with {what} {key}", (now.get(key, "none"), before.get(key, "none"))
-            raise UsageError(what, path=path, expected=sides[0], found=sides[1], cure=RESTART_CURE)
+            what, expected, found = f"was begun with {what} {key}", now.get(key, "none"), before.get(key, "none")
+            raise UsageError(what, path=path, expected=expected, found=found, cure=RESTART_CURE)
 
     def _preset_begun_with(self) -> str:
         """What the first finished image says of its preset, empty where none can tell: the manifest has no names."""

@@ -147,8 +147,8 @@ STAGE real least_change(plane_in previous_inverse_depth, quad previous, footprin
     int y, frame_t frame, settings_t settings)
 {
     const real least_t = SPLAT(settings.illumination_t);
-    if ((REJECT != REJECT_DEPTH)
-        | !(CAMERA_MOTION | OWN_MOTION)) // the jitter alone shows something nearer now and then
+    // Where nothing moves the jitter alone shows something nearer now and then.
+    if ((REJECT != REJECT_DEPTH) | !(CAMERA_MOTION | OWN_MOTION))
         return least_t;
     const real beside = partly_covered(previous, s, m, settings) ? SPLAT(settings.disocclusion_t) : least_t;
     if (!CAMERA_MOTION)
