@@ -49,8 +49,8 @@ __kernel void neighbourhood_statistics_kernel(
     store_boxed(p + 12 * plane, (boxed) { sample.r, sample.g, sample.b }, plane);
 }
 
-// Motion: what each pixel follows. 7 planes: u, v, scale, shift, visible (1 or 0), and the nearest and farthest
-// inverse depth of the 3x3.
+// Motion: what each pixel follows. 10 planes: u, v, scale, shift, visible (1 or 0), the nearest and farthest inverse
+// depth of the 3x3, the pixel's own, and where what it follows lies relative to it.
 __kernel void surface_motion_kernel(plane_in current, plane_in inverse_depth, plane_in motion, plane_out motion_out,
     const frame_t frame, const settings_t settings)
 {
@@ -71,6 +71,9 @@ __kernel void surface_motion_kernel(plane_in current, plane_in inverse_depth, pl
     store(p + 4 * plane, m.visible ? SPLAT(1.0) : SPLAT(0.0));
     store(p + 5 * plane, s.nearest);
     store(p + 6 * plane, s.farthest);
+    store(p + 7 * plane, s.centre);
+    store(p + 8 * plane, s.x);
+    store(p + 9 * plane, s.y);
 }
 
 // History at that motion. 9 planes: r, g, b, alpha, count, fx, fy, valid (1 or 0), and how light changes, where that is
@@ -89,6 +92,9 @@ __kernel void sample_history_kernel(plane_in current, plane_in motion_in, histor
     surface s;
     s.nearest = load(q + 5 * plane);
     s.farthest = load(q + 6 * plane);
+    s.centre = load(q + 7 * plane);
+    s.x = load(q + 8 * plane);
+    s.y = load(q + 9 * plane);
     row_cache cache = empty_row_cache();
     const history_t h = sample_history(current, read_boxed(current, x, y + 1, frame), 1, history, history_count,
         previous_inverse_depth, m, s, x, y, frame, settings, &cache);

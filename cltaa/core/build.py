@@ -73,6 +73,7 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     first_samples: bool = True
     luma_scale: bool = True
     box_leak: bool = True
+    covered_share: bool = True
 
     @classmethod
     def of(cls, settings: Settings) -> Terms:
@@ -85,6 +86,7 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
             first_samples=settings.first_samples != 1.0,
             luma_scale=settings.luma_scale != 1.0,
             box_leak=settings.box_leak != 0.0,
+            covered_share=settings.covered_share != 1.0,
         )
 
 

@@ -85,7 +85,7 @@ class _Stages:
     def __init__(self, launcher: Launcher, last: LastRun) -> None:
         self._launcher, self._last = launcher, last
         self.shape = (last.layout.height, last.layout.width)
-        self.motion = self.run("surface_motion", last.build, 7, "motion_out", "current inverse_depth motion", {})
+        self.motion = self.run("surface_motion", last.build, 10, "motion_out", "current inverse_depth motion", {})
 
     def run(self, kernel: str, build: Build, planes: int, output: str, given: str, made: dict[str, Buffer]) -> Buffer:
         """Run one kernel with what the fused one was ``given`` and what earlier stages ``made`` into new memory."""

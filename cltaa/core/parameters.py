@@ -144,6 +144,10 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     passing_t: Annotated[
         float, _number("such a t where something nearer has passed by that place", 0.125, 1e6, "1", "measured")
     ] = 0.4
+    behind_t: Annotated[
+        float,
+        _number("such a t where a pixel follows something nearer past what it shows", 0.125, 1e6, "1", "measured"),
+    ] = 1.0
     illumination_decay: Annotated[
         float, _number("share of such a t that is added to that of the next frame", 0.0, 1.0, "1", "measured")
     ] = 0.72
@@ -187,6 +191,10 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     depth_tolerance: Annotated[
         float, _number("relative slack of the depth test", 0.0, 1.0, "1", "0.02, two engines' value")
     ] = 0.05
+    covered_share: Annotated[
+        float,
+        _number("share of its place that a nearer thing covered, from which history is its", 0.0, 1.0, "1", "measured"),
+    ] = 0.25
     edge_tolerance: Annotated[
         float, _number("relative skew of inverse depth in the 3x3 that makes a depth edge", 0.0, 1.0, "1", "measured")
     ] = 0.03

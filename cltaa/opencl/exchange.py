@@ -17,8 +17,8 @@ from cltaa.opencl.device import Device, Memory, device_errors
 from cltaa.process import CORES, OneProcess
 
 # Threads between pinned memory and a program's, of which one alone is slower than the bus, and bytes that each copies
-# at a time: a depth at 1920 x 1080 is four of them.
-COPIERS, PART = min(4, CORES), 2 * 2**20
+# at a time: a depth at 1920 x 1080 is two of them.
+COPIERS, PART = min(8, CORES), 4 * 2**20
 
 
 class Lent(NamedTuple):

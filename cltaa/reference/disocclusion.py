@@ -11,7 +11,7 @@ from cltaa.core.planes import Layout
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.real import Array, Mask, constant, greater, number
 from cltaa.reference.reprojection import Motion, motion_from_depth, pixel_grid
-from cltaa.reference.sampling import Quad
+from cltaa.reference.sampling import Footprint, Quad, bilinear
 
 
 def on_screen(m: Motion, layout: Layout) -> Mask:
@@ -45,24 +45,44 @@ def nearest_of(q: Quad) -> Array:
     return greater(greater(q.p00, q.p10), greater(q.p01, q.p11))
 
 
-def partly_covered(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
-    """True where one of four texels of the previous inverse depth is nearer than all of the current 3x3."""
-    _, high = surface_range(s, m, tolerance)
-    covered: Mask = nearest_of(previous) > high
-    return covered
+def moved_against(other: Array, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
+    """True where the camera's motion has moved a point of the inverse depth ``other`` by PASSES pixels against the
+    surface, whatever moves on its own."""
+    here = np.zeros_like(s.nearest)
+    point = Surface(here, here, other, here, here, here, here, here)
+    its = motion_from_depth(point, build, layout, frame)
+    if build.steps.own_motion:
+        m = motion_from_depth(point._replace(inverse_depth=s.nearest), build, layout, frame)
+    least = constant("PASSES", m.u)
+    moved: Mask = (np.abs(its.u - m.u) >= least) | (np.abs(its.v - m.v) >= least)
+    return moved
 
 
 def has_passed(
     nearest: Array, s: Surface, m: Motion, tolerance: Any, build: Build, layout: Layout, frame: Record
 ) -> Mask:
-    """True where the ``nearest`` inverse depth around the place of the history is nearer than the surface, and a
-    camera's motion has moved it by PASSES pixels against the surface since, whatever moves on its own."""
+    """True where the ``nearest`` inverse depth around the place of the history is nearer than the surface, and has
+    moved against it since."""
     _, high = surface_range(s, m, tolerance)
-    here = np.zeros_like(s.nearest)
-    passing = Surface(here, here, (nearest - m.shift) / m.scale, here, here, here, here, here)
-    its = motion_from_depth(passing, build, layout, frame)
-    if build.steps.own_motion:
-        m = motion_from_depth(passing._replace(inverse_depth=s.nearest), build, layout, frame)
-    least = constant("PASSES", m.u)
-    passed: Mask = (nearest > high) & ((np.abs(its.u - m.u) >= least) | (np.abs(its.v - m.v) >= least))
+    moved = moved_against((nearest - m.shift) / m.scale, s, m, build, layout, frame)
+    passed: Mask = (nearest > high) & moved
     return passed
+
+
+def shows_behind(previous: Quad, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
+    """True where a pixel follows a nearer surface past what it shows itself, and three of the four texels at the place
+    of the history did not show that surface either."""
+    middle = number(0.5, m.u) * (s.nearest + s.farthest) * m.scale + m.shift
+    nearer = sum((p > middle).astype(np.int32) for p in previous)
+    moved = moved_against(s.centre, s, m, build, layout, frame)
+    behind: Mask = ((s.x != 0) | (s.y != 0)) & (nearer <= 1) & moved
+    return behind
+
+
+def stood_instead(previous: Quad, corners: Quad, high: Array, f: Footprint, covered_share: Any) -> Mask:
+    """True where what is nearer than ``high`` covered more than ``covered_share`` of the place of the history, and a
+    corner of the 4x4 around it."""
+    one, none = number(1, high), number(0, high)
+    nearer = Quad(*(np.where(p > high, one, none) for p in previous))
+    covered: Mask = (bilinear(nearer, f) > number(covered_share, high)) & (nearest_of(corners) > high)
+    return covered

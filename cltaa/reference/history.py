@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,7 +11,15 @@ from cltaa.core.build import Build, Record
 from cltaa.core.parameters import HistoryRange, Reject
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain, sample_is_missing
-from cltaa.reference.disocclusion import has_passed, nearest_of, on_screen, partly_covered, same_surface
+from cltaa.reference.disocclusion import (
+    has_passed,
+    nearest_of,
+    on_screen,
+    same_surface,
+    shows_behind,
+    stood_instead,
+    surface_range,
+)
 from cltaa.reference.illumination import history_in_range, illumination_test, tests_light
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.real import Array, Mask, greater, lesser, limit, number
@@ -42,7 +50,17 @@ class History:
     change: Array
 
 
-def least_change(
+class Covering(NamedTuple):
+    """What stands and stood between the camera and what a history is of, masks [H, W]: nearer things beside its place,
+    moved away since, over so much of it that it holds their colour; and pixels behind the surface that they follow."""
+
+    beside: Mask
+    passed: Mask
+    instead: Mask
+    behind: Mask
+
+
+def covering_of(
     previous_inverse_depth: Array,
     previous: Quad,
     f: Footprint,
@@ -52,20 +70,30 @@ def least_change(
     layout: Layout,
     frame: Record,
     settings: Record,
-) -> Array:
-    """The t from which a change of light counts, [H, W]: less where something nearer stood beside the place of the
-    history, and least where it has passed by since."""
-    least_t, tolerance = np.full_like(m.u, settings["illumination_t"]), settings["depth_tolerance"]
-    if build.choices.reject is not Reject.DEPTH or not (build.steps.camera_motion or build.steps.own_motion):
-        return least_t
-    covered = partly_covered(previous, s, m, tolerance)
-    beside: Array = np.where(covered, number(settings["disocclusion_t"], m.u), least_t)
-    if not build.steps.camera_motion:
-        return beside
+) -> Covering:
+    """What the previous inverse depth [rows, stride] says of each pixel's history."""
+    no = np.zeros(m.u.shape, np.bool_)
+    steps, tolerance = build.steps, settings["depth_tolerance"]
+    if build.choices.reject is not Reject.DEPTH or not (steps.camera_motion or steps.own_motion):
+        return Covering(no, no, no, no)
+    _, high = surface_range(s, m, tolerance)
+    beside, passed, instead, behind = nearest_of(previous) > high, no, no, no
     corners = sample_corners(previous_inverse_depth, f, m.u.dtype)
-    nearest = greater(nearest_of(previous), nearest_of(corners))
-    passed = has_passed(nearest, s, m, tolerance, build, layout, frame)
-    return np.where(passed, lesser(number(settings["passing_t"], beside), beside), beside)
+    if steps.camera_motion:
+        nearest = greater(nearest_of(previous), nearest_of(corners))
+        passed = has_passed(nearest, s, m, tolerance, build, layout, frame)
+        behind = shows_behind(previous, s, m, build, layout, frame)
+    if build.terms.covered_share:
+        instead = stood_instead(previous, corners, high, f, settings["covered_share"])
+        instead &= beside if steps.own_motion else passed
+    return Covering(beside, passed, instead, behind)
+
+
+def least_change(c: Covering, settings: Record, like: Array) -> Array:
+    """The t from which a change of light counts, [H, W] of the numbers of ``like``."""
+    behind = np.where(c.behind, number(settings["behind_t"], like), number(settings["illumination_t"], like))
+    beside: Array = np.where(c.beside, number(settings["disocclusion_t"], like), behind)
+    return np.where(c.passed, lesser(number(settings["passing_t"], like), beside), beside)
 
 
 def sample_history(
@@ -96,12 +124,13 @@ def sample_history(
     valid &= ~colour_outside_domain((r, g, b))
     count = bilinear(sample_quad(history_count[0], f, real), f)
     previous = sample_quad(previous_inverse_depth[0], f, real)
+    c = covering_of(previous_inverse_depth[0], previous, f, s, m, build, layout, frame, settings)
     if build.choices.reject is Reject.DEPTH:
         no_depth = sample_is_missing(current, layout) & (s.nearest <= number(frame["sky_inverse_depth"], s.nearest))
-        valid &= same_surface(previous, s, m, settings["depth_tolerance"]) | no_depth
+        valid &= (same_surface(previous, s, m, settings["depth_tolerance"]) & ~c.instead) | no_depth
     change = np.zeros_like(count)
     if tests_light(build):
-        least_t = least_change(previous_inverse_depth[0], previous, f, s, m, build, layout, frame, settings)
+        least_t = least_change(c, settings, count)
         count, change = illumination_test(
             count, least_t, current, history, history_count[1], f, build, layout, frame, settings
         )

@@ -56,14 +56,15 @@ def surface_motion_kernel(
     frame: Record,
     settings: Record,
 ) -> None:
-    """``motion_out`` [7, rows, stride]: u, v, scale, shift, visible, nearest and farthest inverse depth."""
+    """``motion_out`` [10, rows, stride]: u, v, scale, shift, visible, nearest, farthest and the pixel's own inverse
+    depth, and where the surface lies."""
     rows = read_rows(current, inverse_depth, motion, build, layout, frame)
     s = nearest_surface(*rows, build, settings["edge_tolerance"])
     s = borrowed_surface(s, inverse_depth, motion, build, layout, frame)
     m = surface_motion(s, build, layout, frame)
     one = number(1.0, m.u)
     visible = np.where(m.visible, one, number(0.0, m.u))
-    _store(motion_out, layout, (m.u, m.v, m.scale, m.shift, visible, s.nearest, s.farthest))
+    _store(motion_out, layout, (m.u, m.v, m.scale, m.shift, visible, s.nearest, s.farthest, s.centre, s.x, s.y))
 
 
 @quiet
@@ -81,9 +82,9 @@ def sample_history_kernel(
     settings: Record,
 ) -> None:
     """``history_at`` [9, rows, stride]: r, g, b, alpha, count, fx, fy, valid, illumination change."""
-    u, v, scale, shift, visible, nearest, farthest = _load(motion_in, build, layout)
+    u, v, scale, shift, visible, nearest, farthest, centre, at_x, at_y = _load(motion_in, build, layout)
     m = Motion(u, v, scale, shift, visible > number(0.5, u))
-    s = Surface(u, u, u, u, u, u, nearest, farthest)  # of the surface, only its range of inverse depth is looked at
+    s = Surface(at_x, at_y, u, u, u, centre, nearest, farthest)  # nothing else of the surface is looked at
     h = sample_history(current, history, history_count, previous_inverse_depth, m, s, build, layout, frame, settings)
     valid = np.where(h.valid, number(1.0, u), number(0.0, u))
     _store(history_at, layout, (*h.rgb, h.alpha, h.count, h.fx, h.fy, valid, h.change))

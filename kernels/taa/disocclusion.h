@@ -39,29 +39,53 @@ STAGE mask same_surface(quad previous, surface s, motion_t m, settings_t setting
 
 STAGE real nearest_of(quad q) { return greater(greater(q.p00, q.p10), greater(q.p01, q.p11)); }
 
-// Whether something nearer stood in front of the surface at one of the four texels: what the history holds there may be
-// its colour.
-STAGE mask partly_covered(quad previous, surface s, motion_t m, settings_t settings)
+// Whether the camera's motion has moved a point of the inverse depth `other`, at the pixel, by PASSES pixels against
+// the surface. Vectors of their own count for neither: what moves with the surface by such has not moved against it.
+STAGE mask moved_against(real other, surface s, motion_t m, real x, real y, frame_t frame)
 {
-    return nearest_of(previous) > surface_range(s, m, settings).high;
+    surface point = s;
+    point.x = point.y = SPLAT(0.0);
+    if (OWN_MOTION) {
+        point.inverse_depth = s.nearest;
+        const motion_t by_camera = motion_from_depth(point, x, y, frame);
+        m.u = by_camera.u, m.v = by_camera.v;
+    }
+    point.inverse_depth = other;
+    const motion_t its = motion_from_depth(point, x, y, frame);
+    return (absolute(its.u - m.u) >= SPLAT(PASSES)) | (absolute(its.v - m.v) >= SPLAT(PASSES));
 }
 
-// Whether a camera's motion has moved what was `nearest` around the place of the history, and nearer than the surface,
-// by PASSES pixels against the surface since. It has then uncovered what it stood in front of; what comes and goes by
-// the jitter alone has not, nor what moves with the surface by vectors of their own: so both are moved by the camera.
+// Whether what was `nearest` around the place of the history, and nearer than the surface, has moved against it since:
+// it has uncovered what it stood in front of. What comes and goes by the jitter alone has not.
 STAGE mask has_passed(real nearest, surface s, motion_t m, real x, real y, frame_t frame, settings_t settings)
 {
     const mask nearer = nearest > surface_range(s, m, settings).high;
     if (LANES > 1 && !any_of(nearer))
         return nearer;
-    surface passing = s;
-    passing.x = passing.y = SPLAT(0.0);
-    if (OWN_MOTION) {
-        passing.inverse_depth = s.nearest;
-        const motion_t by_camera = motion_from_depth(passing, x, y, frame);
-        m.u = by_camera.u, m.v = by_camera.v;
-    }
-    passing.inverse_depth = quotient(nearest - m.shift, m.scale);
-    const motion_t its = motion_from_depth(passing, x, y, frame);
-    return nearer & ((absolute(its.u - m.u) >= SPLAT(PASSES)) | (absolute(its.v - m.v) >= SPLAT(PASSES)));
+    return nearer & moved_against(quotient(nearest - m.shift, m.scale), s, m, x, y, frame);
+}
+
+// Whether the pixel follows a nearer surface past what it shows itself, and three of the four texels did not show that
+// surface either: the history holds what lay behind it at another place.
+STAGE mask shows_behind(quad previous, surface s, motion_t m, real x, real y, frame_t frame)
+{
+    const mask borrowed = (s.x != SPLAT(0.0)) | (s.y != SPLAT(0.0));
+    if (!any_of(borrowed))
+        return borrowed;
+    const real one = SPLAT(1.0), none = SPLAT(0.0);
+    const real middle = K(0.5) * (s.nearest + s.farthest) * m.scale + m.shift;
+    const real nearer = ((previous.p00 > middle ? one : none) + (previous.p10 > middle ? one : none))
+        + ((previous.p01 > middle ? one : none) + (previous.p11 > middle ? one : none));
+    return borrowed & (nearer <= one) & moved_against(s.centre, s, m, x, y, frame);
+}
+
+// Whether something nearer than `high` stood there instead of the surface: it covered more than covered_share of the
+// place of the history, as bilinear weights count, and a corner of the 4x4 too, which a wire that the jitter hits and
+// misses does not.
+STAGE mask stood_instead(quad previous, quad corners, real high, footprint f, settings_t settings)
+{
+    const real one = SPLAT(1.0), none = SPLAT(0.0);
+    const quad nearer = { previous.p00 > high ? one : none, previous.p10 > high ? one : none,
+        previous.p01 > high ? one : none, previous.p11 > high ? one : none };
+    return (bilinear(nearer, f) > SPLAT(settings.covered_share)) & (nearest_of(corners) > high);
 }

@@ -6,6 +6,9 @@
 #if !defined(ALPHA) || !defined(REJECT) || !defined(ILLUMINATION) || !defined(HISTORY_RANGE) || !defined(FIRST_SAMPLES)
 #error "history.h needs ALPHA, REJECT, ILLUMINATION, HISTORY_RANGE and FIRST_SAMPLES from the prelude"
 #endif
+#if !defined(COVERED_SHARE)
+#error "history.h needs COVERED_SHARE from the prelude"
+#endif
 
 typedef struct
 {
@@ -141,22 +144,50 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_in
     return sample_planes(history, previous_inverse_depth, f, wx, wy, rgb, counted, count_limit, frame);
 }
 
-// The t from which a change of light counts: less where something nearer stood beside the place of the history, whose
-// colour that may be, and least where it has passed by since.
-STAGE real least_change(plane_in previous_inverse_depth, quad previous, footprint f, surface s, motion_t m, int x,
+// What stands and stood between the camera and what a history is of.
+typedef struct
+{
+    mask beside; // at one of the four texels: what the history holds there may be its colour
+    mask passed; // and a camera's motion has moved it away since
+    mask instead; // over so much of the place that the history holds its colour, and it has left
+    mask behind; // the pixel lies behind what it follows, and so does what the history holds, but elsewhere
+} covering;
+
+STAGE covering covering_of(plane_in previous_inverse_depth, quad previous, footprint f, surface s, motion_t m, int x,
     int y, frame_t frame, settings_t settings)
 {
-    const real least_t = SPLAT(settings.illumination_t);
+    const mask no = (whole)(0);
+    covering c = { no, no, no, no };
     // Where nothing moves the jitter alone shows something nearer now and then.
     if ((REJECT != REJECT_DEPTH) | !(CAMERA_MOTION | OWN_MOTION))
-        return least_t;
-    const real beside = partly_covered(previous, s, m, settings) ? SPLAT(settings.disocclusion_t) : least_t;
-    if (!CAMERA_MOTION)
-        return beside;
+        return c;
+    const real high = surface_range(s, m, settings).high;
+    c.beside = nearest_of(previous) > high;
+    if (!(TESTS_LIGHT & CAMERA_MOTION)) {
+        if (!COVERED_SHARE)
+            return c;
+        if (!any_of(c.beside))
+            return c;
+    }
     const quad corners = sample_corners(previous_inverse_depth, f, row_stride(frame));
-    const real nearest = greater(nearest_of(previous), nearest_of(corners));
-    const mask passed = has_passed(nearest, s, m, LANE_INDEX + K(x), SPLAT(y), frame, settings);
-    return passed ? lesser(SPLAT(settings.passing_t), beside) : beside;
+    if (CAMERA_MOTION) {
+        const real nearest = greater(nearest_of(previous), nearest_of(corners));
+        c.passed = has_passed(nearest, s, m, LANE_INDEX + K(x), SPLAT(y), frame, settings);
+        if (TESTS_LIGHT)
+            c.behind = shows_behind(previous, s, m, LANE_INDEX + K(x), SPLAT(y), frame);
+    }
+    // By vectors of its own it may have left where the camera's motion alone would not have moved it.
+    if (COVERED_SHARE)
+        c.instead = stood_instead(previous, corners, high, f, settings) & (OWN_MOTION ? c.beside : c.passed);
+    return c;
+}
+
+// The t from which a change of light counts.
+STAGE real least_change(covering c, settings_t settings)
+{
+    const real behind = c.behind ? SPLAT(settings.behind_t) : SPLAT(settings.illumination_t);
+    const real beside = c.beside ? SPLAT(settings.disocclusion_t) : behind;
+    return c.passed ? lesser(SPLAT(settings.passing_t), beside) : beside;
 }
 
 // `next` holds the texels of the row below the pixel's; `lacks` says that a sample of the segment is missing.
@@ -176,8 +207,9 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
     h.rgb = v.rgb;
     h.count = v.count;
     h.valid = h.valid & !colour_outside_domain(h.rgb);
+    const covering c = covering_of(previous_inverse_depth, v.inverse_depth, f, s, m, x, y, frame, settings);
     if (REJECT == REJECT_DEPTH) {
-        mask same = same_surface(v.inverse_depth, s, m, settings);
+        mask same = same_surface(v.inverse_depth, s, m, settings) & ~c.instead;
         // A sample without depth either does not say that another surface is seen.
         if (lacks)
             same = same | (sample_is_missing(current, x, y, frame) & (s.nearest <= SPLAT(frame.sky_inverse_depth)));
@@ -185,9 +217,8 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
     }
     h.change = SPLAT(0.0);
     if (TESTS_LIGHT) {
-        const real least_t = least_change(previous_inverse_depth, v.inverse_depth, f, s, m, x, y, frame, settings);
-        lit_t l = illumination_test(
-            v.count, least_t, current, next, history, count, f, x, y, frame, settings, &cache->illumination);
+        lit_t l = illumination_test(v.count, least_change(c, settings), current, next, history, count, f, x, y, frame,
+            settings, &cache->illumination);
         if (lacks)
             l = tested_by_drawn(l, v.count, current, x, y, frame);
         h.count = l.count;

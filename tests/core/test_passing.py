@@ -1,4 +1,5 @@
-"""A box passes by a wall: which of the wall's pixels ask least of a change of light, by the places of the box alone."""
+"""A box passes by a wall: which of the wall's pixels ask least of a change of light, and which have no history, by the
+places of the box alone."""
 
 from __future__ import annotations
 
@@ -18,13 +19,13 @@ FOCAL = HEIGHT / 2 / np.tan(np.radians(60.0) / 2)  # pixels
 CAMERA = frozenset({Effect.CAMERA, Effect.DISOCCLUSION, Effect.ILLUMINATION})
 
 
-def frames(step: float, box_step: float) -> tuple[list[Frame], list[np.ndarray]]:
+def frames(step: float, box_step: float, half: float = 4.0) -> tuple[list[Frame], list[np.ndarray]]:
     """Two frames of ever brighter light, the camera ``step`` wall pixels apart and the box ``box_step``, and where each
     shows the box, [H, W]."""
     texture = np.random.default_rng(0).uniform(0.2, 0.8, (HEIGHT, WIDTH, 3)).astype(np.float32)
     (y, x), made, boxes = np.mgrid[:HEIGHT, :WIDTH], [], []
     for index in range(2):
-        box = (np.abs(x - (20.3 + index * box_step)) < 4.0) & (y > 5) & (y < 14)
+        box = (np.abs(x - (20.3 + index * box_step)) < half) & (y > 5) & (y < 14)
         camera = make_camera((-index * step * WALL / FOCAL, 0.0, 5.0), WIDTH / HEIGHT)
         depth = np.where(box, BOX, WALL).astype(np.float32)
         made.append(Frame(index, texture * 2.0**index, depth=depth, camera=camera, effects=CAMERA))
@@ -32,9 +33,10 @@ def frames(step: float, box_step: float) -> tuple[list[Frame], list[np.ndarray]]
     return made, boxes
 
 
-def counts(made: list[Frame], passing_t: float) -> np.ndarray:
+def counts(made: list[Frame], passing_t: float, covered_share: float = 1.0) -> np.ndarray:
     """The counts that the last frame leaves, [H, W]."""
-    resolver = Resolver(override(load_preset(), {"passing_t": passing_t, "disocclusion_t": 1e6, "illumination_t": 1e6}))
+    settings = {"passing_t": passing_t, "disocclusion_t": 1e6, "illumination_t": 1e6, "covered_share": covered_share}
+    resolver = Resolver(override(load_preset(), settings))
     for frame in made:
         resolver.resolve(frame)
     assert resolver.last is not None
@@ -74,3 +76,39 @@ def test_what_moves_with_a_surface_by_vectors_of_its_own_has_not_passed() -> Non
         vectors[..., 0] = motion
         made = [replace(frame, motion=vectors, effects=CAMERA | {Effect.MOTION}) for frame in made]
         assert (counts(made, 0.125) < counts(made, 1e6)).any() == passes
+
+
+@pytest.mark.parametrize(
+    ("step", "box_step", "own"),
+    [(0.6, 2.4, False), (-1.6, -6.4, False), (2.75, 11.0, False), (1.4, -1.0, True), (0.0, -2.5, True)],
+    ids=["slow", "back", "fast", "against-the-camera", "camera-stands"],
+)
+def test_what_the_box_stood_instead_of_has_no_history(step: float, box_step: float, own: bool) -> None:
+    """It covered over a quarter of the place of the history, and one of the corners around."""
+    made, boxes = frames(step, box_step)
+    if own:  # the wall's vectors and the box's
+        vectors = [np.stack([np.where(box, -box_step, -step), np.zeros((HEIGHT, WIDTH))], -1) for box in boxes]
+        effects = CAMERA | {Effect.MOTION}
+        made = [
+            replace(frame, motion=motion.astype(np.float32), effects=effects)
+            for frame, motion in zip(made, vectors, strict=True)
+        ]
+    before, now = (np.pad(box, 12, mode="edge") for box in boxes)
+    begun = (counts(made, 1e6, 0.25) == 1.0) & (counts(made, 1e6) > 1.0)
+    expected = np.zeros((HEIGHT, WIDTH), bool)
+    for y, x in np.ndindex(HEIGHT, WIDTH):
+        place = x - step  # moved as the wall
+        row, column, share = y + 12, int(np.floor(place)) + 12, place - np.floor(place)
+        around = before[row - 1 : row + 3, column - 1 : column + 3]
+        covered = around[1, 1:3] @ [1 - share, share] > 0.25
+        instead = covered and around[[0, 0, 3, 3], [0, 3, 0, 3]].any()
+        seen = -0.5 <= place <= WIDTH - 0.5 and not around[1:3, 1:3].all()
+        expected[y, x] = instead and seen and not now[y + 11 : y + 14, x + 11 : x + 14].any()
+    assert expected.sum() > 3
+    assert np.array_equal(begun, expected)
+
+
+def test_a_wire_takes_no_history_away() -> None:
+    made, boxes = frames(0.6, 2.4, half=0.5)  # a column of texels, which covers .6 of the places left of it
+    assert boxes[0].any(axis=0).sum() == 1
+    assert np.array_equal(counts(made, 1e6, 0.25), counts(made, 1e6))

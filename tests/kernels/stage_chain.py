@@ -45,7 +45,7 @@ from tests.sequence_factory import bits, make_frame
 WRITES: dict[str, dict[str, int]] = {
     "repair_colour": {"repaired": 3},
     "neighbourhood_statistics": {"statistics_out": 15},
-    "surface_motion": {"motion_out": 7},
+    "surface_motion": {"motion_out": 10},
     "sample_history": {"history_at": 9},
     "rectify_history": {"change_out": 6},
     "blend": {"output": 4, "output_count": 1},

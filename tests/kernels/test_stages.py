@@ -18,7 +18,7 @@ from tests.kernels.test_resolve import hard_frames
 from tests.sequence_factory import bits
 
 # Planes that each stage leaves, as its file says.
-PLANES = {"repaired": 3, "statistics": 15, "motion": 7, "history": 9, "change": 6, "output": 4, "count": 2}
+PLANES = {"repaired": 3, "statistics": 15, "motion": 10, "history": 9, "change": 6, "output": 4, "count": 2}
 
 
 class Kept(Resolver):

@@ -32,6 +32,7 @@ NOTHING = Settings(
     first_samples=1.0,
     luma_scale=1.0,
     box_leak=0.0,
+    covered_share=1.0,
 )
 NONE = Terms(**dict.fromkeys(Terms.__struct_fields__, False))
 
@@ -77,8 +78,10 @@ def test_a_size_known_when_kernels_are_built_changes_no_bit() -> None:
 
 
 def test_presets_call_for_the_terms_that_they_use() -> None:
-    assert Terms.of(Settings()) == replace(NONE, resampling_penalty=True, clip_penalty=True, disocclusion_blur=True)
-    assert Terms.of(load_preset("default").settings) == replace(NONE, resampling_penalty=True)
+    assert Terms.of(Settings()) == replace(
+        NONE, resampling_penalty=True, clip_penalty=True, disocclusion_blur=True, covered_share=True
+    )
+    assert Terms.of(load_preset("default").settings) == replace(NONE, resampling_penalty=True, covered_share=True)
     assert Terms.of(load_preset("fast").settings) == NONE
     scaled = replace(NONE, box_scale_by_motion=True, disocclusion_blur=True, luma_scale=True, box_leak=True)
     assert Terms.of(load_preset("fsr3-like").settings) == scaled

@@ -28,6 +28,7 @@ HEIGHT, WIDTH, FRAMES = 24, 40, 6
 TOLERANCE = 1e-6
 KNEE, FALLOFF, FILTER_SAMPLES, SAMPLE_LIMIT = 4.0, 1.5, 8.0, 24.0
 LIGHT_T, COVERED_T, PASSED_T, LIGHT_DECAY, LIGHT_FLOOR, MOST_CHANGE = 2.6, 0.8, 0.4, 0.72, 0.03, 8.0
+COVERED_SHARE, BEHIND_T = 0.25, 1.0
 EDGE, PASSED, DEPTH, CLIP_PENALTY, RESAMPLING_PENALTY, BOX_FLOOR = 0.03, 0.25, 0.05, 0.5, 0.8, 2.0**-10
 AROUND = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
 Y, X = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
@@ -64,7 +65,7 @@ class Left(NamedTuple):
 
 
 def frames(case: Case) -> list[cltaa.Frame]:
-    """A box before a slanted wall with a low relief, noise on all, a camera that turns and travels, one bad texel."""
+    """A box before a slanted wall with a low relief, noise on all, a camera that turns and speeds up, one bad texel."""
     rng = np.random.default_rng(3)
     base, near = rng.random((HEIGHT, WIDTH, 3)) * 2, 0.1
     wall = (5.0 + 0.05 * X) * np.where((X > 28) & (Y < 12), 0.9, 1.0)
@@ -78,7 +79,7 @@ def frames(case: Case) -> list[cltaa.Frame]:
             colour[5, 6, 1] = np.nan
         turn, view = 0.004 * index, np.eye(4)
         view[[0, 0, 2, 2], [0, 2, 0, 2]] = np.cos(turn), np.sin(turn), -np.sin(turn), np.cos(turn)
-        view[:3, 3] = -0.05 * index, 0.02 * index, 0.1 * index
+        view[:3, 3] = -0.06 * index**2, 0.02 * index, 0.1 * index
         jitter = tuple(rng.uniform(-0.5, 0.5, 2))
         mask = rng.random(depth.shape).astype(np.float32) if case.reactive else None
         camera = cltaa.Camera(view, np.array(lens))
@@ -194,12 +195,22 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
     if case.tests:
         slack = DEPTH * np.maximum(np.abs(near * scale), np.abs(far * scale))
         four = [past(left.inverse_depth, dx, dy) for dx in (0, 1) for dy in (0, 1)]
+        weights = [wx * wy for wx in (1 - fx, fx) for wy in (1 - fy, fy)]
         valid &= np.any([(t >= far * scale - slack) & (t <= near * scale + slack) for t in four], 0)
-        least_t = np.where(np.max(four, 0) > near * scale + slack, COVERED_T, LIGHT_T)
-        nearest = np.max([*four, *(past(left.inverse_depth, dx, dy) for dx in (-1, 2) for dy in (-1, 2))], 0)
-        its_u, its_v, _ = reproject(nearest / scale, none := np.zeros_like(q), none, frame, left.camera)
+        own_u, own_v, _ = reproject(q, none := np.zeros_like(q), none, frame, left.camera)
+        apart = np.maximum(np.abs(own_u - u), np.abs(own_v - v)) >= PASSED
+        showing = np.sum([t > (near + far) * scale / 2 for t in four], 0)
+        behind = ((right != 0) | (down != 0)) & (showing <= 1) & apart
+        least_t = np.where(behind, BEHIND_T, LIGHT_T)
+        least_t = np.where(np.max(four, 0) > near * scale + slack, COVERED_T, least_t)
+        corners = [past(left.inverse_depth, dx, dy) for dx in (-1, 2) for dy in (-1, 2)]
+        nearest = np.max([*four, *corners], 0)
+        its_u, its_v, _ = reproject(nearest / scale, none, none, frame, left.camera)
         against = np.maximum(np.abs(its_u - u), np.abs(its_v - v)) >= PASSED
-        least_t = np.where((nearest > near * scale + slack) & against, PASSED_T, least_t)
+        passed = (nearest > near * scale + slack) & against
+        least_t = np.where(passed, PASSED_T, least_t)
+        covered = np.sum([w * (t > near * scale + slack) for w, t in zip(weights, four, strict=True)], 0)
+        valid &= ~(passed & (covered > COVERED_SHARE) & (np.max(corners, 0) > near * scale + slack))
     history = sampled(lambda dx, dy: past(left.colour, dx, dy), fx, fy)
     past_colour = history
     linear = ((wx * wy, dx, dy) for dx, wx in ((0, 1 - fx), (1, fx)) for dy, wy in ((0, 1 - fy), (1, fy)))

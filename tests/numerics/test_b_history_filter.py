@@ -36,7 +36,7 @@ def sampled(launcher: Launcher, history: Plane, u: Any, v: Any, kind: HistoryFil
     one, zero = np.ones_like(history), np.zeros_like(history)
     moved = [np.broadcast_to(np.asarray(part, np.float32), history.shape) for part in (u, v)]
     planes = {
-        "motion_out": padded(np.array([*moved, one, zero, one, one, one]), layout),
+        "motion_out": padded(np.array([*moved, one, zero, one, one, one, one, zero, zero]), layout),
         "current": padded(np.array([history] * 3), layout),
         "history": padded(np.array([history] * 3), layout),
         "history_count": padded(one[None], layout),

@@ -46,7 +46,7 @@ def rectified(
     zero = np.zeros_like(history[:1])
     planes = {
         "statistics_out": padded(np.concatenate([mean, deviation, mean - deviation, mean + deviation, mean]), layout),
-        "motion_out": padded(np.repeat(zero, 7, axis=0), layout),
+        "motion_out": padded(np.repeat(zero, 10, axis=0), layout),
         "history_at": padded(np.concatenate([history, np.repeat(zero, 5, axis=0)]), layout),
     }
     frame = make_frame(width=layout.width, height=layout.height, camera=CAMERA)

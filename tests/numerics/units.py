@@ -233,7 +233,7 @@ OUTPUTS = [
     Output(STATISTICS, "statistics: current sample", "statistics_out", slice(12, 15), "u·M", colour),
     Output(MOTION, "motion: displacement d", "motion_out", slice(0, 2), "2⁻²⁰·max(1, d) px", displacement),
     Output(MOTION, "motion: scale s, shift", "motion_out", slice(2, 4), "u·max(1, s²)", scaled),
-    Output(MOTION, "motion: visible, inverse depth", "motion_out", slice(4, 7), "u", one),
+    Output(MOTION, "motion: visible, inverse depth", "motion_out", slice(4, 10), "u", one),
     Output(HISTORY, "history: colour", "history_at", RGB, "u·M", lambda work: taps(work, "history", RGB)),
     Output(HISTORY, "history: alpha", "history_at", FOURTH, "u·M", lambda work: taps(work, "history", FOURTH)),
     Output(HISTORY, "history: count n", "history_at", slice(4, 5), "u·(1 + n)", counts),
