@@ -170,7 +170,7 @@ def task_of(
     sequence: FrameSequence,
     variants: Iterable[Variant],
     device: str | None,
-    judging: Judging = QUALITY,
+    judging: Judging,
     reading: Reading = DEFAULT_READING,
 ) -> Task:
     """The task of a sequence that was opened by ``reading``; raises as ``check_judged``."""
