@@ -27,7 +27,6 @@ UNTESTED = {
     "OpenGL refuses a shadow map of {}x": BROKEN_OPENGL,
     "this OpenGL has no GL_ARB_clip_control": BROKEN_OPENGL,
     "OpenGL refuses a float framebuffer of {}x": BROKEN_OPENGL,
-    "the capture left no finished sequence": "only a capture that ends with 0 and leaves nothing is told so",
     "a worker process was killed": "to be written: a worker that kills itself",
     "not of this format": "to be written: the record of another version",
     "not as many chunks as the windows ask for": "to be written: chunkCount of one of several parts",

@@ -112,8 +112,7 @@ def _judge(before: ImageSequence, after: ImageSequence, truth: ImageSequence, re
 
 def _show(output: Path, before: ImageSequence, after: ImageSequence) -> None:
     """Pictures of the last frame and a film of all."""
-    last = len(after) - 1
-    left, right = before.image(last), after.image(last)
+    left, right = before.image(after.last), after.image(after.last)
     write_image_png(output / "before.png", left)
     write_image_png(output / "after.png", right)
     write_png(output / "crop.png", side_by_side(_crop(left), _crop(right)))

@@ -244,9 +244,7 @@ def _inverse_error(matrix: Matrix) -> float:
         return float("inf")
 
 
-def check_numbers(
-    jitter_px: tuple[float, float], exposure: float, *, path: Path | None = None, frame: int | None = None
-) -> None:
+def check_numbers(jitter_px: tuple[float, float], exposure: float, *, path: Path | None, frame: int | None) -> None:
     """Raise DataError unless the jitter is two numbers of a pixel or so and the exposure one that light can have."""
     wrong = partial(DataError, path=path, frame=frame)
     if type(jitter_px) is tuple and [type(number) for number in jitter_px] == [float, float]:  # nearly always, and fast

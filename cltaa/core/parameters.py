@@ -63,7 +63,7 @@ def _number(meaning: str, low: float, high: float, unit: str, source: str) -> Me
     return Meta(ge=low, le=high, description=meaning, extra={"unit": unit, "source": source})
 
 
-class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid_unknown_fields=True):
+class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     """Numbers; those that kernels look at reach them as one struct of floats by value.
 
     Changing one costs nothing, except where a term comes to nothing, or to something again: that is another build
@@ -421,7 +421,7 @@ class Fireflies(Choice):
     CLAMP = "clamp", "above firefly_threshold times the greater of both they add nothing to the history"
 
 
-class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid_unknown_fields=True):
+class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     """Parameters that shape the code; they reach the kernels as ``#define`` lines and cost one cached build."""
 
     history_filter: HistoryFilter = HistoryFilter.CATMULL_ROM

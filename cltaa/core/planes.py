@@ -128,7 +128,7 @@ def empty_image(
 
 
 def empty_result(
-    frame: Frame, dtype: type[np.floating[Any]] = np.float32, *, planar: bool = False, pool: BlockPool = BLOCK_POOL
+    frame: Frame, dtype: type[np.floating[Any]], *, planar: bool = False, pool: BlockPool = BLOCK_POOL
 ) -> NDArray[Any]:
     """Memory for the result of ``frame``, [H, W, 3 or 4], each channel by itself where it is ``planar``."""
     height, width, channels = result_shape(frame)

@@ -97,7 +97,7 @@ def declared_frames(
     attributes: Mapping[int, Attributes],
     side: Mapping[int, Side],
     layouts: Mapping[int, Layout],
-    step: int = 1,
+    step: int,
 ) -> dict[int, Declared]:
     """Jitter and camera of every frame number; numbers are ``step`` apart, ``layouts`` are of the files.
 

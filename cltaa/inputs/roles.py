@@ -236,7 +236,7 @@ def _has_word(name: str, view: str) -> bool:
 ONE_VIEW = Views()
 
 
-def views_of(attributes: Mapping[str, object], channels: Channels, stated: Iterable[Mapping[str, str]] = ()) -> Views:
+def views_of(attributes: Mapping[str, object], channels: Channels, stated: Iterable[Mapping[str, str]]) -> Views:
     """The views of a picture; ``stated`` are those of channels by attribute ``view``, of each set of files."""
     named = attributes.get("multiView", USUAL)
     every = [name for names in channels.values() for name in names]
@@ -324,7 +324,7 @@ OF_NO_TOOL = {"parts": 1, "cltaa": 2}  # and which goes before which
 LUMINANCE = "Y"  # of a picture in greys, as OpenEXR calls it
 
 
-def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]], views: Views = ONE_VIEW) -> DataError:
+def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]], views: Views) -> DataError:
     """The error where nothing is the colour, or several sets of files or ``views`` could be."""
     if (
         views.names

@@ -50,8 +50,6 @@ def read_side_file(path: Path) -> dict[int, Side]:
         if number in found:
             raise DataError("the frame is there twice", path=path, frame=number, cure="leave one of the two")
         found[number] = _side(path, number, values)
-    if not found:
-        raise DataError("the side file names no frame", path=path)
     for number, side in found.items():
         if (side.world_to_view is None) != (side.view_to_clip is None):
             raise DataError("world_to_view and view_to_clip belong together", path=path, frame=number)

@@ -57,7 +57,7 @@ def check_creatable(path: Path) -> None:
     """Raise OutputError unless a file of that name can be written, before the work that it is to hold."""
     temporary = _temporary(path)
     _create(temporary, path)
-    temporary.unlink(missing_ok=True)
+    temporary.unlink()
 
 
 @contextmanager

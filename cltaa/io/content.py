@@ -71,10 +71,11 @@ def read_text(path: Path, expected: str, largest: int) -> str:
 class FileCopy:
     """A file's bytes in memory, which is a file of no folder, so that nobody can change them; a descriptor of it."""
 
+    size: int
+
     def __init__(self) -> None:
         self._descriptor = os.memfd_create("content")
         self._memory: mmap | None = None
-        self.size = 0
 
     def fill(self, path: Path, file: BinaryIO) -> None:
         """Copy a file of the size that it has now, by as few calls as it takes; raises DataError where it changes."""

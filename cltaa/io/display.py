@@ -102,7 +102,7 @@ def beside(pictures: Sequence[Picture], labels: Sequence[str]) -> Picture:
     return np.concatenate(row, axis=1)
 
 
-def wipe(before: Image, after: Image, share: float, labels: tuple[str, str] = ("before", "after")) -> Picture:
+def wipe(before: Image, after: Image, share: float, labels: tuple[str, str]) -> Picture:
     """Two linear images [H, W, 3] as one picture: left of a line at ``share`` of the width the one, else the other."""
     if before.shape != after.shape:
         raise DataError("images differ in size", expected=list(before.shape), found=list(after.shape))

@@ -70,7 +70,7 @@ def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
 
 
 def read_frame_and_header(
-    path: Path, *, sha256: str | None = None, picture: Window | None = None
+    path: Path, *, sha256: str | None, picture: Window | None = None
 ) -> tuple[Frame, ImageHeader]:
     """The same, and the header of its file, which was parsed for it; ``picture`` is another window than the data's."""
     with _loaded(path, sha256) as (layout, content):

@@ -90,7 +90,7 @@ def open_video(path: Path, rate: Fraction | int = USUAL_RATE) -> Iterator[Video]
             raise StorageError(f"encoding failed: {error}", path=path, cure="check the free space") from error
 
 
-def check_film(path: Path, sequence: NumberedFiles, output: Path, *, beside: bool = False) -> None:
+def check_film(path: Path, sequence: NumberedFiles, output: Path, *, beside: bool) -> None:
     """Tell before the work what would stop a film of ``sequence`` after it, or of twice its width with what stands
     ``beside``; raises UsageError and OutputError.
 

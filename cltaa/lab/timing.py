@@ -103,7 +103,7 @@ class Samples:
         """Note what ``job`` took in the next round."""
         self.by_job.setdefault(job, []).append(sample)
 
-    def seconds(self, job: str, clock: Clock = Clock.WALL) -> NDArray[np.float64]:
+    def seconds(self, job: str, clock: Clock) -> NDArray[np.float64]:
         """All times of a job by a clock, by the host's where that has none."""
         return np.array([_seconds(sample, clock) for sample in self.by_job[job]])
 
@@ -111,20 +111,20 @@ class Samples:
         """True where that clock timed every run of the job."""
         return all(getattr(sample, clock) is not None for sample in self.by_job[job])
 
-    def interval(self, job: str, clock: Clock = Clock.WALL) -> Interval:
+    def interval(self, job: str, clock: Clock) -> Interval:
         """Median seconds of a job with its interval."""
         return interval(self.seconds(job, clock))
 
-    def ratio(self, job: str, base: str, clock: Clock = Clock.WALL) -> Interval:
+    def ratio(self, job: str, base: str, clock: Clock) -> Interval:
         """How many times as long as ``base`` a job takes: the median over the rounds."""
         return interval(self.ratios(job, base, clock))
 
-    def faster(self, job: str, other: str, clock: Clock = Clock.WALL) -> bool:
+    def faster(self, job: str, other: str, clock: Clock) -> bool:
         """Whether a job takes less time than another beyond chance: the interval of their ratio ends below 1."""
         ratios = self.ratios(job, other, clock)
         return float(np.median(ratios)) < 1.0 and interval(ratios).high < 1.0  # most pairs end at the median
 
-    def ratios(self, job: str, base: str, clock: Clock = Clock.WALL) -> NDArray[np.float64]:
+    def ratios(self, job: str, base: str, clock: Clock) -> NDArray[np.float64]:
         """What ``ratio`` is the median of: one a round."""
         return self.seconds(job, clock) / self.seconds(base, clock)
 
@@ -173,7 +173,6 @@ def measure(
     rounds: int,
     *,
     warm_up: int = 5,
-    seed: int = 0,
     turn: float = 0.0,
     enough: Callable[[Samples], bool] | None = None,
     patience: float = 0.0,
@@ -186,7 +185,7 @@ def measure(
     most ``patience`` seconds. Where ``action`` says what is being done, progress is shown (``cltaa.progress.track``).
     """
     runs = {job.name: _runs(job, warm_up, turn) for job in jobs}
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     samples = Samples()
 
     def play() -> None:

@@ -119,9 +119,9 @@ def of_resolve(
     chunk: int,
     held: DevicePlanes,
     *,
-    recorded: bool = False,
-    converted: bool = False,
-    layers: Mapping[str, str] = NO_LAYERS,
+    recorded: bool,
+    converted: bool,
+    layers: Mapping[str, str],
 ) -> Memory:
     """Memory of a resolve of frames in float ``channels``, whose packed files have ``file`` bytes.
 

@@ -75,7 +75,7 @@ class CarriedOver(NamedTuple):
     windows: Windows
 
 
-def carried_channels(layout: Layout, layers: tuple[str, ...], replaced: frozenset[str] = frozenset()) -> frozenset[str]:
+def carried_channels(layout: Layout, layers: tuple[str, ...], replaced: frozenset[str]) -> frozenset[str]:
     """The channels of a file that are carried over: those whose names match one of ``layers``.
 
     Where ``layers`` are all, those that the resolve ``replaced`` are none of them: who opens the result would take the
@@ -106,7 +106,7 @@ def carried_kinds(sequence: FrameSequence, layers: tuple[str, ...]) -> dict[str,
     return kept
 
 
-def carried_over(path: Path, kept: frozenset[str], file: FrameFile | None = None) -> CarriedOver:
+def carried_over(path: Path, kept: frozenset[str], file: FrameFile | None) -> CarriedOver:
     """Read what is carried over from ``path``: every attribute, and the ``kept`` channels.
 
     ``file`` is what is known of it already. Raises what reading raises.

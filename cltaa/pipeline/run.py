@@ -129,7 +129,7 @@ def stage_rows(seconds: StageTimes) -> Iterable[tuple[str, float]]:
     return ((field.replace("_", " "), getattr(seconds, field) * 1e3) for field in StageTimes.__struct_fields__)
 
 
-def check_jobs(jobs: int, preset: Preset, *, follow: bool, debug: bool, dask: bool = False) -> None:
+def check_jobs(jobs: int, preset: Preset, *, follow: bool, debug: bool, dask: bool) -> None:
     """Raise UsageError where so many parts of a sequence cannot be resolved at once, here or by workers of ``dask``."""
     if jobs < 1:
         raise UsageError("so many parts at once", expected="1 or more", found=jobs)

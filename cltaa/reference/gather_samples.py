@@ -251,10 +251,10 @@ def gather_samples(
     frame: Record,
     settings: Record,
     *,
-    far_only: bool = False,
-    track: Track | None = None,
-    before: int = 0,
-    recent: int = 0,
+    far_only: bool,
+    track: Track,
+    before: int,
+    recent: int,
 ) -> Gathered:
     """``g`` and the samples of ``now`` on ``s`` in the frames in the ring [slots, planes, rows, stride] of ``past``,
     latest first, the next ones in turn with them.
@@ -265,7 +265,6 @@ def gather_samples(
     zero = np.zeros_like(now.own[0])
     fit, own_motion = build.choices.gather_fit, build.steps.own_motion
     followed = range_of_side(s, layers, far=far_only) if fit is GatherFit.LAYERS else s
-    track = track or Track.of(s, build)
     steps = [(0, 0)] if fit is GatherFit.MEAN else NEIGHBOURS
     reach = reach_of(before + len(past) + 1, settings, zero)
     for k, then in enumerate(past):

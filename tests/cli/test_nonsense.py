@@ -39,6 +39,11 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve empty -o out", MISSING, "no frames"),
     ("resolve '' -o out", USAGE, "the name is empty"),
     ("resolve seq -o out --idle 3", WRONG, "--idle ends --follow; give both, or neither"),
+    (
+        "resolve seq/synthetic.0000.exr seq/synthetic.0001.exr -o out --follow",
+        WRONG,
+        "not there yet (found a list of files); name the folder, or quote the pattern, as in 'x.####.exr'",
+    ),
     ("resolve seq -o out --follow --frames 3", WRONG, "cannot tell yet which frames are the first"),
     (
         "resolve seq -o out --device numpy --preset gather-8 --fireflies clamp",

@@ -6,7 +6,7 @@ import pytest
 from rich.table import Table
 
 from cltaa.commands.printing import print_line, print_table, three_digits
-from cltaa.printable import shown
+from cltaa.printable import markdown, shown
 
 
 @pytest.mark.parametrize("columns", ["40", "80", "200"])
@@ -66,3 +66,8 @@ def test_thousands_are_in_full() -> None:
         "1289",
         "23600",
     ]
+
+
+def test_figures_stand_to_the_right_where_that_is_asked() -> None:
+    assert markdown("ab", ["cd"]) == "| a | b |\n| --- | --- |\n| c | d |\n"
+    assert markdown("ab", ["cd"], figures=True) == "| a | b |\n| --- | ---: |\n| c | d |\n"

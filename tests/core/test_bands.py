@@ -140,6 +140,9 @@ def whole_images(width: int, height: int) -> Memory:
         4 * len(channels) * width * height,
         16 * 4 * len(channels) * width,
         DevicePlanes(Steps()),
+        recorded=False,
+        converted=False,
+        layers={},
     )
 
 

@@ -13,6 +13,7 @@ from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError, UsageError
 from cltaa.frame import Effect, Frame, Image
+from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.test_resolve import hard_frames
 from tests.sequence_factory import bits, make_camera, make_frame
 
@@ -46,6 +47,26 @@ def sliding(index: int, by: tuple[float, float]) -> Frame:
         depth=np.full((height, width), 4, np.float32),
         motion=np.broadcast_to(np.array([-by[0], -by[1]], np.float32), (height, width, 2)).copy(),
     )
+
+
+class Waiting(NumpyLauncher):
+    """A launcher that knows whether what it was given was waited for."""
+
+    waited = True
+
+    def run(self, *given: Any, **named: Any) -> Any:
+        self.waited = False
+        return super().run(*given, **named)
+
+    def finish(self) -> None:
+        self.waited = True
+
+
+def test_an_image_is_whole_when_it_is_given() -> None:
+    launcher = Waiting()
+    resolver = Resolver(looking(), launcher)
+    for _ in resolver.images(make_frame(index) for index in range(AHEAD + 1)):
+        assert launcher.waited
 
 
 @pytest.mark.parametrize("lanes_of", [None, "numpy"])

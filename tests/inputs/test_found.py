@@ -224,6 +224,11 @@ def test_small_pictures_tell_nothing_of_noise(tmp_path: Path) -> None:
     assert Effect.NOISE not in find_effects(drawn(tmp_path / "small", smaller)).effects
 
 
+@pytest.mark.parametrize(("frames", "told"), [(4, False), (5, True)])  # whose second span has 3, and 4
+def test_four_frames_of_a_place_tell_of_noise(tmp_path: Path, frames: int, told: bool) -> None:
+    assert (Effect.NOISE in find_effects(drawn(tmp_path / "wall", noisy, frames=frames)).effects) == told
+
+
 def test_every_frame_tells_of_highlights_even_of_small_pictures(tmp_path: Path) -> None:
     def late(frame: Frame, _across: Array, index: int) -> Frame:
         return replace(frame, colour=frame.colour[:9] * (1 + 99 * (index == 7)), depth=frame.depth[:9])

@@ -57,6 +57,10 @@ def told_options(text: str) -> list[str]:
     return shlex.split(line[line.index("--input ") :])
 
 
+def test_a_backslash_that_begins_no_escape_is_one() -> None:
+    assert names_in(r'"a\q", b') == [[r"a\q"], ["b"]]
+
+
 @pytest.mark.parametrize(
     ("colour", "alpha", "depth"),
     [

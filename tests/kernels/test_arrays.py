@@ -254,3 +254,11 @@ def test_kernels_of_every_frame_are_built_before_the_first() -> None:
     built = len(launcher._kernels)
     Resolver(device=launcher).resolve(frame, half=True)
     assert len(launcher._kernels) == built + 1  # the resolve itself
+
+
+def test_rows_with_little_between_them_are_read_where_they_are() -> None:
+    array = np.zeros((4, 6), np.float32)[:, :5]
+    there = flat(array)
+    assert there is not None
+    assert np.shares_memory(there, array)
+    assert flat(array, dense=True) is None

@@ -106,6 +106,8 @@ class Finder(ast.NodeVisitor):
             self.visit(node.value)
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
+        if any(ast.unparse(decorator) == "overload" for decorator in node.decorator_list):  # for mypy, which tells
+            return
         for default in [*node.args.defaults, *filter(None, node.args.kw_defaults)]:
             self._constant("default changed", default)
         for child in [*node.decorator_list, *node.body]:
@@ -307,7 +309,7 @@ def noticed_by(tree: Path, tests: Sequence[str], seconds: float = SECONDS) -> st
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
         return "no end"
-    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", said, re.MULTILINE)
+    failed = re.search(r"^(?:FAILED|ERROR) (\S+?(?:\[.*?\])?)(?: - |$)", said, re.MULTILINE)
     if failed:
         return failed[1]
     return "" if process.returncode == 0 or time_limit.TOLD in said else f"pytest ended with {process.returncode}"

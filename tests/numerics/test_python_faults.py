@@ -24,6 +24,9 @@ def f(a: int = 3, *, flag: bool = False) -> bool:
     return a == 1
 
 def pair(x): return g(x, 7, half=True, help="é"), x
+
+@overload
+def typed(x: int = 5) -> int: ...
 '''
 
 
@@ -94,3 +97,12 @@ def test_who_notices_within_the_time(tmp_path: Path, first: str, seconds: float,
         f"def test_first():\n    {first}\n\ndef test_second():\n    assert False\n"
     )
     assert noticed_by(tmp_path, ["tests/test_one.py"], seconds) == noticed
+
+
+def test_a_name_with_spaces_is_named_whole(tmp_path: Path) -> None:
+    """Else the test by that name, run again without the fault, is not found."""
+    (tmp_path / "tests" / "numerics").mkdir(parents=True)
+    shutil.copy(time_limit.__file__, tmp_path / "tests" / "numerics")
+    case = '@pytest.mark.parametrize("x", [[1]], ids=["-o out - more"])'
+    (tmp_path / "tests" / "test_one.py").write_text(f"import pytest\n{case}\ndef test_one(x):\n    assert x == [2]\n")
+    assert noticed_by(tmp_path, ["tests/test_one.py"]) == "tests/test_one.py::test_one[-o out - more]"

@@ -16,6 +16,7 @@ from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.gather_fit import Gathered
 from cltaa.reference.gather_samples import gather_samples
 from cltaa.reference.gather_sides import layers_of
+from cltaa.reference.gather_track import Track
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import read_rows
 from cltaa.reference.real import outside_domain, quiet
@@ -145,6 +146,10 @@ def gathered(work: Work) -> Values:
         layout,
         work.frame,
         work.settings,
+        far_only=False,
+        track=Track.of(surface, build),
+        before=0,
+        recent=0,
     )
     weight = np.where(g.count > 0, g.weight, 1.0)
     past = [now + total / weight for now, total in zip(p.own, g.sum, strict=True)]

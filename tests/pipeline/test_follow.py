@@ -103,7 +103,7 @@ def test_half_a_file_is_not_whole(made: Path, tmp_path: Path, size: str) -> None
     ("there", "frames", "error", "said"),
     [
         ((), None, InputMissing, "the folder is missing"),
-        ((0, 2), None, InputMissing, "frame 1: the frame is missing"),
+        ((0, 2), None, InputMissing, "frame 1: the frame is missing; capture or render it again"),
         ((0, 1), (0, 5), InputMissing, "frame 2: the frame is missing"),
         ((1, 2), (0, 2), InputMissing, "frame 0: the frame is missing"),
     ],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -81,11 +81,16 @@ class Watched(Resolver):
 
 
 def begun(
-    shot: Path, output: Path, *before: Callable[[int], None], preset: cltaa.Preset = PRESETS["behind"], **options: Any
+    shot: Path,
+    output: Path,
+    *before: Callable[[int], None],
+    preset: cltaa.Preset = PRESETS["behind"],
+    ends: AbstractContextManager[object] | None = None,
+    **options: Any,
 ) -> list[Watched]:
-    """Resolve by one job for each of ``before``, and return their resolvers; what they raise is theirs to catch."""
+    """Resolve by one job for each of ``before``, and return their resolvers; ``ends`` is told what is raised."""
     resolver, *others = [Watched(preset, each) for each in before]
-    with suppress(DataError, KeyboardInterrupt):
+    with ends or nullcontext():
         resolve_sequence(open_sequence(shot), output, resolver, others=others, **options)
     return [resolver, *others]
 
@@ -110,7 +115,8 @@ def test_a_job_that_fails_ends_the_others_and_a_rerun_goes_on(shot: Path, tmp_pa
             assert failed.wait(60)
             time.sleep(2)  # until the other job has ended
 
-    first, _ = begun(shot, tmp_path / "out", wait, fail)
+    ends = pytest.raises(DataError, match="no such light")
+    first, _ = begun(shot, tmp_path / "out", wait, fail, ends=ends)
     assert first.began == [0, 1, 2]  # of five
     goes_on(shot, tmp_path / "out")
 
@@ -121,7 +127,8 @@ def test_a_wish_to_stop_ends_every_job(shot: Path, tmp_path: Path) -> None:
     def ask(number: int) -> None:
         stop.requested = stop.requested or number == 2
 
-    jobs = begun(shot, tmp_path / "out", ask, lambda _: time.sleep(0.2), stopping=nullcontext(stop))
+    ends, asked = pytest.raises(KeyboardInterrupt), nullcontext(stop)
+    jobs = begun(shot, tmp_path / "out", ask, lambda _: time.sleep(0.2), ends=ends, stopping=asked)
     assert all(len(each.began) < FRAMES // 2 for each in jobs)
     goes_on(shot, tmp_path / "out")
 

@@ -45,7 +45,10 @@ def planned(folder: Path, **more: Any) -> Memory:
 def test_channels_that_no_frame_holds_take_no_memory(layered: Path) -> None:
     sequence = open_sequence(layered)
     assert sequence.channels == frozenset("RGBZ")
-    assert of_sequence(sequence, HELD).frames == memory.of_resolve(WIDTH, HEIGHT, "RGBZ", 0, 0, HELD).frames
+    assert (
+        of_sequence(sequence, HELD).frames
+        == memory.of_resolve(WIDTH, HEIGHT, "RGBZ", 0, 0, HELD, recorded=False, converted=False, layers={}).frames
+    )
 
 
 def test_layers_stay_until_their_result_is_written(layered: Path) -> None:

@@ -18,7 +18,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.core.backend import Buffer
 from cltaa.core.bands import BandedResolver
-from cltaa.core.build import Storage, window_count
+from cltaa.core.build import Steps, Storage, window_count
 from cltaa.core.planes import Layout, haloed
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
@@ -31,6 +31,8 @@ from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.memory import DevicePlanes, device_bytes, of_whole_images
 from cltaa.reference.launcher import NumpyLauncher
 from tests.sequence_factory import make_frame, write_sequence
+
+PLAIN = Steps(own_motion=False)
 
 
 class Counting(NumpyLauncher):
@@ -94,6 +96,17 @@ def test_the_ring_of_kept_frames_is_in_the_formula() -> None:
     told = device_bytes(50, 31, DevicePlanes(resolver.plan.steps, history_frames=3))
     # Beside the planes the device holds three records of 140 bytes.
     assert 0 < launcher.allocated - told < 1024
+
+
+def test_a_frame_of_the_ring_is_its_colour_and_inverse_depth() -> None:
+    three, four = (device_bytes(50, 31, DevicePlanes(PLAIN, history_frames=count)) for count in (3, 4))
+    assert four - three == Layout(50, 31).zeros(4).nbytes
+
+
+@pytest.mark.parametrize(("half", "texel"), [(False, 4 * 4 + 3 * 4), (True, 4 * 4 + 3 * 2)])
+def test_a_device_with_memory_of_its_own_holds_the_arrays_too(half: bool, texel: int) -> None:
+    apart, shared = (device_bytes(50, 31, DevicePlanes(PLAIN, half=half, staged=staged)) for staged in (True, False))
+    assert apart - shared == 50 * 31 * texel  # R G B and depth of the frame, R G B of the result
 
 
 @pytest.mark.parametrize("counting", [Counting, CountingDevice])

@@ -108,14 +108,14 @@ def _timed(preset: Preset, launcher: DeviceLauncher, width: int, height: int, ro
         height=height,
         bytes=sum(array.nbytes for array in (*arrays, out)),
         kernels=_each(samples, ON_DEVICE, Clock.DEVICE),
-        device_arrays=_each(samples, ON_DEVICE),
-        host_arrays=_each(samples, HOST),
-        copies=_each(samples, COPIES),
-        pinned_copies=_each(samples, PINNED),
+        device_arrays=_each(samples, ON_DEVICE, Clock.WALL),
+        host_arrays=_each(samples, HOST, Clock.WALL),
+        copies=_each(samples, COPIES, Clock.WALL),
+        pinned_copies=_each(samples, PINNED, Clock.WALL),
     )
 
 
-def _each(samples: Samples, job: str, clock: Clock = Clock.WALL) -> Interval:
+def _each(samples: Samples, job: str, clock: Clock) -> Interval:
     return samples.interval(job, clock).times(1 / CALLS)
 
 

@@ -170,7 +170,7 @@ def task_of(
     sequence: FrameSequence,
     variants: Iterable[Variant],
     device: str | None,
-    judging: Judging = QUALITY,
+    judging: Judging,
     reading: Reading = DEFAULT_READING,
 ) -> Task:
     """The task of a sequence that was opened by ``reading``; raises as ``check_judged``."""
@@ -418,9 +418,9 @@ def _pictures(resolver: Resolver, image: Image, truth: Image, judging: Judging) 
 
 
 def _history(resolver: Resolver, frame: Frame) -> NDArray[np.float64]:
-    """The image that was made of ``frame`` in the numbers that the history is kept in, [H, W, 3]."""
+    """The image that was made of ``frame`` in the numbers that the history is kept in, [3, H, W]."""
     with _written(resolver, "output").mapped(write=False) as planes:
-        return np.moveaxis(Layout(frame.width, frame.height).inside(planes)[:3].astype(np.float64), 0, -1)
+        return Layout(frame.width, frame.height).inside(planes)[:3].astype(np.float64)
 
 
 def _written(resolver: Resolver, name: str) -> Buffer:

@@ -349,7 +349,7 @@ def _timing(contenders: Contenders, launcher: DeviceLauncher, motion: Motion, pi
         rows=rows,
         absent=contenders.absent,
         opengl=contenders.opengl,
-        noisy=too_noisy(samples.ratio(CONTROL, CORE)),
+        noisy=too_noisy(samples.ratio(CONTROL, CORE, Clock.WALL)),
         device_noisy=too_noisy(samples.ratio(CONTROL, CORE, Clock.DEVICE)),
         floor_ns=contenders.moved[CORE] / bandwidth * 1e9,
         copy_gigabytes_a_second=bandwidth * 1e-9,
@@ -361,10 +361,10 @@ def _row(name: str, samples: Samples, pixels: int, moved: int, bandwidth: float)
     seconds = samples.interval(name, Clock.DEVICE).median
     return Row(
         name=name,
-        wall_ns=samples.interval(name).times(a_pixel),
+        wall_ns=samples.interval(name, Clock.WALL).times(a_pixel),
         device_ns=samples.interval(name, Clock.DEVICE).times(a_pixel) if by_device else None,
-        least_wall_ns=float(samples.seconds(name).min()) * a_pixel,
-        ratio=samples.ratio(name, CORE),
+        least_wall_ns=float(samples.seconds(name, Clock.WALL).min()) * a_pixel,
+        ratio=samples.ratio(name, CORE, Clock.WALL),
         device_ratio=samples.ratio(name, CORE, Clock.DEVICE) if by_device else None,
         gigabytes_a_second=moved * pixels / seconds * 1e-9,
         of_floor=moved * pixels / bandwidth / seconds,

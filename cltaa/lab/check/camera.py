@@ -124,9 +124,9 @@ def screened(pairs: Sequence[Pair]) -> Sequence[Pair]:
     return pairs[:: max(1, len(pairs) // 3)]
 
 
-def residuals(pairs: Sequence[Pair], change: Change = lambda camera: camera, scale: float = 1.0) -> Vector:
-    """How badly each pair matches with its cameras changed so, and where depth is ``scale`` times what it says."""
-    return np.array([camera_residual(pair, pair.motion_under(change, scale)) for pair in pairs])
+def residuals(pairs: Sequence[Pair], change: Change = lambda camera: camera) -> Vector:
+    """How badly each pair matches with its cameras changed so."""
+    return np.array([camera_residual(pair, pair.motion_under(change)) for pair in pairs])
 
 
 def _late(shot: Shot, pairs: Sequence[Pair]) -> Iterator[tuple[str, tuple[str, dict[str, object], Vector]]]:

@@ -120,12 +120,10 @@ def _gain(found: tuple[Vector, Vector]) -> float:
     return float(changed.mean() - declared.mean())
 
 
-def tells_kind(frames: Sequence[Frame], rule: Depth = AS_DECLARED) -> bool:
+def tells_kind(frames: Sequence[Frame]) -> bool:
     """True where planes in view lie aslant, so that 1/Z and Z differ over them."""
     frames = frames[:MOST_FRAMES]
-    depth = [_stored(frame, frame.depth.astype(np.float64), rule) for frame in frames]
-    read = READ_AS.get(rule.kind, "reciprocal")
-    return ("planar" if read == "reciprocal" else "reciprocal") in _flat_shares(frames, depth, read)
+    return "reciprocal" in _flat_shares(frames, [frame.depth.astype(np.float64) for frame in frames], "planar")
 
 
 def _flat_shares(frames: Sequence[Frame], depth: Sequence[Plane], read: str) -> dict[str, float]:
@@ -189,7 +187,7 @@ def _middle(values: Plane) -> float:
     return float(np.median(finite)) if finite.size else np.inf
 
 
-def tell_device(shot: Shot, found: Finding, rule: Depth = AS_DECLARED) -> Finding:
+def tell_device(shot: Shot, found: Finding, rule: Depth) -> Finding:
     """Tell reversed device depth (near / Z) from 1/Z, and which near plane device depth has.
 
     A projection that falls with distance says so itself. Else the two differ by a factor, which the parallax of a

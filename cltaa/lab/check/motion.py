@@ -236,11 +236,11 @@ def _staying(scene: Observed, meant: Affine) -> Observed:
     return scene._replace(own=scene.own[:, there], x=x, y=y, now=now)
 
 
-def _score(scenes: Sequence[Observed], meant: Affine, leak: float = 0.0) -> Vector:
-    """Residual of each pair under the vectors that are meant, of which ``leak`` x the change of jitter is taken."""
+def _score(scenes: Sequence[Observed], meant: Affine) -> Vector:
+    """Residual of each pair under the vectors that are meant."""
     residuals = []
     for scene in scenes:
-        u, v = meant(scene.own) - leak * scene.jitter_change[:, None]
+        u, v = meant(scene.own)
         x, y = scene.x + u, scene.y + v
         if scene.shift is None:
             residuals.append(fit_shift(scene.now, scene.before, x, y, scene.scale).residual)
@@ -272,7 +272,8 @@ def _finer(scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping
         return []
     fix: dict[str, object] = {"jittered": held} if held else linear_fix(matrix)
     gain, leak = model.gain.round(2).tolist(), model.leak.round(2).tolist()
-    declared, winner = _score(judges, Affine(np.eye(2))), _score(judges, Affine(matrix), held)
+    mended = [judge._replace(own=judge.own - held * judge.jitter_change[:, None]) for judge in judges]
+    declared, winner = _score(judges, Affine(np.eye(2))), _score(mended, Affine(matrix))
     evidence = f"true vectors = {gain} x declared + {leak} x change of jitter, over {len(scenes)} pairs; "
     evidence += f"residual of other pixels {winner.mean():.3f} against {declared.mean():.3f}"
     what = JITTERED if held else f"the motion vectors are {spoken(best)}"

@@ -223,17 +223,17 @@ def _time(
 
     jobs = [Job(name, run(variant)) for name, variant in variants.items()]
     samples = measure(jobs, rounds, warm_up=2)
-    section.milliseconds = _milliseconds(samples, PLANNED)
-    section.every_milliseconds = _milliseconds(samples, EVERY)
+    section.milliseconds = _milliseconds(samples, PLANNED, Clock.WALL)
+    section.every_milliseconds = _milliseconds(samples, EVERY, Clock.WALL)
     for step in section.steps:
         if step.name not in variants:
             continue
         # The median of the paired differences, so that a load that comes and goes cancels.
-        pairs = samples.seconds(step.name) - samples.seconds(PLANNED)
+        pairs = samples.seconds(step.name, Clock.WALL) - samples.seconds(PLANNED, Clock.WALL)
         step.milliseconds = float(np.median(-pairs if step.on else pairs)) * 1e3
 
 
-def _milliseconds(samples: Samples, job: str, clock: Clock = Clock.WALL) -> float:
+def _milliseconds(samples: Samples, job: str, clock: Clock) -> float:
     return float(np.median(samples.seconds(job, clock))) * 1e3
 
 

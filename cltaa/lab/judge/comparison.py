@@ -63,7 +63,7 @@ class Comparison:
         """The frame of the reference that a frame of the test is judged against."""
         return self.reference.first if self._two_images else number
 
-    def not_judged(self, frames: FrameRange | None = None) -> list[int]:
+    def not_judged(self, frames: FrameRange | None) -> list[int]:
         """Frames, of those in the range ``frames``, that the reference and any capture have and the test has not."""
         if self._two_images:
             return []
@@ -188,7 +188,7 @@ NO_TRUTH = (
 SAME_VIEW = 1e-6  # of the largest number of the two matrices; a still camera's are equal to the bit
 
 
-def doubts(comparison: Comparison, *, followed: bool = False) -> list[str]:
+def doubts(comparison: Comparison, *, followed: bool) -> list[str]:
     """Why A may not show what B shows, or B is no truth: the weightiest alone, empty where nothing speaks against it.
 
     With ``followed`` the motion that B's files tell counts too, and so how they are read.

@@ -274,7 +274,7 @@ def import_cvvdp() -> Any:
     return import_extra("pycvvdp", package="cvvdp", extra="vdp", purpose="--cvvdp")
 
 
-def jod(test: Sequence[Image], reference: Sequence[Image], rate: float, stops: float = 0.0) -> float:
+def jod(test: Sequence[Image], reference: Sequence[Image], rate: float, stops: float) -> float:
     """ColorVideoVDP (Mantiuk et al. 2024) of a film against its truth at ``rate`` frames a second, in JOD.
 
     All frames are in memory at once. Raises UsageError without the extra ``vdp``.

@@ -24,7 +24,7 @@ from cltaa.inputs.open import Reading
 from cltaa.io.exr_read import read_frame
 from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.sequence import FrameSequence, open_sequence
-from cltaa.lab.bench.cases import HELD_OUT, REDRAWN, TRAIN, Shape, planned
+from cltaa.lab.bench.cases import HELD_OUT, REDRAWN, TRAIN, Case, Shape, capture, planned
 from cltaa.lab.bench.cells import ONE_SAMPLE, QUALITY, Judged, Judging, in_step, judge_sequence, task_of
 from cltaa.lab.bench.quality.table import BEGIN, END
 from cltaa.lab.bench.variants import Variant
@@ -202,6 +202,16 @@ def test_scenes_in_which_nothing_changes_get_the_better_truth(tmp_path: Path) ->
         ("b-seed0-32x18x8-r264-256", TRAIN),
         ("b-seed5-32x18x8-r264-256", HELD_OUT),
     ]
+
+
+@pytest.mark.parametrize(("jitter", "again"), [("halton:64", "r2:64"), ("r2:64", "halton:64")])
+def test_a_case_is_drawn_again_at_other_places(jitter: str, again: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[list[str]] = []
+    monkeypatch.setattr("cltaa.lab.bench.cases.run_cltaa", drawn.append)
+    with pytest.raises(InputMissing, match="nowhere: the capture left no finished sequence"):
+        capture(Case("spinner", TRAIN, Path("nowhere"), samples=16), Shape(32, 18, 8, 16, jitter))
+    assert [line[line.index("--jitter") + 1] for line in drawn] == [jitter, again]
+    assert [line[line.index("--reference") + 1] for line in drawn] == ["16", "0"]
 
 
 def test_a_given_sequence_is_told_as_it_is(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

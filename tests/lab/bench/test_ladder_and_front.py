@@ -15,8 +15,9 @@ from cltaa.core.build import Real, Storage
 from cltaa.core.parameters import Box, Choices
 from cltaa.core.presets import Preset, Published, load_preset
 from cltaa.lab.bench.accuracy.measurement import dominated_by, exponential_noise
-from cltaa.lab.bench.variants import DEFAULT, PRESETS, ladder
-from cltaa.lab.timing import Sample, Samples
+from cltaa.lab.bench.variants import DEFAULT, PRESETS, Variant, ladder
+from cltaa.lab.timing import Clock, Sample, Samples
+from cltaa.reference.launcher import NumpyLauncher
 
 
 def test_every_choice_and_storage_is_a_rung() -> None:
@@ -96,12 +97,12 @@ def test_what_times_cannot_tell_apart_is_not_beaten() -> None:
     errors = {"good": 1.0, "near": 2.0, "slow": 2.0}
     found = samples_of(times)
     assert np.median(times["good"]) < np.median(times["near"])
-    assert dominated_by(errors, found.faster) == {"slow": "good"}
+    assert dominated_by(errors, lambda a, b: found.faster(a, b, Clock.WALL)) == {"slow": "good"}
     # Where the load comes and goes, but the first is the faster in every round, the second is beaten.
     load = [1.0, 1.3, 2.0] * 7
     longer = [1.01 * seconds for seconds in load]
-    assert samples_of({"good": load, "near": longer}).faster("good", "near")
-    assert not samples_of({"good": load, "near": longer}).faster("near", "good")
+    assert samples_of({"good": load, "near": longer}).faster("good", "near", Clock.WALL)
+    assert not samples_of({"good": load, "near": longer}).faster("near", "good", Clock.WALL)
 
 
 @pytest.mark.parametrize("weight", [0.05, 0.1, 1.0])
@@ -123,3 +124,7 @@ def test_beaten_is_what_sorting_says(points: list[tuple[int, int]]) -> None:
         if better:
             assert found[name] in better
             assert errors[found[name]] == min(errors[other] for other in better)
+
+
+def test_a_variant_is_resolved_on_the_device_that_is_named() -> None:
+    assert isinstance(Variant.of(load_preset()).resolver("numpy").launcher, NumpyLauncher)

@@ -12,11 +12,11 @@ import pytest
 from cltaa.cli import main
 from cltaa.core.presets import load_preset
 from cltaa.lab.bench.accuracy import figures
-from cltaa.lab.bench.accuracy.figures import overall, table, write_plots
+from cltaa.lab.bench.accuracy.figures import import_pyplot, overall, table, write_plots
 from cltaa.lab.bench.accuracy.measurement import Accuracy, Measured, MeasuredSequence, spread
 from cltaa.lab.bench.accuracy.report import read_report, write_report
 from cltaa.lab.bench.cells import Rounding
-from cltaa.lab.bench.variants import ladder
+from cltaa.lab.bench.variants import DEFAULT, ladder
 from cltaa.lab.timing import Environment, Interval
 
 VARIANTS = ladder(load_preset())[:3]
@@ -139,6 +139,14 @@ def test_what_errs_nowhere_has_no_place_on_a_plot(
     monkeypatch.setattr(figures, "front_figure", kept)
     assert len(list(write_plots(result, tmp_path))) == 2
     assert len(drawn[0].axes[0].containers) == wrong
+
+
+def test_bars_of_steps_begin_at_1_and_end_at_the_ratio() -> None:
+    one = sequence("one", (2.0, 4.0, 1.0), slower=2.0)
+    groups = {cell.variant: "step" for cell in one.cells[1:]} | {one.cells[0].variant: DEFAULT}
+    figure = figures.steps_figure(import_pyplot(), one, "mse", groups)
+    bars = [[(bar.get_x(), bar.get_x() + bar.get_width()) for bar in axes.patches] for axes in figure.axes]
+    assert bars == [[(1.0, 2.0), (1.0, 0.5)], [(1.0, 4.0), (1.0, 6.0)]]
 
 
 @pytest.mark.usefixtures("svg_alone")

@@ -17,9 +17,9 @@ SCENES = ("spinner", "starry", "corridor", "silhouettes")  # one of them before 
 
 
 def exposed(frames: list[Frame], pixels: float, declared: float) -> list[Frame]:
-    """As many stops more a frame in the colour, and in what is declared."""
+    """As many stops more a frame in the colour, and in what is declared, which begins anywhere."""
     return [
-        replace(f, colour=f.colour * np.float32(2 ** (pixels * n)), exposure=f.exposure * 2 ** (declared * n))
+        replace(f, colour=f.colour * np.float32(2 ** (pixels * n)), exposure=3 * f.exposure * 2 ** (declared * n))
         for n, f in enumerate(frames)
     ]
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from cltaa.frame import Camera, Frame
 from cltaa.lab.check.depth import check_depth
-from cltaa.lab.check.hypotheses import SURE, Finding
+from cltaa.lab.check.hypotheses import SURE, Affine, Finding
 from cltaa.lab.check.jitter import check_jitter
+from cltaa.lab.check.motion import check_motion
 from cltaa.lab.check.registration import Fit, Shot
 from cltaa.lab.check.report import check_frames
 from tests.lab.check.conftest import Scene
@@ -81,8 +84,55 @@ def test_shifts_that_noise_shortens_are_not_taken_for_none(share: float, sure: b
 
 
 @pytest.mark.parametrize(("size", "found"), [(0.05, []), (1.0, ["jitter-late"])])
-def test_nor_is_its_delay(size: float, found: list[str]) -> None:
-    assert judged(size * OFFSETS, size * np.roll(OFFSETS, 1, axis=0)) == found
+@pytest.mark.parametrize("delay", [1, 2])  # of which 5 and 4 pairs tell, the fewest that do
+def test_nor_is_its_delay(size: float, found: list[str], delay: int) -> None:
+    assert judged(size * OFFSETS, size * np.roll(OFFSETS, delay, axis=0)) == found
+
+
+@pytest.mark.parametrize(("late", "found"), [(0.24, ["jitter-late"]), (0.28, [])])
+def test_a_delay_is_named_where_it_is_clearly_smoother(
+    late: float, found: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def scatter(jitter: np.ndarray) -> float:
+        """Of the jitter as declared 0.3, which is little enough to be told."""
+        known = np.isfinite(jitter).all(1)
+        same = [np.array_equal(np.roll(OFFSETS, by, axis=0)[known], jitter[known]) for by in (0, 1)]
+        return 0.3 if same[0] else late if same[1] else 1.0
+
+    likeness = SimpleNamespace(scatter=scatter, sureness=lambda *_: SURE)
+    monkeypatch.setattr("cltaa.lab.check.jitter.measure_likeness", lambda _: likeness)
+    assert judged(OFFSETS, OFFSETS) == found
+
+
+class Noting(Affine):
+    """Vectors as they are; remembers of which pixels they were."""
+
+    asked: ClassVar[list[set[tuple[float, ...]]]] = []
+
+    def __call__(self, declared: np.ndarray) -> np.ndarray:
+        self.asked.append({*map(tuple, declared.T.tolist())})
+        return declared
+
+
+def test_vectors_are_judged_by_other_pixels_than_those_that_choose() -> None:
+    random, width, height = np.random.default_rng(0), 128, 72
+    colour = random.random((height, width, 3), np.float32)
+    frames = [
+        replace(
+            make_frame(index, width=width, height=height, camera=make_camera(), jitter_px=(0.0, 0.0)),
+            colour=colour,
+            depth=np.full((height, width), 4, np.float32),
+            motion=random.uniform(-1, 1, (height, width, 2)).astype(np.float32),  # of each pixel another
+        )
+        for index in range(2)
+    ]
+    noting = Noting(np.eye(2))
+    Noting.asked = []
+    check_motion(Shot(frames, (width, height)), [None], False, {"": noting})
+    chosen, judged = Noting.asked[0], Noting.asked[-1]
+    assert chosen
+    assert judged
+    assert not chosen & judged
 
 
 @pytest.mark.parametrize(("size", "found"), [(0.05, ["jitter-none"]), (0.5, ["jitter-missing"])])

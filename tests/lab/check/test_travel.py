@@ -63,6 +63,15 @@ def test_it_does_so_about_a_centre_that_lies_elsewhere() -> None:
     assert found(frames) == ["camera-jittered"]
 
 
+@pytest.mark.parametrize(("share", "names"), [(0.5, []), (0.95, ["camera-jittered"]), (1.5, [])])
+def test_a_centre_that_moves_by_another_length_does_not_follow(share: float, names: list[str]) -> None:
+    frames = []
+    for frame in frames_of(make_camera()):
+        x, y = frame.jitter_px
+        frames.append(replace(camera_jittered(replace(frame, jitter_px=(share * x, share * y))), jitter_px=(x, y)))
+    assert found(frames) == names
+
+
 @pytest.mark.parametrize(("size", "names"), [(0.02, ["camera-jittered"]), (0.2, [])])
 def test_a_centre_that_also_moves_on_its_own_does_not_follow(size: float, names: list[str]) -> None:
     """By more than a twentieth of a pixel, in a way that has nothing in common with the jitter."""

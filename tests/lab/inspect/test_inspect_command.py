@@ -103,7 +103,8 @@ def test_pixels(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("channel", "value", "message"),
     [
-        ("depth", -1.0, "not in front of the camera"),
+        ("depth", -1.0, "channel Z: depth -1 is not in front of the camera"),
+        ("depth", 0.0, "channel Z: depth 0 is not in front of the camera"),
         ("depth", np.nan, "channel Z: 1 of 851 values are not finite"),
         ("alpha", 1.5, "leaves 0 to 1"),
         ("motion", np.inf, "are not finite"),

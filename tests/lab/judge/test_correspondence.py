@@ -78,3 +78,11 @@ def test_what_was_behind_the_camera_came_from_nowhere() -> None:
     frame, before = (make_frame(index, camera=make_camera((0.0, 0.0, 5.0 - 3.0 * (1 - index)))) for index in (1, 0))
     found = correspondence(*(replace(each, depth=np.full_like(each.depth, 2.0)) for each in (frame, before)))
     assert not (found.same | found.disoccluded).any()
+
+
+def test_what_leaves_a_picture_of_one_pixel_was_nowhere() -> None:
+    camera = make_camera()
+    gone = replace(camera, world_to_view=view_at(np.array([100.0, 100.0, 0.0]), np.eye(3)))
+    now, before = (make_frame(index, width=1, height=1, camera=each) for index, each in ((1, camera), (0, gone)))
+    found = correspondence(replace(now, depth=np.full((1, 1), 4, np.float32)), before)
+    assert (found.same.item(), found.row.item(), found.column.item()) == (False, 0, 0)

@@ -73,7 +73,9 @@ def test_a_truth_vouches_for_no_more_than_its_own_samples() -> None:
 
 @pytest.mark.parametrize(("error", "one"), [(0.1, 0.0), (-0.1, 0.2), (math.nan, 0.2), (0.1, math.inf)])
 def test_errors_that_are_none(error: float, one: float) -> None:
-    with pytest.raises(DataError, match="no equal-quality samples"):
+    with pytest.raises(
+        DataError, match=r"no equal-quality samples for these errors \(expected positive numbers, found"
+    ):
         equal_quality_samples(error, one)
 
 

@@ -249,15 +249,18 @@ def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: d
     means = [cell.errors[metric].mean for cell in cells]
     known = base and math.isfinite(base)  # else, and where a mean is without end, a multiple of 1
     ratios = [mean / base if known and math.isfinite(mean) else 1.0 for mean in means]
-    both[0].barh(names, [ratio - 1 for ratio in ratios], left=1, color=FRONT)
+    times = [cell.ratio.median for cell in cells]
     errors = [
         [cell.ratio.median - cell.ratio.low for cell in cells],
         [cell.ratio.high - cell.ratio.median for cell in cells],
     ]
-    both[1].barh(names, [cell.ratio.median - 1 for cell in cells], left=1, color=BEATEN, xerr=errors)
-    for axes, title in zip(both, (f"{metric} over that of {name}", f"time over that of {name}"), strict=True):
+    for axes, what, ends, bars in (
+        (both[0], metric, ratios, {"color": FRONT}),
+        (both[1], "time", times, {"color": BEATEN, "xerr": errors}),
+    ):
+        axes.barh(names, [end - 1 for end in ends], left=1, **bars)
         axes.axvline(1, color="black", lw=0.6)
-        axes.set_title(title, fontsize=9)
+        axes.set_title(f"{what} over that of {name}", fontsize=9)
         axes.tick_params(labelsize=6)
     both[0].invert_yaxis()
     return figure

@@ -155,7 +155,7 @@ class Ranking(NamedTuple):
     noisy: bool
 
 
-def enlargement(captured: FrameSequence, launcher: DeviceLauncher, pixels: int | None = None) -> int:
+def enlargement(captured: FrameSequence, launcher: DeviceLauncher, pixels: int | None) -> int:
     """How many times as wide and high frames must be to have ``pixels`` at least; None: to fill the device."""
     is_cpu, units = launcher.device.is_cpu, launcher.device.cl_device.max_compute_units
     least, most = LIMITS[is_cpu]
@@ -177,7 +177,7 @@ def jobs_of(
     return [*jobs, copy], pixels, moved, stage_seconds(variants[0], launcher, frames)
 
 
-def ranking(samples: Samples, default: str, controls: int, *, is_cpu: bool, units: int = 0) -> Ranking:
+def ranking(samples: Samples, default: str, controls: int, *, is_cpu: bool, units: int) -> Ranking:
     """Rank by the device's clock, or, where that is too noisy on a CPU, by processor time, if that is not.
 
     Of one thread (``units``) processor time comes first: it is the device's clock without the waits for a processor,
