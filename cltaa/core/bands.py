@@ -122,7 +122,8 @@ class BandedResolver(Resolver):
     def resolve(self, frame: Frame, *, half: bool = False, out: Any = None) -> Any:
         """The resolved colour of ``frame`` as ``Resolver.resolve`` gives it, but in the arrays of the frame."""
         check_frame(frame)
-        half = half if out is None else checked_out(out, frame).dtype == np.float16
+        into = None if out is None else checked_out(out, frame)
+        half = half if into is None else into.dtype == np.float16
         started = perf_counter()
         previous, build = self._begin(frame)
         buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
@@ -155,9 +156,9 @@ class BandedResolver(Resolver):
         image = halves if half else whole.colour
         if frame.alpha is not None and not half:
             image = np.concatenate([whole.colour, frame.alpha[..., None]], axis=-1)
-        if out is None:
+        if into is None:
             return image
-        out[...] = image
+        into[...] = image
         return out
 
     @one_thread
