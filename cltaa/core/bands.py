@@ -109,6 +109,8 @@ class BandedResolver(Resolver):
                 f"preset {self.preset.name} keeps frames, so it resolves whole images only",
                 cure="leave --band-rows out, or take --preset default",
             )
+        if band_rows < 1:
+            raise UsageError("a band of no rows", expected="1 or more", found=band_rows)
         self._rows = band_rows
 
     @classmethod

@@ -59,7 +59,7 @@ def open_input(
 def check_declared(sequence: FrameSequence, effects: Asked) -> None:
     """Raise UsageError for words that are no declaration, and where declared effects would leave out vectors that alone
     tell what moves."""
-    if isinstance(effects, str) and effects not in ASKED:
+    if effects not in ASKED if isinstance(effects, str) else not isinstance(effects, set | frozenset):
         raise UsageError(
             "no such declaration of effects", expected="auto, find, all or a set of effects", found=effects
         )
