@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from cltaa.io.exr_write import write_frame
     from cltaa.io.sequence import FrameSequence
     from cltaa.lab.check.report import check_folder as check
-    from cltaa.lab.inspect.findings import inspect_folder as inspect
+    from cltaa.lab.inspect.findings import inspect_input as inspect
     from cltaa.lab.inspect.plan import plan
     from cltaa.lab.judge.metrics import measure
     from cltaa.pipeline.folder import resolve_folder as resolve
@@ -41,7 +41,7 @@ _HOMES = {
     "Resolver": "cltaa.core.resolver",
     "Settings": "cltaa.core.parameters",
     "check": "cltaa.lab.check.report:check_folder",
-    "inspect": "cltaa.lab.inspect.findings:inspect_folder",
+    "inspect": "cltaa.lab.inspect.findings:inspect_input",
     "load_preset": "cltaa.core.presets",
     "measure": "cltaa.lab.judge.metrics",
     "open": "cltaa.inputs.open:open_input",

@@ -51,9 +51,11 @@ def open_input(
     sequence = ForeignSequence(place.folder, intake, sorted(intake.declared), verify=verify)
     sequence.refuse_result()
     check_declared(sequence, effects)
-    if isinstance(effects, str):
-        return sequence
-    return ForeignSequence(place.folder, intake, sorted(intake.declared), verify=verify, effects=effects)
+    if not isinstance(effects, str):
+        sequence = ForeignSequence(place.folder, intake, sorted(intake.declared), verify=verify, effects=effects)
+    for _, error in sequence.unreadable():
+        raise error
+    return sequence
 
 
 def check_declared(sequence: FrameSequence, effects: Asked) -> None:

@@ -240,10 +240,10 @@ def measure(
             raise DataError(what, path=file, frame=frame, expected="floats [H, W, 3]", found=given)
         check_finite(name, image, file, frame)
     if not isinstance(stops, Real) or not abs(stops) <= EXPOSURE_STOPS:
-        expected = f"a number from {-EXPOSURE_STOPS:g} to {EXPOSURE_STOPS:g}"
-        raise UsageError("stops are no exposure", expected=expected, found=repr(stops))
+        within = f"a number from {-EXPOSURE_STOPS:g} to {EXPOSURE_STOPS:g}"
+        raise UsageError("stops are no exposure", expected=within, found=repr(stops))
     wanted = metrics.split(",") if isinstance(metrics, str) else metrics
-    asked: Iterable[Metric | str] = DEFAULT_METRICS if wanted is None else wanted
+    asked = DEFAULT_METRICS if wanted is None else wanted
     chosen = [named_metrics([metric])[0] if isinstance(metric, str) else metric for metric in asked]
     return {metric.name: metric.function(test, reference, stops) for metric in chosen}
 
