@@ -9,9 +9,10 @@ with cltaa.Resolver() as resolver:
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # typing's, which takes longer to import than all the rest: an interrupt then is not ours yet
 if TYPE_CHECKING:
+    from typing import Any
+
     from cltaa.core.parameters import Choices, Settings
     from cltaa.core.presets import Preset, load_preset
     from cltaa.core.resolver import Resolver

@@ -101,7 +101,7 @@ def no_copy(held: object) -> UsageError:
 
 def call_cltaa(arguments: list[str]) -> subprocess.CompletedProcess[str]:
     """Run a command to its end, whatever its exit code; what it prints is kept, its standard error goes to ours."""
-    command = [sys.executable, "-m", "cltaa.cli", *arguments]
+    command = [sys.executable, "-m", "cltaa", *arguments]
     # What a shell asks of us to complete is not asked of the child.
     environment = {name: value for name, value in os.environ.items() if name != "_CLTAA_COMPLETE"}
     return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False, env=environment)
