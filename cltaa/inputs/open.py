@@ -138,7 +138,8 @@ def readings(folders: Iterable[Path], asked: Reading) -> dict[Path, Reading]:
 
 
 def is_own(named: Named) -> bool:
-    """True unless the first file that can be read plainly is somebody else's, or where there is none but in subfolders.
+    """True unless the first file that can be read plainly is somebody else's, or of several parts, or where there is
+    none but in subfolders.
 
     Errors of cltaa's own files are told by its own reader; what a resolve wrote is its own, whatever layers it kept.
     """
@@ -148,7 +149,9 @@ def is_own(named: Named) -> bool:
         return not place.folder.is_dir() or not any(place.folder.glob("*/*.exr"))
     for file in files:
         try:
-            return not {"cltaa:worldToView", RESOLVED}.isdisjoint(read_any_header(file).attributes)
+            header = read_any_header(file)
+            several = bool(header.layout.windows)  # parts, of which another tool has made a file again
+            return not several and not {"cltaa:worldToView", RESOLVED}.isdisjoint(header.attributes)
         except CltaaError:
             continue
     return True
