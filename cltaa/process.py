@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -20,7 +21,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, SupportsIndex
 
-from cltaa.errors import InternalError, UsageError
+from cltaa.errors import CltaaError, UsageError
 
 # Where nothing else is asked for: pyopencl's cache would only repeat the drivers', and its lock outlives a killed
 # process. NumPy's linear algebra starts a thread a core, which then waits busily, and our matrices are 4x4. FLIP's
@@ -108,10 +109,12 @@ def call_cltaa(arguments: list[str]) -> subprocess.CompletedProcess[str]:
 
 
 def run_cltaa(arguments: list[str]) -> str:
-    """What a command prints; raises InternalError where it fails, with its own words above."""
+    """What a command prints; raises CltaaError with its exit code where it fails, with its own words above."""
     done = call_cltaa(arguments)
     if done.returncode:
-        raise InternalError(f"cltaa {' '.join(arguments)} failed", found=f"exit code {done.returncode}")
+        error = CltaaError(f"cltaa {shlex.join(arguments)} failed", found=f"exit code {done.returncode}")
+        error.exit_code = done.returncode
+        raise error
     return done.stdout
 
 
