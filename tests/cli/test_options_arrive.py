@@ -206,6 +206,7 @@ def frames_that_are_read(call: str, *, judged: bool = False) -> list[tuple[str, 
         ("--camera side.json", f"{call}.reading.side_file", "side.json"),
         ("--step 3", f"{call}.reading.step", 3),
         ("--effects motion", f"{call}.reading.effects", "motion"),
+        ("--effects none", f"{call}.reading.effects", ""),
     ]
     return [*rows, ("--truth other", f"{call}.reading.truth", "other")] if judged else rows
 
@@ -236,6 +237,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--device 3", "resolver_for.device", "3"),
         ("--effects motion", "check_declared.effects", {"motion"}),
         ("--effects motion", "resolve_sequence.effects", {"motion"}),
+        ("--effects none", "resolve_sequence.effects", frozenset()),
         ("--frames 3-5", "open_input.frames", (3, 5)),
         ("--follow --frames 3-5", "arrivals_of.reading.frames", (3, 5)),
         ("--follow --idle 7s", "arrivals_of.idle", 7.0),
