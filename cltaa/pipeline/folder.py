@@ -184,7 +184,7 @@ def resolve_folder(
     refuse_place(output, sequence)
     if denoised and progress:
         print(guide_line(guides_of(sequence.layouts[sequence.first].channels, sequence.replaced)), file=sys.stderr)
-    carried = chosen_layers((layers,) if isinstance(layers, str) else layers, sequence)
+    carried = chosen_layers(layers, sequence)
     preset = with_fireflies(preset, sequence, fireflies)
     made: dict[str, Any] = {"strict": strict, "storage": storage}
     how: dict[str, Any] = {

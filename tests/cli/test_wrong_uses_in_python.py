@@ -66,6 +66,8 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "bands of no rows": (lambda seq: cltaa.resolve(seq, "out", band_rows=-1), "a band of no rows .*found -1"),
     "one depth": (lambda _: cltaa.Resolver().resolve(cltaa.Frame(0, LIGHT, np.float32(5))), "found one number"),
     "a long number": (lambda _: cltaa.write_frame("x.0.exr", make_frame(2**31)), "index does not fit attribute"),
+    "a plan of effects of None": (lambda seq: cltaa.plan(seq, effects=None), "no such declaration of effects"),
+    "a plan of a layer by text": (lambda seq: cltaa.plan(seq, layers="foo"), "no such channel .*found foo"),
     "no film": (lambda seq: cltaa.resolve(seq, "out", compare="side"), "comparison side is of a film"),
 }
 
