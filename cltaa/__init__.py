@@ -9,9 +9,10 @@ with cltaa.Resolver() as resolver:
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # typing's, which takes longer to import than all the rest: an interrupt then is not ours yet
 if TYPE_CHECKING:
+    from typing import Any
+
     from cltaa.core.parameters import Choices, Settings
     from cltaa.core.presets import Preset, load_preset
     from cltaa.core.resolver import Resolver
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from cltaa.io.exr_write import write_frame
     from cltaa.io.sequence import FrameSequence
     from cltaa.lab.check.report import check_folder as check
-    from cltaa.lab.inspect.findings import inspect_folder as inspect
+    from cltaa.lab.inspect.findings import inspect_input as inspect
     from cltaa.lab.inspect.plan import plan
     from cltaa.lab.judge.metrics import measure
     from cltaa.pipeline.folder import resolve_folder as resolve
@@ -41,7 +42,7 @@ _HOMES = {
     "Resolver": "cltaa.core.resolver",
     "Settings": "cltaa.core.parameters",
     "check": "cltaa.lab.check.report:check_folder",
-    "inspect": "cltaa.lab.inspect.findings:inspect_folder",
+    "inspect": "cltaa.lab.inspect.findings:inspect_input",
     "load_preset": "cltaa.core.presets",
     "measure": "cltaa.lab.judge.metrics",
     "open": "cltaa.inputs.open:open_input",

@@ -169,6 +169,8 @@ def _outcome(arguments: list[str]) -> int:
         if debug and not isinstance(error, click.ClickException):
             raise
         return _failed(error)
+    if stop.requested:  # and the command did not see it
+        return _interrupted(arguments)
     return outcome if isinstance(outcome, int) else 0
 
 

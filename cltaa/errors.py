@@ -21,7 +21,6 @@ import importlib
 from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
-from typing import ClassVar
 
 from cltaa.printable import printable
 
@@ -35,7 +34,7 @@ class CltaaError(Exception):
     against each other in brackets, and ``cure`` says what to do. All but ``what`` may be left out.
     """
 
-    exit_code: ClassVar[int] = 70
+    exit_code = 70
 
     def __init__(
         self,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -184,6 +184,8 @@ class Frame:
         """Take the arrays where they are."""
         given = {name: value for name, value in locals().items() if name in self.__dataclass_fields__}
         given |= {name: shared(name, given[name]) for name in PLANES}
+        # Of NumPy's numbers the least ones cannot be added to a step.
+        given |= {name: int(given[name]) for name in ("index", "step") if isinstance(given[name], np.integer)}
         if depth is None:  # one number in memory, that of the sky
             size = getattr(given["colour"], "shape", ())[:2]
             given["depth"] = np.broadcast_to(np.float32(np.inf), size)
@@ -191,6 +193,12 @@ class Frame:
         given["jitter_px"] = _pair(jitter_px)
         for name, value in given.items():
             object.__setattr__(self, name, value)
+
+    def __reduce__(self) -> tuple[type[Frame], tuple[Any, ...]]:
+        """Pickle and copy what was given: what stands for a depth or a camera that was not is one object of memory."""
+        depth, camera = self.depth if self.has_depth else None, self.camera if self.has_camera else None
+        given = {each.name: getattr(self, each.name) for each in fields(self)} | {"depth": depth, "camera": camera}
+        return type(self), tuple(given.values())
 
     @property
     def has_depth(self) -> bool:
@@ -256,3 +264,12 @@ def shared(name: str, array: Any) -> Any:
     except (BufferError, RuntimeError, TypeError, ValueError) as error:
         cure = "give its copy of floats in the host's memory, without gradients"
         raise DataError(f"{name} cannot be shared: {error}", found=type(array).__name__, cure=cure) from error
+
+
+def writable(out: Any) -> Any:
+    """``out`` as NumPy's where another library holds it in the host's memory; raises DataError as ``shared`` does."""
+    if isinstance(out, np.ndarray) or not hasattr(out, "__dlpack__") or on_device(out):
+        return out
+    array = shared("out", out)
+    # DLPack before 1.0 does not say whether memory may be written, and NumPy then takes it that it may not.
+    return np.asarray(out) if hasattr(out, "__array__") and not array.flags.writeable else array

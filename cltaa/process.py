@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -20,7 +21,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, SupportsIndex
 
-from cltaa.errors import InternalError, UsageError
+from cltaa.errors import CltaaError, UsageError
 
 # Where nothing else is asked for: pyopencl's cache would only repeat the drivers', and its lock outlives a killed
 # process. NumPy's linear algebra starts a thread a core, which then waits busily, and our matrices are 4x4. FLIP's
@@ -101,17 +102,19 @@ def no_copy(held: object) -> UsageError:
 
 def call_cltaa(arguments: list[str]) -> subprocess.CompletedProcess[str]:
     """Run a command to its end, whatever its exit code; what it prints is kept, its standard error goes to ours."""
-    command = [sys.executable, "-m", "cltaa.cli", *arguments]
+    command = [sys.executable, "-m", "cltaa", *arguments]
     # What a shell asks of us to complete is not asked of the child.
     environment = {name: value for name, value in os.environ.items() if name != "_CLTAA_COMPLETE"}
     return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False, env=environment)
 
 
 def run_cltaa(arguments: list[str]) -> str:
-    """What a command prints; raises InternalError where it fails, with its own words above."""
+    """What a command prints; raises CltaaError with its exit code where it fails, with its own words above."""
     done = call_cltaa(arguments)
     if done.returncode:
-        raise InternalError(f"cltaa {' '.join(arguments)} failed", found=f"exit code {done.returncode}")
+        error = CltaaError(f"cltaa {shlex.join(arguments)} failed", found=f"exit code {done.returncode}")
+        error.exit_code = done.returncode
+        raise error
     return done.stdout
 
 

@@ -8,6 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from cltaa.errors import CltaaError
+from cltaa.process import run_cltaa
 from tests.sequence_factory import write_sequence
 
 # What the host had before cltaa was imported is compared with what it has while a file is decoded, while a frame is
@@ -96,3 +100,10 @@ def test_only_the_command_line_changes_its_process(tmp_path: Path) -> None:
     assert library["seen"]["decoded"] >= 3
     assert command_line["changed"] == ["environment", "largest image", "stderr of C", "streams", "threads of OpenEXR"]
     assert len(list(tmp_path.glob("out*/*.exr"))) == 6
+
+
+def test_a_command_in_another_process_ends_with_its_own_exit_code(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(CltaaError, match=r"cltaa kernels --show 'a b' failed \(found exit code 64\)") as caught:
+        run_cltaa(["kernels", "--show", "a b"])
+    assert caught.value.exit_code == 64
+    assert "a b" in capfd.readouterr().err

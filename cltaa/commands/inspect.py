@@ -30,11 +30,11 @@ from cltaa.core.build import Storage
 from cltaa.core.presets import Preset
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.found import Found
-from cltaa.inputs.open import is_own, open_input
+from cltaa.inputs.open import open_input
 from cltaa.io.names import selection_of
 from cltaa.io.pixel_statistics import ChannelStatistics
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.inspect.findings import Description, Inspection, describe_input, inspect_folder
+from cltaa.lab.inspect.findings import Description, Inspection, inspect_input
 from cltaa.lab.inspect.plan import Section, SequencePlan
 from cltaa.pipeline.folder import for_denoised
 from cltaa.printable import bytes_of, counted, printable, shown, written
@@ -164,14 +164,8 @@ def inspect(
         resolved = {"half": half, "layers": layers, "band_rows": band_rows, "denoise": denoise}
         _plan(open_input(place, **reading), wanted, device, effects, as_json, storage=Storage(storage), **resolved)
         return
-    profile, asked = reading["profile"], reading["assignments"] or reading["side_file"] is not None
-    named = asked or profile not in ("auto", "cltaa")
-    found: Inspection | Description
     with shown_progress("inspecting") if sys.stderr.isatty() else nullcontext() as advance:
-        if named or (profile == "auto" and not is_own(place)):
-            found = describe_input(place, pixels=pixels, advance=advance, **reading)
-        else:
-            found = inspect_folder(place, pixels=pixels, step=reading["step"], advance=advance)
+        found = inspect_input(place, pixels=pixels, advance=advance, **reading)
     answer(found, as_json, _print)
     if found.problems:
         ctx.exit(DataError.exit_code)

@@ -16,7 +16,7 @@ from click.shell_completion import CompletionItem
 from cltaa.core.build import STORAGES, Storage, kernel_names
 from cltaa.core.frame_checks import EXPOSURE_STOPS
 from cltaa.errors import UsageError, known
-from cltaa.frame import ASKED, Asked, Effect, parse_effects
+from cltaa.frame import ASKED, Asked, Effect, format_effects, parse_effects
 from cltaa.io.names import SUFFIXES, Named
 from cltaa.printable import names_in, printable
 from cltaa.renamed import EFFECTS, current
@@ -211,8 +211,8 @@ def effects_option_of(default: str) -> Callable[[Command], Command]:
         "--effects",
         metavar="LIST",
         default=default,
-        help="auto (as declared, else found in the pixels), find (found, whatever is declared), all (every step), or a "
-        "comma-separated list.",
+        help="auto (as declared, else found in the pixels), find (found, whatever is declared), all (every step), none"
+        ", or a comma-separated list.",
     )
 
 
@@ -288,7 +288,8 @@ def reading_options(command: Command, effects: str = "auto") -> Command:
     def read(*, side_file: Path | None, truth: Path | None = None, **others: Any) -> Any:
         from cltaa.inputs.open import Reading
 
-        chosen_effects(others["effects"])  # a name that is none is told here
+        declared = chosen_effects(others["effects"])  # a name that is none is told here
+        others["effects"] = declared if isinstance(declared, str) else format_effects(declared)
         files: dict[str, Any] = {"side_file": side_file and str(side_file), "truth": truth and str(truth)}
         told = {name: others.pop(name) for name in ("profile", "assignments", "effects", "step")}
         return command(reading=Reading(**told, **files), **others)
@@ -319,15 +320,22 @@ def open_each(folders: Iterable[Path], reading: Reading) -> dict[Path, FrameSequ
     return opened
 
 
+NO_EFFECT = "none"
+
+
 def chosen_effects(text: str) -> Asked:
-    """``auto``, ``find``, ``all``, or the effects of a comma-separated list."""
+    """``auto``, ``find``, ``all``, ``none``, or the effects of a comma-separated list."""
     for word in ASKED:
         if text == word:
             return word
-    for name in (part.strip() for part in text.split(",")):
-        if name and current(name, EFFECTS, frozenset(Effect), "effect") not in [*Effect]:
-            raise UsageError(f"--effects: unknown effect {name}", cure=known(name, [*ASKED, *Effect], "effects"))
-    return parse_effects(text)
+    names = [name for part in text.split(",") if (name := part.strip())]
+    if not names:  # as of a variable that a shell does not know: it would be a promise
+        raise UsageError("--effects names no effect", cure="--effects none promises that nothing happens")
+    for name in [] if names == [NO_EFFECT] else names:
+        if current(name, EFFECTS, frozenset(Effect), "effect") not in [*Effect]:
+            words = [*Effect] if len(names) > 1 else [*ASKED, NO_EFFECT, *Effect]
+            raise UsageError(f"--effects: unknown effect {name}", cure=known(name, words, "effects"))
+    return frozenset() if names == [NO_EFFECT] else parse_effects(text)
 
 
 def load_config(path: Path, base: Preset) -> Preset:

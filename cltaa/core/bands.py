@@ -109,6 +109,8 @@ class BandedResolver(Resolver):
                 f"preset {self.preset.name} keeps frames, so it resolves whole images only",
                 cure="leave --band-rows out, or take --preset default",
             )
+        if band_rows < 1:
+            raise UsageError("a band of no rows", expected="1 or more", found=band_rows)
         self._rows = band_rows
 
     @classmethod
@@ -122,7 +124,8 @@ class BandedResolver(Resolver):
     def resolve(self, frame: Frame, *, half: bool = False, out: Any = None) -> Any:
         """The resolved colour of ``frame`` as ``Resolver.resolve`` gives it, but in the arrays of the frame."""
         check_frame(frame)
-        half = half if out is None else checked_out(out, frame).dtype == np.float16
+        into = None if out is None else checked_out(out, frame)
+        half = half if into is None else into.dtype == np.float16
         started = perf_counter()
         previous, build = self._begin(frame)
         buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
@@ -155,9 +158,9 @@ class BandedResolver(Resolver):
         image = halves if half else whole.colour
         if frame.alpha is not None and not half:
             image = np.concatenate([whole.colour, frame.alpha[..., None]], axis=-1)
-        if out is None:
+        if into is None:
             return image
-        out[...] = image
+        into[...] = image
         return out
 
     @one_thread

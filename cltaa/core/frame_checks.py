@@ -150,7 +150,8 @@ def _check_floats(frame: Frame) -> None:
             continue
         is_array = isinstance(array, np.ndarray) or on_device(array)
         if not is_array or array.dtype.kind != "f":
-            found = array.dtype if is_array else type(array).__name__
+            single = isinstance(array, int | float | np.number)
+            found = array.dtype if is_array else "one number" if single else type(array).__name__
             cure = "bytes of a picture are no linear light: decode them first" if name == "colour" else None
             raise _error(frame, f"{name} is no array of floats", "float32", found, cure)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cltaa.core.constants import PAD_X, PAD_Y, ROW_ALIGNMENT
 from cltaa.errors import UsageError
-from cltaa.frame import Frame, on_device
+from cltaa.frame import Frame, on_device, writable
 
 Plane = NDArray[Any]
 
@@ -180,8 +180,9 @@ def flat(array: NDArray[Any], *, dense: bool = False) -> NDArray[Any] | None:
 
 
 def checked_out(out: Any, frame: Frame) -> Any:
-    """``out`` where the result of ``frame`` can be written there; else raises UsageError."""
-    shape = result_shape(frame)
+    """``out``, or NumPy's array of its memory, where the result of ``frame`` can be written there; else raises
+    UsageError, and DataError for memory that cannot be shared."""
+    shape, out = result_shape(frame), writable(out)
     is_array = isinstance(out, np.ndarray) or on_device(out)
     if not is_array or out.shape != shape or out.dtype not in (np.float32, np.float16):
         found = f"{out.dtype} {out.shape}" if is_array else type(out).__name__

@@ -26,12 +26,12 @@ from cltaa.core.planes import Layout, checked_out, empty_result, result_shape
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.record import Coarse, Past, coarse_colours, frame_record, looks_cut
 from cltaa.errors import UsageError
-from cltaa.frame import DeviceArray, Frame, on_device, outline
+from cltaa.frame import Array, Frame, on_device, outline
 from cltaa.process import OneProcess, no_copy
 
 INSIDE = "_inside"  # the attribute that names the thread
 Method = TypeVar("Method", bound=Callable[..., Any])
-Out = TypeVar("Out", bound=NDArray[Any] | DeviceArray)
+Out = TypeVar("Out", bound=Array)
 
 
 def one_thread(method: Method) -> Method:
@@ -213,8 +213,9 @@ class Resolver:
         """The resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha; contiguous.
 
         With ``half`` float16, infinite where it is 65504 or beyond. Into ``out``, which is returned, in its numbers:
-        float32 or float16, in any order of its axes in memory. Arrays of a device (``pyopencl.array.Array``) stay
-        on it, and where all are such nothing is waited for: the result is there for what its queue is given next.
+        float32 or float16, in any order of its axes in memory, and of any library that has ``__dlpack__`` on a CPU.
+        Arrays of a device (``pyopencl.array.Array``) stay on it, and where all are such nothing is waited for: the
+        result is there for what its queue is given next.
         Raises DataError where a frame is wrong, and UsageError where ``out`` is or another thread is in it.
         """
         if self.look_ahead:
@@ -222,15 +223,15 @@ class Resolver:
                 f"preset {self.preset.name} looks ahead, and its image of a frame comes later",
                 cure="take one that does not; in Python call feed() and flush()",
             )
-        self._check(frame, out)
+        into = self._check(frame, out)
         started = perf_counter()
         previous, buffers, build = self._begun(frame)
-        out = self._place(frame, half, buffers) if out is None else out
-        waits = not (on_device(out) and all(map(on_device, frame.arrays)))
+        into = self._place(frame, half, buffers) if out is None else into
+        waits = not (on_device(into) and all(map(on_device, frame.arrays)))
         if waits:
             self.launcher.finish()
-        self._resolved(frame, previous, build, buffers, out, started, waits=waits)
-        return out
+        self._resolved(frame, previous, build, buffers, into, started, waits=waits)
+        return into if out is None else out
 
     def _resolved(
         self,
@@ -375,11 +376,10 @@ class Resolver:
         self._latest, self._waiting = latest, waiting
         return image
 
-    def _check(self, frame: Frame, out: Any) -> None:
-        """Raise DataError and UsageError."""
+    def _check(self, frame: Frame, out: Any) -> Any:
+        """Where ``out`` is written, if it is given; raises DataError and UsageError."""
         check_frame(frame)
-        if out is not None:
-            checked_out(out, frame)
+        return None if out is None else checked_out(out, frame)
 
     def _place(self, frame: Frame, half: bool, buffers: Buffers) -> Any:
         """Where the result of ``frame`` goes, beside its colour."""

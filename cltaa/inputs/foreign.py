@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +21,7 @@ from cltaa.frame import Camera, Effect, Frame, Image, format_effects
 from cltaa.inputs.convert import check_depth, linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, intake_lines, open_intake
 from cltaa.inputs.profile import Encoding, Profile, load_profile, override
-from cltaa.inputs.roles import channel_missing, describe, whole_numbers
+from cltaa.inputs.roles import Place, channel_missing, describe, whole_numbers
 from cltaa.io.content import open_regular
 from cltaa.io.exr_frame import COLOUR, GROUPS, MATRICES, Pixels
 from cltaa.io.exr_layout import Layout, of_region, placed
@@ -244,6 +244,22 @@ class ForeignSequence(FrameSequence):
         declared = self.intake.declared
         return declared.get(number, declared[otherwise]).jitter_px or (0.0, 0.0)
 
+    def unreadable(self) -> Iterator[tuple[int, DataError]]:
+        """The number and what is wrong of each frame whose files, by their headers, lack what is read of the first.
+
+        Raises InputMissing or DataError for a file that is none.
+        """
+        for number in self.numbers:
+            layouts = {self.path(number): self.layouts[number]}
+            for role, its in self._roles.items():
+                for place in its:
+                    path = self.intake.sets[place.files][number]
+                    layout = layouts[path] = layouts.get(path) or read_any_header(path).layout
+                    kind = layout.channels.get(place.channel)
+                    if kind in (None, "uint"):
+                        missing = _no_channel(place, role, len(its), path)
+                        yield number, missing if kind is None else whole_numbers(place, path)
+
     def sha256(self, number: int) -> str | None:
         """Return the SHA-256 that the file of a frame's colour must have, or None."""
         return self._hash_of(self.path(number))
@@ -296,10 +312,7 @@ class ForeignSequence(FrameSequence):
                 if plane is not None and plane.dtype == np.uint32:
                     raise whole_numbers(place, path)
                 if plane is None:
-                    header = read_any_header(path)
-                    for fault in header.faults.values():
-                        raise fault
-                    raise channel_missing(place, role, len(its), path, header.layout.channels)
+                    raise _no_channel(place, role, len(its), path)
             stacked[role] = np.moveaxis(haloed([files[place.files][place.channel] for place in its]), 0, -1)
         return stacked, files[main]
 
@@ -327,6 +340,12 @@ class ForeignSequence(FrameSequence):
 
 def _numbers(camera: Camera | None) -> list[float]:
     return [] if camera is None else [*camera.world_to_view.ravel().tolist(), *camera.view_to_clip.ravel().tolist()]
+
+
+def _no_channel(place: Place, role: str, count: int, path: Path) -> DataError:
+    """The error for a file without one of the ``count`` channels of a role: what is wrong with a part, if any is."""
+    header = read_any_header(path)
+    return next(iter(header.faults.values()), channel_missing(place, role, count, path, header.layout.channels))
 
 
 def _only(plane: Image | None) -> Image | None:

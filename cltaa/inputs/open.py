@@ -51,15 +51,17 @@ def open_input(
     sequence = ForeignSequence(place.folder, intake, sorted(intake.declared), verify=verify)
     sequence.refuse_result()
     check_declared(sequence, effects)
-    if isinstance(effects, str):
-        return sequence
-    return ForeignSequence(place.folder, intake, sorted(intake.declared), verify=verify, effects=effects)
+    if not isinstance(effects, str):
+        sequence = ForeignSequence(place.folder, intake, sorted(intake.declared), verify=verify, effects=effects)
+    for _, error in sequence.unreadable():
+        raise error
+    return sequence
 
 
 def check_declared(sequence: FrameSequence, effects: Asked) -> None:
     """Raise UsageError for words that are no declaration, and where declared effects would leave out vectors that alone
     tell what moves."""
-    if isinstance(effects, str) and effects not in ASKED:
+    if effects not in ASKED if isinstance(effects, str) else not isinstance(effects, set | frozenset):
         raise UsageError(
             "no such declaration of effects", expected="auto, find, all or a set of effects", found=effects
         )
@@ -136,7 +138,8 @@ def readings(folders: Iterable[Path], asked: Reading) -> dict[Path, Reading]:
 
 
 def is_own(named: Named) -> bool:
-    """True unless the first file that can be read plainly is somebody else's, or where there is none but in subfolders.
+    """True unless the first file that can be read plainly is somebody else's, or of several parts, or where there is
+    none but in subfolders.
 
     Errors of cltaa's own files are told by its own reader; what a resolve wrote is its own, whatever layers it kept.
     """
@@ -146,7 +149,9 @@ def is_own(named: Named) -> bool:
         return not place.folder.is_dir() or not any(place.folder.glob("*/*.exr"))
     for file in files:
         try:
-            return not {"cltaa:worldToView", RESOLVED}.isdisjoint(read_any_header(file).attributes)
+            header = read_any_header(file)
+            several = bool(header.layout.windows)  # parts, of which another tool has made a file again
+            return not several and not {"cltaa:worldToView", RESOLVED}.isdisjoint(header.attributes)
         except CltaaError:
             continue
     return True

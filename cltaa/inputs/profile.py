@@ -180,8 +180,9 @@ def profile_names() -> list[str]:
     return sorted(Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml"))
 
 
-def load_profile(name: str) -> Profile:
+def load_profile(name: str | Path) -> Profile:
     """The profile of that name or in that TOML file; raises UsageError, InputMissing or DataError."""
+    name = str(name)
     if name in profile_names():
         return _parse(name, (_FOLDER / f"{name}.toml").read_text(encoding="utf-8"), name)
     if not name.endswith(".toml"):
@@ -274,10 +275,10 @@ def _no_such_value(path: str, values: dict[str, Any], origin: str) -> DataError:
 
 
 def override(profile: Profile, assignments: Sequence[str]) -> Profile:
-    """``profile`` with ``SECTION.KEY=VALUE`` assignments over it; raises UsageError."""
+    """``profile`` with ``SECTION.KEY=VALUE`` assignments over it, of which a text is one; raises UsageError."""
     values = msgspec.to_builtins(profile)
-    for assignment in assignments:
-        key, equals, text = assignment.partition("=")
+    for assignment in [assignments] if isinstance(assignments, str) else assignments:
+        key, equals, text = str(assignment).partition("=")
         section, dot, name = key.strip().partition(".")
         if not (equals and dot):
             raise UsageError(f"--input {assignment}: no value", expected="SECTION.KEY=VALUE", found=assignment)

@@ -51,7 +51,8 @@ def file_sets(named: Named, without: Container[Path] = ()) -> dict[str, dict[int
 
     Hidden subfolders are left out, those with truth, and those that a resolve wrote: what came of a sequence is no part
     of it. So are the files ``without``. Of a place that names files itself these are all.
-    Raises InputMissing where there is none, or none but captures in folders of their own.
+    Raises InputMissing where there is none, or none but captures in folders of their own, and DataError where numbers
+    stand elsewhere in the names.
     """
     place = selection_of(named)
     files = files_in(place, below=True)
@@ -71,6 +72,11 @@ def file_sets(named: Named, without: Container[Path] = ()) -> dict[str, dict[int
                 sets[label] = left
     if not sets:
         raise no_frames(place, files)
+    alike = {re.sub("[0-9]+", "", label) for label in sets}
+    if len(sets) > 1 and len(alike) == 1 and all(len(numbers) == 1 for numbers in sets.values()):
+        found, cure = next(iter(next(iter(sets.values())).values())).name, "rename the files"
+        what, expected = "the number of a frame is the last thing in its name", "<name>.<frame>.exr"
+        raise DataError(what, path=place.folder, expected=expected, found=found, cure=cure)
     return sets
 
 
@@ -321,7 +327,7 @@ def with_usual_names(profile: Profile, channels: Channels, views: Views) -> Prof
 
 
 OF_NO_TOOL = {"parts": 1, "cltaa": 2}  # and which goes before which
-LUMINANCE = "Y"  # of a picture in greys, as OpenEXR calls it
+LUMINANCE, CHROMA = "Y", {"RY", "BY"}  # as OpenEXR calls them; of a picture in greys there is the one alone
 
 
 def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]], views: Views) -> DataError:
@@ -343,8 +349,12 @@ def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]],
             cure=f"name the folder of one sequence, or the channels, as {option}",
         )
     there = [name for names in channels.values() for name in names]
-    found = written(there)
-    grey = LUMINANCE if LUMINANCE in there else there[0] if len(there) == 1 else None
+    if {*there} >= CHROMA:
+        what, cure = "the picture is in luminance and chroma", "convert it to R G B"
+        return DataError(what, path=folder, expected="R G B", found=written(there), cure=cure)
+    found, grey = written(there), there[0] if len(there) == 1 else None
+    if LUMINANCE in there and not {*there} >= {*"XYZ"}:
+        grey = LUMINANCE
     # Of a picture in greys one channel is all three.
     example = [grey] * 3 if grey else _like_colour(there) or ["RED", "GREEN", "BLUE"]
     cure = f"name them: {channels_option('colour.channels', example)}"

@@ -55,8 +55,7 @@ def owned(folder: Path) -> Iterator[None]:
 
 def check_creatable(path: Path) -> None:
     """Raise OutputError unless a file of that name can be written, before the work that it is to hold."""
-    temporary = _temporary(path)
-    _create(temporary, path)
+    temporary = _create(path)
     temporary.unlink()
 
 
@@ -69,8 +68,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
     second attempt would succeed without having written them. Raises OutputError where the file cannot be created
     and StorageError where writing fails half-way; nothing temporary is left behind by either.
     """
-    temporary = _temporary(path)
-    _create(temporary, path)
+    temporary = _create(path)
     try:
         try:
             yield temporary
@@ -144,17 +142,17 @@ def _remove_folder(folder: Path) -> None:
         shutil.rmtree(folder.replace(gone), ignore_errors=True)
 
 
-def _temporary(path: Path) -> Path:
-    # The end of the name, where the frame number stands: all of it can be as long as a file system allows.
-    name = os.fsdecode(os.fsencode(path.name)[-LONGEST_NAME:])
-    return path.with_name(f".{name}.tmp.{os.getpid()}")
-
-
-def _create(temporary: Path, path: Path) -> None:
-    if path.is_dir():
-        raise OutputError("this is a folder", path=path, expected="the name of a file")
+def _create(path: Path) -> Path:
+    """A new file beside ``path``, whose place it can take: where nothing lies, or a file."""
     try:
+        if path.exists() and not path.is_file():  # of a device, such as /dev/null, no more than a file would be left
+            what = "this is a folder" if path.is_dir() else "this is a pipe or a device"
+            raise OutputError(what, path=path, expected="the name of a file")
+        # The end of the name, where the frame number stands: all of it can be as long as a file system allows.
+        name = os.fsdecode(os.fsencode(path.name)[-LONGEST_NAME:])
+        temporary = path.with_name(f".{name}.tmp.{os.getpid()}")
         temporary.touch()
+        return temporary
     except OSError as error:
         raise OutputError(
             f"the file cannot be created: {error.strerror}", path=path, cure="check the folder and its permissions"

@@ -128,6 +128,8 @@ def frame_attributes(frame: Frame) -> dict[str, object]:
     if max(float(np.abs(matrix).max()) for matrix in standard.values()) > np.finfo(np.float32).max:
         cure = "move the scene nearer to the origin"
         raise DataError("matrix does not fit float32", path=frame.path, frame=frame.index, cure=cure)
+    if not -(2**31) <= frame.index < 2**31:
+        raise DataError("index does not fit attribute cltaa:frame, an int", path=frame.path, found=frame.index)
     attributes: dict[str, object] = {
         **{name: np.ascontiguousarray(matrix.T, dtype=np.float32) for name, matrix in standard.items()},
         "cltaa:worldToView": np.ascontiguousarray(view.T, dtype=np.float64),

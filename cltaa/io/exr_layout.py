@@ -36,8 +36,8 @@ LOSSLESS = frozenset({"none", "rle", "zips", "zip", "piz", "htj2k256", "htj2k32"
 
 Window = tuple[int, int, int, int]  # x and y of the first pixel, x and y of the last
 Part = tuple[slice, slice]  # rows and columns
-# The way in for files that cltaa did not write.
-OTHER_TOOLS = "another tool's files: cltaa resolve --profile auto, in Python cltaa.open"
+# The way in for files that cltaa did not write, whatever attributes of its own they have kept.
+OTHER_TOOLS = "another tool's files: cltaa resolve --profile parts, in Python cltaa.open(..., profile='parts')"
 Windows = tuple[Window, Window]  # of the data, and of the display
 
 

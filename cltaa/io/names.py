@@ -115,6 +115,8 @@ def selection_of(named: Named) -> Selection:
     """
     if isinstance(named, Selection):
         return named
+    if named == "":  # which pathlib takes for the folder of work
+        raise UsageError("no sequence is named", found="an empty name")
     if isinstance(named, str | Path):
         return _place(Path(named))
     words = [*named] if isinstance(named, Iterable) else [named]

@@ -15,6 +15,7 @@ from enum import StrEnum
 from functools import cached_property
 from itertools import pairwise
 from math import gcd
+from numbers import Integral
 from pathlib import Path
 from typing import Any, Self
 
@@ -98,7 +99,7 @@ def check_steps(paths: Mapping[int, Path], frames: FrameRange, step: int, gaps: 
     A step below 1 is a UsageError.
     """
     first, last = frames
-    if step < 1:
+    if not isinstance(step, Integral) or step < 1:
         raise UsageError("the step between frames is wrong", expected="a whole number from 1 on", found=step)
     numbers = [number for number in sorted(paths) if first <= number <= last]
     for number in numbers:

@@ -39,8 +39,8 @@ class ImageSequence(NumberedFiles):
 
     def image(self, number: int, *, alpha: bool = False) -> Image:
         """Read one frame number, [H, W, 3] linear float32; with ``alpha`` behind the colour where it is there."""
-        window = self.layouts[number].data_window
-        return read_colour(self.path(number), sha256=self.sha256(number), picture=window, alpha=alpha)
+        path, window = self.path(number), self.layouts[number].data_window
+        return read_colour(path, sha256=self.sha256(number), picture=window, alpha=alpha)
 
     def __iter__(self) -> Iterator[Image]:
         """Read the frames one after another."""
@@ -108,6 +108,10 @@ class FrameSequence(NumberedFiles):
     found: frozenset[Effect] | None = None
     truth: ImageSequence | None = None  # where it was given, and is not that in ``reference/``
     replaced: frozenset[str] = frozenset()  # channels of other names than R, G, B and A that a resolve makes anew
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the first header, some of whose attributes are objects of OpenEXR that cannot be pickled."""
+        return {name: value for name, value in vars(self).items() if name != "header"}
 
     @property
     def reading(self) -> dict[str, Any]:

@@ -27,6 +27,7 @@ from cltaa.inputs.found import Evidence, Found, by_headers, find_effects, with_f
 from cltaa.inputs.open import check_declared, looked_for, open_input
 from cltaa.io.content import memory_limit
 from cltaa.io.manifest import RESTART_CURE, Manifest
+from cltaa.io.names import Named
 from cltaa.io.sequence import FrameSequence
 from cltaa.pipeline.denoise import denoiser, guide_line, guides_of
 from cltaa.pipeline.follow import Arrivals
@@ -128,7 +129,7 @@ def find_for(sequence: FrameSequence, *, denoised: bool, advance: Advance | None
 
 
 def resolve_folder(
-    source: str | Path | FrameSequence,
+    source: Named | FrameSequence,
     output: str | Path,
     preset: str | Preset = "default",
     device: str | Launcher | None = None,
@@ -178,12 +179,12 @@ def resolve_folder(
         if progress and sequence.notes:
             print("\n".join(map(printable, sequence.notes)), file=sys.stderr)
     else:
-        sequence = open_input(source, **reading) if isinstance(source, str | Path | None) else source
+        sequence = source if isinstance(source, FrameSequence) else open_input(source, **reading)
     check_declared(sequence, effects)
-    refuse_place(Path(output), sequence)
+    refuse_place(output, sequence)
     if denoised and progress:
         print(guide_line(guides_of(sequence.layouts[sequence.first].channels, sequence.replaced)), file=sys.stderr)
-    carried = chosen_layers((layers,) if isinstance(layers, str) else layers, sequence)
+    carried = chosen_layers(layers, sequence)
     preset = with_fireflies(preset, sequence, fireflies)
     made: dict[str, Any] = {"strict": strict, "storage": storage}
     how: dict[str, Any] = {
@@ -191,7 +192,7 @@ def resolve_folder(
         "effects": effects,
         "half": half,
         "compression": compression or carried_compression(sequence),
-        "debug": parse_views(",".join(debug), "debug"),
+        "debug": parse_views(",".join([debug] if isinstance(debug, str) else debug), "debug"),
         "layers": carried,
         "progress": progress,
         "arrivals": arrivals,

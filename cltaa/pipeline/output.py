@@ -90,8 +90,12 @@ def _is(name: str, layer: str) -> bool:
     return name == layer or fnmatchcase(name, layer)
 
 
-def chosen_layers(names: tuple[str, ...] | None, sequence: FrameSequence) -> tuple[str, ...]:
-    """Layers by what ``--layers`` says: names, ``all`` or ``none``; by itself all of another tool's files."""
+def chosen_layers(names: str | tuple[str, ...] | None, sequence: FrameSequence) -> tuple[str, ...]:
+    """Layers by what ``--layers`` says: names, ``all`` or ``none``; by itself all of another tool's files.
+
+    A text is one name.
+    """
+    names = (names,) if isinstance(names, str) else names
     if names is None:
         names = ("all",) if sequence.notes else ("none",)
     return () if names == ("none",) else ALL if names == ("all",) else names

@@ -313,8 +313,11 @@ def _every_step(resolvers: Sequence[Resolver], every: bool) -> Iterator[None]:
             resolver.every_step = ran
 
 
-def refuse_place(output: Path, sequence: FrameSequence) -> None:
-    """Raise UsageError for a folder with a file of the sequence, and for one in which its truth is looked for."""
+def refuse_place(output: str | Path, sequence: FrameSequence) -> None:
+    """Raise UsageError for a folder with a file of the sequence, one in which its truth is looked for, and none."""
+    if not isinstance(output, str | Path) or output == "":
+        raise UsageError("no folder for the results is named", found=repr(output))
+    output = Path(output)
     cure, place, folder = "name another folder with -o", real_path(output), real_path(sequence.folder)
     links = {path for path in sequence.files if path.is_symlink()}
     parents = {path.parent for path in sequence.files}

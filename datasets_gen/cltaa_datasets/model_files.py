@@ -179,8 +179,9 @@ def _load(path: Path) -> trimesh.Scene:
     """What trimesh reads, of text in whatever encoding: names and comments are all that is not ASCII in it."""
     if path.suffix.lower() != ".obj":
         return trimesh.load_scene(path, process=False)
-    text = io.StringIO(_text(path.read_bytes()))
-    return trimesh.load_scene(text, file_type="obj", resolver=_Beside(str(path)), process=False)
+    text = _text(path.read_bytes()).replace("\r\n", "\n").replace("\r", "\n").replace("\t", " ")
+    text = re.sub("^ +", "", text, flags=re.MULTILINE)  # trimesh knows lines by how they begin
+    return trimesh.load_scene(io.StringIO(text), file_type="obj", resolver=_Beside(str(path)), process=False)
 
 
 def _text(content: bytes) -> str:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
@@ -45,16 +46,36 @@ def test_interrupt_that_another_module_swallows(
     assert capsys.readouterr().err.startswith(words)
 
 
-def test_an_interrupt_that_is_lost_ends_the_next_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As one in a call back from C, such as of a driver, which has no way to raise it."""
+@pytest.mark.parametrize("steps", [lambda steps: track(steps, 9, "working"), list])
+def test_an_interrupt_that_is_lost_ends_the_next_step(
+    steps: Callable[[range], Iterable[int]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As one in a call back from C, such as of a driver, which has no way to raise it; at the latest the command."""
 
     def lost(*_: object, **__: object) -> None:
-        for _step in track(range(9), 9, "working"):
+        for _step in steps(range(9)):
             with contextlib.suppress(KeyboardInterrupt):
                 signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(cli.root, "main", lost)
     assert cli.main([]) == 130
+
+
+INTERRUPTED = """
+import sys
+from runpy import run_module
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "click":
+            exec("raise KeyboardInterrupt")
+sys.meta_path.insert(0, Finder())
+run_module("cltaa", run_name="__main__")
+"""
+
+
+def test_an_interrupt_while_the_command_is_imported_is_one_line() -> None:
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "cltaa: interrupted\n")
 
 
 WRITING = """

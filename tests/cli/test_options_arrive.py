@@ -21,6 +21,7 @@ from cltaa.core.debug import View
 from cltaa.core.parameters import Fireflies
 from cltaa.core.presets import load_preset
 from cltaa.io.numbered import OnBreak
+from cltaa.io.sequence import FrameSequence
 
 SCENES = ("spinner", "wires")
 REAL = object()  # what is recorded and called all the same
@@ -35,7 +36,9 @@ def begins(*_: object, **__: object) -> None:
 
 
 def sequence(*_: object, **__: object) -> MagicMock:
-    return MagicMock(notes=(), width=64, height=32, region=None)
+    made = MagicMock(notes=(), width=64, height=32, region=None)
+    made.__class__ = FrameSequence  # type: ignore[assignment]
+    return made
 
 
 def opened(folders: list[Path], _: object) -> dict[Path, str]:
@@ -70,10 +73,10 @@ COMMANDS = {
     "inspect": Command(
         "inspect seq",
         {
-            "cltaa.commands.inspect.is_own": lambda *_: True,
+            "cltaa.lab.inspect.findings.is_own": lambda *_: True,
             "cltaa.commands.inspect.open_input": sequence,
-            "cltaa.commands.inspect.describe_input": begins,
-            "cltaa.commands.inspect.inspect_folder": begins,
+            "cltaa.lab.inspect.findings.describe_input": begins,
+            "cltaa.lab.inspect.findings.inspect_folder": begins,
             "cltaa.lab.inspect.plan.plan": begins,
         },
     ),
@@ -203,6 +206,7 @@ def frames_that_are_read(call: str, *, judged: bool = False) -> list[tuple[str, 
         ("--camera side.json", f"{call}.reading.side_file", "side.json"),
         ("--step 3", f"{call}.reading.step", 3),
         ("--effects motion", f"{call}.reading.effects", "motion"),
+        ("--effects none", f"{call}.reading.effects", ""),
     ]
     return [*rows, ("--truth other", f"{call}.reading.truth", "other")] if judged else rows
 
@@ -233,6 +237,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--device 3", "resolver_for.device", "3"),
         ("--effects motion", "check_declared.effects", {"motion"}),
         ("--effects motion", "resolve_sequence.effects", {"motion"}),
+        ("--effects none", "resolve_sequence.effects", frozenset()),
         ("--frames 3-5", "open_input.frames", (3, 5)),
         ("--follow --frames 3-5", "arrivals_of.reading.frames", (3, 5)),
         ("--follow --idle 7s", "arrivals_of.idle", 7.0),

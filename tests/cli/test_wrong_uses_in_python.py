@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,14 @@ from cltaa.errors import CltaaError
 from tests.sequence_factory import make_frame, write_sequence
 
 cltaa: Any = public  # whose types forbid what is tried here
+
+
+def write_truth(sequence: Path) -> Path:
+    """``sequence`` with its own frames for its truth."""
+    shutil.copytree(sequence, sequence / "reference", ignore=shutil.ignore_patterns("reference"))
+    return sequence
+
+
 LIGHT = np.ones((8, 8, 3), np.float32)
 CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "open nothing": (lambda _: cltaa.open(None), "no sequence is named .*found None"),
@@ -37,6 +47,27 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "resolve nothing": (lambda _: cltaa.resolve(None, "out"), "no sequence is named"),
     "resolve by a preset of None": (lambda seq: cltaa.resolve(seq, "out", None), "a preset is named by text"),
     "a layer by text": (lambda seq: cltaa.resolve(seq, "out", layers="foo"), "no such channel .*found foo"),
+    "an empty name": (lambda _: cltaa.open(""), "no sequence is named .*an empty name"),
+    "a profile of None": (lambda seq: cltaa.open(seq, profile=None), "unknown profile None"),
+    "no profile's file": (lambda seq: cltaa.open(seq, profile=Path("x.toml")), "x.toml: the file is missing"),
+    "an assignment by text": (lambda seq: cltaa.open(seq, assignments="depth.scle=2"), "--input depth.scle=2: no such"),
+    "a number for an assignment": (lambda seq: cltaa.open(seq, assignments=[5]), "--input 5: no value"),
+    "effects of None": (lambda seq: cltaa.open(seq, effects=None), "no such declaration of effects"),
+    "effects in a list": (lambda seq: cltaa.open(seq, effects=["camera"]), "no such declaration of effects"),
+    "a step by text": (lambda seq: cltaa.open(seq, step="1"), "the step between frames is wrong .*found 1"),
+    "a truth beyond": (lambda seq: cltaa.open(write_truth(seq)).reference.image(9), "frame 9: no such frame"),
+    "stops by text": (lambda _: cltaa.measure(LIGHT, LIGHT, stops="1"), "stops are no exposure .*found '1'"),
+    "stops of NaN": (lambda _: cltaa.measure(LIGHT, LIGHT, stops=np.nan), "stops are no exposure .*found nan"),
+    "no pixels": (lambda _: cltaa.measure(LIGHT[:0], LIGHT[:0]), r"no linear light .*found float32 \[0, 8, 3\]"),
+    "resolve to nowhere": (lambda seq: cltaa.resolve(seq, ""), "no folder for the results is named"),
+    "resolve to None": (lambda seq: cltaa.resolve(seq, None), "no folder for the results is named .*found None"),
+    "a list of folders": (lambda seq: cltaa.resolve([seq, "x"], "out"), "a list of files names something else"),
+    "a view by text": (lambda seq: cltaa.resolve(seq, "out", debug="rejct"), "debug: unknown view rejct"),
+    "bands of no rows": (lambda seq: cltaa.resolve(seq, "out", band_rows=-1), "a band of no rows .*found -1"),
+    "one depth": (lambda _: cltaa.Resolver().resolve(cltaa.Frame(0, LIGHT, np.float32(5))), "found one number"),
+    "a long number": (lambda _: cltaa.write_frame("x.0.exr", make_frame(2**31)), "index does not fit attribute"),
+    "a plan of effects of None": (lambda seq: cltaa.plan(seq, effects=None), "no such declaration of effects"),
+    "a plan of a layer by text": (lambda seq: cltaa.plan(seq, layers="foo"), "no such channel .*found foo"),
     "no film": (lambda seq: cltaa.resolve(seq, "out", compare="side"), "comparison side is of a film"),
 }
 
@@ -52,3 +83,15 @@ def test_a_wrong_use_is_told_in_one_line(name: str, tmp_path: Path, monkeypatch:
 
 def test_metrics_are_named() -> None:
     assert cltaa.measure(LIGHT, LIGHT, ["mse"]) == {"mse": 0.0}
+    assert cltaa.measure(LIGHT, LIGHT, "mse,psnr").keys() == {"mse", "psnr"}
+
+
+def test_a_list_of_files_is_resolved(tmp_path: Path) -> None:
+    files = sorted(write_sequence(tmp_path / "in", 3).glob("*.exr"))
+    assert cltaa.resolve(files, tmp_path / "out", debug="count").resolved == 3
+
+
+def test_a_sequence_whose_header_was_read_is_pickled(tmp_path: Path) -> None:
+    sequence = cltaa.open(write_sequence(tmp_path / "in", 2))
+    assert sequence.effects is not None or sequence.attributes
+    assert pickle.loads(pickle.dumps(sequence)).frame(1).index == 1

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
+import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -381,6 +383,58 @@ def test_every_kind_of_array_is_the_numbers_in_it(kind: str, device: str | None,
     out = in_a_file(image, tmp_path / "out.npy")
     given.resolve(make_frame(2), out=out)
     assert np.array_equal(bits(out.copy()), bits(plain.resolve(make_frame(2))))
+
+
+class Torch(Lent):
+    """The same of DLPack before 1.0, which does not say what may be written; NumPy is lent the memory besides."""
+
+    def __dlpack__(self, **asked: Any) -> Any:
+        """Lend it."""
+        return super().__dlpack__()
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Lend it to NumPy."""
+        return self._array
+
+
+@pytest.mark.parametrize("rows", [None, 8])
+@pytest.mark.parametrize("library", [Lent, Torch])
+def test_a_result_may_lie_in_memory_of_another_library(library: type[Lent], rows: int | None) -> None:
+    def resolver() -> Resolver:
+        return Resolver() if rows is None else BandedResolver(band_rows=rows)
+
+    memory = np.empty((23, 37, 3), np.float32)
+    lent = library(memory)
+    assert resolver().resolve(make_frame(0), out=lent) is lent
+    assert np.array_equal(bits(memory), bits(resolver().resolve(make_frame(0))))
+    with pytest.raises(UsageError, match=r"out cannot hold the result .* found float32 \(2, 3\)"):
+        resolver().resolve(make_frame(0), out=library(np.empty((2, 3), np.float32)))
+
+
+def test_memory_of_another_library_may_be_no_place_for_a_result() -> None:
+    memory, resolver = np.empty((23, 37, 3), np.float32), Resolver(device="numpy")
+    with pytest.raises(DataError, match="out cannot be shared: requires grad"):
+        resolver.resolve(make_frame(0), out=Lent(memory, fails=True))
+    memory.flags.writeable = False
+    with pytest.raises(UsageError, match="out cannot be written to"):
+        resolver.resolve(make_frame(0), out=Lent(memory))
+
+
+@pytest.mark.parametrize("copied", [lambda frame: pickle.loads(pickle.dumps(frame)), copy.copy, copy.deepcopy])
+def test_a_copy_of_a_frame_has_what_the_frame_was_given(copied: Callable[[Frame], Frame]) -> None:
+    for frame in (make_frame(0), Frame(0, make_frame(0).colour)):
+        other = copied(frame)
+        assert (other.has_depth, other.has_camera) == (frame.has_depth, frame.has_camera)
+        assert repr(other) == repr(frame)
+
+
+def test_numbers_of_numpy_number_frames() -> None:
+    """Whatever their type: 0 less 1 is none of ``uint8``, and 255 more 1 neither."""
+    colour = make_frame(0).colour
+    resolver = Resolver(device="numpy")
+    for index in (np.uint8(254), np.uint8(255), np.uint16(256)):
+        resolver.resolve(Frame(index, colour, step=np.int8(1)))  # type: ignore[arg-type]
+    assert resolver.debug("count")["count"].max() > 2
 
 
 def test_what_is_masked_is_missing() -> None:

@@ -118,6 +118,14 @@ def test_unknown_motion(tmp_path: Path) -> None:
         model_scene(str(tmp_path / "a.glb"), "jump", 0)
 
 
+@pytest.mark.parametrize("change", [("v ", "  v  "), (" ", "\t"), ("f", " \tf"), ("\n", "\r"), ("\n", "\r\n")])
+def test_lines_of_wavefront_may_begin_part_and_end_as_they_like(change: tuple[str, str], tmp_path: Path) -> None:
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".replace(*change)
+    (tmp_path / "a.obj").write_bytes(text.encode())
+    (part,), _, _ = load_model(tmp_path / "a.obj")
+    assert part.mesh.triangles.shape == (1, 3, 3)
+
+
 def test_an_object_of_wavefront_is_no_metal(tmp_path: Path) -> None:
     (tmp_path / "a.mtl").write_text("newmtl red\nKd 1.0 0.25 0.0\n")
     (tmp_path / "a.obj").write_text("mtllib a.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")

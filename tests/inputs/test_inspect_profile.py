@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from click.testing import CliRunner
 
+import cltaa
 from cltaa.cli import root
 from cltaa.core.build import Steps
 from cltaa.inputs.open import open_input
@@ -27,6 +29,7 @@ def test_it_says_how_blender_would_be_read() -> None:
     assert found["channels"]["motion"] == ["ViewLayer.Vector.X", "ViewLayer.Vector.Y"]
     assert "ViewLayer.Vector.Z" in found["unused"]
     assert [note.split(":")[0] for note in found["notes"]] == ["no matrices", "no jitter"]
+    assert json.loads(msgspec.json.encode(cltaa.inspect(BLENDER))) == found
 
 
 def test_it_prints_a_table_and_takes_a_side_file() -> None:

@@ -375,6 +375,6 @@ def test_own_readers_name_the_way_in_for_other_tools(kind: str, tmp_path: Path) 
         write_one(path, tool, drawn(0), DISPLAY)
     else:
         write_image(path, dict.fromkeys("RGBZ", of(drawn(0)["depth.Z"], DISPLAY)))
-    with pytest.raises(DataError, match=r"another tool's files: .* in Python cltaa\.open"):
+    with pytest.raises(DataError, match=r"another tool's files: .* in Python cltaa\.open\(\.\.\., profile='parts'\)"):
         open_sequence(tmp_path).frame(1)
     assert open_input(tmp_path).frame(1).colour.shape == (HEIGHT, WIDTH, 3)

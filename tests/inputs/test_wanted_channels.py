@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.open import open_input
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.exr_read import read_image, read_planes
+from cltaa.lab.inspect.findings import inspect_input
 from tests.inputs.foreign import read, write_parts
 from tests.sequence_factory import bits
 
@@ -144,7 +146,9 @@ def test_a_channel_that_a_frame_lacks_is_told_with_all_that_it_has(tmp_path: Pat
         r"emission\.R\); render it again, or do without: --input colour\.alpha='none'"
     )
     with pytest.raises(DataError, match=said):
-        read(tmp_path)
+        open_input(tmp_path)  # before anything is resolved
+    assert any(re.search(said, line) for line in inspect_input(tmp_path).problems)
+    assert [frame.index for frame in open_input(tmp_path, frames=(1, 1))] == [1]
 
 
 def test_whole_numbers_in_a_later_frame_are_no_depth(tmp_path: Path) -> None:
@@ -154,4 +158,24 @@ def test_whole_numbers_in_a_later_frame_are_no_depth(tmp_path: Path) -> None:
     with pytest.raises(
         DataError, match=r"a\.0002\.exr channel Z: wrong channel type \(expected half or float, found uint"
     ):
-        read(tmp_path)
+        open_input(tmp_path)
+    assert len(inspect_input(tmp_path).problems) == 1
+
+
+@pytest.mark.parametrize("damage", [lambda whole: whole[:-99], lambda whole: whole.replace(b"\0Z\0\2", b"\0Y\0\2")])
+def test_a_pass_of_its_own_is_looked_at_before_anything_is_resolved(
+    damage: Callable[[bytes], bytes], tmp_path: Path
+) -> None:
+    for name, channels in (("beauty", "RGB"), ("depth", "Z")):
+        (tmp_path / name).mkdir()
+        for number in (1, 2, 3):
+            header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+            path = tmp_path / name / f"x.{number:04d}.exr"
+            OpenEXR.File(header, {each: planes()[each] for each in channels}).write(str(path))
+    assert open_input(tmp_path).frame(3).has_depth
+    damaged = tmp_path / "depth" / "x.0003.exr"
+    whole = damaged.read_bytes()
+    damaged.write_bytes(damage(whole))
+    assert damaged.read_bytes() != whole
+    with pytest.raises(DataError, match=r"depth/x\.0003\.exr"):
+        open_input(tmp_path)

@@ -10,9 +10,12 @@ import pytest
 
 from cltaa.errors import DataError
 from cltaa.inputs.intake import intake_lines, open_intake
+from cltaa.inputs.open import open_input
 from cltaa.inputs.roles import Place, equal_matches
+from cltaa.io.exr_frame import frame_attributes, frame_planes
 from cltaa.io.exr_write import write_image
-from tests.inputs.foreign import frames, read, write_colour
+from tests.inputs.foreign import frames, read, write_colour, write_parts
+from tests.sequence_factory import make_frame
 
 
 def test_a_colour_is_of_one_layer(tmp_path: Path) -> None:
@@ -38,6 +41,7 @@ def test_no_colour_names_what_is_there(tmp_path: Path) -> None:
             "diffuse.Red diffuse.Green diffuse.Blue",
         ),
         (["u", "v", "w"], "RED GREEN BLUE"),
+        (["X", "Y", "Z"], "RED GREEN BLUE"),  # whose Y is no grey
     ],
 )
 def test_no_colour_asks_for_names_that_are_there(tmp_path: Path, there: list[str], cure: str) -> None:
@@ -55,6 +59,20 @@ def test_whole_numbers_are_no_light(tmp_path: Path) -> None:
 def test_a_picture_in_greys_beside_its_depth_is_told_how_it_is_read(tmp_path: Path) -> None:
     write_image(tmp_path / "a.0001.exr", {name: np.ones((4, 4), np.float32) for name in "YZ"})
     with pytest.raises(DataError, match=r"found Y Z\); name them: --input colour.channels='Y Y Y'"):
+        open_intake(tmp_path)
+
+
+def test_luminance_and_chroma_are_called_so(tmp_path: Path) -> None:
+    write_image(tmp_path / "a.0001.exr", {name: np.ones((4, 4), np.float32) for name in ("Y", "RY", "BY")})
+    with pytest.raises(DataError, match=r"luminance and chroma \(expected R G B, found BY RY Y\); convert it to R G B"):
+        open_intake(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["x{:04d}.v2.exr", "x.{}.5.exr", "{:04d}_v1.exr"])
+def test_numbers_before_the_end_of_names_are_told(tmp_path: Path, name: str) -> None:
+    for number in range(3):
+        write_image(tmp_path / name.format(number), {channel: np.ones((4, 4), np.float32) for channel in "RGB"})
+    with pytest.raises(DataError, match=r"the number of a frame is the last thing in its name .*rename the files"):
         open_intake(tmp_path)
 
 
@@ -197,3 +215,18 @@ def test_files_of_passes_are_told_apart_by_their_names(
         write_image(tmp_path / f"{name}.0001.exr", dict.fromkeys(channels, np.ones((4, 4), np.float32)))
     found = open_intake(tmp_path).roles
     assert {role: places[0].files for role, places in found.items()} == roles
+
+
+def test_frames_of_ours_that_another_tool_has_changed_are_read(tmp_path: Path) -> None:
+    """Its attributes stay where it makes parts of the layers, or leaves the depth out."""
+    frame = make_frame(1)
+    planes, header = frame_planes(frame, tmp_path), frame_attributes(frame)
+    beauty = {f"rgba.{name}": planes[name] for name in "RGB"}
+    write_parts(tmp_path / "parts" / "a.0001.exr", {"rgba": beauty, "depth": {"Z": planes["Z"]}}, header)
+    found = open_input(tmp_path / "parts").frame(1)
+    assert (found.has_depth, found.has_camera, found.jitter_px) == (True, True, frame.jitter_px)
+    (tmp_path / "less").mkdir()
+    write_image(tmp_path / "less" / "a.0001.exr", {name: planes[name] for name in "RGB"}, header)
+    with pytest.raises(DataError, match=r"channel Z: channel is missing .* --profile parts"):
+        open_input(tmp_path / "less").frame(1)
+    assert open_input(tmp_path / "less", profile="parts").frame(1).has_camera

@@ -49,6 +49,18 @@ def test_exception_leaves_the_old_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.parametrize("name", ["pipe", "link", "/", "."])
+def test_what_is_no_file_stays(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file in the place of /dev/null would grow with whatever anybody writes there."""
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe")
+    Path("link").symlink_to("pipe")
+    before = Path(name).lstat()
+    with pytest.raises(OutputError, match=r"this is a (pipe or a device|folder)"), atomic_path(Path(name)):
+        pass
+    assert Path(name).lstat().st_ino == before.st_ino
+
+
 def test_disk_errors(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
     with pytest.raises(OutputError, match="this is a folder"), atomic_path(tmp_path / "folder"):

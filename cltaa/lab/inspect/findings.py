@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -19,6 +20,7 @@ from cltaa.errors import CltaaError
 from cltaa.frame import Effect, Matrix
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import OPAQUE, Intake, damaged_files, open_with_gaps
+from cltaa.inputs.open import is_own
 from cltaa.inputs.roles import file_sets, shown_name
 from cltaa.io.exr_frame import COLOUR, FrameHeader, Pixels, check_float_channels, frame_channels, frame_planes
 from cltaa.io.exr_header import read_layout
@@ -409,17 +411,40 @@ def describe_input(
         if not damaged:
             raise
         return Description(folder=str(place), problems=[*wrong.lines, str(error)])
-    found = _described(place, intake)
+    found, sequence = _described(place, intake), ForeignSequence(place.folder, intake, sorted(intake.declared))
     _check_sizes(intake, wrong)
+    for number, fault in sequence.unreadable():
+        wrong.add(number, fault)
     lost = list[Missing]()
     if pixels:
-        lost = _look(found, ForeignSequence(place.folder, intake, sorted(intake.declared)), wrong, advance)
+        lost = _look(found, sequence, wrong, advance)
         alpha = found.statistics.get("A", ChannelStatistics())
         if alpha.lowest == alpha.highest == 1.0 and not alpha.nan + alpha.infinite:
             found.notes = [*found.notes, OPAQUE]
     missing = [f"frames missing: {ranges(intake.missing)}"] if intake.missing else []
     found.problems = [*missing, *wrong.lines, *missing_lines(lost), *pixel_problems(found.statistics)]
     return found
+
+
+def inspect_input(
+    named: Named,
+    *,
+    profile: str = "auto",
+    assignments: Sequence[str] = (),
+    side_file: Path | None = None,
+    step: int = 1,
+    pixels: bool = False,
+    advance: Callable[[int, int], None] | None = None,
+) -> Inspection | Description:
+    """Look at a sequence as what it is: cltaa's own by ``inspect_folder``, another tool's by ``describe_input``.
+
+    Raises what these raise.
+    """
+    place, asked = selection_of(named), bool(assignments) or side_file is not None
+    if not asked and (profile == "cltaa" or (profile == "auto" and is_own(place))):
+        return inspect_folder(place, pixels=pixels, step=step, advance=advance)
+    reading: Any = {"profile": profile, "assignments": assignments, "side_file": side_file, "step": step}
+    return describe_input(place, pixels=pixels, advance=advance, **reading)
 
 
 def _described(place: Selection, intake: Intake) -> Description:

@@ -22,7 +22,7 @@ from cltaa.core.record import Past
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Asked, format_effects
 from cltaa.inputs.found import Found, with_found
-from cltaa.inputs.open import looked_for, open_input
+from cltaa.inputs.open import check_declared, looked_for, open_input
 from cltaa.io.names import Named
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.timing import Clock, Interval, Job, Samples, measure, resolve_job
@@ -97,6 +97,7 @@ def plan(
         preset = for_denoised(load_preset(preset))
     if not isinstance(sequence, FrameSequence):
         sequence = open_input(sequence)
+    check_declared(sequence, effects)
     layers = chosen_layers(layers, sequence)
     check_layers(sequence, layers)
     resolver = Resolver(preset, device, storage=storage, every_step=True)

@@ -12,12 +12,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import pairwise
+from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cltaa import __version__
+from cltaa.core.frame_checks import EXPOSURE_STOPS
 from cltaa.errors import DataError, UsageError, import_extra, known
 from cltaa.frame import Image, shared
 from cltaa.io.display import luma, shown_light, to_display
@@ -211,7 +213,7 @@ def named_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
 def measure(
     test: Image,
     reference: Image,
-    metrics: Iterable[Metric | str] | None = None,
+    metrics: str | Iterable[Metric | str] | None = None,
     stops: float = 0.0,
     *,
     path: Path | None = None,
@@ -220,8 +222,9 @@ def measure(
 ) -> dict[str, float]:
     """Value of every metric (``DEFAULT_METRICS`` unless given, by name or as they are) for one pair of images.
 
-    Raises UsageError for an unknown metric and what is no array, DataError for sizes that differ, for bytes and greys,
-    and for NaN or infinity, with ``frame`` and the file's path in its text.
+    Names may stand in one text, parted by commas. Raises UsageError for an unknown metric, stops beyond 32 and what is
+    no array, DataError for sizes that differ, for bytes, greys and no pixels, and for NaN or infinity, with ``frame``
+    and the file's path in its text.
     """
     test, reference = shared("image", test), shared("reference", reference)
     for image in (test, reference):
@@ -232,12 +235,16 @@ def measure(
         expected, found = list(reference.shape), list(test.shape)
         raise DataError("images differ in size", path=path, frame=frame, expected=expected, found=found)
     for name, image, file in (("image", test, path), ("reference", reference, truth_path)):
-        if image.dtype.kind != "f" or image.shape[2:] != (3,):
+        if image.dtype.kind != "f" or image.shape[2:] != (3,) or not image.size:
             what, given = f"the {name} is no linear light", f"{image.dtype} {list(image.shape)}"
             raise DataError(what, path=file, frame=frame, expected="floats [H, W, 3]", found=given)
         check_finite(name, image, file, frame)
-    wanted = DEFAULT_METRICS if metrics is None else metrics
-    chosen = [named_metrics([metric])[0] if isinstance(metric, str) else metric for metric in wanted]
+    if not isinstance(stops, Real) or not abs(stops) <= EXPOSURE_STOPS:
+        within = f"a number from {-EXPOSURE_STOPS:g} to {EXPOSURE_STOPS:g}"
+        raise UsageError("stops are no exposure", expected=within, found=repr(stops))
+    wanted = metrics.split(",") if isinstance(metrics, str) else metrics
+    asked = DEFAULT_METRICS if wanted is None else wanted
+    chosen = [named_metrics([metric])[0] if isinstance(metric, str) else metric for metric in asked]
     return {metric.name: metric.function(test, reference, stops) for metric in chosen}
 
 
