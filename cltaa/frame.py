@@ -272,4 +272,5 @@ def writable(out: Any) -> Any:
         return out
     array = shared("out", out)
     # DLPack before 1.0 does not say whether memory may be written, and NumPy then takes it that it may not.
-    return np.asarray(out) if hasattr(out, "__array__") and not array.flags.writeable else array
+    lent = np.asarray(out) if hasattr(out, "__array__") and not array.flags.writeable else array
+    return lent if np.shares_memory(lent, array) else array

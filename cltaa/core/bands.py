@@ -109,7 +109,7 @@ class BandedResolver(Resolver):
                 f"preset {self.preset.name} keeps frames, so it resolves whole images only",
                 cure="leave --band-rows out, or take --preset default",
             )
-        if band_rows < 1:
+        if band_rows < 1 or band_rows % 1:
             raise UsageError("a band of no rows", expected="1 or more", found=band_rows)
         self._rows = band_rows
 

@@ -199,6 +199,7 @@ FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "box_right": ("float", "weight of the right column"),
     "box_above": ("float", "weight of the row above, over that of the middle one"),
     "box_below": ("float", "weight of the row below"),
+    "own_vectors": ("int", "1: the frame was given with motion vectors"),
 }
 
 # A struct of a kernel as a 0-dimensional structured array.

@@ -178,5 +178,6 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
         0,
         *weights,
         *_box_weights(frame.jitter_px, plan),
+        int(frame.motion is not None),
     )
     return np.array(values, FRAME_DTYPE)

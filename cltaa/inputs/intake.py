@@ -259,7 +259,7 @@ def open_intake(
     may differ; ``frames`` are the numbers of the first and the last one to take, both included, and no other counts.
     ``step`` is how far numbers lie apart. Files that are ``damaged``, and of which frame, are left out.
     """
-    place = selection_of(named)
+    place, profile = selection_of(named), str(profile)
     folder = place.folder
     gaps, on_resize, sets = on_break(gaps), on_break(on_resize), file_sets(place, damaged)
     first = {label: read_any_header(files[min(files)]) for label, files in sets.items()}

@@ -41,7 +41,7 @@ def open_input(
     """
     place, side_file = selection_of(named), None if side_file is None else Path(side_file)
     plain = not assignments and side_file is None and effects == "auto"
-    if plain and profile in ("auto", "cltaa") and is_own(place):
+    if plain and str(profile) in ("auto", "cltaa") and is_own(place):
         return open_capture(place, **options)
     from cltaa.inputs.foreign import ForeignSequence
     from cltaa.inputs.intake import open_intake
@@ -61,7 +61,8 @@ def open_input(
 def check_declared(sequence: FrameSequence, effects: Asked) -> None:
     """Raise UsageError for words that are no declaration, and where declared effects would leave out vectors that alone
     tell what moves."""
-    if effects not in ASKED if isinstance(effects, str) else not isinstance(effects, set | frozenset):
+    known = effects in ASKED if isinstance(effects, str) else isinstance(effects, set | frozenset)
+    if not known or not (isinstance(effects, str) or effects <= frozenset(Effect)):
         raise UsageError(
             "no such declaration of effects", expected="auto, find, all or a set of effects", found=effects
         )

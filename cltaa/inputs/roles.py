@@ -72,11 +72,6 @@ def file_sets(named: Named, without: Container[Path] = ()) -> dict[str, dict[int
                 sets[label] = left
     if not sets:
         raise no_frames(place, files)
-    alike = {re.sub("[0-9]+", "", label) for label in sets}
-    if len(sets) > 1 and len(alike) == 1 and all(len(numbers) == 1 for numbers in sets.values()):
-        found, cure = next(iter(next(iter(sets.values())).values())).name, "rename the files"
-        what, expected = "the number of a frame is the last thing in its name", "<name>.<frame>.exr"
-        raise DataError(what, path=place.folder, expected=expected, found=found, cure=cure)
     return sets
 
 

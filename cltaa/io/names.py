@@ -120,7 +120,7 @@ def selection_of(named: Named) -> Selection:
     if isinstance(named, str | Path):
         return _place(Path(named))
     words = [*named] if isinstance(named, Iterable) else [named]
-    if not all(isinstance(one, str | Path) for one in words):
+    if not all(isinstance(one, str | Path) for one in words) or "" in words:
         expected = "a folder, a file, a pattern or a list of files"
         raise UsageError("no sequence is named", expected=expected, found=repr(named))
     places = [_place(Path(one)) for one in words]

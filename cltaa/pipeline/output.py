@@ -95,9 +95,9 @@ def chosen_layers(names: str | tuple[str, ...] | None, sequence: FrameSequence) 
 
     A text is one name.
     """
-    names = (names,) if isinstance(names, str) else names
     if names is None:
         names = ("all",) if sequence.notes else ("none",)
+    names = (names,) if isinstance(names, str) else tuple(names)
     return () if names == ("none",) else ALL if names == ("all",) else names
 
 

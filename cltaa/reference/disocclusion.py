@@ -51,7 +51,7 @@ def moved_against(other: Array, s: Surface, m: Motion, build: Build, layout: Lay
     here = np.zeros_like(s.nearest)
     point = Surface(here, here, other, here, here, here, here, here)
     its = motion_from_depth(point, build, layout, frame)
-    if build.steps.own_motion:
+    if build.steps.own_motion and frame["own_vectors"]:
         m = motion_from_depth(point._replace(inverse_depth=s.nearest), build, layout, frame)
     least = constant("PASSES", m.u)
     moved: Mask = (np.abs(its.u - m.u) >= least) | (np.abs(its.v - m.v) >= least)

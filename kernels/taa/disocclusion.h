@@ -45,7 +45,7 @@ STAGE mask moved_against(real other, surface s, motion_t m, real x, real y, fram
 {
     surface point = s;
     point.x = point.y = SPLAT(0.0);
-    if (OWN_MOTION) {
+    if (OWN_MOTION & frame.own_vectors) {
         point.inverse_depth = s.nearest;
         const motion_t by_camera = motion_from_depth(point, x, y, frame);
         m.u = by_camera.u, m.v = by_camera.v;

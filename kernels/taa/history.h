@@ -148,7 +148,7 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_in
 typedef struct
 {
     mask beside; // at one of the four texels: what the history holds there may be its colour
-    mask passed; // and a camera's motion has moved it away since
+    mask passed; // there or at a corner of the 4x4, and a camera's motion has moved it away since
     mask instead; // over so much of the place that the history holds its colour, and it has left
     mask behind; // the pixel lies behind what it follows, and so does what the history holds, but elsewhere
 } covering;
@@ -176,9 +176,10 @@ STAGE covering covering_of(plane_in previous_inverse_depth, quad previous, footp
         if (TESTS_LIGHT)
             c.behind = shows_behind(previous, s, m, LANE_INDEX + K(x), SPLAT(y), frame);
     }
-    // By vectors of its own it may have left where the camera's motion alone would not have moved it.
+    // Among vectors it may have left where the camera's motion alone would not have moved it.
     if (COVERED_SHARE)
-        c.instead = stood_instead(previous, corners, high, f, settings) & (OWN_MOTION ? c.beside : c.passed);
+        c.instead = c.beside & stood_instead(previous, corners, high, f, settings)
+            & (c.passed | (whole)(OWN_MOTION & frame.own_vectors ? -1 : 0));
     return c;
 }
 

@@ -65,8 +65,8 @@ class Waiting(NumpyLauncher):
 def test_an_image_is_whole_when_it_is_given() -> None:
     launcher = Waiting()
     resolver = Resolver(looking(), launcher)
-    for _ in resolver.images(make_frame(index) for index in range(AHEAD + 1)):
-        assert launcher.waited
+    waited = [launcher.waited for _ in resolver.images(make_frame(index) for index in range(AHEAD + 1))]
+    assert waited == [True] * (AHEAD + 1)
 
 
 @pytest.mark.parametrize("lanes_of", [None, "numpy"])

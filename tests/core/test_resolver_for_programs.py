@@ -397,6 +397,19 @@ class Torch(Lent):
         return self._array
 
 
+class Copying(Torch):
+    """NumPy is given a copy."""
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Copy it."""
+        return self._array.copy()
+
+
+def test_a_result_is_not_written_into_a_copy() -> None:
+    with pytest.raises(UsageError, match="out cannot be written to"):
+        Resolver("fast", "numpy").resolve(make_frame(0), out=Copying(np.zeros((23, 37, 3), np.float32)))
+
+
 @pytest.mark.parametrize("rows", [None, 8])
 @pytest.mark.parametrize("library", [Lent, Torch])
 def test_a_result_may_lie_in_memory_of_another_library(library: type[Lent], rows: int | None) -> None:

@@ -68,12 +68,12 @@ def test_luminance_and_chroma_are_called_so(tmp_path: Path) -> None:
         open_intake(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["x{:04d}.v2.exr", "x.{}.5.exr", "{:04d}_v1.exr"])
-def test_numbers_before_the_end_of_names_are_told(tmp_path: Path, name: str) -> None:
-    for number in range(3):
-        write_image(tmp_path / name.format(number), {channel: np.ones((4, 4), np.float32) for channel in "RGB"})
-    with pytest.raises(DataError, match=r"the number of a frame is the last thing in its name .*rename the files"):
-        open_intake(tmp_path)
+@pytest.mark.parametrize("names", [("aov1.0001.exr", "aov2.0001.exr"), ("pass1/x.0001.exr", "pass2/x.0001.exr")])
+def test_one_frame_in_numbered_files_is_read(tmp_path: Path, names: tuple[str, str]) -> None:
+    for name, channels in zip(names, ("RGB", "Z"), strict=True):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        write_image(tmp_path / name, {channel: np.ones((4, 4), np.float32) for channel in channels})
+    assert {"colour", "depth"} <= {*open_intake(tmp_path).roles}
 
 
 def test_of_several_pictures_none_is_taken_for_the_colour(tmp_path: Path) -> None:

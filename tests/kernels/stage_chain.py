@@ -177,6 +177,7 @@ def hard_work(width: int = 70, height: int = 41, seed: int = 0, settings: Settin
     )
     record = frame_record(now, Past.of(before[-1]), layout)
     record["left_weight"], record["right_weight"], record["above_weight"], record["below_weight"] = 0.3, -0.05, 0.1, 0.2
+    record["own_vectors"] = 1
     record["box_left"], record["box_right"], record["box_above"], record["box_below"] = 0.2, 0.05, 0.03, 0.4
     past = np.array([frame_record(now, Past.of(frame), layout) for frame in reversed(before)], FRAME_DTYPE)
     # None that puts a texel's sample on the border of a neighbour's window, 0.8 off its centre, but for rounding.
