@@ -40,6 +40,12 @@ def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
     return result
 
 
+def any_nearer(q: Quad, than: Array) -> Mask:
+    """True where one of four inverse depths is greater."""
+    nearer: Mask = (q.p00 > than) | (q.p10 > than) | (q.p01 > than) | (q.p11 > than)
+    return nearer
+
+
 def nearest_of(q: Quad) -> Array:
     """The greatest of four inverse depths."""
     return greater(greater(q.p00, q.p10), greater(q.p01, q.p11))
@@ -73,9 +79,11 @@ def shows_behind(previous: Quad, s: Surface, m: Motion, build: Build, layout: La
     """True where a pixel follows a nearer surface past what it shows itself, and three of the four texels at the place
     of the history did not show that surface either."""
     middle = number(0.5, m.u) * (s.nearest + s.farthest) * m.scale + m.shift
-    nearer = sum((p > middle).astype(np.int32) for p in previous)
+    one, none = number(1, m.u), number(0, m.u)
+    first, second, third, fourth = (np.where(p > middle, one, none) for p in previous)
+    nearer = (first + second) + (third + fourth)
     moved = moved_against(s.centre, s, m, build, layout, frame)
-    behind: Mask = ((s.x != 0) | (s.y != 0)) & (nearer <= 1) & moved
+    behind: Mask = ((s.x != none) | (s.y != none)) & (nearer <= one) & moved
     return behind
 
 
@@ -84,5 +92,5 @@ def stood_instead(previous: Quad, corners: Quad, high: Array, f: Footprint, cove
     corner of the 4x4 around it."""
     one, none = number(1, high), number(0, high)
     nearer = Quad(*(np.where(p > high, one, none) for p in previous))
-    covered: Mask = (bilinear(nearer, f) > number(covered_share, high)) & (nearest_of(corners) > high)
+    covered: Mask = (bilinear(nearer, f) > number(covered_share, high)) & any_nearer(corners, high)
     return covered

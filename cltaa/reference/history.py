@@ -12,6 +12,7 @@ from cltaa.core.parameters import HistoryRange, Reject
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain, sample_is_missing
 from cltaa.reference.disocclusion import (
+    any_nearer,
     has_passed,
     nearest_of,
     on_screen,
@@ -77,7 +78,7 @@ def covering_of(
     if build.choices.reject is not Reject.DEPTH or not (steps.camera_motion or steps.own_motion):
         return Covering(no, no, no, no)
     _, high = surface_range(s, m, tolerance)
-    beside, passed, instead, behind = nearest_of(previous) > high, no, no, no
+    beside, passed, instead, behind = any_nearer(previous, high), no, no, no
     corners = sample_corners(previous_inverse_depth, f, m.u.dtype)
     if steps.camera_motion:
         nearest = greater(nearest_of(previous), nearest_of(corners))

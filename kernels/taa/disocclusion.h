@@ -37,6 +37,8 @@ STAGE mask same_surface(quad previous, surface s, motion_t m, settings_t setting
         | ((previous.p01 <= r.high) & (previous.p01 >= r.low)) | ((previous.p11 <= r.high) & (previous.p11 >= r.low));
 }
 
+STAGE mask any_nearer(quad q, real than) { return (q.p00 > than) | (q.p10 > than) | (q.p01 > than) | (q.p11 > than); }
+
 STAGE real nearest_of(quad q) { return greater(greater(q.p00, q.p10), greater(q.p01, q.p11)); }
 
 // Whether the camera's motion has moved a point of the inverse depth `other`, at the pixel, by PASSES pixels against
@@ -87,5 +89,5 @@ STAGE mask stood_instead(quad previous, quad corners, real high, footprint f, se
     const real one = SPLAT(1.0), none = SPLAT(0.0);
     const quad nearer = { previous.p00 > high ? one : none, previous.p10 > high ? one : none,
         previous.p01 > high ? one : none, previous.p11 > high ? one : none };
-    return (bilinear(nearer, f) > SPLAT(settings.covered_share)) & (nearest_of(corners) > high);
+    return (bilinear(nearer, f) > SPLAT(settings.covered_share)) & any_nearer(corners, high);
 }

@@ -162,7 +162,7 @@ STAGE covering covering_of(plane_in previous_inverse_depth, quad previous, footp
     if ((REJECT != REJECT_DEPTH) | !(CAMERA_MOTION | OWN_MOTION))
         return c;
     const real high = surface_range(s, m, settings).high;
-    c.beside = nearest_of(previous) > high;
+    c.beside = any_nearer(previous, high);
     if (!(TESTS_LIGHT & CAMERA_MOTION)) {
         if (!COVERED_SHARE)
             return c;
