@@ -26,9 +26,9 @@ def test_each_way_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     kinds = list[str]()
     resolve = Resolver._check
 
-    def noted(self: Resolver, frame: Any, out: Any) -> None:
+    def noted(self: Resolver, frame: Any, out: Any) -> Any:
         kinds.append(type(frame.colour).__name__)
-        resolve(self, frame, out)
+        return resolve(self, frame, out)
 
     monkeypatch.setattr(Resolver, "_check", noted)
     done = CliRunner().invoke(root, ["bench", "api", "--size", "32x18", "--rounds", "3", "--json"])
