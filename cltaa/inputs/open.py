@@ -61,8 +61,8 @@ def open_input(
 def check_declared(sequence: FrameSequence, effects: Asked) -> None:
     """Raise UsageError for words that are no declaration, and where declared effects would leave out vectors that alone
     tell what moves."""
-    known = effects in ASKED if isinstance(effects, str) else isinstance(effects, set | frozenset)
-    if not known or not (isinstance(effects, str) or effects <= frozenset(Effect)):
+    declared = isinstance(effects, set | frozenset) and effects <= {*Effect}
+    if not declared and effects not in ASKED:
         raise UsageError(
             "no such declaration of effects", expected="auto, find, all or a set of effects", found=effects
         )

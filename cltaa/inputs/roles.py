@@ -51,8 +51,7 @@ def file_sets(named: Named, without: Container[Path] = ()) -> dict[str, dict[int
 
     Hidden subfolders are left out, those with truth, and those that a resolve wrote: what came of a sequence is no part
     of it. So are the files ``without``. Of a place that names files itself these are all.
-    Raises InputMissing where there is none, or none but captures in folders of their own, and DataError where numbers
-    stand elsewhere in the names.
+    Raises InputMissing where there is none, or none but captures in folders of their own.
     """
     place = selection_of(named)
     files = files_in(place, below=True)

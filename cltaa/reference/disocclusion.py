@@ -40,6 +40,12 @@ def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
     return result
 
 
+def nearer_than(q: Quad, than: Array) -> Quad:
+    """1 where a texel is nearer than that, 0 elsewhere."""
+    one, none = number(1, than), number(0, than)
+    return Quad(*(np.where(p > than, one, none) for p in q))
+
+
 def any_nearer(q: Quad, than: Array) -> Mask:
     """True where one of four inverse depths is greater."""
     nearer: Mask = (q.p00 > than) | (q.p10 > than) | (q.p01 > than) | (q.p11 > than)
@@ -78,19 +84,16 @@ def has_passed(
 def shows_behind(previous: Quad, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
     """True where a pixel follows a nearer surface past what it shows itself, and three of the four texels at the place
     of the history did not show that surface either."""
-    middle = number(0.5, m.u) * (s.nearest + s.farthest) * m.scale + m.shift
-    one, none = number(1, m.u), number(0, m.u)
-    first, second, third, fourth = (np.where(p > middle, one, none) for p in previous)
-    nearer = (first + second) + (third + fourth)
+    nearer = nearer_than(previous, number(0.5, m.u) * (s.nearest + s.farthest) * m.scale + m.shift)
+    shown, none = (nearer.p00 + nearer.p10) + (nearer.p01 + nearer.p11), number(0, m.u)
     moved = moved_against(s.centre, s, m, build, layout, frame)
-    behind: Mask = ((s.x != none) | (s.y != none)) & (nearer <= one) & moved
+    behind: Mask = ((s.x != none) | (s.y != none)) & (shown <= number(1, m.u)) & moved
     return behind
 
 
 def stood_instead(previous: Quad, corners: Quad, high: Array, f: Footprint, covered_share: Any) -> Mask:
     """True where what is nearer than ``high`` covered more than ``covered_share`` of the place of the history, and a
     corner of the 4x4 around it."""
-    one, none = number(1, high), number(0, high)
-    nearer = Quad(*(np.where(p > high, one, none) for p in previous))
-    covered: Mask = (bilinear(nearer, f) > number(covered_share, high)) & any_nearer(corners, high)
+    share = bilinear(nearer_than(previous, high), f)
+    covered: Mask = (share > number(covered_share, high)) & any_nearer(corners, high)
     return covered

@@ -37,6 +37,14 @@ STAGE mask same_surface(quad previous, surface s, motion_t m, settings_t setting
         | ((previous.p01 <= r.high) & (previous.p01 >= r.low)) | ((previous.p11 <= r.high) & (previous.p11 >= r.low));
 }
 
+// 1 where a texel is nearer than that, 0 elsewhere.
+STAGE quad nearer_than(quad q, real than)
+{
+    const real one = SPLAT(1.0), none = SPLAT(0.0);
+    return (quad) { q.p00 > than ? one : none, q.p10 > than ? one : none, q.p01 > than ? one : none,
+        q.p11 > than ? one : none };
+}
+
 STAGE mask any_nearer(quad q, real than) { return (q.p00 > than) | (q.p10 > than) | (q.p01 > than) | (q.p11 > than); }
 
 STAGE real nearest_of(quad q) { return greater(greater(q.p00, q.p10), greater(q.p01, q.p11)); }
@@ -74,11 +82,9 @@ STAGE mask shows_behind(quad previous, surface s, motion_t m, real x, real y, fr
     const mask borrowed = (s.x != SPLAT(0.0)) | (s.y != SPLAT(0.0));
     if (!any_of(borrowed))
         return borrowed;
-    const real one = SPLAT(1.0), none = SPLAT(0.0);
-    const real middle = K(0.5) * (s.nearest + s.farthest) * m.scale + m.shift;
-    const real nearer = ((previous.p00 > middle ? one : none) + (previous.p10 > middle ? one : none))
-        + ((previous.p01 > middle ? one : none) + (previous.p11 > middle ? one : none));
-    return borrowed & (nearer <= one) & moved_against(s.centre, s, m, x, y, frame);
+    const quad nearer = nearer_than(previous, K(0.5) * (s.nearest + s.farthest) * m.scale + m.shift);
+    const real shown = (nearer.p00 + nearer.p10) + (nearer.p01 + nearer.p11);
+    return borrowed & (shown <= SPLAT(1.0)) & moved_against(s.centre, s, m, x, y, frame);
 }
 
 // Whether something nearer than `high` stood there instead of the surface: it covered more than covered_share of the
@@ -86,8 +92,5 @@ STAGE mask shows_behind(quad previous, surface s, motion_t m, real x, real y, fr
 // misses does not.
 STAGE mask stood_instead(quad previous, quad corners, real high, footprint f, settings_t settings)
 {
-    const real one = SPLAT(1.0), none = SPLAT(0.0);
-    const quad nearer = { previous.p00 > high ? one : none, previous.p10 > high ? one : none,
-        previous.p01 > high ? one : none, previous.p11 > high ? one : none };
-    return (bilinear(nearer, f) > SPLAT(settings.covered_share)) & any_nearer(corners, high);
+    return (bilinear(nearer_than(previous, high), f) > SPLAT(settings.covered_share)) & any_nearer(corners, high);
 }

@@ -440,8 +440,8 @@ def inspect_input(
 
     Raises what these raise.
     """
-    place, asked = selection_of(named), bool(assignments) or side_file is not None
-    if not asked and (str(profile) == "cltaa" or (str(profile) == "auto" and is_own(place))):
+    place, profile, asked = selection_of(named), str(profile), bool(assignments) or side_file is not None
+    if not asked and (profile == "cltaa" or (profile == "auto" and is_own(place))):
         return inspect_folder(place, pixels=pixels, step=step, advance=advance)
     reading: Any = {"profile": profile, "assignments": assignments, "side_file": side_file, "step": step}
     return describe_input(place, pixels=pixels, advance=advance, **reading)
