@@ -103,6 +103,18 @@ def test_times_of_noise_count_for_nothing() -> None:
     assert table(accuracy(noise), ["mse"]).count("too noisy to rank | –") == 3
 
 
+def test_each_sequence_has_the_presets_in_a_row() -> None:
+    """Error and time over the default's; what is no preset stands in the table above alone."""
+    still, noise = sequence("still", (2.0, 1.0, 5.0)), sequence("noise", (0.0, 1.0, 5.0), noisy=True)
+    result = accuracy(still, noise)
+    assert "By sequence" not in table(result, ["mse"])
+    preset = msgspec.structs.replace(VARIANTS[1], group="preset")
+    text = table(msgspec.structs.replace(result, variants=[VARIANTS[0], preset, VARIANTS[2]]), ["mse"])
+    rows = text.split("By sequence, mse and time of each preset over those of default:\n\n")[1].splitlines()
+    assert rows[0] == f"| sequence | default: mse | ms a megapixel | {preset.name} |"
+    assert rows[2:] == ["| still | 2 | 1 | 0.50, 2 |", "| noise | 0 | noisy | –, noisy |"]
+
+
 def test_a_sequence_without_error_counts_for_nothing() -> None:
     worst = overall(accuracy(sequence("one", (0.0, 4.0, 0.0)), sequence("two", (2.0, 8.0, 1.0))), "mse")[-1]
     assert worst.errors == [None, 4.0]

@@ -57,7 +57,7 @@ def overall(result: Accuracy, metric: str) -> list[Overall]:
 
 
 def table(result: Accuracy, metrics: Sequence[str]) -> str:
-    """Markdown, a row a variant, least error by the first of ``metrics`` first."""
+    """Markdown, a row a variant, least error by the first of ``metrics`` first; then a row a sequence."""
     every = {metric: {row.variant: row for row in overall(result, metric)} for metric in metrics}
     heads = ["variant", *(head for metric in metrics for head in (metric, "least to greatest", "best in"))]
     rows = []
@@ -68,7 +68,31 @@ def table(result: Accuracy, metrics: Sequence[str]) -> str:
         low, high = min((t.low for t in row.times), default=0.0), max((t.high for t in row.times), default=0.0)
         texts += ["too noisy to rank", "–"] if row.time is None else [f"{row.time:.3f}", f"{low:.3f} to {high:.3f}"]
         rows.append([*texts, "–" if row.rounding is None else f"{row.rounding:.1e}" if row.rounding else "0"])
-    return f"{_about(result)}\n\n{markdown([*heads, 'time', '95 % of every sequence within', 'rounding'], rows)}"
+    whole = markdown([*heads, "time", "95 % of every sequence within", "rounding"], rows)
+    return f"{_about(result)}\n\n{whole}{by_sequence(result, metrics[0])}"
+
+
+def by_sequence(result: Accuracy, metric: str) -> str:
+    """Markdown, a row a sequence: the default's error and time, then those of every other preset over them; empty
+    without another preset."""
+    presets = [variant.name for variant in result.variants if variant.group == PRESETS]
+    if not presets:
+        return ""
+    rows = []
+    for measured in result.sequences:
+        first = measured.cells[0]
+        own = [f"{first.errors[metric].mean:.3g}", "noisy" if measured.noisy else f"{first.time.median:.3g}"]
+        others = (_beside(measured, cell, metric) for cell in measured.cells if cell.variant in presets)
+        rows.append([measured.name, *own, *others])
+    base = result.variants[0].name
+    heads = "sequence", f"{base}: {metric}", "ms a megapixel", *presets
+    return f"\nBy sequence, {metric} and time of each preset over those of {base}:\n\n{markdown(heads, rows)}"
+
+
+def _beside(measured: MeasuredSequence, cell: Measured, metric: str) -> str:
+    ratio = _ratio(measured, cell, metric)
+    time = "noisy" if measured.noisy else f"{cell.ratio.median:.3g}"
+    return f"{'–' if ratio is None else f'{ratio:.2f}'}, {time}"
 
 
 def _about(result: Accuracy) -> str:
