@@ -12,6 +12,7 @@ from cltaa.core.build import Build, Real
 from cltaa.core.constants import PAD_X, PAD_Y, UNMOVED, WINDOW_REACH
 from cltaa.core.constants import value as value_of
 from cltaa.reference.accumulate import current_pixel
+from cltaa.reference.colour import filled_colour
 from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.gather_fit import Gathered
 from cltaa.reference.gather_samples import gather_samples
@@ -102,9 +103,15 @@ def parts(work: Work) -> list[Values]:
     return [current, mean, np.where(used, history, 0.0), np.where(used, change, 0.0)]
 
 
+@quiet
+def filled(work: Work) -> Values:
+    """Largest magnitude, any channel, of what stands in for a missing sample."""
+    return np.abs(filled_colour(work.planes["current"], Build(real=Real.DOUBLE), work.layout)).max(0)
+
+
 def both(work: Work) -> Values:
     """The largest magnitude of all that is blended, any channel."""
-    return np.maximum.reduce([np.abs(part).max(0) for part in parts(work)])
+    return np.maximum.reduce([*(np.abs(part).max(0) for part in parts(work)), filled(work)])
 
 
 @quiet
@@ -127,7 +134,8 @@ def conditioned(work: Work) -> Values:
 
 @quiet
 def gathered(work: Work) -> Values:
-    """Largest magnitude of the current sample, what lies around it and the mean of what was gathered, any channel."""
+    """Largest magnitude of the current sample, what lies around it or stands in for it, and the mean of what was
+    gathered, any channel."""
     build = Build(steps=ALL_STEPS, real=Real.DOUBLE)
     planes, layout = work.planes, work.layout
     rows = read_rows(planes["current"], planes["inverse_depth"], planes["motion"], build, layout, work.frame)
@@ -153,7 +161,7 @@ def gathered(work: Work) -> Values:
     )
     weight = np.where(g.count > 0, g.weight, 1.0)
     past = [now + total / weight for now, total in zip(p.own, g.sum, strict=True)]
-    return np.abs([*p.own, *p.stats.mean, *p.stats.low, *p.stats.high, *past]).max(0)
+    return np.maximum(np.abs([*p.own, *p.stats.mean, *p.stats.low, *p.stats.high, *past]).max(0), filled(work))
 
 
 def halves(scale: Callable[[Work], Any]) -> Callable[[Work], Any]:
