@@ -78,7 +78,7 @@ def is_cpu(device: cl.Device) -> bool:
 
 
 def choose_device(requested: str | None = None) -> cl.Device:
-    """The device for a wish: an index, a part of its description, or None for the first (GPUs come first).
+    """The device for a wish: an index, a part of its description, ``pocl``, or None for the first (GPUs come first).
 
     The variable CLTAA_DEVICE is the wish where none is given. Raises DeviceMissing without any device and UsageError
     where none matches.
@@ -96,7 +96,7 @@ def choose_device(requested: str | None = None) -> cl.Device:
     matching = [
         device
         for index, device in enumerate(found)
-        if requested == str(index) or (not requested.isdigit() and requested.lower() in describe(device).lower())
+        if requested == str(index) or (not requested.isdigit() and requested.lower() in _known_as(device).lower())
     ]
     if not matching:
         listed = "; ".join(f"{index}: {describe(device)}" for index, device in enumerate(found))
@@ -104,6 +104,11 @@ def choose_device(requested: str | None = None) -> cl.Device:
             raise UsageError("this needs an OpenCL device, and numpy is none", found=listed, cure="name one of them")
         raise UsageError(f"no OpenCL device matches {requested}", found=listed, cure="name one of them, or numpy")
     return matching[0]
+
+
+def _known_as(device: cl.Device) -> str:
+    """What a wish may name a part of; nobody calls PoCL by its platform's name."""
+    return f"{describe(device)} PoCL" if device.platform.name.strip() == POCL else describe(device)
 
 
 def alike(requested: str | None = None) -> list[str]:

@@ -47,6 +47,19 @@ def driver(platform: str, version: str, kind: int = cl.device_type.CPU) -> Any:
     return named
 
 
+@pytest.mark.parametrize(("wish", "taken"), [("pocl", 1), ("PoCL", 1), ("portable comp", 1), ("cuda", 0), ("10.1", 1)])
+def test_a_device_goes_by_the_name_that_its_runtime_is_known_by(
+    wish: str, taken: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The platform of PoCL never calls itself so."""
+    names = [("NVIDIA CUDA", "580.1"), ("Portable Computing Language", "10.1")]
+    found: list[Any] = [
+        SimpleNamespace(name="X", platform=SimpleNamespace(name=name), driver_version=number) for name, number in names
+    ]
+    monkeypatch.setattr(device, "devices", lambda: found)
+    assert device.choose_device(wish) is found[taken]
+
+
 def test_gpus_come_first_then_runtimes_in_the_order_of_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
     """In whatever order the loader names them; a version is a number, and none is older than any."""
     ordered = [
