@@ -81,7 +81,7 @@ def test_every_image_comes_once_and_in_order(lanes_of: str | None) -> None:
 
 @pytest.mark.parametrize(("ahead", "device"), [(0, "numpy"), (AHEAD, "numpy"), (AHEAD, None)])
 def test_frames_that_are_only_kept_are_gathered_as_if_they_had_been_resolved(ahead: int, device: str | None) -> None:
-    frames = [replace(frame, effects=None) for frame in hard_frames(count=10)]
+    frames = [replace(frame, effects=None) for frame in hard_frames(33, 21, count=10)]
     frames[5] = replace(frames[5], cut=True)
     preset = looking(look_ahead=ahead, recursion="none")
     whole, resolver = images(frames, preset, device, strict=True), Resolver(preset, device, strict=True)
@@ -106,7 +106,7 @@ def test_no_frame_is_only_kept_where_none_are_gathered_or_some_wait() -> None:
     [({}, True), ({}, False), ({"gather_fit": "mean", "reject": "none"}, False)],
 )
 def test_the_strict_kernel_is_its_twin(changes: dict[str, object], moving: bool) -> None:
-    frames = [sliding(index, (1.25, -0.5)) for index in range(7)] if moving else list(hard_frames(count=7))
+    frames = [sliding(index, (1.25, -0.5)) for index in range(7)] if moving else list(hard_frames(33, 21, count=7))
     preset = looking(**changes)
     assert same(images(frames, preset, strict=True), images(frames, preset, "numpy"))
 
