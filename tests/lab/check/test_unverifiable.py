@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,12 @@ def mistakes(frames: list[Frame]) -> list[str]:
 
 def told(frames: list[Frame]) -> list[str]:
     return unverifiable(Shot(frames, (frames[0].width, frames[0].height)))
+
+
+@cache
+def told_of(name: str, scene: Scene) -> list[str]:
+    """What several tests look at."""
+    return told(scene(name))
 
 
 def rows_up(frames: list[Frame]) -> list[Frame]:
@@ -97,7 +104,7 @@ def test_a_picture_whose_rows_go_up_before_a_level_camera_is_said_to_be_unverifi
     ],
 )
 def test_what_is_unverifiable(name: str, hidden: list[str], shown: list[str], scene: Scene) -> None:
-    text = "\n".join(told(scene(name)))
+    text = "\n".join(told_of(name, scene))
     assert [words for words in hidden if words not in text] == []
     assert [words for words in shown if words in text] == []
 
@@ -107,7 +114,7 @@ def test_what_is_unverifiable(name: str, hidden: list[str], shown: list[str], sc
 def test_what_is_not_named_is_said_to_be_unverifiable(mistake: str, name: str, scene: Scene) -> None:
     words = {"camera-inverse": "their direction", "depth-scaled": "the unit of depth"}[mistake]
     named = mistakes(MISTAKES[mistake].plant(scene(name))) == [mistake]
-    assert named != any(words in line for line in told(scene(name)))
+    assert named != any(words in line for line in told_of(name, scene))
 
 
 def test_vectors_that_fill_the_picture_tell_the_direction_of_matrices(small: Scene) -> None:
