@@ -37,7 +37,7 @@ def forked(top: Path, shim: Path, work: str, how: str, number: signal.Signals, c
 
 
 @pytest.mark.parametrize(
-    ("work", "frames", "stride"), [("short resolve", 3, 3), pytest.param("resolve", FRAMES, 1, marks=pytest.mark.big)]
+    ("work", "frames", "stride"), [("short resolve", 3, 5), pytest.param("resolve", FRAMES, 1, marks=pytest.mark.big)]
 )
 def test_killed_at_each_step(tmp_path: Path, shim: Path, work: str, frames: int, stride: int) -> None:
     """SIGKILL at the n-th open, write, flush or rename: the steps of the protocol, one after another."""
