@@ -197,6 +197,8 @@ CASES: list[tuple[str, int, str]] = [
     ("bench kernels --device numpy", WRONG, "bench kernels times OpenCL kernels"),
     ("bench overview seq -o out", MISSING, "not a report"),
     ("tune seq -o out.toml", WRONG, "one of --budget and --target is needed"),
+    ("tune seq -o out.toml --budget 5ms --trials 1", USAGE, "x>=2"),
+    ("tune seq -o out.toml --budget 5ms --seed 4294967296", USAGE, "0<=x<=4294967295"),
     ("tune seq -o out.toml --target flip", WRONG, "no goal (expected --budget 5ms, or --target flip=0.02"),
     ("tune seq -o out.toml --budget 5ms --metric psnr", WRONG, "no metric to minimise"),
     ("capture spinner -o out --motion play", WRONG, "applies to file:PATH"),

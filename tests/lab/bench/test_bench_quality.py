@@ -60,8 +60,10 @@ def test_a_run_captures_judges_and_goes_on(
     arguments = ["bench", "quality", *SMALL.split(), "--device", "numpy", "--work", str(tmp_path / "work")]
     arguments += ["--page", str(page)]
     assert main([*arguments, "--pictures", str(tmp_path / "pictures"), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    (row,) = found["rows"]
+    out, told = capsys.readouterr()
+    (row,) = json.loads(out)["rows"]
+    assert f"judging {row['key']}: 4 of 4 frames, " in told
+    assert "showing failures: 1 of 1 presets, " in told
     assert (row["scene"], row["split"]) == ("occluder", TRAIN)
     folder = tmp_path / "work" / "sequences" / row["key"]
     assert open_sequence(folder).sequence_json["settings"]["jitter"] == "r2:5"
