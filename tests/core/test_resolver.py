@@ -83,8 +83,9 @@ def test_what_is_restored_is_gone_on_from(preset: str, every_step: bool) -> None
     np.testing.assert_array_equal(bits(second.resolve(frame)), bits(first.resolve(frame)))
 
 
-def test_whole_pixel_motion_is_lossless() -> None:
-    preset = override(load_preset(), {"rectify": "none", "reject": "none", "current_filter": "none"})
+@pytest.mark.parametrize("test", [{"reject": "none"}, {"depth_tolerance": 0.0}], ids=["none", "of equal depth"])
+def test_whole_pixel_motion_is_lossless(test: dict[str, str | float]) -> None:
+    preset = override(load_preset(), {"rectify": "none", "current_filter": "none", **test})
     resolver, shift = Resolver(preset, "numpy"), 3
     first = make_frame(0)  # declares the camera's motion only, so that no luminance weights enter
     first = replace(first, depth=np.full_like(first.depth, 4.0))
