@@ -121,7 +121,7 @@ def on_device(array: object) -> bool:
     return hasattr(array, "base_data")
 
 
-@dataclass(frozen=True, eq=False, slots=True, repr=False, init=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class Frame:
     """One frame: arrays ``[H, W]`` or ``[H, W, C]``, row 0 at the top, linear scene-referred floats. Colour is enough.
 

@@ -37,7 +37,7 @@ from cltaa.printable import counted, printable
 @click.option("--preset", type=PRESET, default="default", help="Where the search begins.")
 @click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
 @click.option("--trials", default=40, type=click.IntRange(min=2), help="Settings to try.")
-@click.option("--seed", default=0, help="Of the search.")
+@click.option("--seed", default=0, type=click.IntRange(0, 2**32 - 1), help="Of the search.")
 @click.option("--device", metavar="NAME", help="OpenCL device, or numpy.")
 @click.option(
     "-o", "--output", required=True, type=FILE_PATH, help="TOML file to write; use it with cltaa resolve --config."

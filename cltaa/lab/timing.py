@@ -27,6 +27,7 @@ from cltaa.core.backend import Launcher
 from cltaa.core.build import Build, code_sha256
 from cltaa.core.parameters import HistoryKind
 from cltaa.core.resolver import Resolver
+from cltaa.errors import DataError
 from cltaa.frame import Camera, Effect, Frame, Image
 from cltaa.io.sequence import FrameSequence
 from cltaa.opencl.launcher import DeviceLauncher
@@ -226,8 +227,14 @@ def _turn(job: Job, runs: int) -> Sample:
 
 
 def timed_numbers(sequence: FrameSequence) -> list[int]:
-    """The numbers of the last two frames of which the later goes on from the earlier: what is timed of a sequence."""
+    """The numbers of the last two frames of which the later goes on from the earlier: what is timed of a sequence.
+
+    Raises DataError for one of a single frame.
+    """
     numbers = list(sequence.numbers)
+    if len(numbers) < 2:
+        cure = "capture more"
+        raise DataError("nothing to time", path=sequence.folder, expected="2 frames or more", found=1, cure=cure)
     last = next((n for n in reversed(numbers[1:]) if not sequence.outline(n).cut), numbers[-1])
     return [number for number in numbers if last - sequence.step <= number <= last]
 

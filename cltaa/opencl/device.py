@@ -240,7 +240,7 @@ class Device(OneProcess):
             array, _ = cl.enqueue_map_buffer(self.queue, host, cast(cl.map_flags, both), 0, (size,), bytes_)
         return cast(NDArray[np.uint8], array)
 
-    def copy(self, source: Any, target: Any, offset: int, start: int = 0) -> None:
+    def copy(self, source: Any, target: Any, offset: int, start: int) -> None:
         """Enqueue a copy of ``source`` from its element ``start`` on into ``target`` from ``offset`` on, to the end of
         the shorter; raises DeviceLost."""
         read, written = start * source.dtype.itemsize, offset * target.dtype.itemsize

@@ -240,7 +240,7 @@ def with_known_effects(
     anew: bool,
     follow: bool,
     progress: bool,
-    denoised: bool = False,
+    denoised: bool,
 ) -> tuple[FrameSequence, Found | None]:
     """``sequence`` as it is to be resolved into ``output``, with the effects that were found where none are declared.
 

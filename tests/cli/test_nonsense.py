@@ -163,6 +163,8 @@ CASES: list[tuple[str, int, str]] = [
     ("bench quality --sequence seq --sequence twin/seq --work out --settled 1", WRONG, "two sequences of one name"),
     ("bench accuracy seq small -o out --only preset", MISSING, "small/reference: no truth"),
     ("tune seq small --budget 5ms -o out.toml", MISSING, "small/reference: no truth"),
+    ("bench accuracy one -o out --only storage", DATA, "one: nothing to time (expected 2 frames or more, found 1)"),
+    ("tune one --budget 5ms -o out.toml --device numpy", DATA, "one: nothing to time"),
     ("bench accuracy seq -o out --only ''", WRONG, "--only names nothing"),
     ("bench accuracy seq -o out --only colour", WRONG, "--only: unknown variant or group colour"),
     ("bench kernels --size x", USAGE, "not WIDTHxHEIGHT"),
@@ -197,6 +199,8 @@ CASES: list[tuple[str, int, str]] = [
     ("bench kernels --device numpy", WRONG, "bench kernels times OpenCL kernels"),
     ("bench overview seq -o out", MISSING, "not a report"),
     ("tune seq -o out.toml", WRONG, "one of --budget and --target is needed"),
+    ("tune seq -o out.toml --budget 5ms --trials 1", USAGE, "x>=2"),
+    ("tune seq -o out.toml --budget 5ms --seed 4294967296", USAGE, "0<=x<=4294967295"),
     ("tune seq -o out.toml --target flip", WRONG, "no goal (expected --budget 5ms, or --target flip=0.02"),
     ("tune seq -o out.toml --budget 5ms --metric psnr", WRONG, "no metric to minimise"),
     ("capture spinner -o out --motion play", WRONG, "applies to file:PATH"),
@@ -212,6 +216,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("desk")
     write_sequence(folder / "seq", 3, reference=True)
     write_sequence(folder / "small", 3, width=20, height=10)
+    write_sequence(folder / "one", 1, reference=True)
     assert main(["resolve", str(folder / "seq"), "-o", str(folder / "done"), "--device", "numpy"]) == 0
     write_sequence(folder / "twin" / "seq", 3, reference=True)
     for name in ("empty", "noexr", "pngs", "linked"):

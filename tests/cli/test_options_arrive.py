@@ -293,6 +293,8 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         *frames_that_are_opened("pair_up"),
         ("--no-verify", "pair_up.verify", False),
         ("--table --ours basic,karis", "judged_entries.ours", ["basic", "karis"]),
+        ("--table --stops 2", "judged_entries.stops", 2.0),
+        ("--table --no-verify", "judged_entries.verify", False),
         ("--table --cvvdp", "judged_entries.cvvdp", True),
         ("--table --film films", "judged_entries.film", Path("films")),
         ("--table --frames 3-5", "judged_entries.frames", (3, 5)),
@@ -543,6 +545,13 @@ def test_every_option_is_among_them() -> None:
                 given = words & {*option.opts, *option.secondary_opts}
                 forgotten += [] if given else [f"{name} {option.opts[-1]}"]
     assert forgotten == []
+
+
+def test_every_number_that_an_option_takes_has_a_least() -> None:
+    numbers = click.types.IntParamType | click.types.FloatParamType
+    taken = [(name, option) for name, command in commands() for option in command.params]
+    counts = [(name, option) for name, option in taken if isinstance(option.type, numbers)]
+    assert [f"{name} {option.name}" for name, option in counts if getattr(option.type, "min", None) is None] == []
 
 
 def test_every_command_answers_as_json_alone() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from rich.table import Table
 
-from cltaa.commands.printing import print_line, print_table, three_digits
+from cltaa.commands.printing import figures, print_line, print_table, three_digits
 from cltaa.printable import markdown, shown
 
 
@@ -66,6 +66,15 @@ def test_thousands_are_in_full() -> None:
         "1289",
         "23600",
     ]
+
+
+def test_a_first_column_of_names_stands_to_the_left_and_figures_to_the_right(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for table, row in ((figures(None, "frame", named=True), "│ 7     │"), (figures(None, "frame"), "│     7 │")):
+        table.add_row("7")
+        print_table(table)
+        assert row in capsys.readouterr().out
 
 
 def test_figures_stand_to_the_right_where_that_is_asked() -> None:

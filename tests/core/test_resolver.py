@@ -83,13 +83,16 @@ def test_what_is_restored_is_gone_on_from(preset: str, every_step: bool) -> None
     np.testing.assert_array_equal(bits(second.resolve(frame)), bits(first.resolve(frame)))
 
 
-def test_whole_pixel_motion_is_lossless() -> None:
-    preset = override(load_preset(), {"rectify": "none", "reject": "none", "current_filter": "none"})
+@pytest.mark.parametrize("test", [{"reject": "none"}, {"depth_tolerance": 0.0}], ids=["none", "of equal depth"])
+def test_whole_pixel_motion_is_lossless(test: dict[str, str | float]) -> None:
+    preset = override(load_preset(), {"rectify": "none", "current_filter": "none", **test})
     resolver, shift = Resolver(preset, "numpy"), 3
-    first = make_frame(0)  # declares the camera's motion only, so that no luminance weights enter
+    moves = frozenset({Effect.CAMERA, Effect.DISOCCLUSION})  # and no more, so that no luminance weights enter
+    first = make_frame(0, effects=moves)
     first = replace(first, depth=np.full_like(first.depth, 4.0))
     resolver.resolve(first)
-    second = replace(make_frame(1), depth=first.depth, camera=panned(first.camera, shift, first.width))
+    camera = panned(first.camera, shift, first.width)
+    second = replace(make_frame(1, effects=moves), depth=first.depth, camera=camera)
     resolved = resolver.resolve(second)
     # The off-axis term moved everything to the left, so the history of column x is column x + shift, weighing a half.
     history = first.colour[:, shift:]

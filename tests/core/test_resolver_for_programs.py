@@ -85,7 +85,7 @@ def test_what_is_no_picture_is_told_before_it_is_resolved(name: str, spoilt: Cal
         ({"index": 1.5}, "index is wrong"),
         ({"cut": "no"}, r"cut is wrong \(expected True or False, found 'no'\)"),
         ({"effects": ["camera"]}, "effects are no set .*found list"),
-        ({"effects": {"moton"}}, "unknown effect moton; did you mean motion?"),
+        ({"effects": {"moton"}}, r"frame 1: unknown effect moton; did you mean motion\?"),
         ({"step": 0}, r"frame 1: step is wrong \(expected a whole number from 1 on, found 0\)"),
     ],
 )

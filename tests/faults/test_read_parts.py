@@ -13,8 +13,9 @@ import OpenEXR
 import pytest
 
 from cltaa.errors import CltaaError, DataError, ResourceError
+from cltaa.inputs.open import open_input
 from cltaa.io.exr_read import read_any_header, read_planes
-from cltaa.io.exr_write import write_frame
+from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.manifest import file_sha256
 from tests.faults.exr_surgery import Anatomy, as_part, assembled_parts, channel, window
 from tests.faults.reading_process import damage
@@ -154,3 +155,12 @@ def test_parts_that_cannot_be(
         read_planes(path)
     assert words in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+def test_where_the_colour_cannot_be_read_the_first_such_part_is_told(tmp_path: Path, sound: Path) -> None:
+    write_image(tmp_path / "depth.exr", {"Z": make_frame().depth}, {})
+    parts = [as_part(sound, "beauty"), as_part(sound, "more"), as_part(tmp_path / "depth.exr", "depth")]
+    parts[0].set(b"type", b"deepscanline")
+    parts[1].set(b"type", b"nonsense")
+    with pytest.raises(DataError, match=r"parts\.exr: deep images are not read"):
+        open_input(written(tmp_path, parts))

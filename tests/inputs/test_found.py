@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import cltaa
 from cltaa.errors import DataError, UsageError
 from cltaa.frame import Effect, Frame
-from cltaa.inputs.found import PLACES, SPAN, Found, find_effects
+from cltaa.inputs.found import PLACES, SPAN, TILE, Found, find_effects
 from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.manifest import Manifest
 from cltaa.io.numbered import OnBreak
@@ -95,6 +95,15 @@ def a_belt(frame: Frame, across: Array, index: int) -> Frame:
     return replace(noisy(frame, across, index), motion=np.ones((HEIGHT, WIDTH, 2), np.float32))
 
 
+def a_lid(frame: Frame, _across: Array, index: int) -> Frame:
+    """For a frame it covers half of the wall, but for what a lamp lights of each tile."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    bare = np.maximum(y % TILE, x % TILE) < TILE // 3
+    there = (index == SPAN - 1) & (x < WIDTH // 2)
+    depth = np.where(there & ~bare, DISTANCE / 2, DISTANCE).astype(np.float32)
+    return replace(lit(frame, np.where(there, 3.0, 1.0)), depth=depth)
+
+
 STANDING = {Effect.DISOCCLUSION}  # which nothing disproves
 CASES: dict[str, tuple[Change | None, float, set[Effect]]] = {
     "standing light": (None, 0.0, STANDING),
@@ -125,6 +134,7 @@ CASES: dict[str, tuple[Change | None, float, set[Effect]]] = {
     "noise, on a belt that carries all of the wall": (a_belt, 0.0, STANDING | {Effect.MOTION}),
     "wires": (a_wire, 0.0, STANDING | {Effect.THIN}),
     "a lattice, a camera that slides": (a_lattice, 0.06, STANDING | {Effect.CAMERA, Effect.THIN}),
+    "a lamp that lights the little that is seen for a frame": (a_lid, 0.0, STANDING),
     "highlights": (lambda f, _, _i: lit(f, 40.0), 0.0, STANDING | {Effect.HDR}),
     "sky": (
         lambda f, _, _i: replace(f, depth=f.depth + np.float32(np.inf)),

@@ -11,6 +11,7 @@ import pytest
 from cltaa.errors import DataError
 from cltaa.inputs.foreign import open_pictures
 from cltaa.io.display import write_image_png
+from cltaa.io.exr_write import write_image
 from tests.sequence_factory import write_images
 
 IMAGES = [np.full((4, 5, 3), 0.25 * index, np.float32) for index in range(4)]
@@ -25,6 +26,15 @@ def test_only_the_frames_that_are_asked_for(tmp_path: Path, kind: str) -> None:
             write_image_png(tmp_path / f"a.{index:04d}.png", image)
     assert [*open_pictures(tmp_path).numbers] == [0, 1, 2, 3]
     assert [*open_pictures(tmp_path, frames=(1, 2)).numbers] == [1, 2]
+
+
+@pytest.mark.parametrize(("assignments", "layer"), [((), ""), (("colour.encoding=srgb",), ""), ((), "beauty.")])
+def test_a_picture_has_alpha_only_where_it_is_asked_for(tmp_path: Path, assignments: tuple[str], layer: str) -> None:
+    """As it is, encoded, and of another tool."""
+    channels = {f"{layer}{name}": np.ascontiguousarray(IMAGES[1][..., 0]) for name in "RGBA"}
+    write_image(tmp_path / "a.0000.exr", channels, {})
+    pictures = open_pictures(tmp_path, assignments=assignments)
+    assert [each.shape[2] for each in (*pictures, pictures.image(0), pictures.image(0, alpha=True))] == [3, 3, 4]
 
 
 def test_a_wrong_hash_is_refused_unless_told_otherwise(tmp_path: Path) -> None:

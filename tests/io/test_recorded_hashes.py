@@ -12,6 +12,8 @@ from cltaa.io.exr_read import read_image
 from cltaa.io.exr_write import write_image
 from cltaa.io.manifest import Entry, Manifest, file_sha256
 from cltaa.io.sequence import open_images, open_sequence
+from cltaa.lab.check.report import check_folder
+from cltaa.lab.inspect.findings import describe_input
 from tests.sequence_factory import write_sequence
 
 
@@ -41,6 +43,16 @@ def test_recorded_hash_is_verified(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="not what was recorded"):
         open_images(tmp_path / "synthetic.0001.exr").image(1)
     assert open_sequence(tmp_path, verify=False).select(1, 2).frame(1).colour[3, 4, 0] > 1
+
+
+def test_check_and_inspect_list_a_file_that_is_not_what_was_recorded(tmp_path: Path) -> None:
+    write_sequence(tmp_path, 2)
+    record(tmp_path, "synthetic.0000.exr", "synthetic.0001.exr")
+    change_a_pixel(tmp_path / "synthetic.0001.exr")
+    report, _ = check_folder(tmp_path)
+    (problem,) = describe_input(tmp_path, profile="cltaa", pixels=True).problems
+    for told in (report.findings[0].what, problem):
+        assert "synthetic.0001.exr: the content is not what was recorded" in told
 
 
 def test_reference_is_verified_by_the_record_of_its_capture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

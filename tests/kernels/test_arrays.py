@@ -168,14 +168,15 @@ def unpacked(
 
 @pytest.mark.parametrize("lanes", [1, 8])
 @pytest.mark.parametrize("kind", [Kind.PERSPECTIVE, Kind.PARALLEL])
-@pytest.mark.parametrize("sky", [(-np.inf, 0.0), (1e-4, 1e-3)])
+@pytest.mark.parametrize("sky", [(-np.inf, 0.0), (2.0**-13, 1e-3)])
 def test_a_distance_becomes_its_inverse_depth_to_the_bit(lanes: int, kind: Kind, sky: tuple[float, float]) -> None:
-    """``camera.inverse_depth``, and of a perspective camera what is below a place of the sky is moved there."""
+    """``camera.inverse_depth``, and of a perspective camera what is at or below a place of the sky is moved there."""
     if kind is Kind.PARALLEL:
         sky = (-np.inf, 0.0)
     launcher, layout, random = device(), Layout(129, 65), np.random.default_rng(8)
     depth = (10.0 ** random.uniform(-6, 6, (65, 129))).astype(np.float32)
     depth[::3, ::5] = random.choice(HARD_DEPTHS, depth[::3, ::5].shape)
+    depth[1, 1] = 2.0**13
     expected = layout.zeros(1)
     camera = Camera(np.eye(4), orthographic(2.0, 1.5)) if kind is Kind.PARALLEL else make_camera()
     inside = layout.inside(expected)[0]

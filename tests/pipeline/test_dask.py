@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import shutil
 import signal
 import subprocess
@@ -15,6 +16,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -23,10 +25,10 @@ import cltaa
 from cltaa.cli import main
 from cltaa.core.build import Storage
 from cltaa.core.presets import load_preset, override
-from cltaa.errors import CltaaError, ResourceError, UsageError
+from cltaa.errors import CltaaError, DataError, ResourceError, StorageError, UsageError
 from cltaa.io.exr_write import write_frame
 from cltaa.io.sequence import open_sequence
-from cltaa.pipeline.cluster import Cluster, Tool, _outcome, _resolve_part
+from cltaa.pipeline.cluster import Cluster, Tool, _outcome, _resolve_part, resolve_part
 from cltaa.pipeline.output import OutputFolder, Written
 from cltaa.pipeline.part import How
 from cltaa.pipeline.run import Order
@@ -264,6 +266,17 @@ def test_a_cluster_that_fails_is_one_line() -> None:
         _outcome(failed, "a part")
 
 
+def test_a_worker_hands_back_what_another_try_would_meet_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of an error that is raised Dask tries again, on another worker."""
+    monkeypatch.setattr("distributed.get_worker", lambda: SimpleNamespace(address="tcp://there:1"))
+    work = pickle.dumps((None, TOOL, 0, "topic"))
+    for kind in (DataError, UsageError, ResourceError, StorageError):
+        error = kind("it failed")
+        monkeypatch.setattr("cltaa.pipeline.cluster._resolve_part", Mock(side_effect=error))
+        with pytest.raises(kind) if kind in (ResourceError, StorageError) else nullcontext():
+            assert resolve_part(work) is error
+
+
 def test_what_cannot_be_given_to_workers_is_refused(
     shot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -280,7 +293,7 @@ def test_what_cannot_be_given_to_workers_is_refused(
         said = capsys.readouterr().err
         assert said.startswith(f"cltaa: error: {told}"), said
         assert said.count("\n") == 1
-    with pytest.raises(UsageError, match="--dask: workers open devices by name"):
+    with pytest.raises(UsageError, match=r"workers open devices by name \(expected a name, found <.*Numpy"):
         cltaa.resolve(shot, tmp_path / "out", "gather-8", NumpyLauncher(), dask="tcp://127.0.0.1:9")
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert main([*command, *gathered]) == 64

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
@@ -19,6 +20,7 @@ from cltaa.pipeline import follow
 from cltaa.pipeline.folder import resolve_folder
 from cltaa.pipeline.follow import check_whole
 from cltaa.process import Stop
+from tests.inputs.foreign import write_parts
 from tests.io.stream_threads import wait_for
 from tests.sequence_factory import write_sequence
 
@@ -97,6 +99,12 @@ def test_half_a_file_is_not_whole(made: Path, tmp_path: Path, size: str) -> None
     (tmp_path / "half.exr").write_bytes(whole)
     with pytest.raises(DataError, match="truncated or was never finished"):
         check_whole(tmp_path / "half.exr")
+
+
+def test_a_file_of_many_parts_can_be_whole(tmp_path: Path) -> None:
+    flat = np.zeros((3, 4), np.float16)
+    write_parts(tmp_path / "parts.exr", {"colour": dict.fromkeys("RGB", flat), "depth": {"Z": flat}}, {})
+    check_whole(tmp_path / "parts.exr")
 
 
 @pytest.mark.parametrize(

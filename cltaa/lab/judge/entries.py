@@ -172,11 +172,11 @@ def judged_entries(
     paths: Sequence[Path],
     ours: Sequence[str],
     metrics: tuple[Metric, ...],
-    frames: int | FrameRange | None = None,
+    frames: int | FrameRange | None,
     *,
-    stops: float = 0.0,
-    cvvdp: bool = False,
-    film: Path | None = None,
+    stops: float,
+    cvvdp: bool,
+    film: Path | None,
     **reading: Any,
 ) -> tuple[list[Row], list[str]]:
     """A row for each entry and preset of ``ours`` on each captured sequence of ``paths``, and which frames are not

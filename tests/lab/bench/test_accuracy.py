@@ -37,7 +37,10 @@ def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     ]
     arguments += ["--preset", "basic"]  # whose kernels are built soonest
     assert main([*arguments, "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
+    out, told = capsys.readouterr()
+    result = json.loads(out)
+    assert "measuring errors: 4 of 4 tasks, " in told
+    assert f"timing {sequence.name}: 3 of 3 rounds, " in told
     assert result == json.loads((tmp_path / "accuracy.json").read_text())
     (measured,) = result["sequences"]
     kept_in = ["half", "half-stochastic", "double"]

@@ -37,6 +37,7 @@ def test_each_way_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (row["width"], row["height"], row["bytes"]) == (32, 18, 32 * 18 * 4 * 7)
     assert all(row[way]["median"] > 0 for way in WAYS)
     assert (kinds.count("Array"), kinds.count("ndarray")) == (4 * CALLS, 4 * CALLS)
+    assert done.stderr.startswith("timing 32 x 18: 3 of 3 rounds, ")
 
 
 @pytest.mark.parametrize("pinned", [False, True])

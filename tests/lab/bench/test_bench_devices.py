@@ -44,7 +44,10 @@ def test_it_keeps_an_answer_until_it_is_forgotten(
     monkeypatch.setattr(devices, "Resolver", Wrong)
     monkeypatch.setattr(devices, "fastest", lambda samples, base, _: next(n for n in samples.by_job if n != base))
     assert main(["bench", "devices", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    out, told = capsys.readouterr()
+    found = json.loads(out)
+    assert "building: 4 of 4 shapes, " in told
+    assert "\ntiming: " in told
     base, none, wrong, other = found["rows"]
     assert (wrong["ratio"], none["ratio"]) == (None, None)
     assert "does not build" in none["absent"]

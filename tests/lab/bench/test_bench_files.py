@@ -18,7 +18,9 @@ from tests.sequence_factory import write_sequence
 def test_the_command_and_its_stages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_sequence(tmp_path / "in", 4)
     assert main(["bench", "files", str(folder), "--compression", "rle", "--half", "--rounds", "3", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    out, told = capsys.readouterr()
+    found = json.loads(out)
+    assert "timing: 4 of 4 rounds, " in told
     assert (found["compression"], found["half"]) == ("rle", True)
     assert all(found[name]["median"] > 0 for name in ("read", "resolve", "write", "whole", "processor"))
     assert 1 <= found["at_best"]["median"] <= max(1, 1.01 * found["over_slowest"]["median"])

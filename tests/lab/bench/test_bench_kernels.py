@@ -33,6 +33,7 @@ def run(*arguments: str, without: str | None = None) -> subprocess.CompletedProc
 def test_everything_in_one_run() -> None:
     done = run(*SIZE, "--json")
     assert done.returncode == 0, done.stderr
+    assert done.stderr.count("timing: 3 of 3 rounds, ") == 2
     bench = json.loads(done.stdout)
     assert [timing["motion"] for timing in bench["timings"]] == ["uniform", "turn"]
     assert len(bench["environment"]["kernels_sha256"]) == 64

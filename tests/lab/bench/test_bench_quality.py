@@ -6,6 +6,7 @@ import json
 import math
 import shutil
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError, InputMissing
 from cltaa.frame import Frame
 from cltaa.inputs.open import Reading
+from cltaa.io.display import to_picture
 from cltaa.io.exr_read import read_frame
 from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.sequence import FrameSequence, open_sequence
@@ -58,8 +60,10 @@ def test_a_run_captures_judges_and_goes_on(
     arguments = ["bench", "quality", *SMALL.split(), "--device", "numpy", "--work", str(tmp_path / "work")]
     arguments += ["--page", str(page)]
     assert main([*arguments, "--pictures", str(tmp_path / "pictures"), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    (row,) = found["rows"]
+    out, told = capsys.readouterr()
+    (row,) = json.loads(out)["rows"]
+    assert f"judging {row['key']}: 4 of 4 frames, " in told
+    assert "showing failures: 1 of 1 presets, " in told
     assert (row["scene"], row["split"]) == ("occluder", TRAIN)
     folder = tmp_path / "work" / "sequences" / row["key"]
     assert open_sequence(folder).sequence_json["settings"]["jitter"] == "r2:5"
@@ -175,6 +179,15 @@ def test_flip_judges_every_so_many_frames(tmp_path: Path) -> None:
         judging = msgspec.structs.replace(SOON, flip_every=every)
         found = judge_sequence(sequence, [], NUMPY, judging)[ONE_SAMPLE].judged.scores["flip"]
         assert found == pytest.approx(np.mean([single[number] for number in seen]), rel=1e-6)
+
+
+def test_the_pictures_of_a_cell_are_those_of_the_last_frame(tmp_path: Path) -> None:
+    sequence, preset = open_sequence(write_sequence(tmp_path / "capture", 3, reference=True)), load_preset("basic")
+    judging = msgspec.structs.replace(SOON, pictures=True)
+    pictures = judge_sequence(sequence, [Variant.of(preset)], NUMPY, judging)["basic"].pictures
+    *_, last = Resolver(preset, NUMPY).images(sequence)
+    with Pillow.open(BytesIO(pictures["picture"])) as picture:
+        assert np.array_equal(np.asarray(picture), to_picture(last))
 
 
 def test_a_sequence_must_have_a_truth_and_settle(tmp_path: Path) -> None:

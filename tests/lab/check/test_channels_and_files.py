@@ -14,7 +14,7 @@ from cltaa.frame import Frame
 from cltaa.io.exr_frame import Pixels
 from cltaa.lab.check.colour import check_channels, check_colour
 from cltaa.lab.check.hypotheses import Finding
-from cltaa.lab.check.report import check_folder
+from cltaa.lab.check.report import check_folder, check_frames
 from tests.sequence_factory import make_camera, make_frame
 
 
@@ -62,6 +62,24 @@ def test_vectors_of_a_still_picture_may_lie_around_a_half(value: float, found: s
     camera, vectors = make_camera(), np.full((*make_frame().depth.shape, 2), value, np.float32)
     spoilt = [replace(frame, motion=vectors, camera=camera) for frame in frames()]
     assert names(check_channels(spoilt, has_camera=True, has_depth=True)) == [found]
+
+
+@pytest.mark.parametrize(("vector", "asked"), [(-1.5, False), (1.5, True)])
+def test_one_vector_in_all_pixels_is_no_question_where_the_pictures_move_by_it(vector: float, asked: bool) -> None:
+    """And neither matrices nor depth tell."""
+
+    def drifting(index: int) -> Frame:
+        frame = make_frame(index, width=96, height=72, camera=make_camera(), motion=True)
+        x, y = np.arange(96) - 1.5 * index, np.arange(72)[:, None]
+        shade = 0.5 + 0.2 * np.sin(0.31 * x + 0.2 * y) * np.sin(0.23 * y) + 0.2 * np.sin(0.11 * x - 0.37 * y)
+        motion = np.zeros_like(frame.motion)
+        motion[..., 0] = vector
+        colour = np.repeat(shade[..., None], 3, -1).astype(np.float32)
+        return replace(frame, colour=colour, motion=motion, jitter_px=(0.0, 0.0))
+
+    made = [drifting(index) for index in range(4)]
+    found = check_frames(made, has_camera=False, has_depth=False, has_jitter=False)
+    assert [finding.question for finding in found if finding.name == "motion-constant"] == [asked]
 
 
 def test_sound_channels_pass() -> None:

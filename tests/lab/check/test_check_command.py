@@ -57,6 +57,7 @@ def test_the_options_that_are_printed_are_the_ones_that_mend(scene: Scene, tmp_p
     done = CliRunner().invoke(root, ["check", str(tmp_path), "--json"])
     report = json.loads(done.stdout)
     assert done.exit_code == 65
+    assert done.stderr.startswith("reading: ")
     assert [finding["option"] for finding in report["findings"] if finding["mistake"]] == ["--input jitter.scale=-1,-1"]
     assert report["options"] == "--profile cltaa --input jitter.scale=-1,-1"
     assert main(["check", str(tmp_path), *report["options"].split()]) == 0

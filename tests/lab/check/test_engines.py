@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cltaa.frame import Camera, Frame
-from cltaa.inputs.convert import correct, mended_camera, planes_of
-from cltaa.inputs.profile import Profile
+from cltaa.inputs.convert import correct, device_planes, mended_camera, planes_of
+from cltaa.inputs.profile import Depth, DepthKind, Profile
 from cltaa.lab.check.hypotheses import COMBINED, MEANINGS
 from cltaa.lab.check.report import check_frames
 from tests.lab.check.conftest import Scene
@@ -114,6 +114,9 @@ def test_planes_of_a_projection(z_near: int, z_far: int, from_zero: bool, far: f
     b = (z_near - z_far) / (1 / near - 1 / far)  # z = b / Z - a at both
     found = planes_of(projection(b / near - z_near, b), from_zero=from_zero)
     assert found == pytest.approx((1 / near, 1 / far), abs=1e-12)
+    # Unless --input depth.near says more clip space is taken to begin at -1.
+    declared = device_planes(Depth(kind=DepthKind.DEVICE), Camera(np.eye(4), projection(b / near - z_near, b)))
+    assert (declared == found) == (not from_zero)
     assert planes_of(projection(-1.0, 0.0)) == (0.0, 0.0)  # none can be read
 
 

@@ -6,13 +6,15 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.ndimage import correlate1d
 
 from cltaa.frame import Frame, Image
-from cltaa.lab.judge.video_scores import SCORES, VideoScores
+from cltaa.lab.judge.video_scores import RANK, SCORES, VideoScores, judge_detail
 from tests.sequence_factory import make_camera, make_frame
 
 WIDTH, HEIGHT, FRAMES = 96, 64, 10
@@ -188,6 +190,15 @@ def test_aliasing_alone() -> None:
     assert rms / 2 < scores["aliasing"] < rms
     assert_quiet(scores, "flicker")
     assert scores["blur"] < 0  # nothing is lost: hard steps are finer than the ramp
+
+
+def test_a_blur_of_either_width_in_each_direction_is_no_aliasing() -> None:
+    truth = np.random.default_rng(5).random((40, 40, 3))
+    kernels = [np.ones(1), np.array([1, 2, 1]) / 4, np.array([1, 4, 6, 4, 1]) / 16]
+    tests = [correlate1d(correlate1d(truth, across, 1), down, 0) for across, down in product(kernels, repeat=2)]
+    for detail in judge_detail(truth, tests, np.ones((40, 40), bool)):
+        # Of the digits of the sums the least eigenvalue that counts takes as many as it is smaller.
+        assert detail.false_square <= np.finfo(float).eps / RANK * detail.square
 
 
 def test_a_lasting_shift_is_neither_blur_nor_aliasing() -> None:

@@ -168,7 +168,8 @@ def test_a_single_sequence_is_said_to_be_unchecked(tmp_path: Path, capsys: pytes
     folder = write_sequence(tmp_path / "a", 2, reference=True)
     arguments = ["tune", str(folder), "--target", "mse=1e-9", "--trials", "2", "--device", "numpy"]
     assert main([*arguments, "-o", str(tmp_path / "t.toml")]) == 0
-    printed = capsys.readouterr().out
+    printed, told = capsys.readouterr()
+    assert "tuning: 2 of 2 trials, " in told
     assert "not checked on any other sequence" in printed
     assert "the goal was not reached" in printed
 

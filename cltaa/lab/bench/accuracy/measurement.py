@@ -35,6 +35,7 @@ from cltaa.lab.timing import (
     pin_threads,
     resolve_job,
     timed_frames,
+    timed_numbers,
     too_noisy_among,
 )
 from cltaa.lab.timing import measure as measure_times
@@ -368,7 +369,7 @@ def tasks_of(
     """Every variant over every sequence, each by itself.
 
     ``reading`` is for all of them (``readings``). Raises UsageError for two sequences of one name, what ``task_of``
-    raises, and InputMissing where a yardstick lacks a frame.
+    raises, InputMissing where a yardstick lacks a frame, and DataError for a sequence of a single one.
     """
     by_name(folders, "sequences")
     tasks = []
@@ -376,6 +377,7 @@ def tasks_of(
         sequence = how.open(folder)
         task = task_of(sequence, (), device, judging, how)
         check_yardsticks(sequence, open_yardsticks(sequence))  # missed now, and not after the sequences before it
+        timed_numbers(sequence)  # likewise
         tasks += [msgspec.structs.replace(task, variants=(variant,)) for variant in variants]
     return tasks
 
