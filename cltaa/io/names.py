@@ -2,6 +2,7 @@
 
 A frame is ``<name>.<number>.exr`` or ``.png``, with ``.``, ``_``, ``-``, a space or nothing between. Behind such a sign
 ``-`` is a minus: ``shot.-003``, ``shot -003``. In ``shot-003`` it is none, unless ``shot0001`` lies beside it.
+Words and versions may follow the number, and belong to the name: ``shot.0001.denoised``, ``0001_depth``, ``x.0001.v2``.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ from cltaa.printable import counted
 
 SUFFIXES = (".exr", ".png")
 # Nine digits fit cltaa:frame, an int. At the beginning of a name a ``-`` is a minus, too: ``-0001.exr``.
+TAIL = r"(?P<tail>(?:[._ -](?:[^\W0-9_]+|v[0-9]{1,3}))*)\.(?:exr|png)"
 NUMBERED = re.compile(
-    r"(?P<name>.*?)(?P<between>[._ ]|(?<=.)-|)(?P<number>(?:(?<![^._ -])-)?(?<![0-9])[0-9]{1,9})\.(?:exr|png)",
-    re.DOTALL,
+    r"(?P<name>.*?)(?P<between>[._ ]|(?<=.)-|)(?P<number>(?:(?<![^._ -])-)?(?<![0-9])[0-9]{1,9})" + TAIL, re.DOTALL
 )
 
 
@@ -38,7 +39,11 @@ def number_of(path: Path) -> int | None:
 def name_of(path: Path) -> str:
     """The name of the sequence that ``path`` belongs to; that of the file where it has no number."""
     match = NUMBERED.fullmatch(path.name)
-    return match["name"] if match else path.stem
+    return _name_in(match) if match else path.stem
+
+
+def _name_in(match: re.Match[str]) -> str:
+    return match["name"] + match["tail"] if match["name"] else match["tail"][1:]
 
 
 def renumbered(path: Path, number: int) -> Path:
@@ -86,14 +91,15 @@ class Selection:
         if self.alone and self.files is not None and number_of(self.files[0]) is None:
             return {name_of(self.files[0]): {0: self.files[0]}}
         there = [(path, match) for path in files if (match := NUMBERED.fullmatch(path.name))]
-        joined = {match["name"] for _, match in there if not match["between"]}  # shot0001, beside which shot-001 is -1
+        # Names as in shot0001, beside which shot-001 is -1.
+        joined = {_name_in(match) for _, match in there if not match["between"]}
         found: dict[str, dict[int, Path]] = {}
         for path, match in there:
-            number = int(match["number"])
-            if match["between"] == "-" and match["name"] in joined:
+            number, name = int(match["number"]), _name_in(match)
+            if match["between"] == "-" and name in joined:
                 number = -number
             number = self.numbers.get(path, number)
-            numbers = found.setdefault(match["name"], {})
+            numbers = found.setdefault(name, {})
             if number in numbers:
                 cure = "move one of the two elsewhere, or name the others by a pattern"
                 raise DataError(
@@ -198,17 +204,17 @@ _PARTS = re.compile(rf"(?P<number>{COUNTED.pattern})|(?P<any>\*+)|(?P<one>\?)|(?
 def _pattern(path: Path) -> re.Pattern[str]:
     """What a pattern of names matches, with group ``number`` where it says where that stands.
 
-    Raises UsageError where that is not at the end, or at two places.
+    Raises UsageError where more than words and versions follow it, or at two places.
     """
     text, made, place = path.name, "", 0
     for part in _PARTS.finditer(text):
         made += re.escape(text[place : part.start()])
         place = part.end()
         if part["number"]:
-            if not re.fullmatch(r"\.[a-z]+", text[place:]):
-                what = "the number of a frame is the last thing in its name"
-                raise UsageError(what, path=path, expected="<name>.####.exr", cure="rename the files")
-            made += rf"(?P<number>(?=.{{{_width(part['digits'])},}}\.)-?[0-9]{{1,9}})"
+            if not re.fullmatch(TAIL, text[place:]):
+                what, expected = "only words and a version may follow the number of a frame", "<name>.####.exr"
+                raise UsageError(what, path=path, expected=expected, cure="rename the files")
+            made += rf"(?P<number>(?=[-0-9]{{{_width(part['digits'])},}})-?[0-9]{{1,9}})"
         else:
             made += ".*" if part["any"] else "." if part["one"] else part["set"].replace("[!", "[^")
     try:

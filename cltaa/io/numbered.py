@@ -1,7 +1,7 @@
 """Folders of numbered files: which frames there are, which are missing, and what is wrong with single ones.
 
 cltaa writes ``<name>.<frame:04d>.exr``. Others put ``_``, ``-`` or nothing before the number, or have no name at all:
-Blender writes ``0001.exr`` unless it is told otherwise. The number is the last thing before the suffix.
+Blender writes ``0001.exr`` unless it is told otherwise, a denoiser ``shot.0001.denoised.exr``.
 """
 
 from __future__ import annotations
