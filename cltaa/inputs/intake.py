@@ -483,7 +483,7 @@ def _left_out(intake: Intake, place: Selection) -> list[str]:
             f"not in the first frame: {', '.join(late)}; left out of all, for a channel is read of every frame"
         )
     if left := unnumbered(place):
-        notes.append(f"no number: {', '.join(left)}; left out, for the name of a frame ends with its number")
+        notes.append(f"no number: {', '.join(left)}; left out, for the names of the others end with one")
     return notes
 
 

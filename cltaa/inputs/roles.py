@@ -19,7 +19,7 @@ import msgspec
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.profile import Names, Profile, channels_option, load_profile, option_text, override, profile_names
 from cltaa.io.manifest import NAME as MANIFEST
-from cltaa.io.names import Named, number_of, selection_of
+from cltaa.io.names import Named, selection_of
 from cltaa.io.numbered import captures_below, files_in, no_frames, only_below
 from cltaa.printable import counted, written
 
@@ -43,7 +43,17 @@ Roles = Mapping[str, tuple[Place, ...]]  # colour, alpha, reactive, depth, motio
 def unnumbered(named: Named) -> list[str]:
     """Names of EXR files of a place that are no frames, for they have no number."""
     place = selection_of(named)
-    return [] if place.alone else [path.name for path in files_in(place) if number_of(path) is None]
+    files = [] if place.alone else files_in(place)
+    sets = (numbers for its in _by_folder(files).values() for numbers in place.by_name(its).values())
+    frames = {path for numbers in sets for path in numbers.values()}
+    return [path.name for path in files if path not in frames]
+
+
+def _by_folder(files: Iterable[Path]) -> dict[Path, list[Path]]:
+    folders: dict[Path, list[Path]] = {}
+    for path in files:
+        folders.setdefault(path.parent, []).append(path)
+    return folders
 
 
 def file_sets(named: Named, without: Container[Path] = ()) -> dict[str, dict[int, Path]]:
@@ -60,11 +70,8 @@ def file_sets(named: Named, without: Container[Path] = ()) -> dict[str, dict[int
         if captures and not any(path.parent == place.folder for path in files):
             raise only_below(place.folder, captures)
         files = [path for path in files if path.parent == place.folder or _is_input(path.parent)]
-    folders: dict[Path, list[Path]] = {}
-    for path in files:
-        folders.setdefault(path.parent, []).append(path)
     sets: dict[str, dict[int, Path]] = {}
-    for folder, its in folders.items():
+    for folder, its in _by_folder(files).items():
         for name, numbers in place.by_name(its).items():
             label = name if folder == place.folder else f"{folder.name}/{name}"
             if left := {number: path for number, path in numbers.items() if path not in without}:

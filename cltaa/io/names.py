@@ -2,7 +2,8 @@
 
 A frame is ``<name>.<number>.exr`` or ``.png``, with ``.``, ``_``, ``-``, a space or nothing between. Behind such a sign
 ``-`` is a minus: ``shot.-003``, ``shot -003``. In ``shot-003`` it is none, unless ``shot0001`` lies beside it.
-Words and versions may follow the number, and belong to the name: ``shot.0001.denoised``, ``0001_depth``, ``x.0001.v2``.
+Words may follow a number of four digits or more where no file ends with one, or where a pattern says where it stands:
+``shot.0001.denoised``, ``0001_depth``. They belong to the name.
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ from cltaa.printable import counted
 
 SUFFIXES = (".exr", ".png")
 # Nine digits fit cltaa:frame, an int. At the beginning of a name a ``-`` is a minus, too: ``-0001.exr``.
-TAIL = r"(?P<tail>(?:[._ -](?:[^\W0-9_]+|v[0-9]{1,3}))*)\.(?:exr|png)"
-NUMBERED = re.compile(
-    r"(?P<name>.*?)(?P<between>[._ ]|(?<=.)-|)(?P<number>(?:(?<![^._ -])-)?(?<![0-9])[0-9]{1,9})" + TAIL, re.DOTALL
-)
+_NUMBER = r"(?P<name>.*?)(?P<between>[._ ]|(?<=.)-|)(?P<number>(?:(?<![^._ -])-)?(?<![0-9])[0-9]{1,9})"
+_WORDS = r"(?:[._ -][^0-9._ ()-]+)"
+NUMBERED = re.compile(rf"{_NUMBER}(?P<tail>)\.(?:exr|png)", re.DOTALL)
+_TAILED = re.compile(rf"{_NUMBER}(?P<tail>{_WORDS}+)\.(?:exr|png)", re.DOTALL)
+_PADDED = 4  # digits, by which a number before words is one of a frame
 
 
 def real_path(path: Path) -> Path:
@@ -39,11 +41,15 @@ def number_of(path: Path) -> int | None:
 def name_of(path: Path) -> str:
     """The name of the sequence that ``path`` belongs to; that of the file where it has no number."""
     match = NUMBERED.fullmatch(path.name)
-    return _name_in(match) if match else path.stem
+    return match["name"] if match else path.stem
 
 
 def _name_in(match: re.Match[str]) -> str:
     return match["name"] + match["tail"] if match["name"] else match["tail"][1:]
+
+
+def _is_padded(match: re.Match[str]) -> bool:
+    return len(match["number"].lstrip("-")) >= _PADDED
 
 
 def renumbered(path: Path, number: int) -> Path:
@@ -58,7 +64,7 @@ def pattern_of(path: Path) -> Path:
 
 def _with_number(path: Path, made: Callable[[int], str]) -> Path:
     """``path`` with what is ``made`` of as many digits in place of its number, if it has one."""
-    match = NUMBERED.fullmatch(path.name)
+    match = NUMBERED.fullmatch(path.name) or _TAILED.fullmatch(path.name)
     if match is None:
         return path
     start, end = match.span("number")
@@ -90,7 +96,11 @@ class Selection:
         """
         if self.alone and self.files is not None and number_of(self.files[0]) is None:
             return {name_of(self.files[0]): {0: self.files[0]}}
+        files = [*files]
         there = [(path, match) for path in files if (match := NUMBERED.fullmatch(path.name))]
+        tailed = [(path, match) for path in files if (match := _TAILED.fullmatch(path.name))]
+        padded = not there  # else the others are no frames: what a denoiser left beside those that it read
+        there += [(path, match) for path, match in tailed if path in self.numbers or (padded and _is_padded(match))]
         # Names as in shot0001, beside which shot-001 is -1.
         joined = {_name_in(match) for _, match in there if not match["between"]}
         found: dict[str, dict[int, Path]] = {}
@@ -196,7 +206,7 @@ def _above(files: Iterable[Path]) -> Path:
 # it the frames that are meant, as ``1-10#`` or ``1-10x3#``.
 COUNTED = re.compile(
     r"(?:(?P<first>-?[0-9]{1,9})-(?P<last>-?[0-9]{1,9})(?:x(?P<step>[1-9][0-9]{0,8}))?)?"
-    r"(?P<digits>#+|%(?:0?[1-9])?d|\$F[1-9]?|\$\{F[1-9]?\}|@+(?=\.[a-z]+$))"
+    rf"(?P<digits>#+|%(?:0?[1-9])?d|\$F[1-9]?|\$\{{F[1-9]?\}}|@+(?={_WORDS}*\.[a-z]+$))"
 )
 _PARTS = re.compile(rf"(?P<number>{COUNTED.pattern})|(?P<any>\*+)|(?P<one>\?)|(?P<set>\[!?[^]]+\])")
 
@@ -204,16 +214,16 @@ _PARTS = re.compile(rf"(?P<number>{COUNTED.pattern})|(?P<any>\*+)|(?P<one>\?)|(?
 def _pattern(path: Path) -> re.Pattern[str]:
     """What a pattern of names matches, with group ``number`` where it says where that stands.
 
-    Raises UsageError where more than words and versions follow it, or at two places.
+    Raises UsageError where more than words follow it, or at two places.
     """
     text, made, place = path.name, "", 0
     for part in _PARTS.finditer(text):
         made += re.escape(text[place : part.start()])
         place = part.end()
         if part["number"]:
-            if not re.fullmatch(TAIL, text[place:]):
-                what, expected = "only words and a version may follow the number of a frame", "<name>.####.exr"
-                raise UsageError(what, path=path, expected=expected, cure="rename the files")
+            if not re.fullmatch(rf"{_WORDS}*\.[a-z]+", text[place:]):
+                what, expected = "only words may follow the number of a frame", "<name>.####.exr or <name>.####.<word>.exr"
+                raise UsageError(what, path=path, expected=expected, cure="name their folder, or rename the files")
             made += rf"(?P<number>(?=[-0-9]{{{_width(part['digits'])},}})-?[0-9]{{1,9}})"
         else:
             made += ".*" if part["any"] else "." if part["one"] else part["set"].replace("[!", "[^")

@@ -23,7 +23,7 @@ from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.io.exr_header import read_layout
 from cltaa.io.exr_layout import OTHER_TOOLS, Layout, Part, Window
 from cltaa.io.manifest import CAPTURE, REFERENCE, recorded_hashes
-from cltaa.io.names import Named, Selection, number_of, pattern_of, renumbered, selection_of
+from cltaa.io.names import Named, Selection, pattern_of, renumbered, selection_of
 from cltaa.printable import counted, printable
 
 DEEPEST = 3  # folders below the one that was named; a project's folder can hold millions of files
@@ -427,9 +427,10 @@ def numbered_files(named: Named, suffix: str = ".exr") -> tuple[Path, str, dict[
     if not sets:
         raise no_frames(place, files)
     # Beside frames a file without a number is another sequence.
-    names = sorted({*sets, *(path.name for path in files if not place.alone and number_of(path) is None)})
+    frames = [path for numbers in sets.values() for path in numbers.values()]
+    names = sorted({*sets, *(path.name for path in {*files} - {*frames})})
     if len(names) > 1:
-        one = next(path for path in files if number_of(path) is not None)
+        one = next(path for path in files if path in frames)
         cure = f"name the files of one, such as {shlex.quote(str(pattern_of(one)))}; {OTHER_TOOLS}"
         raise DataError("several sequences in one folder", path=place.folder, found=", ".join(names), cure=cure)
     return place.folder, names[0], sets[names[0]]
@@ -440,7 +441,7 @@ def no_frames(place: Selection, files: Iterable[Path]) -> InputMissing:
     folder, names = place.folder, [path.name for path in files]
     suffix = Path(names[0]).suffix if names else ".exr"
     cure = f"number the frames, as in {Path(names[0]).stem}.0001{suffix}" if names else None
-    if any(re.search(r"[0-9]{10,}\.exr$", name) for name in names):
+    if any(re.search(r"[0-9]{10,}", name) for name in names):
         cure = "numbers have nine digits at most: number the frames from 0 or 1 on"
     found = ", ".join(names)
     if not names:

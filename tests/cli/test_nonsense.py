@@ -32,7 +32,7 @@ CASES: list[tuple[str, int, str]] = [
         "no file has such a name; name the folder that its frames are in: seq",
     ),
     ("check seq/synthetic.%05d.exr", MISSING, "name the folder that its frames are in: seq"),
-    ("inspect seq/####.left2.exr", WRONG, "only words and a version may follow the number of a frame"),
+    ("inspect seq/####.left2.exr", WRONG, "only words may follow the number of a frame"),
     ("inspect seq small", USAGE, "extra argument (small); see"),
     ("check seq/synthetic.0000.exr small", USAGE, "extra argument (small); see"),
     ("resolve nowhere -o out", MISSING, "nowhere: the folder is missing"),
