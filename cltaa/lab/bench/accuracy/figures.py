@@ -202,6 +202,7 @@ def front_figure(pyplot: Any, measured: MeasuredSequence, metric: str, weight: f
     _limits(wide, measured, metric, weight)
     wide.set(xlabel="ms a megapixel, added to drawing one sample", ylabel=f"{metric} against the truth")
     near.set(xlabel="ms a megapixel", title="the variants alone")
+    near.margins(x=0.2)  # room for names to the right of the points
     ticker: Any = importlib.import_module("matplotlib.ticker")
     for axis in (near.xaxis, near.yaxis):
         axis.set_major_formatter("{x:g}")
