@@ -222,8 +222,8 @@ def _pattern(path: Path) -> re.Pattern[str]:
         place = part.end()
         if part["number"]:
             if not re.fullmatch(rf"{_WORDS}*\.[a-z]+", text[place:]):
-                what, expected = "only words may follow the number of a frame", "<name>.####.exr or <name>.####.<word>.exr"
-                raise UsageError(what, path=path, expected=expected, cure="name their folder, or rename the files")
+                what, cure = "only words may follow the number of a frame", "name their folder, or rename the files"
+                raise UsageError(what, path=path, expected="<name>.####.exr or <name>.####.<word>.exr", cure=cure)
             made += rf"(?P<number>(?=[-0-9]{{{_width(part['digits'])},}})-?[0-9]{{1,9}})"
         else:
             made += ".*" if part["any"] else "." if part["one"] else part["set"].replace("[!", "[^")
