@@ -108,7 +108,8 @@ def choose_device(requested: str | None = None) -> cl.Device:
 
 def _known_as(device: cl.Device) -> str:
     """What a wish may name a part of; nobody calls PoCL by its platform's name."""
-    return f"{describe(device)} PoCL" if device.platform.name.strip() == POCL else describe(device)
+    described = describe(device)
+    return f"{described} PoCL" if POCL in described else described
 
 
 def alike(requested: str | None = None) -> list[str]:
