@@ -31,10 +31,10 @@ from cltaa.inputs.roles import (
     equal_matches,
     file_sets,
     guessed_profile,
+    ignored_files,
     may_be_colour,
     no_colour,
     shown_name,
-    unnumbered,
     views_of,
     whole_numbers,
     with_usual_names,
@@ -482,8 +482,8 @@ def _left_out(intake: Intake, place: Selection) -> list[str]:
         notes.append(
             f"not in the first frame: {', '.join(late)}; left out of all, for a channel is read of every frame"
         )
-    if left := unnumbered(place):
-        notes.append(f"no number: {', '.join(left)}; left out, for the names of the others end with one")
+    if left := ignored_files(place):
+        notes.append(f"ignored, for they are not numbered as the frames are: {', '.join(left)}")
     return notes
 
 

@@ -40,8 +40,8 @@ class Place(NamedTuple):
 Roles = Mapping[str, tuple[Place, ...]]  # colour, alpha, reactive, depth, motion -> places; absent roles are left out
 
 
-def unnumbered(named: Named) -> list[str]:
-    """Names of EXR files of a place that are no frames, for they have no number."""
+def ignored_files(named: Named) -> list[str]:
+    """Names of the EXR files of a place that are not numbered as its frames are."""
     place = selection_of(named)
     files = [] if place.alone else files_in(place)
     sets = (numbers for its in _by_folder(files).values() for numbers in place.by_name(its).values())

@@ -430,8 +430,7 @@ def numbered_files(named: Named, suffix: str = ".exr") -> tuple[Path, str, dict[
     frames = [path for numbers in sets.values() for path in numbers.values()]
     names = sorted({*sets, *(path.name for path in {*files} - {*frames})})
     if len(names) > 1:
-        one = next(path for path in files if path in frames)
-        cure = f"name the files of one, such as {shlex.quote(str(pattern_of(one)))}; {OTHER_TOOLS}"
+        cure = f"name the files of one, such as {shlex.quote(str(pattern_of(frames[0])))}; {OTHER_TOOLS}"
         raise DataError("several sequences in one folder", path=place.folder, found=", ".join(names), cure=cure)
     return place.folder, names[0], sets[names[0]]
 

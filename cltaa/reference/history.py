@@ -85,7 +85,7 @@ def covering_of(
         passed = has_passed(nearest, s, m, tolerance, build, layout, frame)
         behind = shows_behind(previous, s, m, build, layout, frame)
     if build.terms.covered_share:
-        instead = beside & stood_instead(previous, corners, high, f, settings["covered_share"])
+        instead = stood_instead(previous, corners, high, f, settings["covered_share"])
         instead &= passed | bool(steps.own_motion and frame["own_vectors"])
     return Covering(beside, passed, instead, behind)
 

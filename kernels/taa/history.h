@@ -178,7 +178,7 @@ STAGE covering covering_of(plane_in previous_inverse_depth, quad previous, footp
     }
     // Among vectors it may have left where the camera's motion alone would not have moved it.
     if (COVERED_SHARE)
-        c.instead = c.beside & stood_instead(previous, corners, high, f, settings)
+        c.instead = stood_instead(previous, corners, high, f, settings)
             & (c.passed | (whole)(OWN_MOTION & frame.own_vectors ? -1 : 0));
     return c;
 }

@@ -183,5 +183,5 @@ def test_a_channel_that_one_frame_lacks_may_be_done_without(tmp_path: Path, caps
 def test_files_without_a_number_are_told(tmp_path: Path) -> None:
     write_colour(tmp_path, frames(2))
     shutil.copy(tmp_path / "picture.0001.exr", tmp_path / "picture.0001 (copy).exr")
-    (note,) = [note for note in open_intake(tmp_path).notes if note.startswith("no number")]
-    assert "picture.0001 (copy).exr; left out" in note
+    (note,) = [note for note in open_intake(tmp_path).notes if note.startswith("ignored")]
+    assert note.endswith("as the frames are: picture.0001 (copy).exr")

@@ -40,7 +40,7 @@ class Row(NamedTuple):
     ratio: float  # largest error / bound
     outside: int  # values beyond their bound
     open: float  # share of values that rounding may turn either way, not compared
-    lost: float  # share of values that are no number in float64 either: history poisoned on purpose
+    lost: float  # share of values that are not finite in float64 either: history poisoned on purpose
     rounded: int  # values that are compared and that the bound allows to be off
 
 
@@ -158,7 +158,7 @@ def tables(side: int, launcher: Launcher) -> str:
         "",
         "Fast builds beside float64 with its running bound:",
         "",
-        "| stage: output | unit | largest bound | largest error | largest error / bound | outside | open | no number |",
+        "| output | unit | largest bound | largest error | largest error / bound | outside | open | not finite |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for row in (*tolerance_rows(side, launcher), *stored_rows(side, launcher)):
