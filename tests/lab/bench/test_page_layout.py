@@ -41,19 +41,43 @@ def test_a_control_that_is_hidden_leaves_no_row_on_a_narrow_page(window: Browser
     window.size(1280, 900)
 
 
+NAMES = """return [...document.querySelectorAll('#front .point text')].map(t => t.getBoundingClientRect())
+    .map(b => [b.left, b.right, b.top, b.bottom])"""
+
+
+def overlaps(boxes: list[list[float]]) -> list[tuple[list[float], list[float]]]:
+    """The pairs of names of which one covers the other; 2 pixels of a line's height are the space between lines."""
+    return [
+        (one, other)
+        for one, other in combinations(boxes, 2)
+        if not (one[1] <= other[0] or other[1] <= one[0] or one[3] <= other[2] + 2 or other[3] <= one[2] + 2)
+    ]
+
+
 @pytest.mark.parametrize("width", [1280, 400])
 def test_no_name_covers_another(window: Browser, width: int) -> None:
     window.size(width, 900)
     window.until(
         "const f = document.getElementById('front');return f.firstChild.viewBox.baseVal.width === f.clientWidth"
     )
-    boxes = window.run(
-        "return [...document.querySelectorAll('#front .point text')].map(t => t.getBoundingClientRect())"
-        ".map(b => [b.left, b.right, b.top, b.bottom])"
-    )
+    boxes = window.run(NAMES)
     assert boxes
-    for one, other in combinations(boxes, 2):
-        assert one[1] <= other[0] or other[1] <= one[0] or one[3] <= other[2] + 2 or other[3] <= one[2] + 2
+    assert not overlaps(boxes)
+
+
+def test_no_name_of_wide_letters_covers_another_wherever_the_points_lie(window: Browser) -> None:
+    window.run("window.was = JSON.stringify(report.sequences[0].cells)")
+    for step in range(24):  # the second name's place goes from upon the first to far behind it
+        boxes = window.run(
+            f"""const cells = JSON.parse(window.was);
+            cells.forEach((c, i) => {{ c.variant = 'W'.repeat(6); c.dominated_by = {{}}; groups[c.variant] = 'preset';
+                c.errors[state.metric].mean = cells[0].errors[state.metric].mean;
+                c.time.median = c.time.low = c.time.high = 100 / {1 + step / 20} ** i; }});
+            report.sequences[0].cells = cells; drawFront(); {NAMES}"""
+        )
+        assert boxes
+        assert not overlaps(boxes)
+    window.run("report.sequences[0].cells = JSON.parse(window.was); delete groups.WWWWWW; drawFront()")
 
 
 @pytest.mark.parametrize("width", [1280, 400])

@@ -132,13 +132,17 @@ function drawFront() {
     svg.append(element("path", { class: "front", d: path.join("") }));
   }
   if (yards.length) svg.append(element("path", { class: "yard", d: "M" + yards.map((s) => `${x(s.added)} ${y(s.errors[state.metric].mean)}`).join("L") }));
-  const LETTER = 7, LINE = 14, BESIDE = 9, GAP = 24;  // pixels: a letter and a line of a name, from its point to it, to the next
+  const LINE = 14, BESIDE = 9, GAP = 24;  // pixels: a line of a name, from its point to it, to the next
   const labelled = [];  // names that would cover one that is there, or the axis, are left out
   const named = (px, py, name, shape) => {  // the text beside a point, or nothing where it would cover another
-    const wide = LETTER * name.length, right = px + BESIDE + wide < box.right, left = right ? px + BESIDE : px - BESIDE - wide;
+    const text = element("text", { ...shape, y: py - 6 }, name);
+    svg.append(text);  // only what is on the page has a width
+    const wide = text.getComputedTextLength(), right = px + BESIDE + wide < box.right, left = right ? px + BESIDE : px - BESIDE - wide;
+    text.setAttribute("x", left);
+    text.remove();
     if (left < box.left || labelled.some(([from, to, ly]) => left < to && from < left + wide && Math.abs(ly - py) < LINE)) return [];
     labelled.push([left, left + wide + GAP, py]);
-    return [element("text", { ...shape, x: right ? left : px - BESIDE, y: py - 6, "text-anchor": right ? "start" : "end" }, name)];
+    return [text];
   };
   const points = [...cells].sort((p, q) => Boolean(beaten(q)) - Boolean(beaten(p)))
     .map((cell) => pointOf(cell, x, y, box, beaten(cell), named, logarithmic));
