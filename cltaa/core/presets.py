@@ -97,7 +97,7 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
         merged = msgspec.to_builtins(current)
         for key, value in values.items():
             if FIELDS[key] is type(current):
-                merged[key] = value.item() if isinstance(value, np.generic) else value
+                merged[key] = _as_number(value.item() if isinstance(value, np.generic) else value)
         try:
             parts[part] = msgspec.convert(merged, type(current), strict=False)
         except msgspec.ValidationError as error:
@@ -106,6 +106,14 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
                 f"{origin}: {key} has no such value", expected=allowed(key), found=values.get(key)
             ) from None
     return msgspec.structs.replace(preset, **parts)
+
+
+def _as_number(value: object) -> object:
+    """The number that a text says, as Python reads it: .5 and +2 too; what says none as it is."""
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
 
 
 def preset_names() -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.commands.options import load_config
+from cltaa.commands.options import assigned, load_config
 from cltaa.commands.presets import parameter_rows
 from cltaa.core.presets import FIELDS, load_preset, preset_names
 from cltaa.core.resolver import Resolver
@@ -141,6 +141,25 @@ def test_finished_frames_survive_a_bad_one(tmp_path: Path) -> None:
     assert [path.name for path in written] == [path.name for path in sorted(folder.glob("*.exr"))[:3]]
     for path in written:
         read_image(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "value"),
+    [
+        (".3", "blend_weight", 0.3),
+        ("+0.3", "blend_weight", 0.3),
+        ("1.", "blend_weight", 1.0),
+        ("3e-1", "blend_weight", 0.3),
+        ("+7", "history_frames", 7),
+        ("7.", "history_frames", 7),
+        ("none", "rectify", "none"),
+    ],
+)
+def test_a_number_of_set_is_read_as_python_reads_it(text: str, key: str, value: object) -> None:
+    preset = assigned(load_preset(), (f"{key}={text}",))
+    found = getattr(preset.choices if isinstance(value, str) else preset.settings, key)
+    assert found == value
+    assert type(found) is type(value) or isinstance(value, str)
 
 
 def test_printed_preset_is_a_configuration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
