@@ -21,14 +21,21 @@ from cltaa.frame import Camera, Effect, Frame, Image, format_effects
 from cltaa.inputs.convert import check_depth, linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, intake_lines, open_intake
 from cltaa.inputs.profile import Encoding, Profile, load_profile, override
-from cltaa.inputs.roles import Place, channel_missing, describe, whole_numbers
+from cltaa.inputs.roles import (
+    Place,
+    channel_missing,
+    describe,
+    guide_places,
+    shown_name,
+    whole_numbers,
+)
 from cltaa.io.content import open_regular
 from cltaa.io.exr_frame import COLOUR, GROUPS, MATRICES, Pixels
 from cltaa.io.exr_layout import Layout, of_region, placed
 from cltaa.io.exr_read import FrameFile, ImageHeader, read_any_header, read_planes
 from cltaa.io.manifest import file_sha256, recorded_hashes
-from cltaa.io.names import Named, Selection, name_of, number_of, selection_of
-from cltaa.io.numbered import FrameRange, OnBreak, even_step, files_in, numbered_files
+from cltaa.io.names import Named, Selection, name_of, number_of, renumbered, selection_of
+from cltaa.io.numbered import FrameRange, OnBreak, even_step, files_in, frame_missing, numbered_files
 from cltaa.io.sequence import CHANNEL_OF, NO_PIXELS, ChangedImages, FrameSequence, ImageSequence, open_images
 
 SUFFIX = ".png"
@@ -104,11 +111,17 @@ class ForeignSequence(FrameSequence):
         strict: bool = True,
         verify: bool = True,
         effects: frozenset[Effect] | None = None,
+        guided: bool = False,
     ) -> None:
-        """Take what ``open_intake`` decided; ``effects`` are declared for it, and channels of no other are read."""
-        self.intake, self._strict, self._declared = intake, strict, effects
+        """Take what ``open_intake`` decided; ``effects`` are declared for it, and channels of no other are read.
+
+        Where it is ``guided``, what guides a denoiser is looked for in all files of a frame.
+        """
+        self.intake, self._strict, self._declared, self._guided = intake, strict, effects, guided
         left_out = set() if effects is None else {role for role, effect in EFFECT_OF.items() if effect not in effects}
         self._roles = {role: places for role, places in intake.roles.items() if role not in left_out}
+        channels = {label: layout.channels for label, layout in intake.first.items()}
+        self._guides = guide_places(channels, intake.roles["colour"]) if guided else {}
         resolved = (*self._roles["colour"], *self._roles.get("alpha", ()))
         self.replaced = frozenset(place.channel for place in resolved if place.files == resolved[0].files)
         self._hashes: dict[Path, dict[str, str]] = {}
@@ -178,11 +191,36 @@ class ForeignSequence(FrameSequence):
         """Return the frames ``first`` to ``last``, both included."""
         self.path(first), self.path(last)
         numbers = [number for number in self.numbers if first <= number <= last]
-        selected = type(self)(
-            self.folder, self.intake, numbers, strict=self._strict, verify=self.verify, effects=self._declared
-        )
-        selected.truth, selected.found = self.truth, self.found
-        return selected
+        return self._alike(numbers, guided=self._guided)
+
+    def _alike(self, numbers: Many[int], *, guided: bool) -> Self:
+        told: dict[str, Any] = {"strict": self._strict, "verify": self.verify, "effects": self._declared}
+        made = type(self)(self.folder, self.intake, numbers, guided=guided, **told)
+        made.truth, made.found = self.truth, self.found
+        return made
+
+    def with_guides(self) -> Self:
+        """The same, with what guides a denoiser among what is read and vouched for.
+
+        Raises InputMissing or DataError where a later frame lacks what the first one has.
+        """
+        guided = self._alike(self.numbers, guided=True)
+        for files in (self.intake.sets[its[0].files] for its in guided._guides.values()):
+            for number in (number for number in self.numbers if number not in files):
+                raise frame_missing(renumbered(next(iter(files.values())), number), number)
+        for _, error in guided.unreadable():
+            raise error
+        return guided
+
+    @property
+    def guides(self) -> Mapping[str, tuple[str, ...]]:
+        """The channels that guide a denoiser, as a reader is told of them; none where it is not guided."""
+        sets = self.intake.sets
+        return {role: tuple(shown_name(place, sets) for place in its) for role, its in self._guides.items()}
+
+    def guide_images(self, number: int) -> dict[str, Image]:
+        """Read what guides a denoiser of one frame number, [H, W, 3] float32 each; nothing where it is not guided."""
+        return self._planes(number, self._guides)[0]
 
     def _open_alike(self, folder: Path) -> ImageSequence:
         profile, assignments = self.intake.asked
@@ -251,7 +289,7 @@ class ForeignSequence(FrameSequence):
         """
         for number in self.numbers:
             layouts = {self.path(number): self.layouts[number]}
-            for role, its in self._roles.items():
+            for role, its in (self._roles | self._guides).items():
                 for place in its:
                     path = self.intake.sets[place.files][number]
                     layout = layouts[path] = layouts.get(path) or read_any_header(path).layout
@@ -274,7 +312,7 @@ class ForeignSequence(FrameSequence):
 
     def files_of(self, number: int) -> set[Path]:
         """The files that a frame is read from."""
-        sets = {place.files for places in self._roles.values() for place in places}
+        sets = {place.files for places in (self._roles | self._guides).values() for place in places}
         return {self.intake.sets[files][number] for files in sets}
 
     def _told(self, number: int) -> list[float]:
@@ -299,7 +337,8 @@ class ForeignSequence(FrameSequence):
         self, number: int, roles: Iterable[str], kept: Collection[str] = ()
     ) -> tuple[dict[str, Image], dict[str, Pixels]]:
         """The channels of each of these roles, float32 [H, W, C]; and what was read of the colour's file."""
-        places = {role: self.intake.roles[role] for role in roles}
+        every = {**self.intake.roles, **self._guides}
+        places = {role: every[role] for role in roles}
         main = self.intake.roles["colour"][0].files
         wanted: dict[str, set[str]] = {main: set(kept)}
         for place in (place for its in places.values() for place in its):
@@ -364,7 +403,7 @@ class ForeignImages(ImageSequence):
     def notes(self) -> list[str]:
         """Profile and why, and the channels that are the colour."""
         intake = self.sequence.intake
-        channels = describe({"colour": intake.roles["colour"]}, len(intake.sets) > 1)
+        channels = describe({"colour": intake.roles["colour"]}, intake.sets)
         return [f"profile {intake.profile.name}: {intake.reason}", channels]
 
     def image(self, number: int, *, alpha: bool = False) -> Image:

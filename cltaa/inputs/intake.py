@@ -233,7 +233,7 @@ class Intake:
         """The channels that play no role, as a reader is told of them."""
         used = {place for places in self.roles.values() for place in places}
         there = [Place(label, channel) for label, layout in sorted(self.first.items()) for channel in layout.channels]
-        return [shown_name(place, len(self.sets) > 1) for place in there if place not in used]
+        return [shown_name(place, self.sets) for place in there if place not in used]
 
     @property
     def has_jitter(self) -> bool:
@@ -361,9 +361,7 @@ def _assigned(
         wanted = attrgetter(key)(profile) if key in asked and role not in roles else ()
         lists = [[one] if isinstance(one, str) else one for one in wanted]
         if lists and not any("none" in names for names in lists):
-            there = [
-                shown_name(Place(label, name), len(channels) > 1) for label in channels for name in channels[label]
-            ]
+            there = [shown_name(Place(label, name), channels) for label in channels for name in channels[label]]
             raise UsageError(
                 f"--input {key}={', '.join(map(written, lists))}: no such channels",
                 path=folder,
@@ -421,7 +419,7 @@ def _check_complete(
 def intake_lines(intake: Intake) -> Iterator[str]:
     """What was decided, for a reader: profile and reason, channels, what is missing."""
     yield f"profile {intake.profile.name}: {intake.reason}"
-    yield f"channels: {describe(intake.roles, len(intake.sets) > 1)}"
+    yield f"channels: {describe(intake.roles, intake.sets)}"
     yield from intake.notes
 
 
@@ -466,7 +464,7 @@ def notes_of(intake: Intake, place: Selection) -> list[str]:
 def _left_out(intake: Intake, place: Selection) -> list[str]:
     """One line for each thing that is there and is not read, or is read for want of a better."""
     views, notes = intake.views, list[str]()
-    colour = [shown_name(place, len(intake.sets) > 1) for place in intake.roles["colour"]]
+    colour = [shown_name(place, intake.sets) for place in intake.roles["colour"]]
     if NO_LIGHT.search(colour[0]):
         notes.append(f"colour: {written(colour)} is by its name no picture; name another by --input colour.channels")
     if len(views.names) > 1:

@@ -8,7 +8,7 @@ channels of the first view may have none. Where no word tells, attribute ``view`
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from collections.abc import Sequence as Many
 from pathlib import Path
 from types import MappingProxyType
@@ -18,6 +18,7 @@ import msgspec
 
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.profile import Names, Profile, channels_option, load_profile, option_text, override, profile_names
+from cltaa.io.guides import guides_of
 from cltaa.io.manifest import NAME as MANIFEST
 from cltaa.io.names import Named, selection_of
 from cltaa.io.numbered import captures_below, files_in, no_frames, only_below
@@ -146,16 +147,27 @@ def whole_numbers(place: Place, path: Path) -> DataError:
     return DataError(what, path=path, channel=place.channel, expected=expected, found="uint", cure=cure)
 
 
-def describe(roles: Roles, several: bool = False) -> str:
-    """One line: every role and its channels, with the names of their files where there are ``several`` sets."""
-    return "; ".join(
-        f"{role} {written(shown_name(place, several) for place in places)}" for role, places in roles.items()
-    )
+def describe(roles: Roles, sets: Collection[str]) -> str:
+    """One line: every role and its channels, with the names of their files where there are several ``sets``."""
+    return "; ".join(f"{role} {written(shown_name(place, sets) for place in places)}" for role, places in roles.items())
 
 
-def shown_name(place: Place, several: bool) -> str:
-    """A channel as a reader is told of it."""
-    return f"{_short(place.files)}.{place.channel}" if several else place.channel
+def shown_name(place: Place, sets: Collection[str]) -> str:
+    """A channel as a reader is told of it: where there are several ``sets`` of files behind the name of its own, or of
+    the folder that holds no other."""
+    if len(sets) == 1:
+        return place.channel
+    folder, _, name = place.files.partition("/")
+    alone = sum(label.startswith(f"{folder}/") for label in sets) < 2
+    return f"{folder if alone else name}.{place.channel}"
+
+
+def guide_places(channels: Mapping[str, Iterable[str]], colour: tuple[Place, ...]) -> dict[str, tuple[Place, ...]]:
+    """What guides a denoiser of the ``colour``, in any set of files, as ``albedo.0001.exr`` beside the picture."""
+    places = [Place(label, name) for label, names in channels.items() for name in names]
+    by_name = {shown_name(place, channels): place for place in reversed(places)}
+    own = [shown_name(place, channels) for place in colour]
+    return {role: tuple(by_name[name] for name in names) for role, names in guides_of(by_name, own).items()}
 
 
 def equal_matches(candidates: Sequence[Names], channels: Mapping[str, Iterable[str]]) -> list[tuple[Place, ...]]:
@@ -184,23 +196,22 @@ def _in_set(patterns: Sequence[str], label: str, names: Iterable[str], by_set: b
     """The channel of each pattern within one set of files; empty unless all are there.
 
     Where the patterns have ``*`` alike it stands for the same in each: R of one layer and G of another make no colour.
+    With ``by_set`` a channel is called behind the folder or the name of its set of files.
     """
-    names, before = sorted(names, key=len), f"{_short(label)}." if by_set else ""
+    names, qualifiers = sorted(names, key=len), [f"{word}." for word in label.split("/")] if by_set else [""]
     if not by_set and set(patterns) <= set(names):  # with a star that is one
         return tuple(Place(label, pattern) for pattern in patterns)
     alike = len({pattern.count("*") for pattern in patterns}) == 1
-    by_layer: list[dict[tuple[str, ...], str]] = []
-    for pattern in patterns:
-        stars = re.compile(re.escape(pattern).replace(r"\*", "(.*)"))
-        found = [(match.groups(), name) for name in names if (match := stars.fullmatch(before + name))]
-        by_layer.append({layer if alike else (): name for layer, name in reversed(found)})
-    layers = [layer for layer in reversed(by_layer[0]) if all(layer in named for named in by_layer)]
-    return tuple(Place(label, named[layers[0]]) for named in by_layer) if layers else ()
-
-
-def _short(label: str) -> str:
-    """The name of a set of files for a reader: that of its folder, if it has one of its own."""
-    return label.split("/")[0]
+    for before in qualifiers:
+        by_layer: list[dict[tuple[str, ...], str]] = []
+        for pattern in patterns:
+            stars = re.compile(re.escape(pattern).replace(r"\*", "(.*)"))
+            found = [(match.groups(), name) for name in names if (match := stars.fullmatch(before + name))]
+            by_layer.append({layer if alike else (): name for layer, name in reversed(found)})
+        layers = [layer for layer in reversed(by_layer[0]) if all(layer in named for named in by_layer)]
+        if layers:
+            return tuple(Place(label, named[layers[0]]) for named in by_layer)
+    return ()
 
 
 USUAL = ("left", "right")  # what views are called where no attribute names them
@@ -342,7 +353,7 @@ def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]],
         return DataError("the picture has several views", path=folder, found=", ".join(views.names), cure=cure)
     several = equal_matches(profile.colour.channels, channels)
     if several:
-        option = channels_option("colour.channels", [shown_name(place, several=True) for place in several[0]])
+        option = channels_option("colour.channels", [shown_name(place, channels) for place in several[0]])
         return DataError(
             "several sets of files may be the colour",
             path=folder,

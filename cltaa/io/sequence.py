@@ -18,7 +18,8 @@ from cltaa.errors import DataError, UsageError
 from cltaa.frame import Effect, Frame, Image, name_effects
 from cltaa.io.exr_frame import OF_FRAMES, FrameHeader, check_float_channels
 from cltaa.io.exr_layout import Layout
-from cltaa.io.exr_read import FrameFile, ImageHeader, read_colour, read_frame_and_header, read_header
+from cltaa.io.exr_read import FrameFile, ImageHeader, read_colour, read_frame_and_header, read_header, read_planes
+from cltaa.io.guides import guides_of
 from cltaa.io.manifest import read_capture_record, recorded_hashes
 from cltaa.io.names import Named, name_of, number_of, selection_of
 from cltaa.io.numbered import (
@@ -234,6 +235,24 @@ class FrameSequence(NumberedFiles):
             found=self.found,
             **empty,
         )
+
+    def with_guides(self) -> Self:
+        """The same, with what guides a denoiser among what is read and vouched for; own files hold it themselves."""
+        return self
+
+    @property
+    def guides(self) -> Mapping[str, tuple[str, ...]]:
+        """The channels that guide a denoiser of the first frame, as a reader is told of them (``guides_of``)."""
+        return guides_of(self.layouts[self.first].channels)
+
+    def guide_images(self, number: int) -> dict[str, Image]:
+        """Read what guides a denoiser of one frame number, [H, W, 3] float32 each."""
+        layout = self.layouts[number]
+        guides = guides_of(layout.channels)
+        names = {name for triple in guides.values() for name in triple}
+        planes = read_planes(layout.path, names, picture=layout.data_window) if names else {}
+        stacked = {role: [planes[name] for name in triple] for role, triple in guides.items()}
+        return {role: np.stack(its, -1).astype(np.float32) for role, its in stacked.items()}
 
     def frame(self, number: int) -> Frame:
         """Read one frame by its number; raises UsageError for none of its numbers, DataError where header and sequence

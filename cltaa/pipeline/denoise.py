@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -12,53 +12,18 @@ from cltaa.core.build import Build
 from cltaa.core.planes import Layout
 from cltaa.errors import DataError, UsageError, import_extra
 from cltaa.frame import Frame, Image
-from cltaa.io.exr_frame import Pixels
+from cltaa.io.guides import GUIDES
 from cltaa.io.pixel_statistics import is_missing
 from cltaa.printable import written
 from cltaa.reference.colour import filled_colour
 
 DENOISERS = ("none", "oidn")
-# What a layer's name ends with that helps a denoiser, and its channels: albedo 0 to 1, normals -1 to 1.
-GUIDES = {"albedo": (("albedo",), ("RGB",)), "normal": (("normal", "normals", "n"), ("XYZ", "RGB"))}
-
-Denoise = Callable[[Frame, Mapping[str, Sequence[Pixels]]], Frame]
-
-
-def guides_of(channels: Iterable[str], colour: Iterable[str] = ()) -> dict[str, tuple[str, ...]]:
-    """The channels of a file that guide a denoiser: ``albedo`` and ``normal`` -> three names; what is not there is left
-    out. Those of the layer and view of the ``colour`` channels come first, then what is named for a denoiser."""
-    names, own = set(channels), {word for name in colour for word in name.split(".")[:-1]}
-
-    def is_of_another(layer: str) -> bool:  # of a layer or view that has a picture of its own
-        above = layer.rpartition(".")[0]
-        return f"{above}.R" in names and not own.issuperset(above.split("."))
-
-    others = {
-        layer: [word for word in layer.split(".") if word not in own]
-        for layer in {n.rpartition(".")[0] for n in names}
-        if not is_of_another(layer)
-    }
-
-    def rank(layer: str) -> tuple[int, bool, int, str]:
-        shared = len(layer.split(".")) - len(others[layer])
-        return -shared, "denois" not in layer.lower(), len(others[layer]), layer
-
-    found: dict[str, tuple[str, ...]] = {}
-    for role, (words, kinds) in GUIDES.items():
-        for layer in sorted(others, key=rank):
-            last = "".join(others[layer][-1:]).lower().replace("_", " ").split(" ")[-1]
-            triples = (tuple(f"{layer}.{axis}" for axis in axes) for axes in kinds)
-            triple = next((each for each in triples if names.issuperset(each)), None)
-            if last in words and triple and role not in found:
-                found[role] = triple
-    return found
+Denoise = Callable[[Frame, Mapping[str, Image]], Frame]
 
 
 def guide_line(guides: Mapping[str, tuple[str, ...]]) -> str:
     """Which channels guide a denoiser, for who renders them elsewhere or under other names."""
-    told = (
-        f"{role} {written(guides[role])}" if role in guides else f"no {role} in the colour's file" for role in GUIDES
-    )
+    told = (f"{role} {written(guides[role])}" if role in guides else f"no {role}" for role in GUIDES)
     return f"denoised with: {'; '.join(told)}"
 
 
@@ -70,7 +35,7 @@ def denoises(name: str) -> bool:
 
 
 def denoiser(name: str) -> Denoise | None:
-    """What denoises a frame, from it and from three planes [H, W] of each guide; None for ``none``.
+    """What denoises a frame, from it and from its guides [H, W, 3]; None for ``none``.
 
     Raises UsageError for no such denoiser, and where the extra is not installed.
     """
@@ -78,12 +43,12 @@ def denoiser(name: str) -> Denoise | None:
         return None
     oidn: Any = import_extra("pyoidn", package="pyoidn", extra="denoise", purpose="--denoise oidn")
 
-    def denoise(frame: Frame, planes: Mapping[str, Sequence[Pixels]]) -> Frame:
+    def denoise(frame: Frame, guides: Mapping[str, Image]) -> Frame:
         colour = np.array(frame.colour, np.float32)
         lost = is_missing(colour)
-        guides = {role: np.nan_to_num(np.stack(its, -1).astype(np.float32)) for role, its in planes.items()}
+        sound = {role: np.nan_to_num(image) for role, image in guides.items()}
         try:
-            cleaned = oidn.denoise(_filled(colour) if lost.any() else colour, **guides, hdr=True)
+            cleaned = oidn.denoise(_filled(colour) if lost.any() else colour, **sound, hdr=True)
         except (RuntimeError, TypeError, ValueError) as error:
             raise DataError(f"the denoiser failed: {error}", path=frame.path, frame=frame.index) from error
         cleaned[lost] = np.nan  # a missing sample stays one, for its history to stand in

@@ -29,7 +29,7 @@ from cltaa.io.content import memory_limit
 from cltaa.io.manifest import RESTART_CURE, Manifest
 from cltaa.io.names import Named
 from cltaa.io.sequence import FrameSequence
-from cltaa.pipeline.denoise import denoiser, guide_line, guides_of
+from cltaa.pipeline.denoise import denoiser, denoises, guide_line
 from cltaa.pipeline.follow import Arrivals
 from cltaa.pipeline.memory import NO_LAYERS, Memory, of_whole_images
 from cltaa.pipeline.output import carried_compression, carried_kinds, chosen_layers
@@ -128,6 +128,14 @@ def find_for(sequence: FrameSequence, *, denoised: bool, advance: Advance | None
     return found.without(Effect.NOISE, "each frame is denoised first") if denoised else found
 
 
+def guided(sequence: FrameSequence, *, told: bool) -> FrameSequence:
+    """``sequence`` with what guides a denoiser among what is read, of which a line is ``told``; raises DataError."""
+    sequence = sequence.with_guides()
+    if told:
+        print(guide_line(sequence.guides), file=sys.stderr)
+    return sequence
+
+
 def resolve_folder(
     source: Named | FrameSequence,
     output: str | Path,
@@ -182,8 +190,8 @@ def resolve_folder(
         sequence = source if isinstance(source, FrameSequence) else open_input(source, **reading)
     check_declared(sequence, effects)
     refuse_place(output, sequence)
-    if denoised and progress:
-        print(guide_line(guides_of(sequence.layouts[sequence.first].channels, sequence.replaced)), file=sys.stderr)
+    if denoised:
+        sequence = guided(sequence, told=progress)
     carried = chosen_layers(layers, sequence)
     preset = with_fireflies(preset, sequence, fireflies)
     made: dict[str, Any] = {"strict": strict, "storage": storage}
@@ -309,4 +317,5 @@ def arrivals_of(
         cure = "give the same command with --preview and without --follow when all is there"
         raise UsageError("--preview is of a finished sequence", cure=cure)
     others = dict(reading)
-    return Arrivals(source, others.pop("frames", None), idle, others)
+    guided = denoises(options.get("denoise", "none"))
+    return Arrivals(source, others.pop("frames", None), idle, others, guided=guided)

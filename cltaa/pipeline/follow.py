@@ -31,14 +31,21 @@ class Arrivals:
     """The frames of a folder as they are finished.
 
     It begins with the first of ``frames``, or with the lowest number that is there at first, and ends with the last of
-    them, or when none came for ``idle`` seconds. ``reading`` are the other arguments of ``open_input``.
+    them, or when none came for ``idle`` seconds. ``reading`` are the other arguments of ``open_input``. Frames that are
+    ``guided`` come with what guides a denoiser.
     """
 
     def __init__(
-        self, source: str | Path, frames: FrameRange | None, idle: float | None, reading: Mapping[str, Any]
+        self,
+        source: str | Path,
+        frames: FrameRange | None,
+        idle: float | None,
+        reading: Mapping[str, Any],
+        *,
+        guided: bool = False,
     ) -> None:
         """Nothing is looked at yet."""
-        self._source, self._idle, self._reading = Path(source), idle, reading
+        self._source, self._idle, self._reading, self._guided = Path(source), idle, reading, guided
         self._first: int | None = None if frames is None else frames[0]
         self._end: int | None = None if frames is None else frames[1]
         self._step, self._gaps = int(reading.get("step", 1)), on_break(reading.get("gaps", OnBreak.ERROR))
@@ -98,7 +105,7 @@ class Arrivals:
         place = self._place()
         opened = open_input(Selection(place.folder, tuple(files), place.words, place.numbers), **self._reading)
         opened.found = self.found
-        return opened
+        return opened.with_guides() if self._guided else opened
 
     def _place(self) -> Selection:
         try:

@@ -28,7 +28,7 @@ from cltaa.io.pixel_statistics import Missing, is_opaque, missing_samples
 from cltaa.io.sequence import RESOLVED, FrameSequence
 from cltaa.io.streams import Writer
 from cltaa.pipeline.debug import DebugViews
-from cltaa.pipeline.denoise import Denoise, guides_of
+from cltaa.pipeline.denoise import Denoise
 from cltaa.printable import written
 from cltaa.progress import track
 
@@ -334,11 +334,7 @@ def _read(
     carried = carried_over(path, kept, file)
     missing = missing_samples(frame.colour, number)
     if denoise is not None:
-        layout = sequence.layouts[number]
-        guides = guides_of(layout.channels, sequence.replaced)
-        names = {name for triple in guides.values() for name in triple}
-        planes = read_planes(path, names, picture=layout.data_window) if names else {}
-        frame = denoise(frame, {role: [planes[name] for name in triple] for role, triple in guides.items()})
+        frame = denoise(frame, sequence.guide_images(number))
     if _stamps(sequence, number) != found:  # else a file of now would vouch for a result of before
         raise DataError("a file changed while it was read", path=path, frame=number, cure="run again")
     return Read(frame, source, missing, is_opaque(frame.alpha), carried)

@@ -13,6 +13,7 @@ from cltaa.errors import DataError, InputMissing
 from cltaa.frame import Frame
 from cltaa.inputs.intake import intake_lines, open_intake
 from cltaa.inputs.open import open_input
+from cltaa.inputs.roles import Place, describe
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.exr_write import write_image
 from cltaa.io.sequence import FrameSequence
@@ -179,6 +180,22 @@ def test_a_folder_for_each_channel_set(tmp_path: Path) -> None:
     (tmp_path / "depth" / "shot.0001.exr").unlink()
     with pytest.raises(InputMissing, match="frame 1"):
         open_intake(tmp_path)
+
+
+def test_passes_that_share_a_folder_are_called_by_their_names(tmp_path: Path) -> None:
+    """Of several sets of files in a subfolder its name tells none: depth.Z, and not passes.Z."""
+    made = frames()
+    (tmp_path / "passes").mkdir()
+    for frame in made:
+        colour = {channel: frame.colour[..., place] for place, channel in enumerate("RGB")}
+        write_image(tmp_path / "passes" / f"beauty.{frame.index:04d}.exr", colour)
+        write_image(tmp_path / "passes" / f"dist.{frame.index:04d}.exr", {"R": frame.depth, "G": frame.depth})
+        write_image(tmp_path / "passes" / f"depth.{frame.index:04d}.exr", {"Z": frame.depth})
+    intake = open_intake(tmp_path)
+    assert describe(intake.roles, intake.sets) == "colour beauty.R beauty.G beauty.B; depth depth.Z"
+    assert intake.unused == ["dist.G", "dist.R"]
+    asked = open_intake(tmp_path, assignments=["depth.channels=dist.R"])
+    assert asked.roles["depth"] == (Place("passes/dist", "R"),)
 
 
 def test_hidden_folders_are_no_input(tmp_path: Path) -> None:

@@ -15,8 +15,9 @@ import cltaa
 from cltaa.cli import main
 from cltaa.errors import DataError, UsageError
 from cltaa.io.exr_read import read_image
-from cltaa.io.exr_write import write_frame
-from cltaa.pipeline.denoise import denoiser, guides_of
+from cltaa.io.exr_write import write_frame, write_image
+from cltaa.io.guides import guides_of
+from cltaa.pipeline.denoise import denoiser
 from tests.sequence_factory import make_frame
 
 
@@ -76,7 +77,7 @@ def test_each_frame_is_denoised_before_the_resolve(
     assert main([*command, "--denoise", "oidn", "--set", "current_filter=gaussian"]) == 0
     told = {name: (tmp_path / name / "resolve.json").read_text() for name in ("clean", "filtered")}
     assert ['"gaussian"' in text for text in told.values()] == [False, True]
-    assert "denoised with: no albedo in the colour's file; normal N.X N.Y N.Z" in capsys.readouterr().err.splitlines()
+    assert "denoised with: no albedo; normal N.X N.Y N.Z" in capsys.readouterr().err.splitlines()
     outcome = json.loads((tmp_path / "clean" / "resolve.json").read_text())["outcome"]
     command = ["inspect", "--plan", str(tmp_path / "in"), "--denoise", "oidn", "--effects", "find", "--device", "numpy"]
     assert main([*command, "--json"]) == 0
@@ -90,6 +91,75 @@ def test_each_frame_is_denoised_before_the_resolve(
     assert clean_frame is not None
     missing = np.isnan(clean_frame(frame, {}).colour).all(-1)
     assert np.argwhere(missing).tolist() == [[2, 3], [4, 5]]
+
+
+PASSES = {"beauty": "RGB", "albedo": "RGB", "normal": "XYZ"}
+
+
+def write_passes(folder: Path, name: str, count: int) -> None:
+    """A file of 8 x 6 pixels for each pass and frame, of one value each; ``name`` is that of a pass's files."""
+    for at, (part, axes) in enumerate(PASSES.items()):
+        for number in range(count):
+            path = folder / f"{name.format(part)}.{number:04d}.exr"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_image(path, {axis: np.full((6, 8), (at + 1) / 4, np.float32) for axis in axes})
+
+
+@pytest.fixture
+def seen(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """The guides that a denoiser, which does nothing, was given with each frame."""
+    given: list[dict[str, Any]] = []
+
+    def look(colour: Any, *, hdr: bool, **guides: Any) -> Any:
+        del hdr
+        given.append(guides)
+        return colour.copy()
+
+    stub = ModuleType("pyoidn")
+    monkeypatch.setattr(stub, "denoise", look, raising=False)
+    monkeypatch.setitem(sys.modules, "pyoidn", stub)
+    return given
+
+
+@pytest.mark.parametrize("name", ["{}", "{}/x", "passes/{}", "shot_{}"])
+def test_guides_are_found_in_files_beside_the_colour(
+    name: str, tmp_path: Path, seen: list[dict[str, Any]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_passes(tmp_path / "in", name, 2)
+    command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--denoise", "oidn"]
+    assert main(command) == 0
+    assert [{role: (image.shape, image.flat[0]) for role, image in each.items()} for each in seen] == [
+        {"albedo": ((6, 8, 3), 0.5), "normal": ((6, 8, 3), 0.75)}
+    ] * 2
+    assert "denoised with: albedo " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("jobs", [[], ["--jobs", "2", "--preset", "gather-8"], ["--follow", "--idle", "0.1"]])
+def test_guides_beside_the_colour_vouch_for_a_result(
+    jobs: list[str], tmp_path: Path, seen: list[dict[str, Any]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_passes(tmp_path / "in", "{}", 3)
+    command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", *jobs]
+    assert main([*command, "--denoise", "oidn"]) == 0
+    assert {*map(len, seen)} == {2}
+    assert len({path.name for path in (tmp_path / "out").glob("*.exr")}) == 3
+    write_image(tmp_path / "in" / "albedo.0001.exr", dict.fromkeys("RGB", np.zeros((6, 8), np.float32)))
+    assert main([*command, "--denoise", "oidn"]) != 0
+    assert "its other files, matrices, jitter or exposure are not those" in capsys.readouterr().err
+
+
+def test_a_frame_without_its_guides_is_told_before_the_work(
+    tmp_path: Path, seen: list[dict[str, Any]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_passes(tmp_path / "in", "{}", 3)
+    command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--denoise", "oidn"]
+    write_image(tmp_path / "in" / "normal.0002.exr", {"Y": np.zeros((6, 8), np.float32)})
+    assert main(command) != 0
+    assert "normal.0002.exr channel X: channel is missing" in capsys.readouterr().err
+    (tmp_path / "in" / "albedo.0001.exr").unlink()
+    assert main(command) != 0
+    assert "albedo.0001.exr frame 1: the frame is missing" in capsys.readouterr().err
+    assert not seen
 
 
 @pytest.mark.parametrize(

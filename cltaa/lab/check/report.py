@@ -67,7 +67,7 @@ def check_files(intake: Intake) -> list[Finding]:
         types = {intake.first[place.files].channels[place.channel] for place in places}
         if "half" in types:
             what = f"{role} is half precision: 11 bits, wrong by up to 1/2048 of its size"
-            evidence = written(shown_name(place, len(intake.sets) > 1) for place in places)
+            evidence = written(shown_name(place, intake.sets) for place in places)
             found.append(
                 Finding(name=f"{role}-half", mistake=role == "depth", confidence=0.99, what=what, evidence=evidence)
             )

@@ -451,7 +451,6 @@ def _described(place: Selection, intake: Intake) -> Description:
     numbers = sorted(intake.declared)
     size = intake.layouts[numbers[0]]
     exposures = [1.0 if known.exposure is None else known.exposure for known in intake.declared.values()]
-    several = len(intake.sets) > 1
     return Description(
         folder=str(place),
         profile=intake.profile.name,
@@ -462,7 +461,7 @@ def _described(place: Selection, intake: Intake) -> Description:
         width=size.width,
         height=size.height,
         size=size.size,
-        channels={role: [shown_name(place, several) for place in places] for role, places in intake.roles.items()},
+        channels={role: [shown_name(place, intake.sets) for place in places] for role, places in intake.roles.items()},
         unused=intake.unused,
         notes=intake.notes,
         exposures=(min(exposures), max(exposures)),

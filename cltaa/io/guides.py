@@ -1,0 +1,38 @@
+"""Which channels guide a denoiser: the albedo and the normals that renderers write beside a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+# What a layer's name ends with that helps a denoiser, and its channels: albedo 0 to 1, normals -1 to 1.
+GUIDES = {"albedo": (("albedo",), ("RGB",)), "normal": (("normal", "normals", "n"), ("XYZ", "RGB"))}
+
+
+def guides_of(channels: Iterable[str], colour: Iterable[str] = ()) -> dict[str, tuple[str, ...]]:
+    """The channels of a file that guide a denoiser: ``albedo`` and ``normal`` -> three names; what is not there is left
+    out. Those of the layer and view of the ``colour`` channels come first, then what is named for a denoiser."""
+    names, own = set(channels), {word for name in colour for word in name.split(".")[:-1]}
+
+    def is_of_another(layer: str) -> bool:  # of a layer or view that has a picture of its own
+        above = layer.rpartition(".")[0]
+        return f"{above}.R" in names and not own.issuperset(above.split("."))
+
+    others = {
+        layer: [word for word in layer.split(".") if word not in own]
+        for layer in {n.rpartition(".")[0] for n in names}
+        if not is_of_another(layer)
+    }
+
+    def rank(layer: str) -> tuple[int, bool, int, str]:
+        shared = len(layer.split(".")) - len(others[layer])
+        return -shared, "denois" not in layer.lower(), len(others[layer]), layer
+
+    found: dict[str, tuple[str, ...]] = {}
+    for role, (words, kinds) in GUIDES.items():
+        for layer in sorted(others, key=rank):
+            last = "".join(others[layer][-1:]).lower().replace("_", " ").split(" ")[-1]
+            triples = (tuple(f"{layer}.{axis}" for axis in axes) for axes in kinds)
+            triple = next((each for each in triples if names.issuperset(each)), None)
+            if last in words and triple and role not in found:
+                found[role] = triple
+    return found
