@@ -77,7 +77,7 @@ COMMANDS = {
             "cltaa.commands.inspect.open_input": sequence,
             "cltaa.lab.inspect.findings.describe_input": begins,
             "cltaa.lab.inspect.findings.inspect_folder": begins,
-            "cltaa.lab.inspect.plan.plan": begins,
+            "cltaa.commands.inspect.plan": begins,
         },
     ),
     "check": Command(
