@@ -10,7 +10,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import msgspec
-import numpy as np
 
 from cltaa.core.planes import pooled_memory
 from cltaa.core.presets import Preset
@@ -99,10 +98,10 @@ def bench_files(
         environment=environment(resolver.launcher.description, before),
         compression=compression,
         half=half,
-        processor=_interval(processor),
-        over_slowest=_interval(ratios),
-        at_best=_interval(best),
-        **{name: _interval(seconds) for name, seconds in times.items()},
+        processor=interval(processor),
+        over_slowest=interval(ratios),
+        at_best=interval(best),
+        **{name: interval(seconds) for name, seconds in times.items()},
     )
 
 
@@ -122,7 +121,3 @@ def _write(folder: Path, channels: dict[str, Pixels], compression: str, count: i
 
 def _finish(output: OutputFolder, path: Path, number: int) -> None:
     output.finish(Written.now(path, number, Source(NO_HASH, None)))
-
-
-def _interval(values: list[float]) -> Interval:
-    return interval(np.array(values))
