@@ -17,6 +17,7 @@ from cltaa.frame import Camera, Frame, Image
 from cltaa.io.display import LUMA
 
 Vector = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Points = tuple[NDArray[np.int64], NDArray[np.int64]]  # columns and rows
 
 FINE_PX = 0.6  # standard deviation of the blur that tames the aliasing of one sample a pixel
@@ -113,7 +114,6 @@ class Fit(NamedTuple):
     shift: Vector
     information: Vector
     residual: float  # 0: the pictures agree; 1: as different as unrelated ones
-    points: int
     halves: Vector = np.zeros((2, 2))
     judge: Callable[[float, float], float] = lambda _x, _y: 0.0
 
@@ -125,7 +125,7 @@ def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) 
     shift = np.zeros(2)
     information = np.zeros((2, 2))
     for _ in range(ITERATIONS):
-        left, slope, weight = _linear(now, before, x + shift[0], y + shift[1], scale)
+        left, slope, weight, _ = linearised(now, before, x + shift[0], y + shift[1], scale)
         information = (slope * weight) @ slope.T
         trace, determinant = float(np.trace(information)), float(np.linalg.det(information))
         if len(left) < LEAST_POINTS or trace**2 >= 1e6 * determinant:  # that over this is about the condition
@@ -139,7 +139,7 @@ def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) 
             break
     found = residual_of(now, before, x + shift[0], y + shift[1], scale)
     noise = max(found, 1e-3) * scale
-    return Fit(shift, information / noise**2, found, len(now))
+    return Fit(shift, information / noise**2, found)
 
 
 def residual_of(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> float:
@@ -150,16 +150,15 @@ def residual_of(now: Vector, before: Picture, x: Vector, y: Vector, scale: float
     return float(np.minimum(np.nan_to_num(difference, nan=1.0), 1.0).mean())
 
 
-def _linear(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> tuple[Vector, Vector, Vector]:
-    """Residuals, gradients [2, n] and robust weights (Geman-McClure) of the points inside the earlier picture."""
+def linearised(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> tuple[Vector, Vector, Vector, Mask]:
+    """Residuals, gradients [2, n] and robust weights (Geman-McClure) of the points inside the earlier picture, and
+    which these are."""
     there = sample(before.planes, x, y)
     inside = np.isfinite(there[0])
     left, slope = (now - there[0])[inside], there[1:, inside]
     weight = 1.0 / (1.0 + (left / scale) ** 2) ** 2
-    return left, slope, weight
+    return left, slope, weight, inside
 
-
-Mask = NDArray[np.bool_]
 
 COVERED = 0.5  # share of the points
 OPAQUE = 0.99  # alpha; what shines through moves otherwise

@@ -128,12 +128,12 @@ def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
             found = check_travel(shot) or check_upside_down(shot) or (check_depth_scale(shot) if shot.has_depth else [])
     wrong |= {finding.name.partition("-")[0] for finding in found if finding.settled.mistake}
     if not wrong & {"camera", "depth"}:
-        shifts, anchored = measure_shifts(shot)
-        wrong_vectors = check_motion(shot, shifts, anchored)
+        _, anchored = measure_shifts(shot)
+        wrong_vectors = check_motion(shot)
         found += wrong_vectors
         # Shifts that were measured through wrong vectors tell nothing of the jitter.
         if anchored or not wrong_vectors:
-            found += check_jitter(shot, shifts)
+            found += check_jitter(shot)
         if not wrong_vectors:
             found += check_disagreement(shot)
     return found
