@@ -121,15 +121,12 @@ def _print_parameters(rows: list[dict[str, Any]], preset: Preset | None) -> None
         console.print(f"What each is in {escape(preset.name)} (and what it can be)\n")
     for row in rows:
         text = {name: escape(value) for name, value in row.items() if isinstance(value, str)}
-        value = text["default"] if preset is None else escape(_written(row["value"]))
+        value = row["default" if preset is None else "value"]
+        value = escape(value if isinstance(value, str) else f"{value:g}")
         console.print(f"[bold]{text['parameter']}[/] = {value}  [dim]({text['values']})[/]")
         console.print(Padding(text["meaning"], (0, 0, 0, 4)))
         for value, meaning in row.get("value_meanings", {}).items():
             console.print(Padding(f"[dim]{value}:[/] {escape(meaning)}", (0, 0, 0, 8)))
-
-
-def _written(value: str | float) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
 
 
 @click.command()

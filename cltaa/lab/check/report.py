@@ -44,11 +44,6 @@ from cltaa.printable import counted, written
 from cltaa.progress import track
 
 
-def unreadable(wrong: Problems) -> list[Finding]:
-    """Findings about files that cannot be read, one for each thing that is ``wrong``."""
-    return [mistake("file-unreadable", line, "left out of all else that is found", 0.99) for line in wrong.lines]
-
-
 def check_files(intake: Intake) -> list[Finding]:
     """Findings about compression that loses, half-precision channels, and frames and channels that are not there."""
     found = []
@@ -242,12 +237,13 @@ def check_folder(
         again = assignments_of(changes)
         intake = open_with_gaps(place, profile=name, assignments=again, **reading)
     told["has_camera"] &= all(map(sound, frames_read))
+    lost = [mistake("file-unreadable", line, "left out of all else that is found", 0.99) for line in wrong.lines]
     options = f"{profile_options(name, side_file, step)} {option_text(changes)}".strip()
     report = Report(
         folder=str(place),
         frames=len(frames_read),
         reading=[*intake_lines(first)],
-        findings=unreadable(wrong) + findings,
+        findings=lost + findings,
         unverifiable=unverifiable(Shot(frames_read, **told)),
         options=options,
         profile=msgspec.to_builtins(mended),
