@@ -225,7 +225,7 @@ def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> tuple[l
 
 def _staying(scene: Observed, meant: Affine) -> Observed:
     """``scene`` at points that the vectors that are meant leave in the picture too, unless these are few of them."""
-    height, width = scene.before.signal.shape
+    _, height, width = scene.before.shape
     there = stays_inside(np.stack([scene.x, scene.y]) + meant(scene.own), width, height)
     if there.mean() < COVERED:
         return scene

@@ -83,21 +83,13 @@ FARTHEST_PX = 2.0  # a left-over shift beyond this is no jitter
 LEAST_POINTS = 60  # fewer decide nothing
 
 
-class Picture(NamedTuple):
-    """A signal and its gradient by x and by y, [3, H, W]: fetched at once, since their places are the same."""
+# A signal and its gradient by x and by y, [3, H, W]: fetched at once, since their places are the same.
+Picture = NDArray[np.float32]
 
-    planes: NDArray[np.float32]
 
-    @property
-    def signal(self) -> NDArray[np.float32]:
-        """The signal alone, [H, W]."""
-        signal: NDArray[np.float32] = self.planes[0]
-        return signal
-
-    @classmethod
-    def of(cls, signal: NDArray[np.float32]) -> Picture:
-        """Differentiate ``signal`` by central differences."""
-        return cls(np.stack([signal, *(_slope(signal, axis) for axis in (1, 0))]))
+def with_gradient(signal: NDArray[np.float32]) -> Picture:
+    """``signal`` [H, W], differentiated by central differences."""
+    return np.stack([signal, *(_slope(signal, axis) for axis in (1, 0))])
 
 
 def _slope(signal: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
@@ -146,14 +138,14 @@ def residual_of(now: Vector, before: Picture, x: Vector, y: Vector, scale: float
     """Mean of min(|difference| / scale, 1) over the points; what lies outside the earlier picture counts 1."""
     if not len(now):
         return 1.0
-    difference = np.abs(now - sample(before.signal, x, y)) / scale
+    difference = np.abs(now - sample(before[0], x, y)) / scale
     return float(np.minimum(np.nan_to_num(difference, nan=1.0), 1.0).mean())
 
 
 def linearised(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> tuple[Vector, Vector, Vector, Mask]:
     """Residuals, gradients [2, n] and robust weights (Geman-McClure) of the points inside the earlier picture, and
     which these are."""
-    there = sample(before.planes, x, y)
+    there = sample(before, x, y)
     inside = np.isfinite(there[0])
     left, slope = (now - there[0])[inside], there[1:, inside]
     weight = 1.0 / (1.0 + (left / scale) ** 2) ** 2
@@ -247,7 +239,7 @@ class Shot:
 
     def __post_init__(self) -> None:
         """Prepare the pairs; a cut or a gap parts two frames."""
-        signals = [Picture.of(register_signal(frame.colour)) for frame in self.frames]
+        signals = [with_gradient(register_signal(frame.colour)) for frame in self.frames]
         for place in range(1, len(self.frames)):
             frame, previous = self.frames[place], self.frames[place - 1]
             if frame.cut or frame.index != previous.index + frame.step:
@@ -274,7 +266,7 @@ def _pair(frame: Frame, previous: Frame, now: Picture, before: Picture) -> Pair:
     usable = lit if frame.alpha is None else lit & (frame.alpha[y, x] >= OPAQUE)
     seen = usable & ~_uncovered(frame.depth)[y, x]
     usable = seen if seen.sum() >= MOST_UNCOVERED * usable.sum() else usable
-    signal = now.signal[y, x].astype(np.float64)
+    signal = now[0, y, x].astype(np.float64)
     return Pair(
         frame=frame,
         previous=previous,
