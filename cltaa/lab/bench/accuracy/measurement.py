@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -298,15 +298,10 @@ def _spreads(errors: Mapping[str, Sequence[float]]) -> dict[str, Spread]:
 
 def _with_front(cells: Sequence[Measured], metrics: Iterable[str], samples: Samples, clock: Clock) -> list[Measured]:
     """The cells, each with what beats it; the times of two are compared by what they took in the same rounds."""
-
-    @cache
-    def faster(one: str, other: str) -> bool:
-        return samples.faster(one, other, clock)
-
     dominated: dict[str, Mapping[str, str]] = {}
     for metric in metrics:
         errors = {cell.variant: cost(metric, cell.errors[metric].mean) for cell in cells}
-        dominated[metric] = dominated_by(errors, faster)
+        dominated[metric] = dominated_by(errors, partial(samples.faster, clock=clock))
     return [
         msgspec.structs.replace(
             cell, dominated_by={metric: who[cell.variant] for metric, who in dominated.items() if cell.variant in who}
