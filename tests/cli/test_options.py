@@ -45,6 +45,11 @@ def test_what_is_refused(kind: click.ParamType[tuple[object, ...]], text: str) -
         kind.convert(text, None, None)
 
 
+def test_a_size_is_told_as_it_is_written() -> None:
+    with pytest.raises(click.BadParameter, match="'640' is not WIDTHxHEIGHT, such as 640x360"):
+        SIZE.convert("640", None, None)
+
+
 def test_a_time_may_have_its_unit() -> None:
     assert [SECONDS.convert(text, None, None) for text in ("5s", "0.5 s", "5")] == [5.0, 0.5, 5.0]
 

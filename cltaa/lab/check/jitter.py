@@ -103,8 +103,6 @@ def measure_likeness(shot: Shot) -> Likeness | None:
                 there = lights[before][rows + down, columns + right]
                 mean = np.minimum(np.abs(here - there) / scale, 1.0).mean()
                 found.append((float(mean), right, down, now, before))
-    if not found:
-        return None
     table = np.array(found)
     if table[:, 0].mean() < LEAST_DIFFERENCE:
         return None
