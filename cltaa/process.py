@@ -145,7 +145,7 @@ def interrupts(stop: Stop) -> Iterator[None]:
 
     before, _asked = _asked, stop
     try:
-        with _handled(SIGNALS, interrupt):
+        with _handled(interrupt):
             yield
     finally:
         _asked = before
@@ -166,7 +166,7 @@ def stop_signals() -> Iterator[Stop]:
         stop.requested = True
         restore()
 
-    with _handled(SIGNALS, note) as restore:
+    with _handled(note) as restore:
         yield stop
 
 
@@ -187,12 +187,10 @@ def ignore_signals() -> None:
 
 
 @contextmanager
-def _handled(
-    numbers: tuple[signal.Signals, ...], handler: Callable[[int, FrameType | None], Any]
-) -> Iterator[Callable[[], None]]:
-    """Handle signals by ``handler`` until the end, or until what this yields is called."""
+def _handled(handler: Callable[[int, FrameType | None], Any]) -> Iterator[Callable[[], None]]:
+    """Handle SIGNALS by ``handler`` until the end, or until what this yields is called."""
     reached = threading.current_thread() is threading.main_thread()
-    found = {number: signal.getsignal(number) for number in numbers if reached}
+    found = {number: signal.getsignal(number) for number in SIGNALS if reached}
     earlier = {number: before for number, before in found.items() if before is not signal.SIG_IGN}
 
     def restore() -> None:

@@ -12,10 +12,10 @@ from rich.table import Table
 from cltaa.commands.options import (
     FILE_PATH,
     FOLDER,
-    NAMES,
     PRESET,
     device_option,
     json_option,
+    listed,
     measured_options,
     open_each,
     preset_of,
@@ -118,7 +118,7 @@ def chosen_variants(preset: Preset, only: Sequence[str]) -> list[Variant]:
     """The ladder from that preset, or the named variants and groups of it; raises UsageError for one that is not."""
     every = ladder(preset, [load_preset(name) for name in preset_names()])
     there = {name for variant in every for name in (variant.group, variant.name)}
-    names = {name for text in only for name in ([text] if text in there else NAMES.convert(text, None, None))}
+    names = {name for text in only for name in ([text] if text in there else listed(text))}
     if only and not names:
         raise UsageError("--only names nothing", expected="variants or groups of them", cure="leave it out for all")
     for name in sorted(names - there):

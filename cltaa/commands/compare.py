@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from cltaa.commands.options import FILE_PATH, SOME_FRAMES, STOPS, input_options, json_option, verify_option
+from cltaa.commands.options import FILE_PATH, SOME_FRAMES, STOPS, input_options, json_option, listed, verify_option
 from cltaa.commands.printing import figures, print_line, print_table, three_digits
 from cltaa.errors import LONGEST_VALUE, UsageError
 from cltaa.io.atomic import make_folder
@@ -219,9 +219,8 @@ def compare(
     if table:
         if heatmap is not None:
             raise UsageError("--heatmap does not go with --table", cure="draw maps of one A at a time")
-        presets = [name.strip() for name in ours.split(",") if name.strip()]
         told: dict[str, Any] = {"stops": stops, "cvvdp": cvvdp, "film": film, "verify": verify}
-        rows, left = judged_entries(paths, presets, metrics, frames, **told, **reading)
+        rows, left = judged_entries(paths, listed(ours), metrics, frames, **told, **reading)
         for each in left:
             click.echo(f"cltaa: warning: not judged: {printable(each)}", err=True)
         if as_json:

@@ -27,15 +27,13 @@ from cltaa.commands.options import (
 )
 from cltaa.commands.printing import Console, answer, figures, listing, print_line, print_table
 from cltaa.core.build import Storage
-from cltaa.core.presets import Preset
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.found import Found
 from cltaa.inputs.open import open_input
 from cltaa.io.names import selection_of
 from cltaa.io.pixel_statistics import ChannelStatistics
-from cltaa.io.sequence import FrameSequence
 from cltaa.lab.inspect.findings import Description, Inspection, inspect_input
-from cltaa.lab.inspect.plan import Section, SequencePlan
+from cltaa.lab.inspect.plan import Section, SequencePlan, plan
 from cltaa.pipeline.folder import for_denoised
 from cltaa.printable import bytes_of, counted, printable, shown, written
 from cltaa.progress import shown_progress
@@ -161,8 +159,12 @@ def inspect(
     place = selection_of(one_sequence(ctx, folder))
     if planned:
         wanted = assigned(preset_of(preset, config, None if denoise == "none" else for_denoised), changes)
-        resolved = {"half": half, "layers": layers, "band_rows": band_rows, "denoise": denoise}
-        _plan(open_input(place, **reading), wanted, device, effects, as_json, storage=Storage(storage), **resolved)
+        source = open_input(place, **reading)
+        if source.notes:
+            click.echo("\n".join(map(printable, source.notes)), err=True)
+        resolved: dict[str, Any] = {"half": half, "layers": layers, "band_rows": band_rows, "denoise": denoise}
+        asked = chosen_effects(effects)
+        answer(plan(source, wanted, device, effects=asked, storage=Storage(storage), **resolved), as_json, print_plan)
         return
     with shown_progress("inspecting") if sys.stderr.isatty() else nullcontext() as advance:
         found = inspect_input(place, pixels=pixels, advance=advance, **reading)
@@ -179,17 +181,6 @@ def _check_options(ctx: click.Context, *, planned: bool, pixels: bool) -> None:
         given = ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE
         if given and option.name in OF_PLAN and not planned:
             raise UsageError(f"{option.opts[0]} says how to plan a resolve", cure="add --plan")
-
-
-def _plan(
-    source: FrameSequence, preset: Preset, device: str | None, effects: str, as_json: bool, **resolved: Any
-) -> None:
-    from cltaa.lab.inspect.plan import plan
-
-    if source.notes:
-        click.echo("\n".join(map(printable, source.notes)), err=True)
-    found = plan(source, preset, device, effects=chosen_effects(effects), **resolved)
-    answer(found, as_json, print_plan)
 
 
 def _print(found: Inspection | Description) -> None:

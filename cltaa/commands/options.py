@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -111,37 +111,35 @@ class _Number(click.FloatRange):
         return number
 
 
-class _Tuple(click.ParamType[tuple[Any, ...]]):
-    """Several values in one text; ``name`` is how that is written, which help shows as it is."""
+class _Text(click.ParamType[Any]):
+    """What ``read`` makes of a text; ``name`` is how that is written, which help shows as it is."""
+
+    def __init__(self, name: str, read: Callable[[str], Any]) -> None:
+        self.name, self._read = name, read
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return self._read(str(value))
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
         return self.name
 
 
-class _Size(_Tuple):
-    """Width and height in pixels, written as 640x360."""
-
-    name = "WxH"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        match = re.fullmatch(rf"({DIGITS})x({DIGITS})", value, re.IGNORECASE)
-        if match is None or not int(match[1]) * int(match[2]):
-            self.fail(f"{value!r} is not WIDTHxHEIGHT, such as 640x360", param, ctx)
-        return int(match[1]), int(match[2])
+def _size(text: str) -> tuple[int, int]:
+    """Width and height in pixels."""
+    match = re.fullmatch(rf"({DIGITS})x({DIGITS})", text, re.IGNORECASE)
+    if match is None or not int(match[1]) * int(match[2]):
+        raise click.BadParameter(f"{text!r} is not WIDTHxHEIGHT, such as 640x360")
+    return int(match[1]), int(match[2])
 
 
-class _SomeFrames(_Tuple):
+def _some_frames(text: str) -> int | tuple[int, int]:
     """A number of frames from the first on, or the numbers of the first and the last, both included."""
-
-    name = "N|FIRST-LAST"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if re.fullmatch(DIGITS, str(value)):
-            return click.IntRange(min=1).convert(value, param, ctx)
-        match = re.fullmatch(rf"(-?{DIGITS})(?:-(-?{DIGITS}))?", value)
-        if match is None:
-            self.fail(f"{value!r} is no range of frames, such as 8-47 or 12", param, ctx)
-        return int(match[1]), int(match[2] or match[1])
+    if re.fullmatch(DIGITS, text):
+        return click.IntRange(min=1).convert(int(text), None, None)
+    match = re.fullmatch(rf"(-?{DIGITS})(?:-(-?{DIGITS}))?", text)
+    if match is None:
+        raise click.BadParameter(f"{text!r} is no range of frames, such as 8-47 or 12")
+    return int(match[1]), int(match[2] or match[1])
 
 
 def frame_range(named: Named, frames: int | FrameRange | None) -> FrameRange | None:
@@ -154,42 +152,27 @@ def frame_range(named: Named, frames: int | FrameRange | None) -> FrameRange | N
     return numbers[0], numbers[-1]
 
 
-class _Names(_Tuple):
-    """A comma-separated list; spaces around its names and empty ones count as nothing."""
-
-    name = "LIST"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
-        return tuple(name for part in value.split(",") if (name := part.strip()))
+def listed(text: str) -> tuple[str, ...]:
+    """The names of a comma-separated list; spaces around them and empty ones count as nothing."""
+    return tuple(name for part in text.split(",") if (name := part.strip()))
 
 
-class _Layers(_Tuple):
+def _layers(text: str) -> tuple[str, ...]:
     """A comma-separated list of channels, in which one whose name holds a comma stands in quotes."""
-
-    name = "LIST"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
-        return tuple(name for (name,) in names_in(value) if name)
+    return tuple(name for (name,) in names_in(text) if name)
 
 
-class _WholeNumbers(_Tuple):
+def _whole_numbers(least: int, text: str) -> tuple[int, ...]:
     """A comma-separated list of whole numbers from ``least`` on."""
-
-    name = "LIST"
-
-    def __init__(self, least: int) -> None:
-        self._least = least
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, ...]:
-        numbers = NAMES.convert(value, param, ctx)
-        if not all(re.fullmatch(DIGITS, number) and int(number) >= self._least for number in numbers):
-            self.fail(f"{value!r} is no list of whole numbers from {self._least} on, such as 2,4,8", param, ctx)
-        return tuple(map(int, numbers))
+    numbers = listed(text)
+    if not all(re.fullmatch(DIGITS, number) and int(number) >= least for number in numbers):
+        raise click.BadParameter(f"{text!r} is no list of whole numbers from {least} on, such as 2,4,8")
+    return tuple(map(int, numbers))
 
 
 FILE_PATH, FOLDER = _FilePath(path_type=Path), _Folder(path_type=Path)
-SIZE, SOME_FRAMES, NAMES, LAYERS = _Size(), _SomeFrames(), _Names(), _Layers()
-FROM_0, FROM_2 = _WholeNumbers(0), _WholeNumbers(2)  # lists of whole numbers
+SIZE, SOME_FRAMES, LAYERS = _Text("WxH", _size), _Text("N|FIRST-LAST", _some_frames), _Text("LIST", _layers)
+FROM_0, FROM_2 = (_Text("LIST", partial(_whole_numbers, least)) for least in (0, 2))
 SECONDS = _Number("s", min=0.0, min_open=True)
 STOPS = _Number(min=-EXPOSURE_STOPS, max=EXPOSURE_STOPS)
 
@@ -328,14 +311,14 @@ def chosen_effects(text: str) -> Asked:
     for word in ASKED:
         if text == word:
             return word
-    names = [name for part in text.split(",") if (name := part.strip())]
+    names = listed(text)
     if not names:  # as of a variable that a shell does not know: it would be a promise
         raise UsageError("--effects names no effect", cure="--effects none promises that nothing happens")
-    for name in [] if names == [NO_EFFECT] else names:
+    for name in () if names == (NO_EFFECT,) else names:
         if current(name, EFFECTS, frozenset(Effect), "effect") not in [*Effect]:
             words = [*Effect] if len(names) > 1 else [*ASKED, NO_EFFECT, *Effect]
             raise UsageError(f"--effects: unknown effect {name}", cure=known(name, words, "effects"))
-    return frozenset() if names == [NO_EFFECT] else parse_effects(text)
+    return frozenset() if names == (NO_EFFECT,) else parse_effects(text)
 
 
 def load_config(path: Path, base: Preset) -> Preset:

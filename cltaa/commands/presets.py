@@ -7,6 +7,7 @@ from typing import Any, get_type_hints
 
 import click
 import msgspec
+import tomli_w
 from rich.markup import escape
 from rich.padding import Padding
 
@@ -81,13 +82,10 @@ def parameter_rows(preset: Preset | None = None) -> list[dict[str, Any]]:
 
 
 def _toml(preset: Preset) -> str:
-    lines = [f"# {preset.name}: {preset.description}"]
-    if preset.published:
-        lines += [f'jitter = "{preset.jitter}"', f'published = "{preset.published}"']
-    for part in (preset.choices, preset.settings):
-        for key, value in msgspec.to_builtins(part).items():
-            lines.append(f"{key} = {json.dumps(value)}")
-    return "\n".join(lines) + "\n"
+    parts: dict[str, Any] = msgspec.to_builtins(preset)
+    where = {key: parts[key] for key in ("jitter", "published")} if preset.published else {}
+    told = tomli_w.dumps(where | parts["choices"] | parts["settings"])
+    return f"# {preset.name}: {preset.description}\n{told}"
 
 
 def difference(preset: Preset, other: Preset) -> list[dict[str, Any]]:
@@ -123,15 +121,12 @@ def _print_parameters(rows: list[dict[str, Any]], preset: Preset | None) -> None
         console.print(f"What each is in {escape(preset.name)} (and what it can be)\n")
     for row in rows:
         text = {name: escape(value) for name, value in row.items() if isinstance(value, str)}
-        value = text["default"] if preset is None else escape(_written(row["value"]))
+        value = row["default" if preset is None else "value"]
+        value = escape(value if isinstance(value, str) else f"{value:g}")
         console.print(f"[bold]{text['parameter']}[/] = {value}  [dim]({text['values']})[/]")
         console.print(Padding(text["meaning"], (0, 0, 0, 4)))
         for value, meaning in row.get("value_meanings", {}).items():
             console.print(Padding(f"[dim]{value}:[/] {escape(meaning)}", (0, 0, 0, 8)))
-
-
-def _written(value: str | float) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
 
 
 @click.command()

@@ -155,8 +155,6 @@ def resolve(
     config: Path | None,
     changes: tuple[str, ...],
     look_ahead: int | None,
-    jobs: int | None,
-    dask: str | None,
     device: str | None,
     effects: str,
     frames: int | tuple[int, int] | None,
@@ -164,22 +162,14 @@ def resolve(
     idle: float | None,
     preview: Path | None,
     compare: str | None,
-    half: bool,
-    compression: str | None,
-    layers: tuple[str, ...] | None,
     storage: str,
-    strict: bool,
-    verify: bool,
-    band_rows: int | None,
     gaps: str,
     on_resize: str,
-    fireflies: str | None,
     denoise: str,
-    restart: bool,
     checkpoint: int,
     views: str,
     as_json: bool,
-    **reading: Any,
+    **options: Any,
 ) -> None:
     """Anti-alias SEQUENCE, a folder of captured EXR frames or a pattern of them (x.####.exr), over time.
 
@@ -201,7 +191,9 @@ def resolve(
         cure = f"say which: --frames 1-{frames}"
         raise UsageError("--follow cannot tell yet which frames are the first", found=f"--frames {frames}", cure=cure)
     chosen = frames if follow else frame_range(named, frames)
-    reading |= {"verify": verify, "gaps": OnBreak(gaps), "on_resize": OnBreak(on_resize), "frames": chosen}
+    # What is left of the options is given to resolve_folder as it is.
+    reading = {name: options.pop(name) for name in ("profile", "assignments", "side_file", "step", "verify")}
+    reading |= {"gaps": OnBreak(gaps), "on_resize": OnBreak(on_resize), "frames": chosen}
     source = sequence if follow else open_input(named, **reading)
     notes = () if isinstance(source, Path) else source.notes
     if notes:
@@ -216,26 +208,18 @@ def resolve(
         settings,
         device,
         effects=declared,
-        half=half,
         storage=Storage(storage),
-        strict=strict,
-        band_rows=band_rows,
-        compression=compression,
-        layers=layers,
         debug=parse_views(views),
         progress=True,
         follow=follow,
         idle=idle,
         reading=reading,
         preview=preview,
-        fireflies=fireflies,
-        jobs=jobs,
-        dask=dask,
         denoise=denoise,
         compare=compare,
-        restart=restart,
         checkpoint_every=checkpoint,
         stopping=stop_signals(),
+        **options,
     )
     if as_json:
         click.echo(json_of(report))

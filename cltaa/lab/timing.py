@@ -135,11 +135,11 @@ def _seconds(sample: Sample, clock: Clock) -> float:
     return sample.wall if seconds is None else seconds
 
 
-def interval(values: NDArray[np.float64], seed: int = 0) -> Interval:
+def interval(values: NDArray[np.float64] | Sequence[float]) -> Interval:
     """Median of ``values`` [n] with its percentile-bootstrap interval over ``RESAMPLES`` resamples."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     picks = random.integers(0, len(values), (RESAMPLES, len(values)))
-    medians = np.median(values[picks], axis=1)
+    medians = np.median(np.asarray(values)[picks], axis=1)
     low, high = np.quantile(medians, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return Interval(median=float(np.median(values)), low=float(low), high=float(high))
 

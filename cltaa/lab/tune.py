@@ -198,19 +198,14 @@ def tune(
         trial = _tried(bench, folder, key, override(base, values, "cltaa tune") if found else base, values)
         study.tell(asked, goal.score(trial.error, trial.milliseconds))
         found.append(trial)
-    found += _presets_as_they_are(bench, folder, key, base)
-    tuned, preset = _judged(found, searched, checked, goal, launcher, base)
+    for preset in map(load_preset, LADDER):  # below which the search does not end
+        if preset.deciding() != base.deciding():
+            found.append(_tried(bench, folder, key, preset, {PRESET: preset.name}))
+    tuned, best = _judged(found, searched, checked, goal, launcher, base)
     with atomic_path(output) as temporary:
-        temporary.write_text(preset_text(tuned, preset), encoding="utf-8")
+        temporary.write_text(preset_text(tuned, best), encoding="utf-8")
     shutil.rmtree(folder)
     return tuned
-
-
-def _presets_as_they_are(bench: Bench, folder: Path, key: str, base: Preset) -> list[Trial]:
-    """A trial of each preset of the ladder, below which the search does not end."""
-    presets = [load_preset(name) for name in LADDER]
-    others = [preset for preset in presets if preset.deciding() != base.deciding()]
-    return [_tried(bench, folder, key, preset, {PRESET: preset.name}) for preset in others]
 
 
 def _tried(bench: Bench, folder: Path, key: str, preset: Preset, values: dict[str, str | float]) -> Trial:
@@ -306,10 +301,7 @@ def preset_text(tuned: Tuned, preset: Preset) -> str:
         about += f"; over-fits: not borne out on {', '.join(tuned.checked_on)}"
     base = load_preset(preset.name if preset.name in preset_names() else "default")
     values: dict[str, Any] = {"description": about, "preset": base.name}
-    for part, default in ((preset.choices, base.choices), (preset.settings, base.settings)):
-        values |= {
-            name: value
-            for name, value in msgspec.to_builtins(part).items()
-            if value != msgspec.to_builtins(default)[name]
-        }
+    ours, theirs = preset.deciding(), base.deciding()
+    for part in ("choices", "settings"):
+        values |= {name: value for name, value in ours[part].items() if value != theirs[part][name]}
     return tomli_w.dumps(values)

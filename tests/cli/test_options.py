@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 import pytest
 
-from cltaa.commands.options import FROM_0, FROM_2, NAMES, SECONDS, SIZE, SOME_FRAMES
+from cltaa.commands.options import FROM_0, FROM_2, SECONDS, SIZE, SOME_FRAMES, listed
 
 
 @pytest.mark.parametrize(
@@ -16,8 +16,6 @@ from cltaa.commands.options import FROM_0, FROM_2, NAMES, SECONDS, SIZE, SOME_FR
         (SOME_FRAMES, "8-47", (8, 47)),
         (SOME_FRAMES, "-3", (-3, -3)),
         (SOME_FRAMES, "12", 12),
-        (NAMES, " zip, piz,", ("zip", "piz")),
-        (NAMES, "", ()),
         (FROM_0, "0, 7", (0, 7)),
         (FROM_0, "", ()),
         (FROM_2, "2,4", (2, 4)),
@@ -47,5 +45,15 @@ def test_what_is_refused(kind: click.ParamType[tuple[object, ...]], text: str) -
         kind.convert(text, None, None)
 
 
+def test_a_size_is_told_as_it_is_written() -> None:
+    with pytest.raises(click.BadParameter, match="'640' is not WIDTHxHEIGHT, such as 640x360"):
+        SIZE.convert("640", None, None)
+
+
 def test_a_time_may_have_its_unit() -> None:
     assert [SECONDS.convert(text, None, None) for text in ("5s", "0.5 s", "5")] == [5.0, 0.5, 5.0]
+
+
+def test_spaces_and_empty_names_of_a_list_count_as_nothing() -> None:
+    assert listed(" zip, piz,") == ("zip", "piz")
+    assert listed("") == ()

@@ -77,7 +77,7 @@ COMMANDS = {
             "cltaa.commands.inspect.open_input": sequence,
             "cltaa.lab.inspect.findings.describe_input": begins,
             "cltaa.lab.inspect.findings.inspect_folder": begins,
-            "cltaa.lab.inspect.plan.plan": begins,
+            "cltaa.commands.inspect.plan": begins,
         },
     ),
     "check": Command(
@@ -292,7 +292,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--video", "judge.in_time", True),
         *frames_that_are_opened("pair_up"),
         ("--no-verify", "pair_up.verify", False),
-        ("--table --ours basic,karis", "judged_entries.ours", ["basic", "karis"]),
+        ("--table --ours basic,karis", "judged_entries.ours", ("basic", "karis")),
         ("--table --stops 2", "judged_entries.stops", 2.0),
         ("--table --no-verify", "judged_entries.verify", False),
         ("--table --cvvdp", "judged_entries.cvvdp", True),

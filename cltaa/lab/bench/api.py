@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import count, islice
 from typing import Any
 
 import msgspec
@@ -60,24 +61,13 @@ class ApiBench(msgspec.Struct, frozen=True, kw_only=True):
     rows: list[ApiTimes]
 
 
-class _Rendered:
-    """A program that renders: frames without an end, of the same arrays under a camera that slides."""
-
-    def __init__(self, frame: Frame) -> None:
-        self._frame, self._index = frame, -1
-
-    def next(self) -> Frame:
-        self._index += 1
-        camera = camera_at(self._index, Motion.UNIFORM, self._frame.width, self._frame.height)
-        return replace(self._frame, index=self._index, camera=camera)
-
-    def some(self) -> Iterator[Frame]:
-        return (self.next() for _ in range(CALLS))
+def _rendered(frame: Frame) -> Iterator[Frame]:
+    """What a program renders: frames without an end, of the same arrays under a camera that slides."""
+    for index in count():
+        yield replace(frame, index=index, camera=camera_at(index, Motion.UNIFORM, frame.width, frame.height))
 
 
-def bench_api(
-    preset: Preset, device: str | None, sizes: tuple[tuple[int, int], ...] = SIZES, *, rounds: int
-) -> ApiBench:
+def bench_api(preset: Preset, device: str | None, sizes: tuple[tuple[int, int], ...], *, rounds: int) -> ApiBench:
     """Time calls with frames of ``sizes``, colour and depth, nothing declared, all kinds in turn.
 
     Raises UsageError for NumPy in a device's place, and ResourceError where there is too little memory.
@@ -97,8 +87,8 @@ def _timed(preset: Preset, launcher: DeviceLauncher, width: int, height: int, ro
     plain = PlainCopies(launcher.device, arrays, out, pinned=False)
     pinned = PlainCopies(launcher.device, arrays, out, pinned=True)
     jobs = [
-        Job(ON_DEVICE, _calls(Resolver(preset, launcher), _Rendered(replace(host, **there)), back)),
-        Job(HOST, _calls(Resolver(preset, launcher), _Rendered(host), out)),
+        Job(ON_DEVICE, _calls(Resolver(preset, launcher), replace(host, **there), back)),
+        Job(HOST, _calls(Resolver(preset, launcher), host, out)),
         Job(COPIES, _times(plain.run)),
         Job(PINNED, _times(pinned.run)),
     ]
@@ -119,10 +109,12 @@ def _each(samples: Samples, job: str, clock: Clock) -> Interval:
     return samples.interval(job, clock).times(1 / CALLS)
 
 
-def _calls(resolver: Resolver, rendered: _Rendered, out: Any) -> Callable[[], float | None]:
+def _calls(resolver: Resolver, frame: Frame, out: Any) -> Callable[[], float | None]:
+    rendered = _rendered(frame)
+
     def resolve() -> None:
-        for frame in rendered.some():
-            resolver.resolve(frame, out=out)
+        for each in islice(rendered, CALLS):
+            resolver.resolve(each, out=out)
         resolver.launcher.finish()
 
     return lambda: kernel_seconds(resolver.launcher, resolve)

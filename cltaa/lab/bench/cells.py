@@ -146,24 +146,26 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
 
     def finished(self, output: Path) -> dict[str, Cell]:
         """The cells that there are; raises DataError for a damaged one."""
-        wanted = {ONE_SAMPLE: None} if self.judging.in_time else {}
-        found = {name: kept(self.path(output, it), Cell) for name, it in (wanted | self._by_name()).items()}
+        found = {name: kept(self.path(output, variant), Cell) for name, variant in self._wanted.items()}
         return {name: cell for name, cell in found.items() if cell is not None}
 
     def left(self, output: Path) -> Task | None:
         """The same, less what is finished; None where all is."""
         there = self.finished(output)
+        if there.keys() == self._wanted.keys():
+            return None
         missing = tuple(variant for variant in self.variants if variant.name not in there)
-        whole = not missing and (ONE_SAMPLE in there or not self.judging.in_time)
-        return None if whole else msgspec.structs.replace(self, variants=missing)
+        return msgspec.structs.replace(self, variants=missing)
 
     def keep(self, output: Path, cells: dict[str, Cell]) -> None:
         """Keep what was found; raises StorageError."""
         for name, cell in cells.items():
-            keep(self.path(output, self._by_name().get(name)), cell)
+            keep(self.path(output, self._wanted[name]), cell)
 
-    def _by_name(self) -> dict[str, Variant]:
-        return {variant.name: variant for variant in self.variants}
+    @property
+    def _wanted(self) -> dict[str, Variant | None]:
+        single = {ONE_SAMPLE: None} if self.judging.in_time else {}
+        return single | {variant.name: variant for variant in self.variants}
 
 
 def task_of(
@@ -462,12 +464,10 @@ def run_all(tasks: Iterable[Task], output: Path, *, jobs: int = 1, dask: str | N
         yield task
 
 
+@cache
 def launcher_of(device: str | None) -> Launcher:
     """A launcher of a device for all tasks of this process: to open one anew takes a GPU as long as many frames."""
-    return _launcher_of(device or os.environ.get(DEVICE_VARIABLE))
-
-
-_launcher_of = cache(launcher_for)
+    return launcher_for(device)
 
 
 def run(task: Task) -> dict[str, Cell]:
@@ -479,24 +479,19 @@ def run(task: Task) -> dict[str, Cell]:
     return judge_sequence(task.open(), task.variants, launcher, task.judging, progress=whole)
 
 
-def run_encoded(task: bytes) -> bytes:
-    """``run`` between processes and machines: bytes in, bytes out."""
-    return msgspec.msgpack.encode(run(msgspec.msgpack.decode(task, type=Task)))
-
-
 def _in_processes(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, dict[str, Cell]]]:
     """Each task with what it found, as they end; what has begun when one fails is waited for, and kept too."""
     failed: list[CltaaError] = []
     context = multiprocessing.get_context("spawn")
     threads = max(CORES // jobs, 1)
     with ProcessPoolExecutor(jobs, context, initializer=share_processors, initargs=(threads,)) as pool:
-        tasks_of = {pool.submit(run_encoded, msgspec.msgpack.encode(task)): task for task in tasks}
+        tasks_of = {pool.submit(run, task): task for task in tasks}
         try:
             for future in as_completed(tasks_of):
                 if future.cancelled():
                     continue
                 try:
-                    cells = _decoded(future.result())
+                    cells = future.result()
                 except CltaaError as error:
                     failed.append(error)
                     for other in tasks_of:
@@ -524,12 +519,7 @@ def share_processors(threads: int) -> None:
 def _on_dask(tasks: Sequence[Task], address: str) -> Iterator[tuple[Task, dict[str, Cell]]]:
     distributed: Any = import_module("distributed")
     with connected(address) as client:
-        encoded = [msgspec.msgpack.encode(task) for task in tasks]
-        futures = client.map(run_encoded, encoded, retries=RETRIES)
+        futures = client.map(run, tasks, retries=RETRIES)
         tasks_of = dict(zip(futures, tasks, strict=True))
         for future in distributed.as_completed(futures, loop=client.loop):
-            yield tasks_of[future], _decoded(future.result())
-
-
-def _decoded(cells: bytes) -> dict[str, Cell]:
-    return msgspec.msgpack.decode(cells, type=dict[str, Cell])
+            yield tasks_of[future], future.result()

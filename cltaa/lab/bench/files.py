@@ -10,7 +10,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import msgspec
-import numpy as np
 
 from cltaa.core.planes import pooled_memory
 from cltaa.core.presets import Preset
@@ -57,8 +56,6 @@ def bench_files(
 ) -> FilesBench:
     """Time the command over ``sequence`` beside its stages."""
     before, resolver = load_average(), Resolver(preset, device)
-    times: dict[str, list[float]] = {"read": [], "resolve": [], "write": [], "whole": []}
-    processor: list[float] = []
     count = len(sequence)
     # Each as the command does it, in as many threads, with all that belongs to it.
     steps: dict[str, Callable[[Path], object]] = {
@@ -72,6 +69,8 @@ def bench_files(
             sequence, folder, resolver, half=half, compression=compression, progress=False
         ),
     }
+    times: dict[str, list[float]] = {name: [] for name in steps}
+    processor: dict[str, list[float]] = {name: [] for name in steps}
     with pooled_memory():
         held = [sequence.frame(index) for index in sequence.numbers[:HELD]]
         resolved = image_channels(resolver.resolve(held[0], half=half))
@@ -86,11 +85,10 @@ def bench_files(
                     took, worked = time.perf_counter() - started, time.process_time() - busy
                 if number:
                     times[name].append(took / count)
-                if number and name == "whole":
-                    processor.append(worked / count)
+                    processor[name].append(worked / count)
     slowest = [max(times[name][number] for name in ("read", "resolve", "write")) for number in range(rounds)]
     ratios = [whole / alone for whole, alone in zip(times["whole"], slowest, strict=True)]
-    best = [max(1.0, busy / CORES / alone) for busy, alone in zip(processor, slowest, strict=True)]
+    best = [max(1.0, busy / CORES / alone) for busy, alone in zip(processor["whole"], slowest, strict=True)]
     return FilesBench(
         width=sequence.width,
         height=sequence.height,
@@ -99,10 +97,10 @@ def bench_files(
         environment=environment(resolver.launcher.description, before),
         compression=compression,
         half=half,
-        processor=_interval(processor),
-        over_slowest=_interval(ratios),
-        at_best=_interval(best),
-        **{name: _interval(seconds) for name, seconds in times.items()},
+        processor=interval(processor["whole"]),
+        over_slowest=interval(ratios),
+        at_best=interval(best),
+        **{name: interval(seconds) for name, seconds in times.items()},
     )
 
 
@@ -122,7 +120,3 @@ def _write(folder: Path, channels: dict[str, Pixels], compression: str, count: i
 
 def _finish(output: OutputFolder, path: Path, number: int) -> None:
     output.finish(Written.now(path, number, Source(NO_HASH, None)))
-
-
-def _interval(values: list[float]) -> Interval:
-    return interval(np.array(values))

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from cltaa.core.backend import storage_dtype
-from cltaa.core.build import Build, Real, Storage, settings_record
+from cltaa.core.build import Build, Real, Record, settings_record
 from cltaa.core.parameters import Accumulate, Box, Choices, Dilation, Rectify, Reject, Settings
 from cltaa.core.planes import Layout
 from cltaa.core.presets import Preset
@@ -70,16 +70,15 @@ class PlainPort:
         self._kernel = launcher.kernel("bench/plain", build)
         self._inverse_depth = launcher.allocate((height, width))
         self._current, self._history, self._output = (launcher.allocate((height, width, 4)) for _ in range(3))
-        self._record: np.ndarray[Any, Any] | None = None
+        self._record: Record | None = None
 
-    def resolve(self, frame: Frame, previous: Frame | None) -> Image:
+    def resolve(self, frame: Frame, record: Record) -> Image:
         """The resolved image [H, W, 3] float32 of ``frame``, whose history is the output of the call before."""
         with self._current.mapped(write=True) as pixels:
             pixels[..., :3], pixels[..., 3] = frame.colour, 1.0
         with self._inverse_depth.mapped(write=True) as plane:
             np.divide(np.float32(1.0), frame.depth, out=plane)
-        past = None if previous is None else Past.of(previous)
-        self._record = frame_record(frame, past, Layout(frame.width, frame.height))
+        self._record = record
         self._history, self._output = self._output, self._history
         self.run()
         with self._output.mapped(write=False) as pixels:
@@ -117,11 +116,11 @@ def copy_job(launcher: DeviceLauncher, moved: int) -> Job:
     return Job("copy", run)
 
 
-def least_bytes(resolver: Resolver, storage: Storage) -> int:
+def least_bytes(resolver: Resolver) -> int:
     """Bytes a pixel that the resolve of the last frame must move: each input read and each output written once."""
     assert resolver.plan is not None
     steps, choices = resolver.plan.steps, resolver.plan.choices
-    real, kept = 4, np.dtype(storage_dtype(Build(storage=storage))).itemsize
+    real, kept = 4, np.dtype(storage_dtype(Build(storage=resolver.storage))).itemsize
     history = int(kept) * (4 if steps.alpha else 3)
     planes = 3 + 1 + 1 + 1  # colour, inverse depth, count read, count written
     planes += 2 * steps.own_motion + steps.alpha + steps.reactive + (choices.reject is Reject.DEPTH)
@@ -178,14 +177,13 @@ class Shader:
         self._triangle = gl.vertex_array(self._program, [])
         self._targets = {texture: gl.framebuffer([texture]) for texture in (self._history, self._output)}
 
-    def resolve(self, frame: Frame, previous: Frame | None) -> Image:
+    def resolve(self, frame: Frame, record: Record) -> Image:
         """The resolved image [H, W, 3] float32 of ``frame``, whose history is the output of the call before."""
         pixels = np.ones((frame.height, frame.width, 4), np.float32)
         pixels[..., :3] = frame.colour
         self._current.write(pixels.tobytes())
         self._inverse_depth.write((np.float32(1.0) / frame.depth).tobytes())
-        past = None if previous is None else Past.of(previous)
-        self._program["displacement"] = _matrix(frame_record(frame, past, Layout(frame.width, frame.height)))
+        self._program["displacement"] = _matrix(record)
         self._history, self._output = self._output, self._history
         self.run()
         read = np.frombuffer(self._output.read(), np.float32).reshape(frame.height, frame.width, 4)
@@ -208,7 +206,7 @@ class Shader:
         self._context.release()
 
 
-def _matrix(record: np.ndarray[Any, Any]) -> tuple[float, ...]:
+def _matrix(record: Record) -> tuple[float, ...]:
     """The rows x, y, w of D and the origin, as the columns of a mat4."""
     rows = [[float(record[letter + by]) for by in "xyq1"] for letter in "xyw"]
     last = [float(record["origin_x"]), float(record["origin_y"]), float(record["reset"]), 0.0]
@@ -274,7 +272,7 @@ class Contenders:
         resolver = Resolver(preset, self._launcher)
         job, image = resolve_job(name, resolver, self._frames)
         self.jobs.append(job)
-        self.moved[name] = least_bytes(resolver, Storage.FLOAT)
+        self.moved[name] = least_bytes(resolver)
         return image
 
     def add_ports(self) -> None:
@@ -290,9 +288,10 @@ class Contenders:
         self._add_port(SHADER, self._shader)
 
     def _add_port(self, name: str, port: PlainPort | Shader) -> None:
-        image = self.core
-        for index, frame in enumerate(self._frames):
-            image = port.resolve(frame, self._frames[index - 1] if index else None)
+        image, past = self.core, None
+        for frame in self._frames:
+            image = port.resolve(frame, frame_record(frame, past, Layout(frame.width, frame.height)))
+            past = Past.of(frame)
         check_same(name, image, self.core)
         self.jobs.append(Job(name, port.run))
         self.moved[name] = self.moved[CORE]

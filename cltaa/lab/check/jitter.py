@@ -33,7 +33,7 @@ from cltaa.lab.check.hypotheses import (
     spoken,
     sureness,
 )
-from cltaa.lab.check.registration import LEAST_ANCHORS, Fit, Shot, Vector, squeezed_light
+from cltaa.lab.check.registration import LEAST_ANCHORS, Fit, Shot, Vector, measure_shifts, squeezed_light
 from cltaa.printable import counted
 
 MOST_FRAMES = 16  # each is compared with each
@@ -103,8 +103,6 @@ def measure_likeness(shot: Shot) -> Likeness | None:
                 there = lights[before][rows + down, columns + right]
                 mean = np.minimum(np.abs(here - there) / scale, 1.0).mean()
                 found.append((float(mean), right, down, now, before))
-    if not found:
-        return None
     table = np.array(found)
     if table[:, 0].mean() < LEAST_DIFFERENCE:
         return None
@@ -142,12 +140,12 @@ MOST_SCATTER = 0.4  # of the likeness; where more is left over, distance is not 
 CLEARLY_SMOOTHER = 0.87  # scatter under another map of the same size, over that as declared
 
 
-def check_jitter(shot: Shot, shifts: Sequence[Fit | None]) -> list[Finding]:
-    """Findings about the declared jitter, given the shift measured for each pair (None: not measurable)."""
+def check_jitter(shot: Shot) -> list[Finding]:
+    """Findings about the declared jitter."""
     found = _mean(shot)
     likeness = measure_likeness(shot) if np.ptp(declared_jitter(shot.frames), axis=0).any() else None
     judged = None if likeness is None else _by_likeness(shot, likeness)
-    return found + (_by_shifts(shot, shifts) if judged is None else judged)
+    return found + (_by_shifts(shot) if judged is None else judged)
 
 
 def _by_likeness(shot: Shot, likeness: Likeness) -> list[Finding] | None:
@@ -194,13 +192,18 @@ def _delayed(shot: Shot, declared: Vector, delay: int) -> Vector:
     return np.array([by_index.get(f.index + delay * f.step, nothing) for f in shot.frames[: len(declared)]])
 
 
-def _by_shifts(shot: Shot, shifts: Sequence[Fit | None]) -> list[Finding]:
-    known = [place for place, fit in enumerate(shifts) if fit is not None]
+def changes_of(shot: Shot) -> tuple[list[int], list[Fit], Vector, Vector]:
+    """The pairs whose shift could be measured, by their places, their fits, and measured and declared shifts [n, 2]."""
+    fits = {place: fit for place, fit in enumerate(measure_shifts(shot)[0]) if fit is not None}
+    measured = np.array([fit.shift for fit in fits.values()])
+    declared = np.array([shot.pairs[place].jitter_change for place in fits])
+    return [*fits], [*fits.values()], measured, declared
+
+
+def _by_shifts(shot: Shot) -> list[Finding]:
+    known, fits, measured, declared = changes_of(shot)
     if len(known) < LEAST_PAIRS:
         return []
-    fits = [fit for fit in shifts if fit is not None]
-    measured = np.array([fit.shift for fit in fits])
-    declared = np.array([shot.pairs[place].jitter_change for place in known])
     weights = _weights(fits)
     present = float(np.sqrt((measured**2).sum(1).mean()))
     if not declared.any():

@@ -37,8 +37,9 @@ from cltaa.lab.check.registration import (
     Shot,
     Vector,
     fit_shift,
+    linearised,
+    measure_shifts,
     residual_of,
-    sample,
     seen_before,
     stays_inside,
 )
@@ -106,12 +107,9 @@ def _normal_equations(pair: Observed, unknown: Vector) -> tuple[Vector, Vector]:
     gain, leak = unknown[:4].reshape(2, 2), unknown[4:].reshape(2, 2)
     shift = np.zeros(2) if pair.shift is None else pair.shift
     u, v = gain @ pair.own + (shift + leak @ pair.jitter_change)[:, None]
-    there = sample(pair.before.planes, pair.x + u, pair.y + v)
-    inside = np.isfinite(there[0])
-    left, (by_x, by_y) = (pair.now - there[0])[inside], there[1:, inside]
+    left, (by_x, by_y), weight, inside = linearised(pair.now, pair.before, pair.x + u, pair.y + v, pair.scale)
     change = np.repeat(pair.jitter_change[:, None], len(left), axis=1)
     slope = np.concatenate([by_x * pair.own[:, inside], by_y * pair.own[:, inside], by_x * change, by_y * change])
-    weight = 1.0 / (1.0 + (left / pair.scale) ** 2) ** 2
     return (slope * weight) @ slope.T, (slope * weight) @ left
 
 
@@ -128,14 +126,13 @@ JITTERED = "the vectors contain the change of jitter"
 LEAST_LEAK = 0.5  # of the change of jitter
 
 
-def check_motion(
-    shot: Shot, shifts: Sequence[Fit | None], anchored: bool, maps: Mapping[str, Affine] | None = None
-) -> list[Finding]:
-    """Findings about the motion channel; ``shifts`` were measured without it where ``anchored``.
+def check_motion(shot: Shot, maps: Mapping[str, Affine] | None = None) -> list[Finding]:
+    """Findings about the motion channel.
 
     ``maps`` are the meanings that it may have, the declared one under the empty name; all unless given. A meaning is
     chosen and fitted by one half of the pixels and judged by the other.
     """
+    shifts, anchored = measure_shifts(shot)
     scenes, judges = _scenes(shot, shifts, anchored)
     if not any(scene.own.any() for scene in scenes):
         return _resting_leak(shot)
@@ -228,7 +225,7 @@ def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> tuple[l
 
 def _staying(scene: Observed, meant: Affine) -> Observed:
     """``scene`` at points that the vectors that are meant leave in the picture too, unless these are few of them."""
-    height, width = scene.before.signal.shape
+    _, height, width = scene.before.shape
     there = stays_inside(np.stack([scene.x, scene.y]) + meant(scene.own), width, height)
     if there.mean() < COVERED:
         return scene

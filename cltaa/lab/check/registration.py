@@ -17,6 +17,7 @@ from cltaa.frame import Camera, Frame, Image
 from cltaa.io.display import LUMA
 
 Vector = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Points = tuple[NDArray[np.int64], NDArray[np.int64]]  # columns and rows
 
 FINE_PX = 0.6  # standard deviation of the blur that tames the aliasing of one sample a pixel
@@ -82,21 +83,13 @@ FARTHEST_PX = 2.0  # a left-over shift beyond this is no jitter
 LEAST_POINTS = 60  # fewer decide nothing
 
 
-class Picture(NamedTuple):
-    """A signal and its gradient by x and by y, [3, H, W]: fetched at once, since their places are the same."""
+# A signal and its gradient by x and by y, [3, H, W]: fetched at once, since their places are the same.
+Picture = NDArray[np.float32]
 
-    planes: NDArray[np.float32]
 
-    @property
-    def signal(self) -> NDArray[np.float32]:
-        """The signal alone, [H, W]."""
-        signal: NDArray[np.float32] = self.planes[0]
-        return signal
-
-    @classmethod
-    def of(cls, signal: NDArray[np.float32]) -> Picture:
-        """Differentiate ``signal`` by central differences."""
-        return cls(np.stack([signal, *(_slope(signal, axis) for axis in (1, 0))]))
+def with_gradient(signal: NDArray[np.float32]) -> Picture:
+    """``signal`` [H, W], differentiated by central differences."""
+    return np.stack([signal, *(_slope(signal, axis) for axis in (1, 0))])
 
 
 def _slope(signal: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
@@ -113,7 +106,6 @@ class Fit(NamedTuple):
     shift: Vector
     information: Vector
     residual: float  # 0: the pictures agree; 1: as different as unrelated ones
-    points: int
     halves: Vector = np.zeros((2, 2))
     judge: Callable[[float, float], float] = lambda _x, _y: 0.0
 
@@ -125,7 +117,7 @@ def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) 
     shift = np.zeros(2)
     information = np.zeros((2, 2))
     for _ in range(ITERATIONS):
-        left, slope, weight = _linear(now, before, x + shift[0], y + shift[1], scale)
+        left, slope, weight, _ = linearised(now, before, x + shift[0], y + shift[1], scale)
         information = (slope * weight) @ slope.T
         trace, determinant = float(np.trace(information)), float(np.linalg.det(information))
         if len(left) < LEAST_POINTS or trace**2 >= 1e6 * determinant:  # that over this is about the condition
@@ -139,27 +131,26 @@ def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) 
             break
     found = residual_of(now, before, x + shift[0], y + shift[1], scale)
     noise = max(found, 1e-3) * scale
-    return Fit(shift, information / noise**2, found, len(now))
+    return Fit(shift, information / noise**2, found)
 
 
 def residual_of(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> float:
     """Mean of min(|difference| / scale, 1) over the points; what lies outside the earlier picture counts 1."""
     if not len(now):
         return 1.0
-    difference = np.abs(now - sample(before.signal, x, y)) / scale
+    difference = np.abs(now - sample(before[0], x, y)) / scale
     return float(np.minimum(np.nan_to_num(difference, nan=1.0), 1.0).mean())
 
 
-def _linear(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> tuple[Vector, Vector, Vector]:
-    """Residuals, gradients [2, n] and robust weights (Geman-McClure) of the points inside the earlier picture."""
-    there = sample(before.planes, x, y)
+def linearised(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> tuple[Vector, Vector, Vector, Mask]:
+    """Residuals, gradients [2, n] and robust weights (Geman-McClure) of the points inside the earlier picture, and
+    which these are."""
+    there = sample(before, x, y)
     inside = np.isfinite(there[0])
     left, slope = (now - there[0])[inside], there[1:, inside]
     weight = 1.0 / (1.0 + (left / scale) ** 2) ** 2
-    return left, slope, weight
+    return left, slope, weight, inside
 
-
-Mask = NDArray[np.bool_]
 
 COVERED = 0.5  # share of the points
 OPAQUE = 0.99  # alpha; what shines through moves otherwise
@@ -248,7 +239,7 @@ class Shot:
 
     def __post_init__(self) -> None:
         """Prepare the pairs; a cut or a gap parts two frames."""
-        signals = [Picture.of(register_signal(frame.colour)) for frame in self.frames]
+        signals = [with_gradient(register_signal(frame.colour)) for frame in self.frames]
         for place in range(1, len(self.frames)):
             frame, previous = self.frames[place], self.frames[place - 1]
             if frame.cut or frame.index != previous.index + frame.step:
@@ -275,7 +266,7 @@ def _pair(frame: Frame, previous: Frame, now: Picture, before: Picture) -> Pair:
     usable = lit if frame.alpha is None else lit & (frame.alpha[y, x] >= OPAQUE)
     seen = usable & ~_uncovered(frame.depth)[y, x]
     usable = seen if seen.sum() >= MOST_UNCOVERED * usable.sum() else usable
-    signal = now.signal[y, x].astype(np.float64)
+    signal = now[0, y, x].astype(np.float64)
     return Pair(
         frame=frame,
         previous=previous,

@@ -44,11 +44,6 @@ from cltaa.printable import counted, written
 from cltaa.progress import track
 
 
-def unreadable(wrong: Problems) -> list[Finding]:
-    """Findings about files that cannot be read, one for each thing that is ``wrong``."""
-    return [mistake("file-unreadable", line, "left out of all else that is found", 0.99) for line in wrong.lines]
-
-
 def check_files(intake: Intake) -> list[Finding]:
     """Findings about compression that loses, half-precision channels, and frames and channels that are not there."""
     found = []
@@ -128,12 +123,12 @@ def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
             found = check_travel(shot) or check_upside_down(shot) or (check_depth_scale(shot) if shot.has_depth else [])
     wrong |= {finding.name.partition("-")[0] for finding in found if finding.settled.mistake}
     if not wrong & {"camera", "depth"}:
-        shifts, anchored = measure_shifts(shot)
-        wrong_vectors = check_motion(shot, shifts, anchored)
+        _, anchored = measure_shifts(shot)
+        wrong_vectors = check_motion(shot)
         found += wrong_vectors
         # Shifts that were measured through wrong vectors tell nothing of the jitter.
         if anchored or not wrong_vectors:
-            found += check_jitter(shot, shifts)
+            found += check_jitter(shot)
         if not wrong_vectors:
             found += check_disagreement(shot)
     return found
@@ -242,12 +237,13 @@ def check_folder(
         again = assignments_of(changes)
         intake = open_with_gaps(place, profile=name, assignments=again, **reading)
     told["has_camera"] &= all(map(sound, frames_read))
+    lost = [mistake("file-unreadable", line, "left out of all else that is found", 0.99) for line in wrong.lines]
     options = f"{profile_options(name, side_file, step)} {option_text(changes)}".strip()
     report = Report(
         folder=str(place),
         frames=len(frames_read),
         reading=[*intake_lines(first)],
-        findings=unreadable(wrong) + findings,
+        findings=lost + findings,
         unverifiable=unverifiable(Shot(frames_read, **told)),
         options=options,
         profile=msgspec.to_builtins(mended),

@@ -25,9 +25,9 @@ from cltaa.lab.check.camera import (
 )
 from cltaa.lab.check.depth import tells_kind
 from cltaa.lab.check.hypotheses import MEANINGS, Affine, left_over, linear_maps
-from cltaa.lab.check.jitter import LEAST_PAIRS, MOST_SCATTER, declared_jitter, measure_likeness
+from cltaa.lab.check.jitter import LEAST_PAIRS, MOST_SCATTER, changes_of, declared_jitter, measure_likeness
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
-from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Fit, Pair, Shot, Vector, measure_shifts
+from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Pair, Shot, Vector, measure_shifts
 
 MOST = 0.95  # quantile of the points: a few near the edge move by more under any mistake
 LARGEST_LEFT = 0.5  # of the jitter's own change: shifts that are farther from it confirm nothing
@@ -132,8 +132,7 @@ def _motion(shot: Shot) -> Iterator[str]:
     if longest < LEAST_EFFECT_PX:
         yield f"the vectors' sign, axes and unit: none is longer than {LEAST_EFFECT_PX:g} px"
         return
-    shifts, anchored = measure_shifts(shot)
-    hidden = [what for name, what in VECTORS.items() if not _shows_vectors(shot, name, shifts, anchored)]
+    hidden = [what for name, what in VECTORS.items() if not _shows_vectors(shot, name)]
     for what, axis in AXES.items():
         # A sign turned over changes a vector by twice what it has on that axis.
         if max(2 * float(np.sqrt((vectors[axis] ** 2).mean())) for vectors in own) < LEAST_EFFECT_PX:
@@ -143,7 +142,7 @@ def _motion(shot: Shot) -> Iterator[str]:
         yield f"the vectors: {', '.join(dict.fromkeys(hidden))}: the pictures match about as well either way"
 
 
-def _shows_vectors(shot: Shot, name: str, shifts: Sequence[Fit | None], anchored: bool) -> bool:
+def _shows_vectors(shot: Shot, name: str) -> bool:
     """True where the check would name vectors that are wrong so: the declared ones are made so, and judged."""
     leak = {"jittered": 1.0, "jittered-reversed": -1.0}.get(name, 0.0)
     meant = Affine(np.eye(2) if leak else linear_maps(*shot.window)[name])
@@ -151,9 +150,10 @@ def _shows_vectors(shot: Shot, name: str, shifts: Sequence[Fit | None], anchored
     if not leak and tells_map(shot, wrong):
         return True
     spoilt = copy(shot)
+    spoilt.shifts = measure_shifts(shot)  # not by the vectors that are wrong
     spoilt.pairs = [replace(p, own=wrong(p.own) + leak * p.jitter_change[:, None]) for p in shot.pairs]
     maps = {"": Affine(np.eye(2))} | ({} if leak else {name: meant})
-    return any(finding.settled.mistake for finding in check_motion(spoilt, shifts, anchored, maps))
+    return any(finding.settled.mistake for finding in check_motion(spoilt, maps))
 
 
 def _jitter(shot: Shot) -> Iterator[str]:
@@ -163,11 +163,8 @@ def _jitter(shot: Shot) -> Iterator[str]:
     likeness = measure_likeness(shot)
     if likeness is not None and likeness.scatter(declared) <= MOST_SCATTER:
         return
-    shifts, _ = measure_shifts(shot)
-    known = [place for place, fit in enumerate(shifts) if fit is not None]
+    known, _, measured, change = changes_of(shot)
     if len(known) >= LEAST_PAIRS:
-        measured = np.array([fit.shift for fit in shifts if fit is not None])
-        change = np.array([shot.pairs[place].jitter_change for place in known])
         ones = np.ones(len(known))
         if left_over(measured, change, np.eye(2), ones) < LARGEST_LEFT * left_over(0 * change, change, np.eye(2), ones):
             return

@@ -376,19 +376,13 @@ class Description(msgspec.Struct, kw_only=True):
 
 
 def describe_input(
-    named: Named,
-    *,
-    profile: str,
-    assignments: Sequence[str] = (),
-    side_file: Path | None = None,
-    step: int = 1,
-    pixels: bool = False,
-    advance: Callable[[int, int], None] | None = None,
+    named: Named, *, pixels: bool = False, advance: Callable[[int, int], None] | None = None, **reading: Any
 ) -> Description:
     """Decide how a sequence is read, and say so; damaged files are left out of that, and listed.
 
     With ``pixels`` every frame is read and converted as for a resolve, and what is wrong with it is listed, not raised.
-    ``advance(done, total)`` is called after each frame. Raises as ``open_with_gaps``, where no file is damaged.
+    ``advance(done, total)`` is called after each frame. ``reading`` is that of ``open_with_gaps``, which raises where
+    no file is damaged.
     """
     place = selection_of(named)
     wrong, sets = Problems(), file_sets(place)
@@ -398,15 +392,8 @@ def describe_input(
     if len(damaged) == sum(map(len, sets.values())):
         return Description(folder=str(place), problems=wrong.lines)
     try:
-        intake = open_with_gaps(
-            place,
-            profile=profile,
-            assignments=assignments,
-            side_file=side_file,
-            step=step,
-            damaged={path: file.number for path, file in damaged.items()},
-            on_resize=OnBreak.RESET,
-        )
+        without = {path: file.number for path, file in damaged.items()}
+        intake = open_with_gaps(place, damaged=without, on_resize=OnBreak.RESET, **reading)
     except CltaaError as error:
         if not damaged:
             raise

@@ -21,7 +21,7 @@ from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.inputs.foreign import open_pictures, stated
 from cltaa.inputs.open import is_own, open_input
 from cltaa.io.exr_layout import Part, Window
-from cltaa.io.manifest import CAPTURE, Manifest, file_sha256, recorded_hashes
+from cltaa.io.manifest import CAPTURE, Entry, Manifest, file_sha256, recorded_hashes
 from cltaa.io.names import Named, Selection, selection_of
 from cltaa.io.numbered import FrameRange, NumberedFiles, OnBreak, ranges, shared_region
 from cltaa.io.sequence import RESOLVED, FrameSequence, ImageSequence
@@ -211,13 +211,18 @@ def doubts(comparison: Comparison, *, followed: bool) -> list[str]:
         return [f"A and B are seen by different cameras in frame {number}"]
     if _other_primaries(ours.get(PRIMARIES), truth.get(PRIMARIES)):
         return ["A and B state different primaries (attribute chromaticities), and neither is converted"]
-    if comparison.capture is None and (without := _no_truth(comparison, truth)):
-        return [f"{without}, {NO_TRUTH}"]
-    if comparison.capture is not None and _of_other_frames(test, comparison.capture):
+    manifest, capture = Manifest(test.folder), comparison.capture
+    entry = manifest.entries.get(test.path(test.first).name)
+    if capture is None:
+        without = _no_truth(comparison, entry, truth)
+        return [f"{without}, {NO_TRUTH}"] if without else []
+    if entry is None or test.first not in capture.numbers:
+        return []
+    if capture.sha256(test.first) not in (None, entry.input_sha256):
         return [
             "A was resolved from other frames than those of B: from another seed or jitter, or before a new capture"
         ]
-    if followed and comparison.capture is not None and _read_otherwise(test, comparison.capture):
+    if followed and _read_otherwise(capture, test.first, manifest.settings, entry):
         return [
             "A was resolved from B as other options read it: give --profile, --input, --camera and --step as then,"
             " for by B's depth, vectors and matrices things are followed"
@@ -239,11 +244,10 @@ def _other_primaries(one: object, other: object) -> bool:
     return bool(np.abs(np.subtract(one, other)).max() > SAME_PRIMARIES)
 
 
-def _no_truth(comparison: Comparison, attributes: Mapping[str, object]) -> str | None:
+def _no_truth(comparison: Comparison, entry: Entry | None, attributes: Mapping[str, object]) -> str | None:
     """How it is known that B, of such attributes, holds what a resolve begins with; None where nothing says so."""
-    test, reference = comparison.test, comparison.reference
-    entry = Manifest(test.folder).entries.get(test.path(test.first).name)
-    source = reference.path(comparison.truth_number(test.first))
+    reference = comparison.reference
+    source = reference.path(comparison.truth_number(comparison.test.first))
     if entry is not None and entry.input_sha256 == file_sha256(source):
         return "A was resolved from the frames of B"
     # The truth lies in a folder of the capture's, which has the record.
@@ -251,22 +255,13 @@ def _no_truth(comparison: Comparison, attributes: Mapping[str, object]) -> str |
     return "B is a capture of one sample a pixel" if drawn else None
 
 
-def _of_other_frames(test: NumberedFiles, capture: NumberedFiles) -> bool:
-    """True where the manifest of a resolve names another input than the capture records, for the first frame."""
-    entry = Manifest(test.folder).entries.get(test.path(test.first).name)
-    recorded = capture.sha256(test.first) if test.first in capture.numbers else None
-    return entry is not None and recorded is not None and entry.input_sha256 != recorded
-
-
-def _read_otherwise(test: NumberedFiles, capture: FrameSequence) -> bool:
-    """True where the manifest of a resolve tells another profile or step, or for its first frame other matrices."""
-    manifest = Manifest(test.folder)
-    entry = manifest.entries.get(test.path(test.first).name)
-    if manifest.settings is None or entry is None or test.first not in capture.numbers:
+def _read_otherwise(capture: FrameSequence, number: int, settings: Mapping[str, Any] | None, entry: Entry) -> bool:
+    """True where the manifest of a resolve tells another profile or step, or for that frame other matrices."""
+    if settings is None:
         return False
     reading = json.loads(json.dumps(capture.reading))  # as it comes back from a manifest
-    otherwise = any(manifest.settings.get(key) != value for key, value in reading.items())
-    return otherwise or entry.beside_sha256 != capture.beside_sha256(test.first)
+    otherwise = any(settings.get(key) != value for key, value in reading.items())
+    return otherwise or entry.beside_sha256 != capture.beside_sha256(number)
 
 
 def content_sha256(sequence: FrameSequence, others: Iterable[NumberedFiles] = ()) -> str:

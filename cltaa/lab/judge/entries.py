@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -53,10 +53,11 @@ class Entry:
 class Round:
     """A sequence and what each entry that has it made of it, all of the same frames."""
 
+    name: str
     sequence: Path
     entries: list[Entry]
     comparisons: list[Comparison]
-    numbers: list[int] = field(default_factory=list)
+    numbers: list[int]
 
     @property
     def in_time(self) -> bool:
@@ -65,8 +66,8 @@ class Round:
         return capture is not None and len(self.numbers) > 1 and not missing_from(self.numbers, capture.step)
 
 
-def divided(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """The folders of entries and of sequences; raises UsageError where one kind is missing or a sequence is twice."""
+def divided(paths: Sequence[Path]) -> tuple[list[Path], dict[str, Path]]:
+    """The folders of entries, and of sequences by name; raises UsageError where there is none or one name is twice."""
     sequences = [path for path in paths if (path / "reference").is_dir()]
     if not sequences:
         raise UsageError(
@@ -77,22 +78,22 @@ def divided(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     names = [sequence.resolve().name for sequence in sequences]
     if twice := [name for name in names if names.count(name) > 1]:
         raise UsageError(f"--table: two sequences are called {twice[0]}", cure="name their folders apart")
-    return [path for path in paths if path not in sequences], sequences
+    return [path for path in paths if path not in sequences], dict(zip(names, sequences, strict=True))
 
 
-def read_entry(folder: Path, sequences: Sequence[Path]) -> Entry:
+def read_entry(folder: Path, sequences: Collection[str]) -> Entry:
     """The entry in a folder: a folder of frames a sequence, or, of one sequence, the frames themselves.
 
     Raises InputMissing where it has none of the sequences, DataError for a damaged ``entry.toml``.
     """
     if not folder.is_dir():
         raise InputMissing("no such folder", path=folder)
-    names = [sequence.resolve().name for sequence in sequences]
-    folders = {name: folder / name for name in names if (folder / name).is_dir()}
+    folders = {name: folder / name for name in sequences if (folder / name).is_dir()}
     if not folders and len(sequences) == 1 and numbered(folder):
-        folders = {names[0]: folder}
+        folders = dict.fromkeys(sequences, folder)
     if not folders:
-        raise InputMissing("an entry of none of the sequences", path=folder, expected=f"folders {', '.join(names)}")
+        expected = f"folders {', '.join(sequences)}"
+        raise InputMissing("an entry of none of the sequences", path=folder, expected=expected)
     facts = read_facts(folder / FACTS)
     return Entry(facts.name or folder.resolve().name, facts, folders)
 
@@ -115,24 +116,22 @@ def numbered(folder: Path) -> dict[int, Path]:
 
 
 @contextmanager
-def resolved_by_us(presets: Sequence[str], sequences: Sequence[Path]) -> Iterator[list[Entry]]:
+def resolved_by_us(presets: Sequence[str], sequences: Mapping[str, Path]) -> Iterator[list[Entry]]:
     """Entries of our own presets, told nothing of the effects, in a folder that is gone when the block ends."""
     from cltaa.pipeline.folder import resolve_folder
 
     with TemporaryDirectory(prefix="cltaa-table-") as folder:
         entries = []
         for preset in presets:
-            folders = {
-                sequence.resolve().name: Path(folder) / preset / sequence.resolve().name for sequence in sequences
-            }
-            for sequence, output in zip(sequences, folders.values(), strict=True):
-                resolve_folder(sequence, output, preset, effects="find", layers=())
+            folders = {name: Path(folder) / preset / name for name in sequences}
+            for name, output in folders.items():
+                resolve_folder(sequences[name], output, preset, effects="find", layers=())
             entries.append(Entry(preset, Facts(settings="nothing declared"), folders))
         yield entries
 
 
 def rounds(
-    entries: Sequence[Entry], sequences: Sequence[Path], frames: int | FrameRange | None = None, **reading: Any
+    entries: Sequence[Entry], sequences: Mapping[str, Path], frames: int | FrameRange | None, **reading: Any
 ) -> list[Round]:
     """Each sequence with the entries that have it, paired over the frames that all have: of the range ``frames``, or
     the first so many.
@@ -140,8 +139,7 @@ def rounds(
     Raises InputMissing where they have none in common, and what ``pair_up`` does.
     """
     found = []
-    for sequence in sequences:
-        name = sequence.resolve().name
+    for name, sequence in sequences.items():
         there = [entry for entry in entries if name in entry.folders]
         files = [numbered(entry.folders[name]) for entry in there]
         shared = set(numbered(sequence / "reference")).intersection(*files)
@@ -158,14 +156,14 @@ def rounds(
         paired = pair_up(
             [test if len(test) > 1 else test[0].parent for test in tests], sequence, gaps=OnBreak.RESET, **reading
         )
-        found.append(Round(sequence, there, paired, numbers))
+        found.append(Round(name, sequence, there, paired, numbers))
     return found
 
 
 def lacking(round_: Round) -> str:
     """Which frames of the truth are not judged; empty where all are."""
     left = len(numbered(round_.sequence / "reference")) - len(round_.numbers)
-    return f"{round_.sequence.name}: {counted(left, 'frame')} that not all have" if left else ""
+    return f"{round_.name}: {counted(left, 'frame')} that not all have" if left else ""
 
 
 def judged_entries(
@@ -196,7 +194,7 @@ def judged_entries(
         rows = [row for one in played for row in _judged(one, metrics, stops, cvvdp=cvvdp)]
         for one in played if film is not None else ():
             assert film is not None
-            _write_film(film / f"{one.sequence.resolve().name}.mp4", one, stops)
+            _write_film(film / f"{one.name}.mp4", one, stops)
     return rows, [left for one in played if (left := lacking(one))]
 
 
@@ -207,7 +205,7 @@ def _judged(one: Round, metrics: tuple[Metric, ...], stops: float, *, cvvdp: boo
         summary = summary_of(comparison, judged, found, metrics)
         facts = msgspec.structs.asdict(entry.facts)
         row: Row = {
-            "sequence": one.sequence.resolve().name,
+            "sequence": one.name,
             "entry": entry.name,
             **{key: value for key, value in facts.items() if key != "name" and value not in ("", None)},
             "frames": one.numbers,

@@ -6,8 +6,8 @@ All are worked out on the display images, so that a fault counts as it shows, an
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,10 +43,10 @@ class Sums:
     stale_pixels: int = 0
     flicker_square: float = 0.0
     flicker_count: int = 0
-    detail_product: float = 0.0
-    detail_square: float = 0.0
-    false_square: float = 0.0
-    false_count: int = 0
+    detail_product: float = 0.0  # of the test's fine detail and the truth's
+    detail_square: float = 0.0  # of the truth's
+    false_square: float = 0.0  # of what no filter of the truth explains of the test's
+    false_count: int = 0  # how many values that is a sum of
 
     def __iadd__(self, other: Sums) -> Sums:
         """Add the sums of other frames."""
@@ -129,13 +129,8 @@ class VideoScores:
         return results
 
 
-def _sums(error: Array, before: Array | None, detail: Detail, trail: _Trail, path: _Path | None) -> Sums:
-    sums = Sums(
-        detail_product=detail.product,
-        detail_square=detail.square,
-        false_square=detail.false_square,
-        false_count=detail.false_count,
-    )
+def _sums(error: Array, before: Array | None, detail: Sums, trail: _Trail, path: _Path | None) -> Sums:
+    sums = replace(detail)
     if before is not None and path is not None:
         sums += trail.ghosting(error)
         sums += path.flicker(error, before)
@@ -241,15 +236,6 @@ LEAST_ROWS = 10  # judged values for each filter of the family; with fewer the f
 RANK = 1e-10  # eigenvalues of a tile's Gram matrix below this share of the largest carry rounding alone
 
 
-class Detail(NamedTuple):
-    """Sums over judged pixels and channels."""
-
-    product: float  # of the test's fine detail and the truth's
-    square: float  # of the truth's
-    false_square: float  # of what no filter of the truth explains of the test's
-    false_count: int  # how many values that is a sum of
-
-
 def import_ndimage() -> Any:
     """Import scipy's filters; raises UsageError that says what to install."""
     return import_extra("scipy.ndimage", package="scipy", extra="metrics", purpose="judging a sequence in time")
@@ -268,7 +254,7 @@ def blurred(image: Array) -> Array:
     return image
 
 
-def judge_detail(truth: Array, tests: list[Array], judged: Mask) -> list[Detail]:
+def judge_detail(truth: Array, tests: list[Array], judged: Mask) -> list[Sums]:
     """Fine detail of each test against that of the truth, display values [H, W, 3], where ``judged`` [H, W].
 
     The margin of the image that the filters reach out of is not judged. In bands of tiles, so that the family of
@@ -287,7 +273,12 @@ def judge_detail(truth: Array, tests: list[Array], judged: Mask) -> list[Detail]
         family = _family(truth, top)
         false += _unexplained(family, np.stack([fine[band] for fine in tests_fine]), judged[band])
     return [
-        Detail(float((fine * judged_fine).sum()), square, float(rest), int(count))
+        Sums(
+            detail_product=float((fine * judged_fine).sum()),
+            detail_square=square,
+            false_square=float(rest),
+            false_count=int(count),
+        )
         for fine, (rest, count) in zip(tests_fine, false, strict=True)
     ]
 

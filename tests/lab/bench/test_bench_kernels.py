@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from cltaa.camera import displacement
-from cltaa.core.build import Storage
+from cltaa.core.build import Record, Storage
+from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset, override
+from cltaa.core.record import Past, frame_record
 from cltaa.core.resolver import Resolver
 from cltaa.errors import InternalError
 from cltaa.frame import Frame, Image
@@ -74,9 +76,10 @@ def test_plain_port_computes_the_core(motion: Motion) -> None:
     launcher = DeviceLauncher()
     port = PlainPort(launcher, 131, 67)
     resolver = Resolver(BASELINE, launcher)
-    for index, frame in enumerate(frames):
-        image = port.resolve(frame, frames[index - 1] if index else None)
-        expected = resolver.resolve(frame)
+    past = None
+    for frame in frames:
+        image = port.resolve(frame, frame_record(frame, past, Layout(131, 67)))
+        expected, past = resolver.resolve(frame), Past.of(frame)
     check_same("plain port", image, expected)
     with pytest.raises(InternalError, match="does not compute what the resolve computes"):
         check_same("another frame", frames[0].colour, expected)
@@ -86,8 +89,8 @@ def test_a_shader_that_computes_something_else_is_not_timed(monkeypatch: pytest.
     class OffShader(PlainPort):
         renderer = "a renderer"
 
-        def resolve(self, frame: Frame, previous: Frame | None) -> Image:
-            return super().resolve(frame, previous) * np.float32(1.0 + 2.0**-9)
+        def resolve(self, frame: Frame, record: Record) -> Image:
+            return super().resolve(frame, record) * np.float32(1.0 + 2.0**-9)
 
     monkeypatch.setattr("cltaa.lab.bench.kernels.Shader", lambda *shape: OffShader(DeviceLauncher(), *shape))
     with pytest.raises(InternalError, match="GLSL does not compute"):
@@ -118,4 +121,4 @@ def test_least_bytes(storage: Storage, expected: int) -> None:
     resolver = Resolver("default", "numpy", storage=storage)
     for frame in make_frames(16, 9, Motion.TURN):
         resolver.resolve(frame)
-    assert least_bytes(resolver, storage) == expected
+    assert least_bytes(resolver) == expected

@@ -66,8 +66,8 @@ def judged(declared: np.ndarray, measured: np.ndarray) -> list[str]:
         replace(make_frame(index, camera=make_camera((0.1 * index, 0.0, 5.0))), jitter_px=(float(x), float(y)))
         for index, (x, y) in enumerate(declared)
     ]
-    fits = [Fit(shift, np.eye(2), 0.1, 100) for shift in np.diff(measured, axis=0)]
-    return names(check_jitter(Shot(frames, (frames[0].width, frames[0].height)), fits))
+    fits: list[Fit | None] = [Fit(shift, np.eye(2), 0.1) for shift in np.diff(measured, axis=0)]
+    return names(check_jitter(Shot(frames, (frames[0].width, frames[0].height), shifts=(fits, True))))
 
 
 @pytest.mark.parametrize(("size", "found"), [(0.05, []), (1.0, ["jitter-absent"])])
@@ -78,8 +78,8 @@ def test_jitter_too_small_to_measure_is_not_judged(size: float, found: list[str]
 @pytest.mark.parametrize(("share", "sure"), [(0.1, True), (0.3, False)])
 def test_shifts_that_noise_shortens_are_not_taken_for_none(share: float, sure: bool) -> None:
     frames = [replace(make_frame(place), jitter_px=(x, y)) for place, (x, y) in enumerate(OFFSETS.tolist())]
-    fits = [Fit(shift, np.eye(2), 0.1, 100, judge=np.hypot) for shift in share * np.diff(OFFSETS, axis=0)]
-    (found,) = check_jitter(Shot(frames, (frames[0].width, frames[0].height)), fits)
+    fits: list[Fit | None] = [Fit(at, np.eye(2), 0.1, judge=np.hypot) for at in share * np.diff(OFFSETS, axis=0)]
+    (found,) = check_jitter(Shot(frames, (frames[0].width, frames[0].height), shifts=(fits, True)))
     assert (found.name, found.confidence >= SURE) == ("jitter-absent", sure)
 
 
@@ -128,7 +128,7 @@ def test_vectors_are_judged_by_other_pixels_than_those_that_choose() -> None:
     ]
     noting = Noting(np.eye(2))
     Noting.asked = []
-    check_motion(Shot(frames, (width, height)), [None], False, {"": noting})
+    check_motion(Shot(frames, (width, height), shifts=([None], False)), {"": noting})
     chosen, judged = Noting.asked[0], Noting.asked[-1]
     assert chosen
     assert judged

@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import ArrayLike
 
 from cltaa.lab.check.motion import TIE, Model, Observed, explanations, fit_model
-from cltaa.lab.check.registration import Picture
+from cltaa.lab.check.registration import with_gradient
 
 Y, X = np.mgrid[:24, :48].astype(np.float64)
 # Half of the picture rises by 1 to the right and the other by 2 downwards: slopes without a curve.
-BEFORE = Picture.of(np.where(X < 24, X, 2 * Y).astype(np.float32))
+BEFORE = with_gradient(np.where(X < 24, X, 2 * Y).astype(np.float32))
 THERE = (X % 24 >= 6) & (X % 24 < 18) & (Y >= 6) & (Y < 18)  # no vector and no shift leads across the crease
 CHANGES = np.array([(0.5, -0.25), (-0.375, 0.5), (0.125, 0.625), (-0.25, -0.5)])
 # A tie of a millionth of the mean information draws towards the start by that, times the mean over the least of its

@@ -181,7 +181,7 @@ def test_halves_are_planned_for_where_they_are_asked_for(walk: Path, monkeypatch
         asked.append(half)
         return planned(*arguments, half=half, **more)
 
-    monkeypatch.setattr(sequence_plan, "plan", noted)
+    monkeypatch.setattr("cltaa.commands.inspect.plan", noted)
     for options in ([], ["--half"]):
         assert main(["inspect", str(walk), "--plan", "--device", "numpy", *options]) == 0
     assert asked == [False, True]

@@ -71,6 +71,14 @@ def test_frames_are_the_first_ones_or_a_range(
     assert [row["frames"] for row in json.loads(capsys.readouterr().out)["table"]] == [judged]
 
 
+def test_a_sequence_that_one_stands_in_goes_by_its_folder(
+    capsys: pytest.CaptureFixture[str], sequences: list[Path], entry: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(sequences[0])
+    assert main(["compare", "--table", *words(entry, ".", "--ours", "", "--frames", "2", *METRICS)]) == 0
+    assert capsys.readouterr().err.splitlines()[-1] == "cltaa: warning: not judged: a: 2 frames that not all have"
+
+
 def test_a_film_shows_entries_ours_and_the_truth_at_twice_the_size(
     capsys: pytest.CaptureFixture[str], sequences: list[Path], entry: Path, tmp_path: Path
 ) -> None:

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.errors import DataError
-from cltaa.lab.judge.metrics import STRATIFIED_EXPONENT, equal_quality_samples, samples_on_curve
+from cltaa.lab.judge.metrics import STRATIFIED_EXPONENT, equal_quality_samples, falls, samples_on_curve
 
 PIXELS, FRAMES, TRUTH_SIDE = 400, 30, 200
 
@@ -85,6 +85,9 @@ def test_curve_is_read_between_its_points_and_not_beyond() -> None:
     assert samples_on_curve(10**-1.5, curve) == pytest.approx(8, rel=1e-12)
     for error, end in ((2.0, 1), (0.001, 16), (0.0, 16)):
         assert samples_on_curve(error, curve) == pytest.approx(end, rel=1e-12)
+
+
+def test_errors_that_do_not_fall_are_no_curve() -> None:
+    assert falls([(1, 1.0), (4, 0.5)])
     for wrong in ([(1, 1.0)], [(1, 1.0), (4, 1.0)], [(1, 1.0), (4, 0.0)]):
-        with pytest.raises(DataError, match="no curve of error against samples"):
-            samples_on_curve(0.5, wrong)
+        assert not falls(wrong)

@@ -198,7 +198,7 @@ def test_a_blur_of_either_width_in_each_direction_is_no_aliasing() -> None:
     tests = [correlate1d(correlate1d(truth, across, 1), down, 0) for across, down in product(kernels, repeat=2)]
     for detail in judge_detail(truth, tests, np.ones((40, 40), bool)):
         # Of the digits of the sums the least eigenvalue that counts takes as many as it is smaller.
-        assert detail.false_square <= np.finfo(float).eps / RANK * detail.square
+        assert detail.false_square <= np.finfo(float).eps / RANK * detail.detail_square
 
 
 def test_a_lasting_shift_is_neither_blur_nor_aliasing() -> None:

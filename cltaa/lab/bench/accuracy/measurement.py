@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -144,6 +144,7 @@ CONTROL = "(A/A)"
 # that are timed, and the wait for the last of many threads.
 FILLING_A_UNIT = {True: 40_000, False: 15_000}
 LIMITS = {True: (250_000, 2_000_000), False: (1_000_000, 4_000_000)}
+PLANES = ("colour", "depth", "motion", "alpha", "reactive")  # of a frame
 STAGE_PASSES = 5  # over which the time of each stage is a median
 TURN = 0.02  # seconds that a job runs again and again for in a round: its least is what nothing held up
 
@@ -173,7 +174,7 @@ def jobs_of(
     pixels = frames[0].width * frames[0].height
     resolvers = [variant.resolver(launcher) for variant in variants]
     jobs = [resolve_job(each.name, resolver, frames)[0] for each, resolver in zip(variants, resolvers, strict=True)]
-    moved = least_bytes(resolvers[0], variants[0].storage) * pixels
+    moved = least_bytes(resolvers[0]) * pixels
     copy = Job(f"{jobs[0].name} {CONTROL}", jobs[0].run)
     return [*jobs, copy], pixels, moved, stage_seconds(variants[0], launcher, frames)
 
@@ -197,21 +198,13 @@ def ranking(samples: Samples, default: str, controls: int, *, is_cpu: bool, unit
 
 def enlarged(frame: Frame, factor: int) -> Frame:
     """The frame with every pixel repeated ``factor`` times along both axes, and motion as many times as long."""
-
-    def repeat(image: Image | None, scale: float = 1.0) -> Image | None:
-        return None if image is None else (image * np.float32(scale)).repeat(factor, 0).repeat(factor, 1)
-
-    colour, depth = repeat(frame.colour), repeat(frame.depth)
-    assert colour is not None
-    assert depth is not None
-    return replace(
-        frame,
-        colour=colour,
-        depth=depth,
-        motion=repeat(frame.motion, factor),
-        alpha=repeat(frame.alpha),
-        reactive=repeat(frame.reactive),
-    )
+    given: dict[str, Image | None] = {name: getattr(frame, name) for name in PLANES}
+    large: dict[str, Any] = {
+        name: image.repeat(factor, 0).repeat(factor, 1) for name, image in given.items() if image is not None
+    }
+    if "motion" in large:
+        large["motion"] *= np.float32(factor)
+    return replace(frame, **large)
 
 
 def stage_seconds(variant: Variant, launcher: DeviceLauncher, frames: Sequence[Frame]) -> dict[str, float]:
@@ -305,15 +298,10 @@ def _spreads(errors: Mapping[str, Sequence[float]]) -> dict[str, Spread]:
 
 def _with_front(cells: Sequence[Measured], metrics: Iterable[str], samples: Samples, clock: Clock) -> list[Measured]:
     """The cells, each with what beats it; the times of two are compared by what they took in the same rounds."""
-
-    @cache
-    def faster(one: str, other: str) -> bool:
-        return samples.faster(one, other, clock)
-
     dominated: dict[str, Mapping[str, str]] = {}
     for metric in metrics:
         errors = {cell.variant: cost(metric, cell.errors[metric].mean) for cell in cells}
-        dominated[metric] = dominated_by(errors, faster)
+        dominated[metric] = dominated_by(errors, partial(samples.faster, clock=clock))
     return [
         msgspec.structs.replace(
             cell, dominated_by={metric: who[cell.variant] for metric, who in dominated.items() if cell.variant in who}

@@ -60,7 +60,7 @@ def summarise(judged: Iterable[tuple[Case, Mapping[str, Judged]]]) -> Table:
     """The table of all cells."""
     rows = [Row(scene=c.title, split=c.split, key=c.key, presets=dict(presets)) for c, presets in judged]
     splits = list(dict.fromkeys(row.split for row in rows))
-    names = list(dict.fromkeys(name for row in rows for name in row.presets))
+    names = _names(rows)
     means = {
         split: {name: _mean_scores([row.presets[name] for row in rows if row.split == split]) for name in names}
         for split in splits
@@ -242,7 +242,7 @@ def _collapsed(summary: str, text: str) -> str:
 
 def _overview(table: Table, beside: str) -> Iterable[str]:
     """A line a scene, with a link to its table: the best published preset, then those that are compared with it."""
-    names = _names(table)
+    names = _names(table.rows)
     shown = {name: [name] for name in contenders(names)}
     if others := [name for name in names if published(name)]:
         yield "*Published*: the best preset of an article or an engine, cell by cell."
@@ -272,7 +272,7 @@ def _anchor(heading: str) -> str:
 
 def _means(table: Table) -> Iterable[str]:
     yield "PSNR is averaged as mean squared error, samples by the geometric mean, all else by the arithmetic mean."
-    yield _grid({name: [table.means[split][name] for split in table.means] for name in ordered(_names(table))})
+    yield _grid({name: [table.means[split][name] for split in table.means] for name in ordered(_names(table.rows))})
     yield _splits(table.means)
 
 
@@ -291,7 +291,7 @@ def _duels(table: Table) -> Iterable[str]:
 
 
 def _scene_table(rows: list[Row]) -> str:
-    names = ordered(dict.fromkeys(name for row in rows for name in row.presets))
+    names = ordered(_names(rows))
     grid = _grid({name: [row.presets[name].scores for row in rows] for name in names})
     broken = [
         f"{name}: {row.presets[name].not_finite} values that are not finite in {row.key}"
@@ -346,5 +346,5 @@ def _by_scene(table: Table) -> dict[str, list[Row]]:
     return {title: [row for row in table.rows if row.scene == title] for title in titles}
 
 
-def _names(table: Table) -> list[str]:
-    return list(dict.fromkeys(name for row in table.rows for name in row.presets))
+def _names(rows: Iterable[Row]) -> list[str]:
+    return list(dict.fromkeys(name for row in rows for name in row.presets))
