@@ -23,13 +23,13 @@ from cltaa.inputs.intake import Intake, intake_lines, open_intake
 from cltaa.inputs.profile import Encoding, Profile, load_profile, override
 from cltaa.inputs.roles import Place, channel_missing, describe, whole_numbers
 from cltaa.io.content import open_regular
-from cltaa.io.exr_frame import COLOUR, GROUPS, MATRICES, Pixels
+from cltaa.io.exr_frame import CHANNEL_OF, COLOUR, GROUPS, MATRICES, NO_PIXELS, Pixels
 from cltaa.io.exr_layout import Layout, of_region, placed
 from cltaa.io.exr_read import FrameFile, ImageHeader, read_any_header, read_planes
 from cltaa.io.manifest import file_sha256, recorded_hashes
 from cltaa.io.names import Named, Selection, name_of, number_of, selection_of
 from cltaa.io.numbered import FrameRange, OnBreak, even_step, files_in, numbered_files
-from cltaa.io.sequence import CHANNEL_OF, NO_PIXELS, ChangedImages, FrameSequence, ImageSequence, open_images
+from cltaa.io.sequence import ChangedImages, FrameSequence, ImageSequence, open_images
 
 SUFFIX = ".png"
 HEADER = struct.Struct(">8s4x4sIIB")  # signature, length, kind of the first chunk, columns, rows, bits a channel

@@ -25,11 +25,11 @@ from cltaa.io.exr_frame import (
     COLOUR,
     GROUPS,
     STRUCTURAL,
-    FrameHeader,
     Pixels,
     Single,
     check_float_channels,
     frame_channels,
+    frame_outline,
 )
 from cltaa.io.exr_header import Outline, checked_outline, read_at, read_outline
 from cltaa.io.exr_layout import OUTSIDE, PIXEL_BYTES, Layout, Window, placed, shared_window
@@ -83,28 +83,17 @@ def read_frame_and_header(
             for name, plane in zip(group, stack, strict=True):
                 plane[...] = pixels.pop(name)
     parts = {group[0]: np.moveaxis(stack, 0, -1) for group, stack in groups.items()}
-    return _frame(FrameHeader(path, attributes, layout), parts, pixels, path), ImageHeader(layout, attributes)
-
-
-def _frame(header: FrameHeader, parts: Mapping[str, Image], others: Mapping[str, Pixels], path: Path) -> Frame:
-    """The frame of a header, with groups of channels by the first of each, and all other channels by their names."""
-    return Frame(
-        index=header.index,
+    frame = replace(
+        frame_outline(path, attributes, layout),
         colour=parts["R"],
-        depth=cast(Image, others["Z"]),  # which no device takes as it is: it stays where it was decoded
-        camera=header.camera,
-        jitter_px=header.jitter_px,
+        depth=cast(Image, pixels["Z"]),  # which no device takes as it is: it stays where it was decoded
         motion=parts.get("backward.u"),
         alpha=parts["A"][..., 0] if "A" in parts else None,
         reactive=parts["reactive"][..., 0] if "reactive" in parts else None,
-        object_id=cast(Image | None, others.get("id")),  # uint32: float32 would merge neighbours above 2^24
+        object_id=cast(Image | None, pixels.get("id")),  # uint32: float32 would merge neighbours above 2^24
         normal=parts.get("N.X"),
-        cut=header.cut,
-        exposure=header.exposure,
-        scene=header.scene,
-        effects=header.effects,
-        path=path,
     )
+    return frame, ImageHeader(layout, attributes)
 
 
 def read_image(

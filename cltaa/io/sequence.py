@@ -12,11 +12,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
-
 from cltaa.errors import DataError, UsageError
 from cltaa.frame import Effect, Frame, Image, name_effects
-from cltaa.io.exr_frame import OF_FRAMES, FrameHeader, check_float_channels
+from cltaa.io.exr_frame import CHANNEL_OF, OF_FRAMES, check_float_channels, frame_outline
 from cltaa.io.exr_layout import Layout
 from cltaa.io.exr_read import FrameFile, ImageHeader, read_colour, read_frame_and_header, read_header
 from cltaa.io.manifest import read_capture_record, recorded_hashes
@@ -88,10 +86,6 @@ def as_shown(images: ImageSequence, by: NumberedFiles) -> ImageSequence:
     check_same_size(by, images)
     return images
 
-
-NO_PIXELS = np.empty((0, 0), np.float32)
-# The channel that shows that a frame has this part.
-CHANNEL_OF = {"motion": "backward.u", "alpha": "A", "reactive": "reactive"}
 
 RESOLVED = "cltaa:preset"  # the attribute of images that a resolve wrote
 
@@ -168,7 +162,7 @@ class FrameSequence(NumberedFiles):
     @cached_property
     def effects(self) -> frozenset[Effect] | None:
         """Effects that the first frame declares, or None."""
-        return self.frame_header(self.first).effects
+        return self.outline(self.first).effects
 
     @cached_property
     def reference(self) -> ImageSequence | None:
@@ -210,30 +204,11 @@ class FrameSequence(NumberedFiles):
         selected.truth, selected.found = self.truth, self.found
         return selected
 
-    def frame_header(self, number: int) -> FrameHeader:
-        """Camera, jitter, cut and exposure of one frame number, checked, read without its pixels."""
-        path = self.path(number)
-        header = read_header(path)
-        return FrameHeader(path, header.attributes, self.layouts[number])
-
     def outline(self, number: int) -> Frame:
         """A frame of which only the header was read: its channels are there, and empty."""
-        header, channels = self.frame_header(number), self.layouts[number].channels
-        empty: dict[str, Any] = {part: NO_PIXELS if name in channels else None for part, name in CHANNEL_OF.items()}
-        return Frame(
-            index=number,
-            colour=NO_PIXELS,
-            depth=NO_PIXELS,
-            camera=header.camera,
-            jitter_px=header.jitter_px,
-            cut=header.cut,
-            exposure=header.exposure,
-            scene=header.scene,
-            effects=header.effects,
-            step=self.step,
-            found=self.found,
-            **empty,
-        )
+        path = self.path(number)
+        outline = frame_outline(path, read_header(path).attributes, self.layouts[number])
+        return replace(outline, index=number, step=self.step, found=self.found)
 
     def frame(self, number: int) -> Frame:
         """Read one frame by its number; raises UsageError for none of its numbers, DataError where header and sequence
