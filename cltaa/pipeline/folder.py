@@ -15,7 +15,7 @@ import msgspec
 
 from cltaa.core.backend import DEVICE_VARIABLE, Launcher
 from cltaa.core.bands import BAND_ROWS, BandedResolver
-from cltaa.core.build import Storage
+from cltaa.core.build import Steps, Storage
 from cltaa.core.debug import parse_views
 from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.presets import Preset, Published, load_preset, override
@@ -31,7 +31,7 @@ from cltaa.io.names import Named
 from cltaa.io.sequence import FrameSequence
 from cltaa.pipeline.denoise import denoiser, guide_line, guides_of
 from cltaa.pipeline.follow import Arrivals
-from cltaa.pipeline.memory import NO_LAYERS, Memory, of_whole_images
+from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence
 from cltaa.pipeline.output import carried_compression, carried_kinds, chosen_layers
 from cltaa.pipeline.run import RECORD, ResolveReport, check_jobs, refuse_place, resolve_sequence
 from cltaa.printable import printable
@@ -44,16 +44,19 @@ def band_rows_for(whole: Memory, jobs: int = 1) -> int:
 
 
 def of_whole(sequence: FrameSequence, resolver: Resolver, *, half: bool, layers: Mapping[str, str]) -> Memory:
-    """Memory of a resolve of ``sequence`` by ``resolver`` over whole images; ``layers`` as for ``of_resolve``."""
-    return of_whole_images(
-        sequence,
+    """Memory of a resolve of ``sequence`` by ``resolver`` over whole images, with each step that its channels allow; no
+    frames kept. ``layers`` are as for ``of_resolve``."""
+    holds, shared = sequence.holds, resolver.launcher.shares_memory
+    held = DevicePlanes(
+        Steps(own_motion="motion" in holds, alpha="alpha" in holds, reactive="reactive" in holds),
         resolver.storage,
-        changes=resolver.preset.choices.illumination is not Illumination.STATIC,
-        half=half,
-        shared=resolver.launcher.shares_memory,
-        layers=layers,
         look_ahead=resolver.look_ahead,
+        changes=resolver.preset.choices.illumination is not Illumination.STATIC,
+        shared=shared,
+        half=half,
+        staged=not shared,
     )
+    return of_sequence(sequence, held, layers)
 
 
 def has_bands(resolver: Resolver) -> bool:
