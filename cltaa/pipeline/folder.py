@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterable, Mapping
-from contextlib import nullcontext, suppress
-from functools import partial
+from contextlib import ExitStack, nullcontext, suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -189,7 +188,7 @@ def resolve_folder(
         print(guide_line(guides_of(sequence.layouts[sequence.first].channels, sequence.replaced)), file=sys.stderr)
     carried = chosen_layers(layers, sequence)
     preset = with_fireflies(preset, sequence, fireflies)
-    made: dict[str, Any] = {"strict": strict, "storage": storage}
+    made: dict[str, Any] = {"strict": strict, "storage": storage, "every_step": effects == "all"}
     how: dict[str, Any] = {
         **options,
         "effects": effects,
@@ -200,57 +199,41 @@ def resolve_folder(
         "progress": progress,
         "arrivals": arrivals,
     }
-    anew, follows = options.get("restart", False), arrivals is not None
-    known = partial(
-        with_known_effects,
-        sequence,
-        preset,
-        effects,
-        Path(output),
-        anew=anew,
-        follow=follows,
-        progress=progress,
-        denoised=denoised,
-    )  # when all else was found to be right: it takes a while
-    if dask is not None:
-        from cltaa.pipeline.cluster import Cluster, Tool, connected  # here: an extra, and it takes from this module
+    with ExitStack() as stack:
+        if dask is not None:
+            from cltaa.pipeline.cluster import Cluster, Tool, connected  # here: an extra, and it takes from this module
 
-        if not isinstance(device, str | None):
-            raise UsageError("--dask: workers open devices by name", expected="a name", found=repr(device))
-        tool = Tool(preset, device, band_rows=band_rows, **made)
-        with connected(dask) as client:
-            cluster = Cluster(client, tool, jobs)
+            if not isinstance(device, str | None):
+                raise UsageError("--dask: workers open devices by name", expected="a name", found=repr(device))
+            tool = Tool(preset, device, band_rows=band_rows, **made)
+            how["elsewhere"] = cluster = Cluster(stack.enter_context(connected(dask)), tool, jobs)
             resolver = tool.elsewhere(cluster.description())
-            sequence, found = known()
-            return resolve_sequence(sequence, output, resolver, elsewhere=cluster, found=found, **how)
-    jobs = jobs or 1
-    kept: dict[str, Any] = {"half": half, "layers": carried_kinds(sequence, carried), "jobs": jobs}
-    resolver, *others = (
-        resolver_for(preset, each, sequence, band_rows, **made, **kept) for each in devices_of(device, jobs)
-    )
-    sequence, found = known()
-    if arrivals is not None:
-        arrivals.found = sequence.found
-    return resolve_sequence(sequence, output, resolver, others=others, found=found, **how)
+        else:
+            jobs = jobs or 1
+            kept: dict[str, Any] = {"half": half, "layers": carried_kinds(sequence, carried), "jobs": jobs}
+            resolver, *how["others"] = (
+                resolver_for(preset, each, sequence, band_rows, **made, **kept) for each in devices_of(device, jobs)
+            )
+        # Of what is followed none are looked for, nor for a transcription, which does what it does on every scene; else
+        # when all else was found to be right: it takes a while.
+        looks = arrivals is None and preset.published is Published.NO and looked_for(sequence, effects)
+        anew = options.get("restart", False)
+        sequence, found = with_known_effects(
+            sequence, Path(output), looks=looks, anew=anew, progress=progress, denoised=denoised
+        )
+        if arrivals is not None:
+            arrivals.found = sequence.found
+        return resolve_sequence(sequence, output, resolver, found=found, **how)
 
 
 def with_known_effects(
-    sequence: FrameSequence,
-    preset: Preset,
-    effects: Asked,
-    output: Path,
-    *,
-    anew: bool,
-    follow: bool,
-    progress: bool,
-    denoised: bool,
+    sequence: FrameSequence, output: Path, *, looks: bool, anew: bool, progress: bool, denoised: bool
 ) -> tuple[FrameSequence, Found | None]:
-    """``sequence`` as it is to be resolved into ``output``, with the effects that were found where none are declared.
+    """``sequence`` as it is to be resolved into ``output``, with the effects that it ``looks`` for in its frames.
 
     A run that goes on takes those that it was begun with, so that it makes the same bits, also where a frame that could
-    not be read was mended, or more frames are there now. Of what is followed, and for a transcription, which does what
-    it does on every scene, none are looked for. Raises UsageError where headers show effects that the run was not begun
-    with, DataError for a damaged manifest, and what finding raises.
+    not be read was mended, or more frames are there now. Raises UsageError where headers show effects that the run was
+    not begun with, DataError for a damaged manifest, and what finding raises.
     """
     begun = None if anew else Manifest(output)
     if begun is not None and begun.settings is not None and begun.entries:
@@ -264,12 +247,12 @@ def with_known_effects(
                 what = "headers show effects that the run was not begun with"
                 raise UsageError(what, path=output, expected=known, found=format_effects(new), cure=RESTART_CURE)
             line = f"effects found: {known} (as the run began)"
-    elif follow or preset.published is not Published.NO or not looked_for(sequence, effects):
-        found, line = None, ""
-    else:
+    elif looks:
         with shown_progress("finding effects") if progress else nullcontext() as advance:
             found = find_for(sequence, denoised=denoised, advance=advance)
         line = found.line
+    else:
+        found, line = None, ""
     if progress and line:
         print(line, file=sys.stderr)
     return with_found(sequence, found), found

@@ -75,17 +75,6 @@ def test_memory_is_reserved_for_what_is_resolved(effects: Any, tmp_path: Path) -
     assert resolver.reserved == [effects != frozenset({Effect.CAMERA})]
 
 
-def test_a_run_leaves_the_resolver_s_options_as_they_were(tmp_path: Path) -> None:
-    resolver, sequence = Resolver(device="numpy"), open_sequence(write_sequence(tmp_path / "in", 2, width=9, height=7))
-    resolve_sequence(sequence, tmp_path / "all", resolver, effects="all")
-    assert not resolver.every_step
-    failing = Watched(KeyboardInterrupt())
-    five = open_sequence(write_sequence(tmp_path / "five", FRAMES, width=9, height=7))
-    with pytest.raises(KeyboardInterrupt):
-        resolve_sequence(five, tmp_path / "failed", failing, effects="all")
-    assert not failing.every_step
-
-
 def test_a_run_that_goes_on_reserves_nothing(tmp_path: Path) -> None:
     """What it needs was allocated to be filled with the state; new memory would have none."""
     sequence = open_sequence(write_sequence(tmp_path / "in", FRAMES, width=9, height=7))
