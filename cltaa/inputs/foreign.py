@@ -26,7 +26,7 @@ from cltaa.io.content import open_regular
 from cltaa.io.exr_frame import CHANNEL_OF, COLOUR, GROUPS, MATRICES, NO_PIXELS, Pixels
 from cltaa.io.exr_layout import Layout, of_region, placed
 from cltaa.io.exr_read import FrameFile, ImageHeader, read_any_header, read_planes
-from cltaa.io.manifest import file_sha256, recorded_hashes
+from cltaa.io.manifest import file_sha256
 from cltaa.io.names import Named, Selection, name_of, number_of, selection_of
 from cltaa.io.numbered import FrameRange, OnBreak, even_step, files_in, numbered_files
 from cltaa.io.sequence import ChangedImages, FrameSequence, ImageSequence, open_images
@@ -111,7 +111,6 @@ class ForeignSequence(FrameSequence):
         self._roles = {role: places for role, places in intake.roles.items() if role not in left_out}
         resolved = (*self._roles["colour"], *self._roles.get("alpha", ()))
         self.replaced = frozenset(place.channel for place in resolved if place.files == resolved[0].files)
-        self._hashes: dict[Path, dict[str, str]] = {}
         main = intake.sets[intake.roles["colour"][0].files]
         super().__init__(
             folder,
@@ -260,10 +259,6 @@ class ForeignSequence(FrameSequence):
                         missing = _no_channel(place, role, len(its), path)
                         yield number, missing if kind is None else whole_numbers(place, path)
 
-    def sha256(self, number: int) -> str | None:
-        """Return the SHA-256 that the file of a frame's colour must have, or None."""
-        return self._hash_of(self.path(number))
-
     def beside_sha256(self, number: int) -> str | None:
         """Return the SHA-256 of a frame's other files and of what is declared, the last frame's jitter included."""
         beside = sorted(self.files_of(number) - {self.path(number)})
@@ -286,14 +281,6 @@ class ForeignSequence(FrameSequence):
         if declared.exposure is not None or declared.cut:
             told += [declared.exposure or 1.0, declared.cut]
         return told
-
-    def _hash_of(self, path: Path) -> str | None:
-        """The SHA-256 that is recorded for a file, if one is and it is to be verified."""
-        if not self.verify:
-            return None
-        if path.parent not in self._hashes:
-            self._hashes[path.parent] = recorded_hashes(path.parent)
-        return self._hashes[path.parent].get(path.name)
 
     def _planes(
         self, number: int, roles: Iterable[str], kept: Collection[str] = ()
@@ -335,7 +322,7 @@ class ForeignSequence(FrameSequence):
         # Where depth and vectors are not, there is nothing: the sky, which moves as the camera has it.
         nowhere = {place.channel for role in ("depth", "motion") for place in self._roles.get(role, ())}
         outside = dict.fromkeys(nowhere, np.nan)
-        return read_planes(path, names, sha256=self._hash_of(path), picture=picture.data_window, outside=outside)
+        return read_planes(path, names, sha256=self.recorded(path), picture=picture.data_window, outside=outside)
 
 
 def _numbers(camera: Camera | None) -> list[float]:

@@ -274,7 +274,8 @@ def inspect_folder(
     folder, name, paths = numbered_files(place)
     result = Inspection(folder=str(place), name=name, first=min(paths), last=max(paths), frames=len(paths))
     result.problems += _missing(sorted(paths), step)
-    recorded = _recorded(folder, result.problems) if pixels else {}
+    folders = {path.parent for path in paths.values()} if pixels else ()
+    recorded = {parent: _recorded(parent, result.problems) for parent in sorted(folders)}
     layouts: dict[int, Layout] = {}
     headers: dict[int, Frame] = {}
     witness, wrong, pictures, missing = Witness(), Problems(), _pictures(paths), list[Missing]()
@@ -287,7 +288,7 @@ def inspect_folder(
             if not result.resolved_by or "cltaa:jitterPx" in header.attributes:  # other tools' files may have none
                 headers[number] = frame_outline(path, header.attributes, layout)
             if pixels:
-                channels = read_image(path, sha256=recorded.get(path.name), picture=layout.data_window)[0]
+                channels = read_image(path, sha256=recorded[path.parent].get(path.name), picture=layout.data_window)[0]
                 for channel, plane in channels.items():
                     result.statistics.setdefault(channel, ChannelStatistics()).add(plane)
                 colour = np.stack([np.asarray(channels[name], np.float32) for name in COLOUR], axis=-1)
