@@ -180,23 +180,6 @@ def block_of(array: Any) -> Block:
     return array
 
 
-def test_the_header_of_an_input_is_parsed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a result carries over is what was read, and hashed, with its frame; the same as the file says."""
-    sequence = open_sequence(write_sequence(tmp_path / "in", FRAMES, width=9, height=7))
-    with monkeypatch.context() as patch:
-        whole = FrameSequence.frame_and_file
-        patch.setattr(FrameSequence, "frame_and_file", lambda self, number, _kept: (whole(self, number)[0], None))
-        resolve_sequence(sequence, tmp_path / "twice", Resolver(device="numpy"))
-
-    def again(path: Path, **_: object) -> None:
-        raise AssertionError(f"{path} was opened again")
-
-    monkeypatch.setattr("cltaa.pipeline.output.read_any_header", again)
-    resolve_sequence(sequence, tmp_path / "once", Resolver(device="numpy"))
-    for path in sequence.paths:
-        assert (tmp_path / "once" / path.name).read_bytes() == (tmp_path / "twice" / path.name).read_bytes()
-
-
 @pytest.mark.parametrize("in_place", [True, False])
 def test_a_file_that_is_drawn_anew_while_it_is_read_vouches_for_no_result(
     in_place: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
