@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cltaa.core.frame_checks import check_camera
 from cltaa.core.planes import haloed
 from cltaa.errors import DataError
-from cltaa.frame import Camera, Effect, Frame, Image, format_effects
+from cltaa.frame import Effect, Frame, Image, format_effects
 from cltaa.inputs.convert import check_depth, linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, intake_lines, open_intake
 from cltaa.inputs.profile import Encoding, Profile, load_profile, override
@@ -81,12 +81,6 @@ class PngImages(ImageSequence):
         return linear_colour(texels[..., :3], Encoding.SRGB) * texels[..., 3:]
 
 
-def open_png(named: Named, *, gaps: OnBreak = OnBreak.ERROR, frames: FrameRange | None = None) -> PngImages:
-    """Open PNGs, named and read with the options and errors of ``open_images``."""
-    files = numbered_files(named, SUFFIX)
-    return PngImages(*files, verify=False, gaps=gaps, frames=frames, step=even_step(sorted(files[2])))
-
-
 EFFECT_OF = {"motion": Effect.MOTION, "alpha": Effect.ALPHA, "reactive": Effect.REACTIVE}  # what a channel is there for
 
 
@@ -139,11 +133,6 @@ class ForeignSequence(FrameSequence):
     def files(self) -> tuple[Path, ...]:
         """Every file that frames are read from."""
         return tuple(path for number in self.numbers for path in sorted(self.files_of(number)))
-
-    @property
-    def told(self) -> list[float]:
-        """Matrices, jitter, exposure and cuts of every frame, as files or a side file declare them."""
-        return [value for number in self.numbers for value in self._told(number)]
 
     @property
     def attributes(self) -> Mapping[str, object]:
@@ -275,7 +264,9 @@ class ForeignSequence(FrameSequence):
     def _told(self, number: int) -> list[float]:
         """What is declared of a frame: matrices, its jitter and that before, exposure and cut."""
         declared = self.intake.declared[number]
-        told = _numbers(declared.camera)
+        camera, told = declared.camera, list[float]()
+        if camera is not None:
+            told += [*camera.world_to_view.ravel().tolist(), *camera.view_to_clip.ravel().tolist()]
         if self.intake.has_jitter:
             told += [*self._jitter(number, number), *self._jitter(number - self.step, number)]
         if declared.exposure is not None or declared.cut:
@@ -323,10 +314,6 @@ class ForeignSequence(FrameSequence):
         nowhere = {place.channel for role in ("depth", "motion") for place in self._roles.get(role, ())}
         outside = dict.fromkeys(nowhere, np.nan)
         return read_planes(path, names, sha256=self.recorded(path), picture=picture.data_window, outside=outside)
-
-
-def _numbers(camera: Camera | None) -> list[float]:
-    return [] if camera is None else [*camera.world_to_view.ravel().tolist(), *camera.view_to_clip.ravel().tolist()]
 
 
 def _no_channel(place: Place, role: str, count: int, path: Path) -> DataError:
@@ -379,7 +366,8 @@ def open_pictures(
     """
     place = selection_of(named)
     if is_png(place):
-        return open_png(place, gaps=gaps, frames=frames)
+        files = numbered_files(place, SUFFIX)
+        return PngImages(*files, verify=False, gaps=gaps, frames=frames, step=even_step(sorted(files[2])))
     asked = override(Profile() if profile == "auto" else load_profile(profile), assignments)
     if not _of_another(place) and not asked.colour.view:
         images = open_images(place, verify=verify, gaps=gaps, frames=frames)

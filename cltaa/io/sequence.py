@@ -124,11 +124,6 @@ class FrameSequence(NumberedFiles):
         return {self.path(number)}
 
     @property
-    def told(self) -> list[float]:
-        """Matrices, jitter and such of every frame, where they may stand beside its files; own ones: none do."""
-        return []
-
-    @property
     def undeclared(self) -> frozenset[str]:
         """Attributes of a frame's header that its files do not declare and the reader filled in; own ones: none."""
         return frozenset()
@@ -269,13 +264,6 @@ def open_sequence(
             number = number_of(path)
             if number is not None and name_of(path) == sequence.name and number not in sequence.layouts:
                 raise frame_missing(path, number)
-    return sequence
-
-
-def open_capture(named: Named, **options: Any) -> FrameSequence:
-    """Open a folder as ``open_sequence`` does, for a resolve: raises UsageError for the results of one."""
-    sequence = open_sequence(named, **options)
-    sequence.refuse_result()
     return sequence
 
 
