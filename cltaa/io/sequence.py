@@ -16,7 +16,7 @@ from cltaa.errors import DataError, UsageError
 from cltaa.frame import Effect, Frame, Image, name_effects
 from cltaa.io.exr_frame import CHANNEL_OF, OF_FRAMES, check_float_channels, frame_outline
 from cltaa.io.exr_layout import Layout
-from cltaa.io.exr_read import FrameFile, ImageHeader, read_colour, read_frame_and_header, read_header
+from cltaa.io.exr_read import FrameFile, read_colour, read_frame_and_header, read_header
 from cltaa.io.manifest import read_capture_record, recorded_hashes
 from cltaa.io.names import Named, name_of, number_of, selection_of
 from cltaa.io.numbered import (
@@ -103,10 +103,6 @@ class FrameSequence(NumberedFiles):
     truth: ImageSequence | None = None  # where it was given, and is not that in ``reference/``
     replaced: frozenset[str] = frozenset()  # channels of other names than R, G, B and A that a resolve makes anew
 
-    def __getstate__(self) -> dict[str, Any]:
-        """All but the first header, some of whose attributes are objects of OpenEXR that cannot be pickled."""
-        return {name: value for name, value in vars(self).items() if name != "header"}
-
     @property
     def reading(self) -> dict[str, Any]:
         """How files are read, where that decides the bits of frames and is not in the files: the step, and effects that
@@ -138,21 +134,16 @@ class FrameSequence(NumberedFiles):
         """The channels that its frames hold, one of them at least, by the names of own files; no other is read."""
         return OF_FRAMES & {name for layout in self.layouts.values() for name in layout.channels}
 
-    @cached_property
-    def header(self) -> ImageHeader:
-        """Layout and attributes of the first frame, read without its pixels."""
-        return read_header(self.path(self.first))
-
     @property
     def attributes(self) -> Mapping[str, object]:
-        """Attributes of the first frame's header, as its files hold them."""
-        return self.header.attributes
+        """Attributes of the first frame's header, as its files hold them; its pixels are not read."""
+        return read_header(self.path(self.first)).attributes
 
     def refuse_result(self) -> None:
         """Raise UsageError where these are results of a resolve, which has used up what one needs."""
-        if RESOLVED in self.attributes:
+        if (preset := self.attributes.get(RESOLVED)) is not None:
             what, cure = "these are results of cltaa resolve", "name the folder that they were made from"
-            raise UsageError(what, path=self.folder, found=f"preset {self.attributes[RESOLVED]}", cure=cure)
+            raise UsageError(what, path=self.folder, found=f"preset {preset}", cure=cure)
 
     @cached_property
     def effects(self) -> frozenset[Effect] | None:
