@@ -204,14 +204,13 @@ def resolve_sequence(
     """Resolve every frame of ``sequence`` into ``output``, one EXR a frame under the same names.
 
     ``effects`` overrides what the sequence declares: ``auto`` keeps it, or what was found where it declares nothing,
-    ``find`` takes that alone, ``all`` counts on nothing, and a set leaves out the steps and channels of all other
-    effects. ``preview`` is an MP4 of the
-    result, with ``compare`` of the input beside it (``side``) or under a line that sweeps over it (``wipe``). A run
-    that was cut short goes on where it stopped, to the same bits. A device that is lost is opened once more. Views to
-    ``debug`` become layers of the EXRs, and PNGs in a folder of that name. Channels of the input that match one of
-    ``layers`` are kept beside the resolved ones, and its attributes and windows always. ``denoise`` is ``none``, or
-    ``oidn`` for Intel's Open Image Denoise on each frame's colour before it is resolved. Without ``progress`` nothing
-    is shown while it runs.
+    ``find`` takes that alone, ``all`` counts on nothing, so that ``cltaa.resolve`` runs every step of the preset, and a
+    set leaves out the steps and channels of all other effects. ``preview`` is an MP4 of the result, with ``compare`` of
+    the input beside it (``side``) or under a line that sweeps over it (``wipe``). A run that was cut short goes on
+    where it stopped, to the same bits. A device that is lost is opened once more. Views to ``debug`` become layers of
+    the EXRs, and PNGs in a folder of that name. Channels of the input that match one of ``layers`` are kept beside the
+    resolved ones, and its attributes and windows always. ``denoise`` is ``none``, or ``oidn`` for Intel's Open Image
+    Denoise on each frame's colour before it is resolved. Without ``progress`` nothing is shown while it runs.
 
     ``stopping`` is entered for the run and tells when to stop: then the frame in work is finished, the state saved and
     KeyboardInterrupt raised. ``cltaa.process.stop_signals()`` does so for SIGINT and SIGTERM; signals are left alone
