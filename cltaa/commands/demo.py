@@ -14,7 +14,7 @@ from cltaa.commands.printing import answer, figures, print_line, print_table
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Image
-from cltaa.io.display import side_by_side, write_image_png, write_png
+from cltaa.io.display import side_by_side, to_picture, write_png
 from cltaa.io.sequence import ImageSequence, open_images, open_sequence
 from cltaa.io.video import import_av, write_pairs
 from cltaa.lab.judge.metrics import METRICS, equal_quality_samples, mean, measure, named_metrics
@@ -113,8 +113,8 @@ def _judge(before: ImageSequence, after: ImageSequence, truth: ImageSequence, re
 def _show(output: Path, before: ImageSequence, after: ImageSequence) -> None:
     """Pictures of the last frame and a film of all."""
     left, right = before.image(after.last), after.image(after.last)
-    write_image_png(output / "before.png", left)
-    write_image_png(output / "after.png", right)
+    write_png(output / "before.png", to_picture(left))
+    write_png(output / "after.png", to_picture(right))
     write_png(output / "crop.png", side_by_side(_crop(left), _crop(right)))
     write_pairs(output / "side-by-side.mp4", before, after, rate=24)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cltaa.core.frame_checks import check_camera
 from cltaa.core.planes import haloed
 from cltaa.errors import DataError
-from cltaa.frame import Camera, Effect, Frame, Image, format_effects
+from cltaa.frame import Effect, Frame, Image, format_effects
 from cltaa.inputs.convert import check_depth, linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, intake_lines, open_intake
 from cltaa.inputs.profile import Encoding, Profile, load_profile, override
@@ -30,13 +30,13 @@ from cltaa.inputs.roles import (
     whole_numbers,
 )
 from cltaa.io.content import open_regular
-from cltaa.io.exr_frame import COLOUR, GROUPS, MATRICES, Pixels
+from cltaa.io.exr_frame import CHANNEL_OF, COLOUR, GROUPS, MATRICES, NO_PIXELS, Pixels
 from cltaa.io.exr_layout import Layout, of_region, placed
 from cltaa.io.exr_read import FrameFile, ImageHeader, read_any_header, read_planes
-from cltaa.io.manifest import file_sha256, recorded_hashes
+from cltaa.io.manifest import file_sha256
 from cltaa.io.names import Named, Selection, name_of, number_of, renumbered, selection_of
 from cltaa.io.numbered import FrameRange, OnBreak, even_step, files_in, frame_missing, numbered_files
-from cltaa.io.sequence import CHANNEL_OF, NO_PIXELS, ChangedImages, FrameSequence, ImageSequence, open_images
+from cltaa.io.sequence import ChangedImages, FrameSequence, ImageSequence, open_images
 
 SUFFIX = ".png"
 HEADER = struct.Struct(">8s4x4sIIB")  # signature, length, kind of the first chunk, columns, rows, bits a channel
@@ -88,12 +88,6 @@ class PngImages(ImageSequence):
         return linear_colour(texels[..., :3], Encoding.SRGB) * texels[..., 3:]
 
 
-def open_png(named: Named, *, gaps: OnBreak = OnBreak.ERROR, frames: FrameRange | None = None) -> PngImages:
-    """Open PNGs, named and read with the options and errors of ``open_images``."""
-    files = numbered_files(named, SUFFIX)
-    return PngImages(*files, verify=False, gaps=gaps, frames=frames, step=even_step(sorted(files[2])))
-
-
 EFFECT_OF = {"motion": Effect.MOTION, "alpha": Effect.ALPHA, "reactive": Effect.REACTIVE}  # what a channel is there for
 
 
@@ -124,7 +118,6 @@ class ForeignSequence(FrameSequence):
         self._guides = guide_places(channels, intake.roles["colour"]) if guided else {}
         resolved = (*self._roles["colour"], *self._roles.get("alpha", ()))
         self.replaced = frozenset(place.channel for place in resolved if place.files == resolved[0].files)
-        self._hashes: dict[Path, dict[str, str]] = {}
         main = intake.sets[intake.roles["colour"][0].files]
         super().__init__(
             folder,
@@ -153,11 +146,6 @@ class ForeignSequence(FrameSequence):
     def files(self) -> tuple[Path, ...]:
         """Every file that frames are read from."""
         return tuple(path for number in self.numbers for path in sorted(self.files_of(number)))
-
-    @property
-    def told(self) -> list[float]:
-        """Matrices, jitter, exposure and cuts of every frame, as files or a side file declare them."""
-        return [value for number in self.numbers for value in self._told(number)]
 
     @property
     def attributes(self) -> Mapping[str, object]:
@@ -298,10 +286,6 @@ class ForeignSequence(FrameSequence):
                         missing = _no_channel(place, role, len(its), path)
                         yield number, missing if kind is None else whole_numbers(place, path)
 
-    def sha256(self, number: int) -> str | None:
-        """Return the SHA-256 that the file of a frame's colour must have, or None."""
-        return self._hash_of(self.path(number))
-
     def beside_sha256(self, number: int) -> str | None:
         """Return the SHA-256 of a frame's other files and of what is declared, the last frame's jitter included."""
         beside = sorted(self.files_of(number) - {self.path(number)})
@@ -318,20 +302,14 @@ class ForeignSequence(FrameSequence):
     def _told(self, number: int) -> list[float]:
         """What is declared of a frame: matrices, its jitter and that before, exposure and cut."""
         declared = self.intake.declared[number]
-        told = _numbers(declared.camera)
+        camera, told = declared.camera, list[float]()
+        if camera is not None:
+            told += [*camera.world_to_view.ravel().tolist(), *camera.view_to_clip.ravel().tolist()]
         if self.intake.has_jitter:
             told += [*self._jitter(number, number), *self._jitter(number - self.step, number)]
         if declared.exposure is not None or declared.cut:
             told += [declared.exposure or 1.0, declared.cut]
         return told
-
-    def _hash_of(self, path: Path) -> str | None:
-        """The SHA-256 that is recorded for a file, if one is and it is to be verified."""
-        if not self.verify:
-            return None
-        if path.parent not in self._hashes:
-            self._hashes[path.parent] = recorded_hashes(path.parent)
-        return self._hashes[path.parent].get(path.name)
 
     def _planes(
         self, number: int, roles: Iterable[str], kept: Collection[str] = ()
@@ -374,11 +352,7 @@ class ForeignSequence(FrameSequence):
         # Where depth and vectors are not, there is nothing: the sky, which moves as the camera has it.
         nowhere = {place.channel for role in ("depth", "motion") for place in self._roles.get(role, ())}
         outside = dict.fromkeys(nowhere, np.nan)
-        return read_planes(path, names, sha256=self._hash_of(path), picture=picture.data_window, outside=outside)
-
-
-def _numbers(camera: Camera | None) -> list[float]:
-    return [] if camera is None else [*camera.world_to_view.ravel().tolist(), *camera.view_to_clip.ravel().tolist()]
+        return read_planes(path, names, sha256=self.recorded(path), picture=picture.data_window, outside=outside)
 
 
 def _no_channel(place: Place, role: str, count: int, path: Path) -> DataError:
@@ -431,7 +405,8 @@ def open_pictures(
     """
     place = selection_of(named)
     if is_png(place):
-        return open_png(place, gaps=gaps, frames=frames)
+        files = numbered_files(place, SUFFIX)
+        return PngImages(*files, verify=False, gaps=gaps, frames=frames, step=even_step(sorted(files[2])))
     asked = override(Profile() if profile == "auto" else load_profile(profile), assignments)
     if not _of_another(place) and not asked.colour.view:
         images = open_images(place, verify=verify, gaps=gaps, frames=frames)

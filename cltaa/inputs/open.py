@@ -16,7 +16,7 @@ from cltaa.io.exr_frame import MATRICES
 from cltaa.io.exr_read import read_any_header
 from cltaa.io.names import Named, selection_of
 from cltaa.io.numbered import OnBreak, files_in
-from cltaa.io.sequence import RESOLVED, FrameSequence, open_capture
+from cltaa.io.sequence import RESOLVED, FrameSequence, open_sequence
 from cltaa.printable import counted
 
 PLACE = "{}"  # in the name of a file that each of several sequences has: its folder
@@ -42,7 +42,9 @@ def open_input(
     place, side_file = selection_of(named), None if side_file is None else Path(side_file)
     plain = not assignments and side_file is None and effects == "auto"
     if plain and str(profile) in ("auto", "cltaa") and is_own(place):
-        return open_capture(place, **options)
+        own = open_sequence(place, **options)
+        own.refuse_result()
+        return own
     from cltaa.inputs.foreign import ForeignSequence
     from cltaa.inputs.intake import open_intake
 

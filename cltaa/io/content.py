@@ -84,7 +84,7 @@ class FileCopy:
         if size and (self._memory is None or len(self._memory) < size):
             self._memory = mmap(self._descriptor, size)
         self.size, place = size, 0
-        with self.bytes() as content:
+        with self.view() as content:
             while place < size:
                 length = os.preadv(file.fileno(), [content[place:]], place)
                 if not length:
@@ -100,9 +100,23 @@ class FileCopy:
             self._memory[place : place + len(piece)] = piece
             place += len(piece)
 
-    def bytes(self) -> memoryview:
+    def read_at(self, place: int, size: int) -> bytes:
+        """The bytes from a place on."""
+        with self.view() as content:
+            return content[place : place + size].tobytes()
+
+    def view(self) -> memoryview:
         """What was copied last; release it before the next file."""
         return memoryview(self._memory or b"")[: self.size]
+
+    def check_sha256(self, path: Path, sha256: str) -> None:
+        """Raise DataError where the SHA-256 of the copy of ``path``, in hexadecimal, is another one."""
+        with self.view() as content:  # by one call: where threads are many, each acquisition of the GIL is waited for
+            found = hashlib.sha256(content).hexdigest()
+        if found != sha256:
+            what, cure = "the content is not what was recorded when it was written", "capture or copy the file again"
+            expected, other = f"SHA-256 {sha256[:12]}...", f"{found[:12]}..."
+            raise DataError(what, path=path, expected=expected, found=other, cure=cure)
 
     def fileno(self) -> int:
         """The descriptor, by whose name other libraries open the memory."""
@@ -122,22 +136,10 @@ class FileCopy:
             os.close(self._descriptor)
 
 
-def read_all(path: Path, file: BinaryIO, sha256: str | None, check: Callable[[ReadAt, int], None]) -> FileCopy:
-    """Copy the whole file into memory; use the copy in a ``with`` block.
-
-    ``check`` is given what reads bytes of it, and its size. Raises DataError where its SHA-256, in hexadecimal, is not
-    the given one, or where the file changes meanwhile, and what ``check`` raises.
-    """
+def copied(path: Path, file: BinaryIO) -> FileCopy:
+    """Copy a file into memory, for use in a ``with`` block; raises DataError where it changes meanwhile."""
     copy = BLOCK_POOL.take(FileCopy) or FileCopy()
     copy.fill(path, file)
-    with copy.bytes() as content:
-        check(lambda place, size: bytes(content[place : place + size]), copy.size)
-        # By one call: where threads are many, each acquisition of the GIL is waited for.
-        found = "" if sha256 is None else hashlib.sha256(content).hexdigest()
-    if sha256 is not None and found != sha256:
-        what, cure = "the content is not what was recorded when it was written", "capture or copy the file again"
-        expected, other = f"SHA-256 {sha256[:12]}...", f"{found[:12]}..."
-        raise DataError(what, path=path, expected=expected, found=other, cure=cure)
     return copy
 
 

@@ -81,11 +81,6 @@ def write_png(path: Path, picture: Picture) -> None:
         Pillow.fromarray(np.ascontiguousarray(picture)).save(temporary, format="PNG")
 
 
-def write_image_png(path: Path, image: Image, stops: float = 0.0) -> None:
-    """Write linear colour [H, W, 3] as PNG through the display transform of ``cltaa.io.display``."""
-    write_png(path, to_picture(image, stops))
-
-
 def side_by_side(before: Image, after: Image, labels: tuple[str, str] = ("before", "after")) -> Picture:
     """Two linear images [H, W, 3] next to each other as one picture [H, 2 W + gap, 3], each with its label."""
     if before.shape != after.shape:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from numbers import Real
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,9 @@ NORMAL = ("N.X", "N.Y", "N.Z")
 # Those that lie beside each other in a frame.
 GROUPS = (COLOUR, MOTION, ("A",), ("reactive",), NORMAL)
 OF_FRAMES = frozenset({"Z", "id"}.union(*GROUPS))
+# The channel that shows that a frame has this part.
+CHANNEL_OF = {"motion": "backward.u", "alpha": "A", "reactive": "reactive"}
+NO_PIXELS = np.empty((0, 0), np.float32)
 
 
 def frame_planes(frame: Frame, path: Path) -> dict[str, Pixels]:
@@ -145,64 +149,66 @@ def frame_attributes(frame: Frame) -> dict[str, object]:
     return attributes
 
 
-class FrameHeader:
-    """The attributes of one frame's header, read one by one; every problem is a DataError that names the attribute.
+def frame_outline(path: Path, attributes: Mapping[str, object], layout: Layout) -> Frame:
+    """A frame of which only the header was read: the channels that it has are there, and empty.
 
-    ``camera`` is that of the picture, which may be a region of the display window.
+    ``attributes`` are as ``ImageHeader`` has them; every problem is a DataError that names the attribute. The camera is
+    that of the picture, which may be a region of the display window.
     """
+    index = read_number(attributes, "cltaa:frame", path, default=number_of(path) or 0, expected="a whole number")
+    if not index.is_integer():
+        raise wrong_attribute("cltaa:frame", path, "a whole number", index)
+    cut = read_cut(attributes, path)
+    jitter = _numbers(attributes, "cltaa:jitterPx", path, (2,))
+    jitter_px = float(jitter[0]), float(jitter[1])
+    exposure = read_number(attributes, "cltaa:exposure", path, default=1.0)
+    check_numbers(jitter_px, exposure, path=path, frame=int(index))
+    whole = Camera(
+        world_to_view=np.ascontiguousarray(_numbers(attributes, "cltaa:worldToView", path, (4, 4)).T),
+        view_to_clip=np.ascontiguousarray(_numbers(attributes, "cltaa:viewToClip", path, (4, 4)).T),
+    )
+    check_camera(whole, path=path, frame=int(index))
+    empty: dict[str, Any] = {part: NO_PIXELS for part, name in CHANNEL_OF.items() if name in layout.channels}
+    return Frame(
+        index=int(index),
+        colour=NO_PIXELS,
+        depth=NO_PIXELS,
+        camera=of_region(whole, layout),
+        jitter_px=jitter_px,
+        cut=cut,
+        exposure=exposure,
+        scene=_text(attributes, "cltaa:scene", path) or "",
+        effects=_effects(attributes, path),
+        path=path,
+        **empty,
+    )
 
-    def __init__(self, path: Path, attributes: Mapping[str, object], layout: Layout) -> None:
-        """Keep ``attributes`` as ``ImageHeader`` has them."""
-        self._path, self._attributes = path, attributes
-        self.index = self._integer("cltaa:frame", default=number_of(path) or 0)
-        self.cut = read_cut(attributes, path)
-        jitter = self._numbers("cltaa:jitterPx", (2,))
-        self.jitter_px = (float(jitter[0]), float(jitter[1]))
-        self.exposure = read_number(attributes, "cltaa:exposure", path, default=1.0)
-        check_numbers(self.jitter_px, self.exposure, path=path, frame=self.index)
-        whole = Camera(
-            world_to_view=np.ascontiguousarray(self._numbers("cltaa:worldToView", (4, 4)).T),
-            view_to_clip=np.ascontiguousarray(self._numbers("cltaa:viewToClip", (4, 4)).T),
-        )
-        check_camera(whole, path=path, frame=self.index)
-        self.camera = of_region(whole, layout)
-        self.scene = self._text("cltaa:scene") or ""
-        self.effects = self._effects()
 
-    def _integer(self, name: str, *, default: int) -> int:
-        number = read_number(self._attributes, name, self._path, default=default, expected="a whole number")
-        if not number.is_integer():
-            raise self._wrong(name, "a whole number", number)
-        return int(number)
+def _numbers(attributes: Mapping[str, object], name: str, path: Path, shape: tuple[int, ...]) -> Matrix:
+    """A vector or matrix of whatever precision a writer gave it."""
+    value = attributes.get(name)
+    kind = "V2d" if shape == (2,) else "M44d"
+    if value is None:
+        cure = f"capture it with cltaa, or add the attribute; {OTHER_TOOLS}"
+        raise DataError("attribute is missing", path=path, expected=f"{name} ({kind})", cure=cure)
+    if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype.kind not in "iuf":
+        raise wrong_attribute(name, path, kind, value)
+    return value.astype(np.float64)
 
-    def _numbers(self, name: str, shape: tuple[int, ...]) -> Matrix:
-        """A vector or matrix of whatever precision a writer gave it."""
-        value = self._attributes.get(name)
-        kind = "V2d" if shape == (2,) else "M44d"
-        if value is None:
-            cure = f"capture it with cltaa, or add the attribute; {OTHER_TOOLS}"
-            raise DataError("attribute is missing", path=self._path, expected=f"{name} ({kind})", cure=cure)
-        if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype.kind not in "iuf":
-            raise self._wrong(name, kind, value)
-        return value.astype(np.float64)
 
-    def _text(self, name: str) -> str | None:
-        value = self._attributes.get(name)
-        if value is not None and not isinstance(value, str):
-            raise self._wrong(name, "a string", value)
-        return value
+def _text(attributes: Mapping[str, object], name: str, path: Path) -> str | None:
+    value = attributes.get(name)
+    if value is not None and not isinstance(value, str):
+        raise wrong_attribute(name, path, "a string", value)
+    return value
 
-    def _effects(self) -> frozenset[Effect] | None:
-        text = self._text("cltaa:effects")
-        if text is None:
-            return None
-        try:
-            return parse_effects(text)
-        except ValueError as error:
-            raise self._wrong("cltaa:effects", f"names out of {', '.join(Effect)}", text) from error
 
-    def _wrong(self, name: str, expected: str, value: object) -> DataError:
-        return wrong_attribute(name, self._path, expected, value)
+def _effects(attributes: Mapping[str, object], path: Path) -> frozenset[Effect] | None:
+    text = _text(attributes, "cltaa:effects", path)
+    try:
+        return None if text is None else parse_effects(text)
+    except ValueError as error:
+        raise wrong_attribute("cltaa:effects", path, f"names out of {', '.join(Effect)}", text) from error
 
 
 def read_number(

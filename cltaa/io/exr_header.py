@@ -9,7 +9,7 @@ What it lets pass, OpenEXR understands in the same way: nothing stands twice, an
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -166,38 +166,34 @@ LARGEST_RATIO = {"none": 1, "rle": 64, "zips": 1032, "zip": 1032}
 
 
 class Table(NamedTuple):
-    """A part's table of chunks: where it stands and what it has to say."""
+    """The table of chunks of a part that can be read: where it stands and what it has to say."""
 
-    path: Path
+    part: int  # among all of the file
     place: int
+    layout: Layout
     pixels: Counts  # of each chunk
-    bytes_a_pixel: int
-    compression: str
     leader: int  # bytes that each chunk begins with
-    behind: int  # where the first chunk can be: behind all tables
 
+    def check_chunks(self, read_at: ReadAt, length: int, behind: int) -> None:
+        """Check that every chunk begins ``behind`` all tables, ends inside the file and can hold its pixels.
 
-def check_chunks(table: Table, read_at: ReadAt, length: int) -> None:
-    """Check that every chunk begins behind all tables, ends inside the file and can hold its pixels.
-
-    The size of a chunk ends its ``leader`` bytes. One that is smaller than its compression allows cannot be decoded.
-    ``read_at`` reads bytes of the file, which has ``length`` of them. Raises DataError, and struct.error or ValueError
-    where bytes are missing.
-    """
-    path, place, pixels, bytes_a_pixel, compression, leader, behind = table
-    if behind > length:
-        raise DataError("the file is truncated inside its table of chunks", path=path, cure="write it again")
-    offsets = np.frombuffer(read_at(place, 8 * len(pixels)), dtype="<u8")
-    fits = bool((offsets >= behind).all() and (offsets <= length - leader).all())
-    if fits:
-        ends = (int(offset) + leader for offset in offsets)
-        sizes = np.array([struct.unpack_from("<i", read_at(end - 4, 4))[0] for end in ends])
-        fits = bool((sizes >= 0).all() and (offsets + sizes.astype("<u8") <= length - leader).all())
-    if not fits:
-        raise DataError("the file is truncated or was never finished", path=path, cure="write it again")
-    ratio = LARGEST_RATIO.get(compression)
-    if ratio is not None and (sizes * ratio < pixels * bytes_a_pixel).any():
-        raise DataError("a chunk is too small for its pixels", path=path, cure="write it again")
+        The size of a chunk ends its ``leader`` bytes. One that is smaller than its compression allows cannot be
+        decoded. ``read_at`` reads bytes of the file, which has ``length`` of them: each chunk is looked at, which in a
+        file is an acquisition of the GIL for each. Raises DataError, and struct.error or ValueError where bytes are
+        missing.
+        """
+        path = self.layout.path
+        offsets = np.frombuffer(read_at(self.place, 8 * len(self.pixels)), dtype="<u8")
+        fits = bool((offsets >= behind).all() and (offsets <= length - self.leader).all())
+        if fits:
+            ends = (int(offset) + self.leader for offset in offsets)
+            sizes = np.array([struct.unpack_from("<i", read_at(end - 4, 4))[0] for end in ends])
+            fits = bool((sizes >= 0).all() and (offsets + sizes.astype("<u8") <= length - self.leader).all())
+        if not fits:
+            raise DataError("the file is truncated or was never finished", path=path, cure="write it again")
+        ratio = LARGEST_RATIO.get(self.layout.compression)
+        if ratio is not None and (sizes * ratio < self.pixels * self.layout.bytes_a_pixel).any():
+            raise DataError("a chunk is too small for its pixels", path=path, cure="write it again")
 
 
 def read_layout(path: Path) -> Layout:
@@ -213,50 +209,53 @@ def read_layout(path: Path) -> Layout:
 class Outline(NamedTuple):
     """What the headers of a file say of its parts, and where the tables of their chunks must be.
 
-    ``parts`` are those that can be read, with their places in the file; ``faults`` say by name what is wrong with the
-    others. ``end`` is where the headers do.
+    ``tables`` are those of parts that can be read; ``faults`` say by name what is wrong with the others. ``end`` is
+    where the headers do, and ``behind`` where all tables do.
     """
 
     path: Path
-    parts: tuple[Layout, ...]
     tables: list[Table]
-    places: tuple[int, ...]
     faults: dict[str, DataError]
     end: int
+    behind: int
+
+    @property
+    def parts(self) -> list[Layout]:
+        """Those that can be read."""
+        return [table.layout for table in self.tables]
 
     def check_chunks(self, read_at: ReadAt, length: int) -> None:
-        """Check that every chunk lies inside the file of ``length`` bytes and can hold its pixels; raises DataError.
-
-        Each chunk is looked at, which in a file is an acquisition of the GIL for each.
-        """
+        """Check that every chunk lies inside the file of ``length`` bytes and can hold its pixels; raises DataError."""
+        if self.behind > length:
+            what = "the file is truncated inside its table of chunks"
+            raise DataError(what, path=self.path, cure="write it again")
         with damaged(self.path):
             for table in self.tables:
-                check_chunks(table, read_at, length)
+                table.check_chunks(read_at, length, self.behind)
 
     def refuse_faults(self) -> None:
         """Raise what is wrong with the first part that cannot be read, if there is one."""
         for error in self.faults.values():
             raise error
 
-    def extract(self, read_at: ReadAt, parts: Iterable[int], *, pixels: bool = True) -> list[bytes]:
-        """The bytes of a file of these of the readable parts alone, its chunks only where ``pixels`` are wanted.
+    def extract(self, read_at: ReadAt, tables: Sequence[Table], *, pixels: bool = True) -> list[bytes]:
+        """The bytes of a file of the parts of these tables alone, its chunks only where ``pixels`` are wanted.
 
         So a part that nobody asks for is neither decoded nor in the way. The chunks have to be checked before.
         """
         head, ends = read_at(0, self.end), [8]
-        for _ in range(len(self.parts) + len(self.faults)):
+        for _ in range(len(self.tables) + len(self.faults)):
             ends.append(places_of(self.path, head, ends[-1])[1])
-        kept = [self.places[part] for part in parts]
         version = struct.unpack_from("<I", head, 4)[0] & ~DEEP
-        made = [struct.pack("<II", MAGIC, version), *(head[ends[at] : ends[at + 1]] for at in kept), b"\0"]
-        counts = [len(self.tables[part].pixels) for part in parts]
+        headers = (head[ends[table.part] : ends[table.part + 1]] for table in tables)
+        made = [struct.pack("<II", MAGIC, version), *headers, b"\0"]
+        counts = [len(table.pixels) for table in tables]
         place, offsets, chunks = sum(map(len, made)) + 8 * sum(counts), list[int](), list[bytes]()
-        for number, part in enumerate(parts):
-            table = self.tables[part]
-            for offset in struct.unpack(f"<{counts[number]}Q", read_at(table.place, 8 * counts[number])):
-                leader = read_at(offset, table.leader) if pixels else b""
+        for number, (table, count) in enumerate(zip(tables, counts, strict=True)):
+            for offset in struct.unpack(f"<{count}Q", read_at(table.place, 8 * count)):
                 offsets.append(place if pixels else 0)
                 if pixels:
+                    leader = read_at(offset, table.leader)
                     size = struct.unpack_from("<i", leader, table.leader - 4)[0]
                     chunks += [struct.pack("<i", number), leader[4:], read_at(offset + table.leader, size)]
                     place += table.leader + size
@@ -281,43 +280,35 @@ def read_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline:
         names = [header["name"].decode() for header in headers] if many else [""]
         if len({*names}) < len(names) or not all(name.isprintable() for name in names):
             raise ValueError("parts of one name, or of a name that could harm a terminal")
-        found, faults = dict[int, tuple[Layout, Counts, int]](), dict[str, DataError]()
-        for at, (name, header) in enumerate(zip(names, headers, strict=True)):
+        tables, faults, place = list[Table](), dict[str, DataError](), end
+        for part, (name, header) in enumerate(zip(names, headers, strict=True)):
             try:
-                found[at] = _part(path, header, version, next(iter(found.values()), (None,))[0])
+                tables.append(Table(part, place, *_part(path, header, version, tables)))
+                place += 8 * len(tables[-1].pixels)
             except DataError as error:
                 faults[name] = error
-        for fault in faults.values() if not found else ():
-            raise fault
-        counts = [len(found[at][1]) if at in found else _count(header) for at, header in enumerate(headers)]
-        behind, place, tables = end + 8 * sum(counts), end, list[Table]()
-        for at, count in enumerate(counts):
-            if at in found:
-                part, sizes, leader = found[at]
-                tables.append(Table(path, place, sizes, part.bytes_a_pixel, part.compression, leader, behind))
-            place += 8 * count
+                # Of a count below 0 more chunks than any file has.
+                place += 8 * struct.unpack("<I", header["chunkCount"])[0] if many else 0
+    outline = Outline(path, tables, faults, end, place)
+    if not tables:
+        outline.refuse_faults()
     if one and many:
         raise DataError("multi-part images are not read", path=path, cure=OTHER_TOOLS)
-    return Outline(path, tuple(part for part, *_ in found.values()), tables, tuple(found), faults, end)
+    return outline
 
 
-def _part(path: Path, header: Header, version: int, first: Layout | None) -> tuple[Layout, Counts, int]:
-    """A part's layout, the pixels of its chunks, and the bytes that each begins with.
+def _part(path: Path, header: Header, version: int, before: Sequence[Table]) -> tuple[Layout, Counts, int]:
+    """A part's layout, the pixels of its chunks, and the bytes that each begins with; ``before`` are parts before it.
 
     Raises DataError for a kind that is not read, and as ``damaged`` has it for what is damaged.
     """
     many = bool(version & MULTI_PART)
     tiled = header["type"] == b"tiledimage" if many else bool(version & TILED)
     part = _layout(path, header, tiled, many=many)
-    if first is not None and part.display_window != first.display_window:
+    if before and part.display_window != before[0].layout.display_window:
         raise DataError("the parts do not make one picture", path=path, cure="write them with one display window")
     # A chunk begins with its part (if there are many), its place (y, or four numbers) and its size.
     return part, _chunk_sizes(part, header, tiled), 4 * many + (20 if tiled else 8)
-
-
-def _count(header: Header) -> int:
-    """The chunks of a part that cannot be read; of a count below 0 more than any file has."""
-    return int(struct.unpack("<I", header["chunkCount"])[0])
 
 
 def _layout(path: Path, header: Header, tiled: bool, *, many: bool) -> Layout:

@@ -130,15 +130,10 @@ class Layout:
         return self.width * self.height * self.bytes_a_pixel
 
     @property
-    def chunk(self) -> tuple[int, int]:
-        """Columns and rows of a chunk; fewer at the right and at the bottom."""
-        width, height = self.tile or (self.width, dict(COMPRESSIONS)[self.compression])
-        return min(width, self.width), min(height, self.height)
-
-    @property
     def chunk_bytes(self) -> int:
-        """Bytes of a chunk, as decoded."""
-        return self.chunk[0] * self.chunk[1] * self.bytes_a_pixel
+        """Bytes of a chunk, as decoded; those at the right and at the bottom have fewer."""
+        width, height = self.tile or (self.width, dict(COMPRESSIONS)[self.compression])
+        return min(width, self.width) * min(height, self.height) * self.bytes_a_pixel
 
 
 def placed(plane: NDArray[Any], window: Window, picture: Window, outside: float = 0.0) -> NDArray[Any]:

@@ -7,7 +7,7 @@ wrong input ends in one DataError or InputMissing.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -20,16 +20,16 @@ import numpy as np
 from cltaa.core.planes import empty_haloed
 from cltaa.errors import DataError
 from cltaa.frame import Frame, Image
-from cltaa.io.content import FileCopy, check_memory, file_size, open_regular, read_all
+from cltaa.io.content import FileCopy, check_memory, copied, file_size, open_regular
 from cltaa.io.exr_frame import (
     COLOUR,
     GROUPS,
     STRUCTURAL,
-    FrameHeader,
     Pixels,
     Single,
     check_float_channels,
     frame_channels,
+    frame_outline,
 )
 from cltaa.io.exr_header import Outline, checked_outline, read_at, read_outline
 from cltaa.io.exr_layout import OUTSIDE, PIXEL_BYTES, Layout, Window, placed, shared_window
@@ -73,46 +73,32 @@ def read_frame_and_header(
     path: Path, *, sha256: str | None, picture: Window | None = None
 ) -> tuple[Frame, ImageHeader]:
     """The same, and the header of its file, which was parsed for it; ``picture`` is another window than the data's."""
-    with _loaded(path, sha256) as (layout, content):
-        names = frame_channels(layout)
-        layout, pixels, attributes = _shown(layout, content, picture)
-        size = (layout.height, layout.width)
-        # Each group in a block of its own: what is freed fits what is needed next.
-        groups = {group: empty_haloed(len(group), *size) for group in GROUPS if group[0] in names}
-        for group, stack in groups.items():
-            for name, plane in zip(group, stack, strict=True):
-                plane[...] = pixels.pop(name)
+    layout, pixels, attributes = _read(path, sha256, picture, frame_channels)
+    size = (layout.height, layout.width)
+    # Each group in a block of its own: what is freed fits what is needed next.
+    groups = {group: empty_haloed(len(group), *size) for group in GROUPS if group[0] in pixels}
+    for group, stack in groups.items():
+        for name, plane in zip(group, stack, strict=True):
+            plane[...] = pixels.pop(name)
     parts = {group[0]: np.moveaxis(stack, 0, -1) for group, stack in groups.items()}
-    return _frame(FrameHeader(path, attributes, layout), parts, pixels, path), ImageHeader(layout, attributes)
-
-
-def _frame(header: FrameHeader, parts: Mapping[str, Image], others: Mapping[str, Pixels], path: Path) -> Frame:
-    """The frame of a header, with groups of channels by the first of each, and all other channels by their names."""
-    return Frame(
-        index=header.index,
+    frame = replace(
+        frame_outline(path, attributes, layout),
         colour=parts["R"],
-        depth=cast(Image, others["Z"]),  # which no device takes as it is: it stays where it was decoded
-        camera=header.camera,
-        jitter_px=header.jitter_px,
+        depth=cast(Image, pixels["Z"]),  # which no device takes as it is: it stays where it was decoded
         motion=parts.get("backward.u"),
         alpha=parts["A"][..., 0] if "A" in parts else None,
         reactive=parts["reactive"][..., 0] if "reactive" in parts else None,
-        object_id=cast(Image | None, others.get("id")),  # uint32: float32 would merge neighbours above 2^24
+        object_id=cast(Image | None, pixels.get("id")),  # uint32: float32 would merge neighbours above 2^24
         normal=parts.get("N.X"),
-        cut=header.cut,
-        exposure=header.exposure,
-        scene=header.scene,
-        effects=header.effects,
-        path=path,
     )
+    return frame, ImageHeader(layout, attributes)
 
 
 def read_image(
     path: Path, *, sha256: str | None = None, picture: Window | None = None
 ) -> tuple[dict[str, Pixels], dict[str, object]]:
     """Read every channel ``[H, W]`` in its own type, and the attributes that describe the picture; errors as above."""
-    with _loaded(path, sha256) as (layout, content):
-        _, pixels, attributes = _shown(layout, content, picture)
+    _, pixels, attributes = _read(path, sha256, picture)
     return pixels, {name: value for name, value in attributes.items() if name not in STRUCTURAL}
 
 
@@ -132,7 +118,7 @@ def read_any_header(path: Path, *, chunks: bool = True, one: bool = False) -> Im
         if not outline.faults:
             return _described(outline, file)
         with FileCopy() as copy:
-            copy.hold(outline.extract(partial(read_at, file), range(len(outline.parts)), pixels=False))
+            copy.hold(outline.extract(partial(read_at, file), outline.tables, pixels=False))
             return _described(outline, copy)
 
 
@@ -162,9 +148,7 @@ def read_colour(path: Path, *, sha256: str | None = None, picture: Window | None
 
     Errors and other options as ``read_frame``.
     """
-    with _loaded(path, sha256) as (layout, content):
-        check_float_channels(layout, COLOUR)
-        layout, pixels, _ = _shown(layout, content, picture)
+    layout, pixels, _ = _read(path, sha256, picture, lambda layout: check_float_channels(layout, COLOUR))
     names = (*COLOUR, "A") if alpha and layout.channels.get("A", "uint") != "uint" else COLOUR
     return np.moveaxis(np.stack([pixels[name] for name in names]).astype(np.float32, copy=False), 0, -1)
 
@@ -179,36 +163,35 @@ def loaded_parts(path: Path, sha256: str | None, *, one: bool = False) -> Iterat
     with open_regular(path) as file:
         outline = read_outline(path, file, one=one)
         check_memory(path, file_size(file))
-        content = read_all(path, file, sha256, outline.check_chunks)
+        content = copied(path, file)
     with content:
+        outline.check_chunks(content.read_at, content.size)
+        if sha256 is not None:
+            content.check_sha256(path, sha256)
         yield outline, content
 
 
-def _shown(
-    layout: Layout, content: FileCopy, picture: Window | None
+def _read(
+    path: Path, sha256: str | None, picture: Window | None, check: Callable[[Layout], object] = lambda _: None
 ) -> tuple[Layout, dict[str, Pixels], dict[str, object]]:
-    """Layout, channels and attributes of a picture, which may have another window than the file's data."""
-    window, path = layout.data_window, layout.path
-    if picture is None:
-        layout.refuse_outside()
-    if picture is None or picture == window:
-        (pixels,), attributes = _decoded(path, [layout], content)
-        return layout, pixels, attributes
-    shown = replace(layout, data_window=picture)
-    check_memory(path, layout.decoded_bytes + content.size + shown.decoded_bytes)
-    (pixels,), attributes = _decoded(path, [layout], content)
-    made = {name: placed(plane, window, picture, OUTSIDE.get(name, 0.0)) for name, plane in pixels.items()}
-    return shown, made, attributes
+    """Layout, channels and attributes of the picture of a file of one part, whose layout passes ``check``.
 
-
-@contextmanager
-def _loaded(path: Path, sha256: str | None) -> Iterator[tuple[Layout, FileCopy]]:
-    """The same of a file of one part, whose pixels fit into memory."""
+    The picture may have another window than the file's data.
+    """
     with loaded_parts(path, sha256, one=True) as (outline, content):
         (layout,) = outline.parts
         # Beside the pixels stands the packed file first, and then the one channel that is being moved into the frame.
         check_memory(path, layout.decoded_bytes + max(content.size, 4 * layout.width * layout.height))
-        yield layout, content
+        check(layout)
+        if picture is None:
+            layout.refuse_outside()
+        shown = layout if picture is None else replace(layout, data_window=picture)
+        if shown != layout:
+            check_memory(path, layout.decoded_bytes + content.size + shown.decoded_bytes)
+        (pixels,), attributes = _decoded(path, [layout], content)
+    windows = layout.data_window, shown.data_window
+    made = {name: placed(plane, *windows, OUTSIDE.get(name, 0.0)) for name, plane in pixels.items()}
+    return shown, made, attributes
 
 
 def _decoded(
@@ -306,8 +289,8 @@ def _only(outline: Outline, content: FileCopy, kept: list[int]) -> Iterator[File
     if len(kept) == len(outline.parts) + len(outline.faults):
         yield content
         return
-    with FileCopy() as copy, content.bytes() as everything:
-        copy.hold(outline.extract(lambda place, size: bytes(everything[place : place + size]), kept))
+    with FileCopy() as copy:
+        copy.hold(outline.extract(content.read_at, [outline.tables[part] for part in kept]))
         yield copy
 
 

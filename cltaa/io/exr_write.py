@@ -35,7 +35,6 @@ except ImportError:  # not made for every machine: there OpenEXR packs
     isal_zlib = None
 
 Bytes = NDArray[np.uint8]
-Deflate = Callable[[Bytes], bytes]  # packs contiguous bytes as a stream of zlib's format
 
 LEVEL = 2  # of ISA-L's 0 to 3; docs/performance.md, Files
 
@@ -57,15 +56,8 @@ class Packed(NamedTuple):
 Pack = Callable[[int], Packed]
 
 
-def fast_deflate() -> Deflate | None:
-    """What packs chunks; None where ISA-L is not installed."""
-    return None if isal_zlib is None else lambda content: isal_zlib.compress(content.data, level=LEVEL)
-
-
-def write_zip(
-    path: Path, header: Mapping[str, Any], channels: Mapping[str, NDArray[Any]], compression: str, deflate: Deflate
-) -> None:
-    """Write contiguous ``channels`` [H, W] as ``OpenEXR.File(header, channels)`` does, but with its ``deflate``.
+def write_zip(path: Path, header: Mapping[str, Any], channels: Mapping[str, NDArray[Any]], compression: str) -> None:
+    """Write contiguous ``channels`` [H, W] as ``OpenEXR.File(header, channels)`` does, but deflated by ISA-L.
 
     ``header`` is one of OpenEXR's for scan lines with that ``compression``, ``zip`` or ``zips``. Raises what OpenEXR
     raises, and OSError.
@@ -74,7 +66,7 @@ def write_zip(
     first, last = header.get("dataWindow", np.array([[0, 0], [width - 1, height - 1]], np.int32))
     planes = [channels[name].view(np.uint8) for name in sorted(channels)]
     start = _header(path, header, channels, first, last)
-    pack = partial(_pack, planes, int(first[1]), ROWS_A_CHUNK[compression], deflate)
+    pack = partial(_pack, planes, int(first[1]), ROWS_A_CHUNK[compression])
     sizes = [0]
     with path.open("wb") as file:
         file.write(start + bytes(8 * -(-height // ROWS_A_CHUNK[compression])))
@@ -124,7 +116,7 @@ def _header(
     return content[: window + 12] + struct.pack("<i", last[1]) + content[window + 16 : end]
 
 
-def _pack(planes: list[Bytes], top: int, rows_a_chunk: int, deflate: Deflate, row: int) -> Packed:
+def _pack(planes: list[Bytes], top: int, rows_a_chunk: int, row: int) -> Packed:
     """The chunks of up to ``ROWS`` rows from ``row`` on, of planes [H, bytes of a row]; ``top`` is y of the first."""
     end = min(row + ROWS, len(planes[0]))
     even = end - (end - row) % rows_a_chunk  # from there on the last chunk, which has fewer rows
@@ -134,7 +126,7 @@ def _pack(planes: list[Bytes], top: int, rows_a_chunk: int, deflate: Deflate, ro
             chunks += _stepped([plane[start:stop] for plane in planes], each)
     content, sizes = list[bytes](), list[int]()
     for y, (raw, steps) in zip(range(top + row, top + end, rows_a_chunk), chunks, strict=True):
-        packed = deflate(steps)
+        packed = isal_zlib.compress(steps.data, level=LEVEL)
         if len(packed) >= len(raw):  # what does not become smaller is written as it is: a reader tells it by its size
             packed = raw.tobytes()
         content += struct.pack("<2i", y, len(packed)), packed
@@ -208,9 +200,8 @@ def write_image(
     contiguous = {name: np.ascontiguousarray(pixels) for name, pixels in channels.items()}
     with atomic_path(path) as temporary:
         try:
-            deflate = fast_deflate()
-            if deflate is not None and compression in ROWS_A_CHUNK:
-                write_zip(temporary, header, contiguous, compression, deflate)
+            if isal_zlib is not None and compression in ROWS_A_CHUNK:
+                write_zip(temporary, header, contiguous, compression)
             else:
                 # As bytes: a str that came from a name in another encoding than UTF-8 cannot be handed over.
                 OpenEXR.File(header, contiguous).write(os.fsencode(temporary))

@@ -12,7 +12,6 @@ import shlex
 from collections.abc import Collection, Iterable, Mapping
 from collections.abc import Sequence as Many
 from enum import StrEnum
-from functools import cached_property
 from itertools import pairwise
 from math import gcd
 from numbers import Integral
@@ -230,7 +229,7 @@ class NumberedFiles:
         """
         self.folder, self.name, self.verify = folder, name, verify
         self.gaps, self.on_resize = on_break(gaps), on_break(on_resize)
-        self.step = step
+        self.step, self._hashes = step, dict[Path, dict[str, str]]()
         self._paths: dict[int, Path]
         self.layouts: dict[int, Layout]
         if layouts is not None:
@@ -304,16 +303,20 @@ class NumberedFiles:
 
     def sha256(self, number: int) -> str | None:
         """Return the SHA-256 that a frame's file must have, or None where none is recorded or is to be verified."""
-        return self._recorded.get(self.path(number).name) if self.verify else None
+        return self.recorded(self.path(number))
+
+    def recorded(self, path: Path) -> str | None:
+        """Return the SHA-256 of a file by the record of its folder; None where it has none, or none is verified."""
+        if not self.verify:
+            return None
+        if path.parent not in self._hashes:
+            self._hashes[path.parent] = recorded_hashes(path.parent)
+        return self._hashes[path.parent].get(path.name)
 
     def beside_sha256(self, number: int) -> str | None:
         """Return what vouches for all that a frame is made from beside its file: None, for nothing is."""
         del number
         return None
-
-    @cached_property
-    def _recorded(self) -> dict[str, str]:
-        return recorded_hashes(self.folder)
 
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two are there.

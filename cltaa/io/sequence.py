@@ -16,9 +16,9 @@ import numpy as np
 
 from cltaa.errors import DataError, UsageError
 from cltaa.frame import Effect, Frame, Image, name_effects
-from cltaa.io.exr_frame import OF_FRAMES, FrameHeader, check_float_channels
+from cltaa.io.exr_frame import CHANNEL_OF, OF_FRAMES, check_float_channels, frame_outline
 from cltaa.io.exr_layout import Layout
-from cltaa.io.exr_read import FrameFile, ImageHeader, read_colour, read_frame_and_header, read_header, read_planes
+from cltaa.io.exr_read import FrameFile, read_colour, read_frame_and_header, read_header, read_planes
 from cltaa.io.guides import guides_of
 from cltaa.io.manifest import read_capture_record, recorded_hashes
 from cltaa.io.names import Named, name_of, number_of, selection_of
@@ -90,10 +90,6 @@ def as_shown(images: ImageSequence, by: NumberedFiles) -> ImageSequence:
     return images
 
 
-NO_PIXELS = np.empty((0, 0), np.float32)
-# The channel that shows that a frame has this part.
-CHANNEL_OF = {"motion": "backward.u", "alpha": "A", "reactive": "reactive"}
-
 RESOLVED = "cltaa:preset"  # the attribute of images that a resolve wrote
 
 
@@ -109,10 +105,6 @@ class FrameSequence(NumberedFiles):
     found: frozenset[Effect] | None = None
     truth: ImageSequence | None = None  # where it was given, and is not that in ``reference/``
     replaced: frozenset[str] = frozenset()  # channels of other names than R, G, B and A that a resolve makes anew
-
-    def __getstate__(self) -> dict[str, Any]:
-        """All but the first header, some of whose attributes are objects of OpenEXR that cannot be pickled."""
-        return {name: value for name, value in vars(self).items() if name != "header"}
 
     @property
     def reading(self) -> dict[str, Any]:
@@ -131,11 +123,6 @@ class FrameSequence(NumberedFiles):
         return {self.path(number)}
 
     @property
-    def told(self) -> list[float]:
-        """Matrices, jitter and such of every frame, where they may stand beside its files; own ones: none do."""
-        return []
-
-    @property
     def undeclared(self) -> frozenset[str]:
         """Attributes of a frame's header that its files do not declare and the reader filled in; own ones: none."""
         return frozenset()
@@ -150,26 +137,21 @@ class FrameSequence(NumberedFiles):
         """The channels that its frames hold, one of them at least, by the names of own files; no other is read."""
         return OF_FRAMES & {name for layout in self.layouts.values() for name in layout.channels}
 
-    @cached_property
-    def header(self) -> ImageHeader:
-        """Layout and attributes of the first frame, read without its pixels."""
-        return read_header(self.path(self.first))
-
     @property
     def attributes(self) -> Mapping[str, object]:
-        """Attributes of the first frame's header, as its files hold them."""
-        return self.header.attributes
+        """Attributes of the first frame's header, as its files hold them; its pixels are not read."""
+        return read_header(self.path(self.first)).attributes
 
     def refuse_result(self) -> None:
         """Raise UsageError where these are results of a resolve, which has used up what one needs."""
-        if RESOLVED in self.attributes:
+        if (preset := self.attributes.get(RESOLVED)) is not None:
             what, cure = "these are results of cltaa resolve", "name the folder that they were made from"
-            raise UsageError(what, path=self.folder, found=f"preset {self.attributes[RESOLVED]}", cure=cure)
+            raise UsageError(what, path=self.folder, found=f"preset {preset}", cure=cure)
 
     @cached_property
     def effects(self) -> frozenset[Effect] | None:
         """Effects that the first frame declares, or None."""
-        return self.frame_header(self.first).effects
+        return self.outline(self.first).effects
 
     @cached_property
     def reference(self) -> ImageSequence | None:
@@ -211,30 +193,11 @@ class FrameSequence(NumberedFiles):
         selected.truth, selected.found = self.truth, self.found
         return selected
 
-    def frame_header(self, number: int) -> FrameHeader:
-        """Camera, jitter, cut and exposure of one frame number, checked, read without its pixels."""
-        path = self.path(number)
-        header = read_header(path)
-        return FrameHeader(path, header.attributes, self.layouts[number])
-
     def outline(self, number: int) -> Frame:
         """A frame of which only the header was read: its channels are there, and empty."""
-        header, channels = self.frame_header(number), self.layouts[number].channels
-        empty: dict[str, Any] = {part: NO_PIXELS if name in channels else None for part, name in CHANNEL_OF.items()}
-        return Frame(
-            index=number,
-            colour=NO_PIXELS,
-            depth=NO_PIXELS,
-            camera=header.camera,
-            jitter_px=header.jitter_px,
-            cut=header.cut,
-            exposure=header.exposure,
-            scene=header.scene,
-            effects=header.effects,
-            step=self.step,
-            found=self.found,
-            **empty,
-        )
+        path = self.path(number)
+        outline = frame_outline(path, read_header(path).attributes, self.layouts[number])
+        return replace(outline, index=number, step=self.step, found=self.found)
 
     def with_guides(self) -> Self:
         """The same, with what guides a denoiser among what is read and vouched for; own files hold it themselves."""
@@ -313,13 +276,6 @@ def open_sequence(
             number = number_of(path)
             if number is not None and name_of(path) == sequence.name and number not in sequence.layouts:
                 raise frame_missing(path, number)
-    return sequence
-
-
-def open_capture(named: Named, **options: Any) -> FrameSequence:
-    """Open a folder as ``open_sequence`` does, for a resolve: raises UsageError for the results of one."""
-    sequence = open_sequence(named, **options)
-    sequence.refuse_result()
     return sequence
 
 

@@ -69,6 +69,7 @@ class Tool(NamedTuple):
     storage: Storage
     strict: bool
     band_rows: int | None
+    every_step: bool
     jobs: int = 1  # parts at once in one worker
 
     def elsewhere(self, description: str) -> Resolver:
@@ -252,7 +253,7 @@ def _resolve_part(order: Order, tool: Tool, at: int, worker: str, tell: Any) -> 
         half=order.how.half,
         layers=carried_kinds(sequence, order.how.layers),
         jobs=tool.jobs,
-        every_step=order.how.effects == "all",
+        every_step=tool.every_step,
     )
     mine = resolver.settings()
     if mine[CODE] != order.settings[CODE]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterable, Mapping
-from contextlib import nullcontext, suppress
-from functools import partial
+from contextlib import ExitStack, nullcontext, suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -15,7 +14,7 @@ import msgspec
 
 from cltaa.core.backend import DEVICE_VARIABLE, Launcher
 from cltaa.core.bands import BAND_ROWS, BandedResolver
-from cltaa.core.build import Storage
+from cltaa.core.build import Steps, Storage
 from cltaa.core.debug import parse_views
 from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.presets import Preset, Published, load_preset, override
@@ -31,7 +30,7 @@ from cltaa.io.names import Named
 from cltaa.io.sequence import FrameSequence
 from cltaa.pipeline.denoise import denoiser, denoises, guide_line
 from cltaa.pipeline.follow import Arrivals
-from cltaa.pipeline.memory import NO_LAYERS, Memory, of_whole_images
+from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence
 from cltaa.pipeline.output import carried_compression, carried_kinds, chosen_layers
 from cltaa.pipeline.run import RECORD, ResolveReport, check_jobs, refuse_place, resolve_sequence
 from cltaa.printable import printable
@@ -44,16 +43,19 @@ def band_rows_for(whole: Memory, jobs: int = 1) -> int:
 
 
 def of_whole(sequence: FrameSequence, resolver: Resolver, *, half: bool, layers: Mapping[str, str]) -> Memory:
-    """Memory of a resolve of ``sequence`` by ``resolver`` over whole images; ``layers`` as for ``of_resolve``."""
-    return of_whole_images(
-        sequence,
+    """Memory of a resolve of ``sequence`` by ``resolver`` over whole images, with each step that its channels allow; no
+    frames kept. ``layers`` are as for ``of_resolve``."""
+    holds, shared = sequence.holds, resolver.launcher.shares_memory
+    held = DevicePlanes(
+        Steps(own_motion="motion" in holds, alpha="alpha" in holds, reactive="reactive" in holds),
         resolver.storage,
-        changes=resolver.preset.choices.illumination is not Illumination.STATIC,
-        half=half,
-        shared=resolver.launcher.shares_memory,
-        layers=layers,
         look_ahead=resolver.look_ahead,
+        changes=resolver.preset.choices.illumination is not Illumination.STATIC,
+        shared=shared,
+        half=half,
+        staged=not shared,
     )
+    return of_sequence(sequence, held, layers)
 
 
 def has_bands(resolver: Resolver) -> bool:
@@ -194,7 +196,7 @@ def resolve_folder(
         sequence = guided(sequence, told=progress)
     carried = chosen_layers(layers, sequence)
     preset = with_fireflies(preset, sequence, fireflies)
-    made: dict[str, Any] = {"strict": strict, "storage": storage}
+    made: dict[str, Any] = {"strict": strict, "storage": storage, "every_step": effects == "all"}
     how: dict[str, Any] = {
         **options,
         "effects": effects,
@@ -205,57 +207,41 @@ def resolve_folder(
         "progress": progress,
         "arrivals": arrivals,
     }
-    anew, follows = options.get("restart", False), arrivals is not None
-    known = partial(
-        with_known_effects,
-        sequence,
-        preset,
-        effects,
-        Path(output),
-        anew=anew,
-        follow=follows,
-        progress=progress,
-        denoised=denoised,
-    )  # when all else was found to be right: it takes a while
-    if dask is not None:
-        from cltaa.pipeline.cluster import Cluster, Tool, connected  # here: an extra, and it takes from this module
+    with ExitStack() as stack:
+        if dask is not None:
+            from cltaa.pipeline.cluster import Cluster, Tool, connected  # here: an extra, and it takes from this module
 
-        if not isinstance(device, str | None):
-            raise UsageError("--dask: workers open devices by name", expected="a name", found=repr(device))
-        tool = Tool(preset, device, band_rows=band_rows, **made)
-        with connected(dask) as client:
-            cluster = Cluster(client, tool, jobs)
+            if not isinstance(device, str | None):
+                raise UsageError("--dask: workers open devices by name", expected="a name", found=repr(device))
+            tool = Tool(preset, device, band_rows=band_rows, **made)
+            how["elsewhere"] = cluster = Cluster(stack.enter_context(connected(dask)), tool, jobs)
             resolver = tool.elsewhere(cluster.description())
-            sequence, found = known()
-            return resolve_sequence(sequence, output, resolver, elsewhere=cluster, found=found, **how)
-    jobs = jobs or 1
-    kept: dict[str, Any] = {"half": half, "layers": carried_kinds(sequence, carried), "jobs": jobs}
-    resolver, *others = (
-        resolver_for(preset, each, sequence, band_rows, **made, **kept) for each in devices_of(device, jobs)
-    )
-    sequence, found = known()
-    if arrivals is not None:
-        arrivals.found = sequence.found
-    return resolve_sequence(sequence, output, resolver, others=others, found=found, **how)
+        else:
+            jobs = jobs or 1
+            kept: dict[str, Any] = {"half": half, "layers": carried_kinds(sequence, carried), "jobs": jobs}
+            resolver, *how["others"] = (
+                resolver_for(preset, each, sequence, band_rows, **made, **kept) for each in devices_of(device, jobs)
+            )
+        # Of what is followed none are looked for, nor for a transcription, which does what it does on every scene; else
+        # when all else was found to be right: it takes a while.
+        looks = arrivals is None and preset.published is Published.NO and looked_for(sequence, effects)
+        anew = options.get("restart", False)
+        sequence, found = with_known_effects(
+            sequence, Path(output), looks=looks, anew=anew, progress=progress, denoised=denoised
+        )
+        if arrivals is not None:
+            arrivals.found = sequence.found
+        return resolve_sequence(sequence, output, resolver, found=found, **how)
 
 
 def with_known_effects(
-    sequence: FrameSequence,
-    preset: Preset,
-    effects: Asked,
-    output: Path,
-    *,
-    anew: bool,
-    follow: bool,
-    progress: bool,
-    denoised: bool,
+    sequence: FrameSequence, output: Path, *, looks: bool, anew: bool, progress: bool, denoised: bool
 ) -> tuple[FrameSequence, Found | None]:
-    """``sequence`` as it is to be resolved into ``output``, with the effects that were found where none are declared.
+    """``sequence`` as it is to be resolved into ``output``, with the effects that it ``looks`` for in its frames.
 
     A run that goes on takes those that it was begun with, so that it makes the same bits, also where a frame that could
-    not be read was mended, or more frames are there now. Of what is followed, and for a transcription, which does what
-    it does on every scene, none are looked for. Raises UsageError where headers show effects that the run was not begun
-    with, DataError for a damaged manifest, and what finding raises.
+    not be read was mended, or more frames are there now. Raises UsageError where headers show effects that the run was
+    not begun with, DataError for a damaged manifest, and what finding raises.
     """
     begun = None if anew else Manifest(output)
     if begun is not None and begun.settings is not None and begun.entries:
@@ -269,12 +255,12 @@ def with_known_effects(
                 what = "headers show effects that the run was not begun with"
                 raise UsageError(what, path=output, expected=known, found=format_effects(new), cure=RESTART_CURE)
             line = f"effects found: {known} (as the run began)"
-    elif follow or preset.published is not Published.NO or not looked_for(sequence, effects):
-        found, line = None, ""
-    else:
+    elif looks:
         with shown_progress("finding effects") if progress else nullcontext() as advance:
             found = find_for(sequence, denoised=denoised, advance=advance)
         line = found.line
+    else:
+        found, line = None, ""
     if progress and line:
         print(line, file=sys.stderr)
     return with_found(sequence, found), found

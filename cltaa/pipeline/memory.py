@@ -183,25 +183,3 @@ def of_sequence(sequence: FrameSequence, held: DevicePlanes, layers: Mapping[str
     readers = AHEAD if sequence.converted and not held.band_rows else 1
     spare = readers * max(0, max(len(layout.channels) for layout in sequence.layouts.values()) - len(sequence.channels))
     return msgspec.structs.replace(memory, reading=memory.reading + REAL * sequence.width * sequence.height * spare)
-
-
-def of_whole_images(
-    sequence: FrameSequence,
-    storage: Storage = Storage.FLOAT,
-    *,
-    changes: bool = False,
-    half: bool = False,
-    shared: bool = False,
-    look_ahead: int = 0,
-    layers: Mapping[str, str] = NO_LAYERS,
-) -> Memory:
-    """Memory of a resolve of ``sequence`` over whole images, with each step that its channels allow; no frames kept.
-
-    ``layers`` are those of ``of_resolve``, all else that of ``DevicePlanes``.
-    """
-    holds = sequence.holds
-    steps = Steps(own_motion="motion" in holds, alpha="alpha" in holds, reactive="reactive" in holds)
-    held = DevicePlanes(
-        steps, storage, look_ahead=look_ahead, changes=changes, half=half, shared=shared, staged=not shared
-    )
-    return of_sequence(sequence, held, layers)

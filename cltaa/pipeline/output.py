@@ -22,7 +22,7 @@ from cltaa.frame import Frame, Image
 from cltaa.io.atomic import remove_stale_temporaries
 from cltaa.io.exr_frame import MATRICES, Pixels, frame_attributes
 from cltaa.io.exr_layout import LOSSLESS, Layout, Windows
-from cltaa.io.exr_read import FrameFile, read_any_header, read_header, read_planes
+from cltaa.io.exr_read import FrameFile, read_header, read_planes
 from cltaa.io.manifest import NAME, RESTART_CURE, Entry, Manifest, file_sha256
 from cltaa.io.pixel_statistics import Missing, is_opaque, missing_samples
 from cltaa.io.sequence import RESOLVED, FrameSequence
@@ -110,19 +110,17 @@ def carried_kinds(sequence: FrameSequence, layers: tuple[str, ...]) -> dict[str,
     return kept
 
 
-def carried_over(path: Path, kept: frozenset[str], file: FrameFile | None) -> CarriedOver:
-    """Read what is carried over from ``path``: every attribute, and the ``kept`` channels.
+def carried_over(path: Path, kept: frozenset[str], file: FrameFile) -> CarriedOver:
+    """What is carried over from ``path``, which was read as ``file``: every attribute, and the ``kept`` channels.
 
-    ``file`` is what is known of it already. Raises what reading raises.
+    Raises what reading channels raises that were not decoded with the frame.
     """
-    header = file.header if file else read_any_header(path, chunks=False)  # the frame is read beside it
-    attributes = {name: value for name, value in header.attributes.items() if name not in _OF_THE_FILE}
-    channels: dict[str, Pixels] = {}
-    if kept:
-        window = header.layout.data_window
-        planes = file.planes if file and file.planes is not None else read_planes(path, kept, picture=window)
-        channels = {name: plane for name, plane in planes.items() if name in kept}
-    return CarriedOver(channels, attributes, (header.layout.data_window, header.layout.display_window))
+    layout, planes = file.header.layout, file.planes
+    if planes is None:
+        planes = read_planes(path, kept, picture=layout.data_window) if kept else {}
+    channels = {name: plane for name, plane in planes.items() if name in kept}
+    attributes = {name: value for name, value in file.header.attributes.items() if name not in _OF_THE_FILE}
+    return CarriedOver(channels, attributes, (layout.data_window, layout.display_window))
 
 
 def merged(carried: CarriedOver, attributes: Mapping[str, object], undeclared: frozenset[str]) -> dict[str, object]:

@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from fractions import Fraction
 from pathlib import Path
 from statistics import median
@@ -204,14 +204,13 @@ def resolve_sequence(
     """Resolve every frame of ``sequence`` into ``output``, one EXR a frame under the same names.
 
     ``effects`` overrides what the sequence declares: ``auto`` keeps it, or what was found where it declares nothing,
-    ``find`` takes that alone, ``all`` runs every step of the preset whatever the frames call for, and a set leaves out
-    the steps and channels of all other effects. ``preview`` is an MP4 of the
-    result, with ``compare`` of the input beside it (``side``) or under a line that sweeps over it (``wipe``). A run
-    that was cut short goes on where it stopped, to the same bits. A device that is lost is opened once more. Views to
-    ``debug`` become layers of the EXRs, and PNGs in a folder of that name. Channels of the input that match one of
-    ``layers`` are kept beside the resolved ones, and its attributes and windows always. ``denoise`` is ``none``, or
-    ``oidn`` for Intel's Open Image Denoise on each frame's colour before it is resolved. Without ``progress`` nothing
-    is shown while it runs.
+    ``find`` takes that alone, ``all`` counts on nothing, so that ``cltaa.resolve`` runs every step of the preset, and a
+    set leaves out the steps and channels of all other effects. ``preview`` is an MP4 of the result, with ``compare`` of
+    the input beside it (``side``) or under a line that sweeps over it (``wipe``). A run that was cut short goes on
+    where it stopped, to the same bits. A device that is lost is opened once more. Views to ``debug`` become layers of
+    the EXRs, and PNGs in a folder of that name. Channels of the input that match one of ``layers`` are kept beside the
+    resolved ones, and its attributes and windows always. ``denoise`` is ``none``, or ``oidn`` for Intel's Open Image
+    Denoise on each frame's colour before it is resolved. Without ``progress`` nothing is shown while it runs.
 
     ``stopping`` is entered for the run and tells when to stop: then the frame in work is finished, the state saved and
     KeyboardInterrupt raised. ``cltaa.process.stop_signals()`` does so for SIGINT and SIGTERM; signals are left alone
@@ -254,8 +253,7 @@ def resolve_sequence(
         rate = rate_of(sequence.attributes, sequence.sequence_json, sequence.step)
     keeping = pooled_memory(images=not isinstance(resolver, BandedResolver))
     resolvers = [resolver, *others]
-    every = _every_step(resolvers, resolver.every_step or effects == "all")
-    with keeping, every, owned(output), stopping or nullcontext(Stop()) as stop:
+    with keeping, owned(output), stopping or nullcontext(Stop()) as stop:
         if preview is not None:
             check_creatable(preview)  # again, now that the output is there, which may be the film's folder
         folder = OutputFolder(output, settings, preset=resolver.preset.name, restart=restart)
@@ -298,19 +296,6 @@ def _results(output: Path, sequence: FrameSequence) -> Selection:
     """The results of a sequence among all that may be in its output folder."""
     numbers = {output / sequence.path(number).name: number for number in sequence.numbers}
     return Selection(output, tuple(numbers), tuple(map(str, numbers)), numbers)
-
-
-@contextmanager
-def _every_step(resolvers: Sequence[Resolver], every: bool) -> Iterator[None]:
-    """Let resolvers run every step, or not, until the end of the block."""
-    before = [resolver.every_step for resolver in resolvers]
-    for resolver in resolvers:
-        resolver.every_step = every
-    try:
-        yield
-    finally:
-        for resolver, ran in zip(resolvers, before, strict=True):
-            resolver.every_step = ran
 
 
 def refuse_place(output: str | Path, sequence: FrameSequence) -> None:

@@ -141,6 +141,5 @@ def test_another_tools_file_is_decoded_once(foreign: Path, monkeypatch: pytest.M
     def again(path: Path, **_: object) -> None:
         raise AssertionError(f"{path} was opened again")
 
-    monkeypatch.setattr("cltaa.pipeline.output.read_any_header", again)
     monkeypatch.setattr("cltaa.pipeline.output.read_planes", again)
     assert {"diffuse.R", "mask", "id"} <= read_image(resolve(foreign))[0].keys()

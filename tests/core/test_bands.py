@@ -28,8 +28,8 @@ from cltaa.opencl.device import Device
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.opencl.shape import Shape
 from cltaa.pipeline.checkpoint import Checkpoints
-from cltaa.pipeline.folder import band_rows_for, resolver_for
-from cltaa.pipeline.memory import DevicePlanes, Memory, of_resolve, of_whole_images
+from cltaa.pipeline.folder import band_rows_for, of_whole, resolver_for
+from cltaa.pipeline.memory import DevicePlanes, Memory, of_resolve
 from cltaa.pipeline.run import resolve_sequence
 from tests.sequence_factory import bits, make_camera, make_frame, special_values, write_sequence
 
@@ -154,9 +154,10 @@ def test_bands_begin_where_the_formula_says(
 ) -> None:
     """A device with the host's memory reads channels where they are, so that larger images fit whole."""
     sequence, launcher = open_sequence(write_sequence(tmp_path / "in", 2)), DeviceLauncher()
+    launcher.shares_memory = False
+    plain = of_whole(sequence, Resolver("default", launcher), half=False, layers={}).whole
     launcher.shares_memory = shared
-    plain = of_whole_images(sequence, changes=True).whole  # of light, for which the default tests where it is declared
-    whole = of_whole_images(sequence, storage, changes=True, half=half, shared=shared).whole
+    whole = of_whole(sequence, Resolver("default", launcher, storage=storage), half=half, layers={}).whole
     assert (whole != plain) == (half or shared or storage is Storage.HALF)
     for memory, banded in ((whole, False), (whole - 1, True)):
         monkeypatch.setattr("cltaa.pipeline.folder.memory_limit", lambda memory=memory: memory)

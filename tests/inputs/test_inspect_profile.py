@@ -12,9 +12,11 @@ from click.testing import CliRunner
 import cltaa
 from cltaa.cli import root
 from cltaa.core.build import Steps
+from cltaa.core.resolver import Resolver
 from cltaa.inputs.open import open_input
 from cltaa.io.exr_write import write_image
-from cltaa.pipeline.memory import DevicePlanes, of_sequence, of_whole_images
+from cltaa.pipeline.folder import of_whole
+from cltaa.pipeline.memory import DevicePlanes, of_sequence
 from tests.inputs.foreign import write_blender, write_colour, write_parts
 from tests.sequence_factory import make_frame
 
@@ -99,7 +101,8 @@ def test_what_is_wrong_with_another_tools_pixels_is_listed(tmp_path: Path) -> No
 def test_memory_counts_what_another_tools_frames_hold() -> None:
     source = open_input(BLENDER)
     assert source.holds == {"alpha", "motion"}
-    assert of_whole_images(source) == of_sequence(source, DevicePlanes(Steps(own_motion=True, alpha=True), staged=True))
+    planes = DevicePlanes(Steps(own_motion=True, alpha=True), changes=True, staged=True)
+    assert of_whole(source, Resolver(device="numpy"), half=False, layers={}) == of_sequence(source, planes)
 
 
 def truncate(path: Path) -> None:

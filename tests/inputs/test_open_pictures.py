@@ -10,7 +10,7 @@ import pytest
 
 from cltaa.errors import DataError
 from cltaa.inputs.foreign import open_pictures
-from cltaa.io.display import write_image_png
+from cltaa.io.display import to_picture, write_png
 from cltaa.io.exr_write import write_image
 from tests.sequence_factory import write_images
 
@@ -23,7 +23,7 @@ def test_only_the_frames_that_are_asked_for(tmp_path: Path, kind: str) -> None:
         write_images(tmp_path, IMAGES, name="a")
     else:
         for index, image in enumerate(IMAGES):
-            write_image_png(tmp_path / f"a.{index:04d}.png", image)
+            write_png(tmp_path / f"a.{index:04d}.png", to_picture(image))
     assert [*open_pictures(tmp_path).numbers] == [0, 1, 2, 3]
     assert [*open_pictures(tmp_path, frames=(1, 2)).numbers] == [1, 2]
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from cltaa.errors import DataError
-from cltaa.io.exr_header import ONE_LEVEL, Table, check_chunks, tile_sizes
+from cltaa.io.exr_header import ONE_LEVEL, Table, tile_sizes
+from cltaa.io.exr_layout import Layout
 
 SIZE = 10  # bytes of the chunk
 
@@ -19,12 +20,13 @@ def test_a_chunk_is_as_large_as_its_compression_allows(compression: str, ratio: 
     content = struct.pack("<qii", 8, 0, SIZE) + bytes(SIZE)  # the table of one chunk, its line and its size
 
     def check(pixels: int) -> None:
-        table = Table(Path("a.exr"), 0, np.array([pixels]), 1, compression, leader=8, behind=8)
-        check_chunks(table, lambda place, length: content[place : place + length], len(content))
+        layout = Layout(Path("a.exr"), {"Y": "half"}, (0, 0, 0, 0), (0, 0, 0, 0), compression)
+        table = Table(0, 0, layout, np.array([pixels]), leader=8)
+        table.check_chunks(lambda place, length: content[place : place + length], len(content), behind=8)
 
-    check(ratio * SIZE)
+    check(ratio * SIZE // 2)
     with pytest.raises(DataError, match="too small for its pixels"):
-        check(ratio * SIZE + 1)
+        check(ratio * SIZE // 2 + 1)
 
 
 @pytest.mark.parametrize(("columns", "rows", "smallest"), [(64, 32, 32 * 16), (65, 33, 1), (63, 31, 31 * 15)])

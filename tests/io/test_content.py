@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import errno
+import gc
 import hashlib
 import os
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import pytest
 
@@ -14,23 +15,14 @@ from cltaa.core.planes import pooled_memory
 from cltaa.errors import DataError, StorageError
 from cltaa.io import content as file_content
 from cltaa.io.atomic import atomic_path
-from cltaa.io.content import (
-    FileCopy,
-    ReadAt,
-    memory_limit,
-    open_regular,
-    read_all,
-    read_bytes,
-)
+from cltaa.io.content import copied, memory_limit, open_regular, read_bytes
 
 
-def unchecked(look: ReadAt, size: int) -> None:
-    assert size >= len(look(0, size))
-
-
-def copied(path: Path, sha256: str | None = None) -> tuple[int, bytes]:
+def held(path: Path, sha256: str | None = None) -> tuple[int, bytes]:
     """Where the copy lies, and what it holds to the other side of its descriptor."""
-    with open_regular(path) as file, read_all(path, file, sha256, unchecked) as copy:
+    with open_regular(path) as file, copied(path, file) as copy:
+        if sha256 is not None:
+            copy.check_sha256(path, sha256)
         return copy.fileno(), Path(f"/proc/self/fd/{copy.fileno()}").read_bytes()
 
 
@@ -41,7 +33,7 @@ def test_files_of_all_sizes_one_after_another(tmp_path: Path, kept: bool) -> Non
         for size in (5_000_000, 3, 4096, 9_000_001, 9_000_000, 0, 1):
             content = os.urandom(size)
             path.write_bytes(content)
-            place, found = copied(path, hashlib.sha256(content).hexdigest())
+            place, found = held(path, hashlib.sha256(content).hexdigest())
             assert found == content
             places.add(place)
         assert not kept or len(places) == 1
@@ -54,11 +46,11 @@ def test_two_files_at_once_lie_apart(tmp_path: Path) -> None:
         pooled_memory(),
         open_regular(tmp_path / "a") as first,
         open_regular(tmp_path / "b") as second,
-        read_all(tmp_path / "a", first, None, unchecked) as one,
-        read_all(tmp_path / "b", second, None, unchecked) as two,
+        copied(tmp_path / "a", first) as one,
+        copied(tmp_path / "b", second) as two,
     ):
-        assert bytes(one.bytes()) == b"a" * 5000
-        assert bytes(two.bytes()) == b"b" * 5000
+        assert bytes(one.view()) == b"a" * 5000
+        assert bytes(two.view()) == b"b" * 5000
 
 
 def test_file_that_ends_before_its_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,9 +59,9 @@ def test_file_that_ends_before_its_size(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr("cltaa.io.content.file_size", lambda _: 6)
     with pooled_memory():
         with pytest.raises(DataError, match=r"a: the file changed while it was read"):
-            copied(path)
+            held(path)
         monkeypatch.undo()
-        assert copied(path)[1] == b"12345"
+        assert held(path)[1] == b"12345"
 
 
 def test_a_wrong_copy_is_refused_and_given_back(tmp_path: Path) -> None:
@@ -77,16 +69,11 @@ def test_a_wrong_copy_is_refused_and_given_back(tmp_path: Path) -> None:
     path.write_bytes(b"12345")
     before = len(list(Path("/proc/self/fd").iterdir()))
 
-    def refuse(look: ReadAt, size: int) -> None:
-        raise DataError(f"{look(1, 2)!r} of {size}", path=path)
-
-    def read(file: BinaryIO) -> FileCopy:
-        return read_all(path, file, None, refuse)
-
-    with open_regular(path) as file, pytest.raises(DataError, match="b'23' of 5"):
-        read(file)
+    with open_regular(path) as file:
+        assert copied(path, file).read_at(1, 2) == b"23"
     with pytest.raises(DataError, match=r"not what was recorded.*found 5994471abb01"):
-        copied(path, "0" * 64)
+        held(path, "0" * 64)
+    gc.collect()
     assert len(list(Path("/proc/self/fd").iterdir())) == before
 
 
@@ -109,7 +96,7 @@ def test_a_file_takes_few_calls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         return read(*arguments)  # type: ignore[arg-type]
 
     monkeypatch.setattr(os, "preadv", counted)
-    copied(path)
+    held(path)
     assert len(calls) == 1
 
 

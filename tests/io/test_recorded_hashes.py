@@ -13,7 +13,7 @@ from cltaa.io.exr_write import write_image
 from cltaa.io.manifest import Entry, Manifest, file_sha256
 from cltaa.io.sequence import open_images, open_sequence
 from cltaa.lab.check.report import check_folder
-from cltaa.lab.inspect.findings import describe_input
+from cltaa.lab.inspect.findings import describe_input, inspect_folder
 from tests.sequence_factory import write_sequence
 
 
@@ -43,6 +43,20 @@ def test_recorded_hash_is_verified(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="not what was recorded"):
         open_images(tmp_path / "synthetic.0001.exr").image(1)
     assert open_sequence(tmp_path, verify=False).select(1, 2).frame(1).colour[3, 4, 0] > 1
+
+
+def test_files_of_several_folders_are_verified_by_the_record_of_each(tmp_path: Path) -> None:
+    for number in range(2):
+        folder = write_sequence(tmp_path / f"part{number}", 1, first=number)
+        record(folder, f"synthetic.{number:04d}.exr")
+    named = tmp_path / "part*" / "synthetic.####.exr"
+    assert len(list(open_sequence(named))) == 2
+    change_a_pixel(tmp_path / "part1" / "synthetic.0001.exr")
+    for read in (open_sequence(named).frame, open_images(named).image):
+        with pytest.raises(DataError, match=r"synthetic\.0001\.exr: the content is not what was recorded"):
+            read(1)
+    problems = inspect_folder(named, pixels=True).problems
+    assert any("synthetic.0001.exr: the content is not what was recorded" in problem for problem in problems), problems
 
 
 def test_check_and_inspect_list_a_file_that_is_not_what_was_recorded(tmp_path: Path) -> None:

@@ -31,8 +31,8 @@ def test_sequence_in_frame_order(tmp_path: Path) -> None:
     assert [frame.index for frame in sequence] == list(range(995, 1007))
     np.testing.assert_array_equal(sequence.frame(1000).colour, make_frame(1000).colour)
     assert sequence.effects == frozenset({Effect.CAMERA})
-    assert sequence.frame_header(1001).jitter_px == (0.25, -0.125)
-    assert sequence.header.attributes["cltaa:frame"] == 995
+    assert sequence.outline(1001).jitter_px == (0.25, -0.125)
+    assert sequence.attributes["cltaa:frame"] == 995
     assert sequence.paths[0].name == "synthetic.0995.exr"
     assert sequence.reference is None
     assert sequence.sequence_json == {}

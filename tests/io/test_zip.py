@@ -6,6 +6,8 @@ import time
 import zlib
 from io import BytesIO
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,20 +17,16 @@ from cltaa.io import exr_write as exr_zip
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.exr_header import read_headers
 from cltaa.io.exr_read import read_image
-from cltaa.io.exr_write import Bytes, Deflate, fast_deflate, write_image
+from cltaa.io.exr_write import write_image
 
 ZIPS = pytest.mark.parametrize("compression", ["zip", "zips"])
 
 
-def by_zlib(content: Bytes) -> bytes:
-    return zlib.compress(content.data)
-
-
 @pytest.fixture(params=["isal", "zlib"])
-def deflate(request: pytest.FixtureRequest) -> Deflate:
+def packer(request: pytest.FixtureRequest) -> Any:
     if request.param == "zlib":
-        return by_zlib
-    return fast_deflate() or pytest.skip("isal is not installed here, so OpenEXR packs")
+        return zlib
+    return pytest.importorskip("isal.isal_zlib")
 
 
 def planes(height: int, width: int) -> dict[str, Pixels]:
@@ -44,10 +42,10 @@ def planes(height: int, width: int) -> dict[str, Pixels]:
     }
 
 
-def written(path: Path, channels: dict[str, Pixels], packer: Deflate | None, **more: object) -> tuple[bytes, Path]:
+def written(path: Path, channels: dict[str, Pixels], packer: Any, **more: object) -> tuple[bytes, Path]:
     """The file's header, and the file, from ``write_image`` with that packer (None: OpenEXR's)."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cltaa.io.exr_write.fast_deflate", lambda: packer)
+        patch.setattr(exr_zip, "isal_zlib", packer)
         write_image(path, channels, **more)  # type: ignore[arg-type]
     content = path.read_bytes()
     *_, end = read_headers(path, BytesIO(content))
@@ -57,13 +55,13 @@ def written(path: Path, channels: dict[str, Pixels], packer: Deflate | None, **m
 @ZIPS
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (16, 5), (17, 31), (50, 64), (260, 3)])
 def test_only_how_chunks_are_deflated_differs(
-    height: int, width: int, compression: str, deflate: Deflate, tmp_path: Path
+    height: int, width: int, compression: str, packer: Any, tmp_path: Path
 ) -> None:
     channels = planes(height, width)
     attributes: dict[str, object] = {"comments": "dataWindow\0box2i\0", "double": 0.1, "owner": "ä"}
     windows = ((-7, 5, width - 8, height + 4), (-9, -2, width + 8, height + 40))
     header, path = written(
-        tmp_path / "a.exr", channels, deflate, attributes=attributes, compression=compression, windows=windows
+        tmp_path / "a.exr", channels, packer, attributes=attributes, compression=compression, windows=windows
     )
     same, _ = written(
         tmp_path / "b.exr", channels, None, attributes=attributes, compression=compression, windows=windows
@@ -78,23 +76,21 @@ def test_only_how_chunks_are_deflated_differs(
 
 
 @pytest.mark.parametrize("packs_here", [False, True])
-def test_what_openexr_refuses_is_told_in_a_line(packs_here: bool, deflate: Deflate, tmp_path: Path) -> None:
+def test_what_openexr_refuses_is_told_in_a_line(packs_here: bool, packer: Any, tmp_path: Path) -> None:
     with pytest.raises(StorageError, match="OpenEXR could not write it: "):
-        written(
-            tmp_path / "a.exr", planes(4, 5), deflate if packs_here else None, attributes={"pixelAspectRatio": -1.0}
-        )
+        written(tmp_path / "a.exr", planes(4, 5), packer if packs_here else None, attributes={"pixelAspectRatio": -1.0})
     assert not [*tmp_path.iterdir()]
 
 
-def test_a_picture_without_a_window(deflate: Deflate, tmp_path: Path) -> None:
+def test_a_picture_without_a_window(packer: Any, tmp_path: Path) -> None:
     channels = planes(20, 9)
-    assert written(tmp_path / "a.exr", channels, deflate)[0] == written(tmp_path / "b.exr", channels, None)[0]
+    assert written(tmp_path / "a.exr", channels, packer)[0] == written(tmp_path / "b.exr", channels, None)[0]
 
 
 @ZIPS
-def test_what_deflates_to_more_is_written_as_it_is(compression: str, deflate: Deflate, tmp_path: Path) -> None:
+def test_what_deflates_to_more_is_written_as_it_is(compression: str, packer: Any, tmp_path: Path) -> None:
     noise: dict[str, Pixels] = {"Y": np.random.default_rng(0).integers(0, 2**32, (32, 40), dtype=np.uint32)}
-    header, path = written(tmp_path / "a.exr", noise, deflate, compression=compression)
+    header, path = written(tmp_path / "a.exr", noise, packer, compression=compression)
     chunks = 32 // exr_zip.ROWS_A_CHUNK[compression]
     assert path.stat().st_size == len(header) + chunks * (8 + 8) + noise["Y"].nbytes
     assert np.array_equal(read_image(path)[0]["Y"], noise["Y"])
@@ -102,16 +98,15 @@ def test_what_deflates_to_more_is_written_as_it_is(compression: str, deflate: De
 
 def test_without_the_packer_openexr_packs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(exr_zip, "isal_zlib", None)
-    assert fast_deflate() is None
     write_image(tmp_path / "a.exr", planes(20, 9))
     assert read_image(tmp_path / "a.exr")[0]["R"].shape == (20, 9)
 
 
 def test_a_failure_to_pack_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(_: Bytes) -> bytes:
+    def fails(*_: object, **__: object) -> bytes:
         raise MemoryError
 
-    monkeypatch.setattr("cltaa.io.exr_write.fast_deflate", lambda: fails)
+    monkeypatch.setattr(exr_zip, "isal_zlib", SimpleNamespace(compress=fails))
     with pytest.raises(MemoryError):
         write_image(tmp_path / "a.exr", planes(50, 9))
     assert list(tmp_path.iterdir()) == []

@@ -39,7 +39,7 @@ from tests.sequence_factory import make_frame, write_sequence
 
 FRAMES = 12
 PRESET = override(load_preset("gather-8"), {"history_frames": 3, "look_ahead": 1})
-TOOL = Tool(PRESET, "numpy", Storage.FLOAT, strict=False, band_rows=None)
+TOOL = Tool(PRESET, "numpy", Storage.FLOAT, strict=False, band_rows=None, every_step=False)
 HOW = How(effects="auto", half=False, compression="zip", layers=(), denoise="none")
 
 HELD = 7  # the frame that workers do not go on behind while they are held

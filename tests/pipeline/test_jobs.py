@@ -61,8 +61,8 @@ def test_any_number_of_jobs_writes_the_same_bytes(preset: cltaa.Preset, shot: Pa
 class Watched(Resolver):
     """Calls ``before`` ahead of each frame that is to be resolved, and remembers what it was; ``kept``: all others."""
 
-    def __init__(self, preset: cltaa.Preset, before: Callable[[int], None]) -> None:
-        super().__init__(preset, "numpy")
+    def __init__(self, preset: cltaa.Preset, before: Callable[[int], None], **options: Any) -> None:
+        super().__init__(preset, "numpy", **options)
         self.before, self.began, self.kept, self.every = before, list[int](), list[int](), set[bool]()
 
     def keep(self, frame: Frame) -> None:
@@ -133,8 +133,15 @@ def test_a_wish_to_stop_ends_every_job(shot: Path, tmp_path: Path) -> None:
     goes_on(shot, tmp_path / "out")
 
 
-def test_every_step_is_run_by_every_job(shot: Path, tmp_path: Path) -> None:
-    jobs = begun(shot, tmp_path / "out", *[lambda _: None] * 3, effects="all", preset=RING_ALONE)
+def test_every_step_is_run_by_every_job(shot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    jobs: list[Watched] = []
+
+    def made(preset: cltaa.Preset, _: str, **options: Any) -> Watched:
+        jobs.append(Watched(preset, lambda _: None, **options))
+        return jobs[-1]
+
+    monkeypatch.setattr("cltaa.pipeline.folder.Resolver", made)
+    cltaa.resolve(shot, tmp_path / "out", RING_ALONE, "numpy", effects="all", jobs=3)
     assert [each.every for each in jobs] == [{True}] * 3
     assert [each.began for each in jobs] == [[0, 1, 2], [3, 4, 5, 6], [7, 8, 9, 10]]
     assert [each.kept for each in jobs] == [[], [1, 2], [5, 6]]  # by the rings, and not resolved

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
+from cltaa.core.build import Steps
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
@@ -17,7 +18,7 @@ from cltaa.frame import Effect, Image
 from cltaa.io.exr_write import write_frame
 from cltaa.io.sequence import open_images, open_sequence
 from cltaa.pipeline.checkpoint import SLOTS
-from cltaa.pipeline.memory import of_whole_images
+from cltaa.pipeline.memory import DevicePlanes, of_sequence
 from cltaa.pipeline.run import resolve_sequence
 from tests.sequence_factory import bits, make_camera, make_frame, write_sequence
 
@@ -108,7 +109,8 @@ def test_a_sequence_that_has_grown_is_refused(folder: Path, tmp_path: Path) -> N
 def test_results_that_wait_hold_their_layers(folder: Path) -> None:
     sequence = open_sequence(folder)
     causal, ahead = (
-        of_whole_images(sequence, look_ahead=look_ahead, layers={"a": "float", "b": "half"}) for look_ahead in (0, 2)
+        of_sequence(sequence, DevicePlanes(Steps(), look_ahead=look_ahead), {"a": "float", "b": "half"})
+        for look_ahead in (0, 2)
     )
     assert ahead.layers - causal.layers == 2 * (4 + 2) * 9 * 7
     assert msgspec.structs.replace(ahead, layers=0) == msgspec.structs.replace(causal, layers=0)

@@ -28,7 +28,7 @@ from cltaa.io.sequence import open_sequence
 from cltaa.io.streams import AHEAD
 from cltaa.lab.inspect.plan import memory, plan
 from cltaa.opencl.launcher import DeviceLauncher
-from cltaa.pipeline.memory import DevicePlanes, device_bytes, of_whole_images
+from cltaa.pipeline.memory import DevicePlanes, device_bytes, of_sequence
 from cltaa.reference.launcher import NumpyLauncher
 from tests.sequence_factory import make_frame, write_sequence
 
@@ -140,10 +140,10 @@ def test_the_windows_of_changing_light_are_in_the_formula_and_in_the_plan(tmp_pa
 
 def test_files_that_were_hashed_before_are_not_hashed_again(tmp_path: Path) -> None:
     folder = write_sequence(tmp_path / "in", 2)
-    unknown = of_whole_images(open_sequence(folder)).packing
+    unknown = of_sequence(open_sequence(folder), DevicePlanes(PLAIN)).packing
     record = {"files": {path.name: file_sha256(path) for path in folder.glob("*.exr")}}
     (folder / "sequence.json").write_text(json.dumps(record))
-    assert unknown - of_whole_images(open_sequence(folder)).packing == AHEAD * PIECE
+    assert unknown - of_sequence(open_sequence(folder), DevicePlanes(PLAIN)).packing == AHEAD * PIECE
 
 
 def test_the_plan_counts_results_in_halves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

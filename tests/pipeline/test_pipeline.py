@@ -75,17 +75,6 @@ def test_memory_is_reserved_for_what_is_resolved(effects: Any, tmp_path: Path) -
     assert resolver.reserved == [effects != frozenset({Effect.CAMERA})]
 
 
-def test_a_run_leaves_the_resolver_s_options_as_they_were(tmp_path: Path) -> None:
-    resolver, sequence = Resolver(device="numpy"), open_sequence(write_sequence(tmp_path / "in", 2, width=9, height=7))
-    resolve_sequence(sequence, tmp_path / "all", resolver, effects="all")
-    assert not resolver.every_step
-    failing = Watched(KeyboardInterrupt())
-    five = open_sequence(write_sequence(tmp_path / "five", FRAMES, width=9, height=7))
-    with pytest.raises(KeyboardInterrupt):
-        resolve_sequence(five, tmp_path / "failed", failing, effects="all")
-    assert not failing.every_step
-
-
 def test_a_run_that_goes_on_reserves_nothing(tmp_path: Path) -> None:
     """What it needs was allocated to be filled with the state; new memory would have none."""
     sequence = open_sequence(write_sequence(tmp_path / "in", FRAMES, width=9, height=7))
@@ -189,23 +178,6 @@ def block_of(array: Any) -> Block:
         array = array.base
     assert isinstance(array, Block)
     return array
-
-
-def test_the_header_of_an_input_is_parsed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a result carries over is what was read, and hashed, with its frame; the same as the file says."""
-    sequence = open_sequence(write_sequence(tmp_path / "in", FRAMES, width=9, height=7))
-    with monkeypatch.context() as patch:
-        whole = FrameSequence.frame_and_file
-        patch.setattr(FrameSequence, "frame_and_file", lambda self, number, _kept: (whole(self, number)[0], None))
-        resolve_sequence(sequence, tmp_path / "twice", Resolver(device="numpy"))
-
-    def again(path: Path, **_: object) -> None:
-        raise AssertionError(f"{path} was opened again")
-
-    monkeypatch.setattr("cltaa.pipeline.output.read_any_header", again)
-    resolve_sequence(sequence, tmp_path / "once", Resolver(device="numpy"))
-    for path in sequence.paths:
-        assert (tmp_path / "once" / path.name).read_bytes() == (tmp_path / "twice" / path.name).read_bytes()
 
 
 @pytest.mark.parametrize("in_place", [True, False])

@@ -7,13 +7,14 @@ have one jitter. Each watcher remembers in ``frame`` the first frame in which it
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.frame import Frame
-from cltaa.io.exr_frame import FrameHeader, Pixels
+from cltaa.io.exr_frame import Pixels
 from cltaa.lab.judge.correspondence import correspondence
 
 Plane = NDArray[Any]  # [H, W] or [3, H, W]
@@ -45,7 +46,7 @@ class DepthChange:
         self._first: tuple[tuple[float, float], Plane] | None = None
         self._last: Plane | None = None
 
-    def look(self, header: FrameHeader, depth: Plane) -> None:
+    def look(self, header: Frame, depth: Plane) -> None:
         """Take in the depth [H, W] of one frame."""
         if self.frame is None and self._has_changed(header.jitter_px, depth):
             self.frame = header.index
@@ -69,7 +70,7 @@ class ColourChange:
         self._means: dict[tuple[float, float], Plane] = {}
         self._last: Plane | None = None
 
-    def look(self, header: FrameHeader, colour: Plane) -> None:
+    def look(self, header: Frame, colour: Plane) -> None:
         """Take in the colour [3, H, W] of one frame; a cut begins anew. What is no light counts as none."""
         colour = np.maximum(np.nan_to_num(colour, posinf=0.0, neginf=0.0), 0.0)
         if header.cut or (self._last is not None and colour.shape != self._last.shape):
@@ -92,7 +93,7 @@ class Uncovering:
         self.frame: int | None = None
         self._before: Frame | None = None
 
-    def look(self, header: FrameHeader, channels: Mapping[str, Pixels]) -> None:
+    def look(self, header: Frame, channels: Mapping[str, Pixels]) -> None:
         """Take in one frame."""
         frame, before = _geometry(header, channels), self._before
         if before is None or frame.cut or frame.depth.shape != before.depth.shape:
@@ -108,19 +109,11 @@ class Uncovering:
             self._before = frame
 
 
-def _geometry(header: FrameHeader, channels: Mapping[str, Pixels]) -> Frame:
+def _geometry(header: Frame, channels: Mapping[str, Pixels]) -> Frame:
     """The frame without its colour."""
     planes = [np.asarray(channels[name], np.float32) for name in ("backward.u", "backward.v") if name in channels]
     depth = np.asarray(channels["Z"], np.float32)
-    return Frame(
-        index=header.index,
-        colour=np.empty((0, 0, 3), np.float32),
-        depth=depth,
-        camera=header.camera,
-        jitter_px=header.jitter_px,
-        cut=header.cut,
-        motion=np.stack(planes, axis=-1) if len(planes) == 2 else None,
-    )
+    return replace(header, depth=depth, motion=np.stack(planes, axis=-1) if len(planes) == 2 else None)
 
 
 def _block_means(colour: Plane) -> Plane:

@@ -17,12 +17,12 @@ import numpy as np
 
 from cltaa.core.plan import CHANGING, nothing_changes
 from cltaa.errors import CltaaError
-from cltaa.frame import Effect, Matrix
+from cltaa.frame import Effect, Frame, Matrix
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import OPAQUE, Intake, damaged_files, open_with_gaps
 from cltaa.inputs.open import is_own
 from cltaa.inputs.roles import file_sets, shown_name
-from cltaa.io.exr_frame import COLOUR, FrameHeader, Pixels, check_float_channels, frame_channels, frame_planes
+from cltaa.io.exr_frame import COLOUR, Pixels, check_float_channels, frame_channels, frame_outline, frame_planes
 from cltaa.io.exr_header import read_layout
 from cltaa.io.exr_layout import LOSSLESS, Layout
 from cltaa.io.exr_read import ImageHeader, read_header, read_image
@@ -52,7 +52,7 @@ from cltaa.lab.inspect.changes import ColourChange, DepthChange, Uncovering
 
 LARGEST_MEAN_JITTER = 1e-3  # pixels; a mean that is not 0 shifts the whole image for good
 
-Headers = Mapping[int, FrameHeader]
+Headers = Mapping[int, Frame]
 
 
 class Jitter(msgspec.Struct, kw_only=True):
@@ -205,7 +205,7 @@ class Witness:
     def __init__(self) -> None:
         self._depth, self._colour, self._disoccluded = DepthChange(), ColourChange(), Uncovering()
 
-    def look(self, header: FrameHeader, channels: Mapping[str, Pixels]) -> None:
+    def look(self, header: Frame, channels: Mapping[str, Pixels]) -> None:
         """Take in one frame."""
         declared = header.effects
         if declared is None:
@@ -274,9 +274,10 @@ def inspect_folder(
     folder, name, paths = numbered_files(place)
     result = Inspection(folder=str(place), name=name, first=min(paths), last=max(paths), frames=len(paths))
     result.problems += _missing(sorted(paths), step)
-    recorded = _recorded(folder, result.problems) if pixels else {}
+    folders = {path.parent for path in paths.values()} if pixels else ()
+    recorded = {parent: _recorded(parent, result.problems) for parent in sorted(folders)}
     layouts: dict[int, Layout] = {}
-    headers: dict[int, FrameHeader] = {}
+    headers: dict[int, Frame] = {}
     witness, wrong, pictures, missing = Witness(), Problems(), _pictures(paths), list[Missing]()
     for done, (number, path) in enumerate(sorted(paths.items()), start=1):
         try:
@@ -285,9 +286,9 @@ def inspect_folder(
             result.resolved_by = str(header.attributes.get(RESOLVED, ""))
             _check_channels(header)
             if not result.resolved_by or "cltaa:jitterPx" in header.attributes:  # other tools' files may have none
-                headers[number] = FrameHeader(path, header.attributes, layout)
+                headers[number] = frame_outline(path, header.attributes, layout)
             if pixels:
-                channels = read_image(path, sha256=recorded.get(path.name), picture=layout.data_window)[0]
+                channels = read_image(path, sha256=recorded[path.parent].get(path.name), picture=layout.data_window)[0]
                 for channel, plane in channels.items():
                     result.statistics.setdefault(channel, ChannelStatistics()).add(plane)
                 colour = np.stack([np.asarray(channels[name], np.float32) for name in COLOUR], axis=-1)

@@ -283,7 +283,7 @@ def judge_effects(sequence: FrameSequence, preset: str | Preset, launcher: Launc
     assert chosen is not None
     clock = Clock.DEVICE if isinstance(launcher, DeviceLauncher) and not launcher.device.is_cpu else Clock.PROCESSOR
     return EffectRow(
-        scene=sequence.frame_header(sequence.first).scene,
+        scene=sequence.outline(sequence.first).scene,
         effects=format_effects(sequence.effects or ()) or ("none" if sequence.effects is not None else "not declared"),
         steps=[reason.step for reason in chosen.reasons if reason.on],
         frames=len(sequence),

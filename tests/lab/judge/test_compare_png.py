@@ -10,8 +10,8 @@ import pytest
 from PIL import Image as Pillow
 
 from cltaa.cli import main
-from cltaa.inputs.foreign import open_png
-from cltaa.io.display import write_image_png
+from cltaa.inputs.foreign import open_pictures
+from cltaa.io.display import to_picture, write_png
 from cltaa.io.sequence import open_images
 from tests.lab.judge.test_compare_command import refusal, run_json
 from tests.sequence_factory import write_sequence
@@ -31,12 +31,12 @@ def told(capsys: pytest.CaptureFixture[str], code: int, *arguments: str | Path) 
 
 def test_texels_are_decoded_and_premultiplied(tmp_path: Path) -> None:
     path = save(tmp_path / "a.7.png", [[(0, 255, 188, 255), (255, 255, 255, 51)]])
-    images = open_png(path)
+    images = open_pictures(path)
     assert images.numbers == (7,)
     middle = ((188 / 255 + 0.055) / 1.055) ** 2.4
     # Of three float32 operations, one of them a power whose argument is rounded: 2.4 + 2 roundings.
     assert np.abs(images.image(7) - [[[0.0, 1.0, middle], [0.2, 0.2, 0.2]]]).max() <= 5 * 2.0**-24
-    opaque = open_png(save(tmp_path / "b.png", [[(0, 255, 255)]])).image(0)
+    opaque = open_pictures(save(tmp_path / "b.png", [[(0, 255, 255)]])).image(0)
     assert opaque.tolist() == [[[0.0, 1.0, 1.0]]]
 
 
@@ -45,7 +45,7 @@ def test_pngs_are_judged_and_judge(capsys: pytest.CaptureFixture[str], tmp_path:
     (tmp_path / "png").mkdir()
     truth = open_images(capture / "reference")
     for number in truth.numbers:
-        write_image_png(tmp_path / "png" / f"mine_{number:04d}.png", truth.image(number))
+        write_png(tmp_path / "png" / f"mine_{number:04d}.png", to_picture(truth.image(number)))
     rounded = 20 * math.log10(2 * 255)  # half a step of 255
     asked = ("--metrics", "mse,psnr")
     by_capture = run_json(capsys, tmp_path / "png", capture, *asked)
