@@ -14,12 +14,13 @@ if TYPE_CHECKING:
     from typing import Any
 
     from cltaa.core.parameters import Choices, Settings
-    from cltaa.core.presets import Preset, load_preset
+    from cltaa.core.presets import Preset
     from cltaa.core.resolver import Resolver
     from cltaa.errors import CltaaError
     from cltaa.frame import Camera, Effect, Frame
     from cltaa.inputs.open import open_input as open
     from cltaa.io.exr_write import write_frame
+    from cltaa.io.preset_file import read_preset as load_preset
     from cltaa.io.sequence import FrameSequence
     from cltaa.lab.check.report import check_folder as check
     from cltaa.lab.inspect.findings import inspect_input as inspect
@@ -43,7 +44,7 @@ _HOMES = {
     "Settings": "cltaa.core.parameters",
     "check": "cltaa.lab.check.report:check_folder",
     "inspect": "cltaa.lab.inspect.findings:inspect_input",
-    "load_preset": "cltaa.core.presets",
+    "load_preset": "cltaa.io.preset_file:read_preset",
     "measure": "cltaa.lab.judge.metrics",
     "open": "cltaa.inputs.open:open_input",
     "plan": "cltaa.lab.inspect.plan",

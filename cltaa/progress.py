@@ -21,11 +21,17 @@ Advance = Callable[[int, int], None]  # called with how many are done, and of ho
 SECONDS_BETWEEN_LINES = 10.0  # in a log
 
 
-def track(items: Iterable[Item], total: int, action: str, unit: str = "frames") -> Iterator[Item]:
+def track(
+    items: Iterable[Item], total: int, action: str, unit: str = "frames", *, shown: bool = False
+) -> Iterator[Item]:
     """Iterate ``items`` and show how many of ``total`` are through, items a second and the time left.
 
-    ``action`` is what is being done, in the present: "resolving"; ``unit`` is what is counted.
+    ``action`` is what is being done, in the present: "resolving"; ``unit`` is what is counted. In the process of a
+    program that uses the library nothing is, unless it asked that it be ``shown``.
     """
+    if not (shown or is_own()):
+        yield from items
+        return
     with shown_progress(action, unit) as advance:
         advance(0, total)
         for done, item in enumerate(items, start=1):

@@ -102,6 +102,15 @@ def test_only_the_command_line_changes_its_process(tmp_path: Path) -> None:
     assert len(list(tmp_path.glob("out*/*.exr"))) == 6
 
 
+def test_the_library_shows_no_progress(tmp_path: Path) -> None:
+    folder = write_sequence(tmp_path / "in", 3)
+    script = "import cltaa, sys; cltaa.check(sys.argv[1]); cltaa.plan(sys.argv[1], device='numpy'); "
+    script += "[cltaa.resolve(sys.argv[1], sys.argv[2], device='numpy') for _ in range(2)]"
+    command = [sys.executable, "-c", script, str(folder), str(tmp_path / "out")]
+    child = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert (child.stdout, child.stderr) == ("", "")
+
+
 def test_a_command_in_another_process_ends_with_its_own_exit_code(capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(CltaaError, match=r"cltaa kernels --show 'a b' failed \(found exit code 64\)") as caught:
         run_cltaa(["kernels", "--show", "a b"])

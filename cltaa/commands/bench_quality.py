@@ -18,7 +18,6 @@ from cltaa.commands.options import (
     SIZE,
     device_option,
     json_option,
-    load_config,
     measured_options,
     open_each,
 )
@@ -26,6 +25,7 @@ from cltaa.commands.printing import figures, print_line, print_table
 from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.errors import UsageError
 from cltaa.inputs.open import DEFAULT_READING, Reading, readings
+from cltaa.io.preset_file import load_config
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.bench.cases import (
     GIVEN,

@@ -64,7 +64,6 @@ KERNEL, SCENE = _Name(kernel_names), _Name(_scenes)
 
 
 Command = Callable[..., Any]
-LARGEST_CONFIG = 1 << 16  # bytes; every parameter with a comment takes a few thousand
 DIGITS = "[0-9]{1,20}"  # of a whole number: Python refuses to read one of thousands
 
 
@@ -321,19 +320,11 @@ def chosen_effects(text: str) -> Asked:
     return frozenset() if names == (NO_EFFECT,) else parse_effects(text)
 
 
-def load_config(path: Path, base: Preset) -> Preset:
-    """``base`` with the keys of a TOML file over it, and so named; its optional key ``preset`` names another base."""
-    from cltaa.core.presets import parse_preset
-    from cltaa.io.content import read_text
-
-    parsed = parse_preset(read_text(path, "a TOML file", LARGEST_CONFIG), str(path), base)
-    return msgspec.structs.replace(parsed, name=f"{path.name} over {parsed.name}")
-
-
 def preset_of(name: str, config: Path | None, before: Callable[[Preset], Preset] | None = None) -> Preset:
     """The preset of that name, with ``before`` and then a TOML file over it where they are given; raises what reading
     either raises."""
     from cltaa.core.presets import load_preset
+    from cltaa.io.preset_file import load_config
 
     preset = load_preset(name) if before is None else before(load_preset(name))
     return preset if config is None else load_config(config, preset)

@@ -213,7 +213,7 @@ def resolve(
         progress=True,
         follow=follow,
         idle=idle,
-        reading=reading,
+        reading=reading if follow else {},
         preview=preview,
         denoise=denoise,
         compare=compare,

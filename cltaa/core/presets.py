@@ -90,7 +90,10 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
     values = renamed(values)
     for key in values:
         if key not in FIELDS:
-            raise UsageError(f"{origin}: unknown key {key}", cure=known(key, sorted(FIELDS), "keys"))
+            cure = known(key, sorted(FIELDS), "keys")
+            if isinstance(values[key], dict):
+                cure = "keys stand at the top, in no table"
+            raise UsageError(f"{origin}: unknown key {key}", cure=cure)
     parts: dict[str, Any] = {}
     for part in ("choices", "settings"):
         current = getattr(preset, part)
@@ -130,8 +133,8 @@ def load_preset(name: str = "default") -> Preset:
     if name not in (BASE, *preset_names()):
         cure = known(name, preset_names(), "presets")
         if name.endswith(".toml"):
-            takers = "resolve, tune, bench accuracy and bench quality take a file by --config"
-            cure = f"cltaa {takers}; elsewhere a preset is named that lies in {_FOLDER}"
+            takers = "cltaa resolve, tune, bench accuracy and bench quality take a file by --config"
+            cure = f"{takers}, and cltaa.load_preset in Python"
         raise UsageError(f"unknown preset {name}", cure=cure)
     text = (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
     parsed = parse_preset(text, f"preset {name}", Preset(name=name, description=""))

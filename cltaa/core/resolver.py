@@ -417,10 +417,10 @@ class Resolver:
         """What was decided at each pixel of the frame that was resolved last, by the names of docs/debug-views.md.
 
         ``reject`` and ``count`` [H, W], ``motion`` [H, W, 2] in pixels, ``clip`` [H, W]. Raises UsageError for other
-        names, and ValueError before the first frame.
+        names, and before the first frame.
         """
         if self.last is None:
-            raise ValueError("nothing was resolved yet")
+            raise UsageError("nothing was resolved yet", cure="call resolve() first")
         return decided(self.launcher, self.last, parse_views(",".join(map(str, views)), "debug"))
 
     @one_thread

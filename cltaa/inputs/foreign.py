@@ -395,7 +395,7 @@ def open_pictures(
     verify: bool = True,
     gaps: OnBreak = OnBreak.ERROR,
     frames: FrameRange | None = None,
-    profile: str = "auto",
+    profile: str | Path | Profile = "auto",
     assignments: Many[str] = (),
 ) -> ImageSequence:
     """Open images as ``open_images`` does, with its options, a folder of another tool's files by a profile, or PNGs.

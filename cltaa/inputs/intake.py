@@ -207,7 +207,8 @@ class Intake:
     gaps: OnBreak = OnBreak.ERROR
     on_resize: OnBreak = OnBreak.ERROR
     step: int = 1  # how far frame numbers lie apart
-    asked: tuple[str, Many[str]] = ("auto", ())  # profile and assignments, for a truth beside the frames
+    # Profile and assignments, for a truth beside the frames.
+    asked: tuple[str | Path | Profile, Many[str]] = ("auto", ())
     damaged: Collection[int] = ()  # frames of which a file was left out, for it cannot be read
     views: Views = ONE_VIEW
     notes: list[str] = field(default_factory=list)  # what is missing, and what is done without it
@@ -244,7 +245,7 @@ class Intake:
 def open_intake(
     named: Named,
     *,
-    profile: str = "auto",
+    profile: str | Path | Profile = "auto",
     assignments: Many[str] = (),
     side_file: Path | None = None,
     gaps: OnBreak = OnBreak.ERROR,
@@ -259,7 +260,7 @@ def open_intake(
     may differ; ``frames`` are the numbers of the first and the last one to take, both included, and no other counts.
     ``step`` is how far numbers lie apart. Files that are ``damaged``, and of which frame, are left out.
     """
-    place, profile = selection_of(named), str(profile)
+    place, profile = selection_of(named), str(profile) if isinstance(profile, Path) else profile
     folder = place.folder
     gaps, on_resize, sets = on_break(gaps), on_break(on_resize), file_sets(place, damaged)
     first = {label: read_any_header(files[min(files)]) for label, files in sets.items()}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from collections.abc import Sequence as Many
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -19,13 +19,16 @@ from cltaa.io.numbered import OnBreak, files_in
 from cltaa.io.sequence import RESOLVED, FrameSequence, open_sequence
 from cltaa.printable import counted
 
+if TYPE_CHECKING:
+    from cltaa.inputs.profile import Profile
+
 PLACE = "{}"  # in the name of a file that each of several sequences has: its folder
 
 
 def open_input(
     named: Named,
     *,
-    profile: str = "auto",
+    profile: str | Path | Profile = "auto",
     assignments: Many[str] = (),
     side_file: str | Path | None = None,
     effects: Asked = "auto",
@@ -35,6 +38,7 @@ def open_input(
 
     ``named`` is a folder, a file, a pattern of files such as ``x.####.exr``, or several of these.
 
+    ``profile`` is a name, a TOML file, or what ``cltaa.check`` returns.
     ``effects`` are declared in place of what the files declare; ``all`` and ``find`` declare nothing.
 
     Raises what ``open_sequence`` and ``open_intake`` raise, and UsageError for what a resolve wrote.

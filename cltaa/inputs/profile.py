@@ -48,6 +48,15 @@ FINITE = (
     "jitter.offset",
     "camera.near",
 )
+SCALES = "depth.scale", "motion.scale", "jitter.scale"  # of which no number is 0
+# Least and greatest of other numbers; what lies frames later comes from a pipeline, which holds a few.
+RANGES: dict[str, tuple[float, float]] = {
+    "depth.near": (0.0, np.inf),
+    "depth.far": (0.0, np.inf),
+    "camera.near": (1e-30, np.inf),
+    "jitter.delay": (-16, 16),
+    "camera.delay": (-16, 16),
+}
 
 
 class DepthKind(StrEnum):
@@ -116,7 +125,7 @@ class Motion(msgspec.Struct, frozen=True, kw_only=True):
     scale: Pair = (1.0, 1.0)
     offset: Pair = (0.0, 0.0)
     swap: bool = False
-    jittered: int = 0
+    jittered: Literal[-1, 0, 1] = 0
     zero: Literal["still", "camera"] = "still"
 
 
@@ -172,7 +181,7 @@ def _words_of(kind: Any) -> list[str]:
         return ["true", "false"]
     if isinstance(kind, type) and issubclass(kind, StrEnum):
         return [*kind]
-    return [*get_args(kind)] if get_origin(kind) is Literal else []
+    return [*map(str, get_args(kind))] if get_origin(kind) is Literal else []
 
 
 def profile_names() -> list[str]:
@@ -180,8 +189,11 @@ def profile_names() -> list[str]:
     return sorted(Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml"))
 
 
-def load_profile(name: str | Path) -> Profile:
-    """The profile of that name or in that TOML file; raises UsageError, InputMissing or DataError."""
+def load_profile(name: str | Path | Profile) -> Profile:
+    """The profile of that name or in that TOML file, or one that there is; raises UsageError, InputMissing or
+    DataError."""
+    if isinstance(name, Profile):
+        return name
     name = str(name)
     if name in profile_names():
         return _parse(name, (_FOLDER / f"{name}.toml").read_text(encoding="utf-8"), name)
@@ -219,6 +231,12 @@ def convert_profile(values: dict[str, Any], origin: str) -> Profile:
     for path in FINITE:
         if not np.isfinite(attrgetter(path)(profile)).all():
             raise _no_such_value(path, values, origin)
+    for path in SCALES:
+        if not np.all(attrgetter(path)(profile)):
+            raise _no_such_value(path, values, origin, "no 0")
+    for path, (least, most) in RANGES.items():
+        if not least <= attrgetter(path)(profile) <= most:
+            raise _no_such_value(path, values, origin, f"{least:g} to {most:g}")
     for key, count in COUNTS.items():
         found: tuple[str | Names, ...] = attrgetter(key)(profile)
         for names in ((one,) if isinstance(one, str) else one for one in found):
@@ -262,13 +280,13 @@ def _lists_of(value: Any, count: int) -> list[list[Any]]:
     return [*(names for names in lists if len(names) == count), [*value]]
 
 
-def _no_such_value(path: str, values: dict[str, Any], origin: str) -> DataError:
+def _no_such_value(path: str, values: dict[str, Any], origin: str, expected: str = "") -> DataError:
     """The error for a value that the key at ``path``, such as depth.scale, cannot have."""
     section, _, key = re.sub(r"\[.*", "", path).partition(".")
     if not key:
         return DataError(f"profile: {section} has no such value", path=origin)
     kind = get_type_hints(type(getattr(Profile(), section))).get(key)
-    expected = KINDS.get(kind) or ", ".join(_words_of(kind)) or "names"
+    expected = expected or KINDS.get(kind) or ", ".join(_words_of(kind)) or "names"
     found = values[section][key]
     found = ",".join(map(str, found)) if isinstance(found, list | tuple) else found
     return DataError(f"profile: {section}.{key} has no such value", path=origin, expected=expected, found=found)

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, nullcontext, suppress
+from inspect import signature
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -17,9 +18,9 @@ from cltaa.core.bands import BAND_ROWS, BandedResolver
 from cltaa.core.build import Steps, Storage
 from cltaa.core.debug import parse_views
 from cltaa.core.parameters import HistoryKind, Illumination
-from cltaa.core.presets import Preset, Published, load_preset, override
+from cltaa.core.presets import Preset, Published, override
 from cltaa.core.resolver import Resolver
-from cltaa.errors import ResourceError, UsageError
+from cltaa.errors import ResourceError, UsageError, known
 from cltaa.frame import Asked, Effect, format_effects
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.found import Evidence, Found, by_headers, find_effects, with_found
@@ -27,6 +28,7 @@ from cltaa.inputs.open import check_declared, looked_for, open_input
 from cltaa.io.content import memory_limit
 from cltaa.io.manifest import RESTART_CURE, Manifest
 from cltaa.io.names import Named
+from cltaa.io.preset_file import read_preset
 from cltaa.io.sequence import FrameSequence
 from cltaa.pipeline.denoise import denoiser, denoises, guide_line
 from cltaa.pipeline.follow import Arrivals
@@ -138,6 +140,27 @@ def guided(sequence: FrameSequence, *, told: bool) -> FrameSequence:
     return sequence
 
 
+# Arguments of open_input, in which effects are the resolve's too.
+READING = frozenset({"profile", "assignments", "side_file", "verify", "gaps", "on_resize", "frames", "step"})
+
+
+def how_read(
+    source: object, reading: Mapping[str, Any], options: Mapping[str, Any]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The arguments of opening ``source``, and of the others those of ``resolve_sequence``.
+
+    Raises UsageError for a name that is of neither, and for any of the former where it is open.
+    """
+    told = {**reading, **{name: options[name] for name in READING & options.keys()}}
+    rest = {name: value for name, value in options.items() if name not in READING}
+    known_names = {*READING, *signature(resolve_sequence).parameters, *signature(resolve_folder).parameters}
+    for name in (*(told.keys() - READING), *(rest.keys() - known_names)):
+        raise UsageError(f"resolve takes no {name}", cure=known(name, sorted(known_names), "arguments"))
+    if told and isinstance(source, FrameSequence):
+        raise UsageError("the sequence is open", found=", ".join(told), cure="give those to cltaa.open")
+    return told, rest
+
+
 def resolve_folder(
     source: Named | FrameSequence,
     output: str | Path,
@@ -169,8 +192,9 @@ def resolve_folder(
     ``jobs`` parts of the sequence are resolved at once, on all devices like the one that ``device`` names in turn, if
     the preset gathers: each begins with as many frames before its own as that keeps. With ``dask``, the address of a
     scheduler, its workers do so, as many parts as they have threads unless ``jobs`` says another number; they have the
-    folders under the same paths, and devices that are alike. ``reading`` are the arguments of
-    ``cltaa.open`` for a ``source`` that is not opened yet: ``profile``, ``side_file``, ``frames`` and others.
+    folders under the same paths, and devices that are alike. ``profile``, ``side_file``,
+    ``frames`` and the other arguments of ``cltaa.open`` say how a ``source`` that is not opened yet is read; they may
+    stand in ``reading`` too.
     ``fireflies`` is ``keep`` or ``clamp``; by itself what the preset or else the profile says. Frames that ``denoise``
     in ``options`` filters are not filtered again (``current_filter``) by a preset that is named; one that is given does
     what it says.
@@ -179,9 +203,10 @@ def resolve_folder(
     What is given neither ``compression`` nor ``layers`` keeps those that the command keeps.
     ``options`` are those of ``resolve_sequence`` that are not named here. Raises what that and opening raise.
     """
+    reading, options = how_read(source, reading, options)
     denoised = denoiser(options.get("denoise", "none")) is not None
     if not isinstance(preset, Preset):
-        preset = for_denoised(load_preset(preset)) if denoised else load_preset(preset)
+        preset = for_denoised(read_preset(preset)) if denoised else read_preset(preset)
     check_jobs(1 if jobs is None else jobs, preset, follow=follow, debug=bool(debug), dask=dask is not None)
     arrivals = arrivals_of(source, preset, idle, reading, options) if follow else None
     if arrivals is not None:

@@ -351,7 +351,7 @@ class _Run:
         if self._resolver.look_ahead:
             checkpoint_every = 0
         after, part = self._given(missing)
-        shown = (lambda numbers: track(numbers, len(numbers), "resolving")) if self._progress else iter
+        shown = (lambda numbers: track(numbers, len(numbers), "resolving", shown=True)) if self._progress else iter
         self._parts.resolve(self._resolver, part, after, missing, shown, self._checkpoints, checkpoint_every)
 
     def _beside(self, missing: list[int]) -> None:

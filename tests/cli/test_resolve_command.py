@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.commands.options import assigned, load_config
+from cltaa.commands.options import assigned
 from cltaa.commands.presets import parameter_rows
 from cltaa.core.presets import FIELDS, load_preset, preset_names
 from cltaa.core.resolver import Resolver
 from cltaa.io.exr_read import read_frame, read_image
 from cltaa.io.exr_write import write_frame
+from cltaa.io.preset_file import load_config
 from cltaa.io.sequence import open_sequence
 from tests.sequence_factory import bits, write_sequence
 
@@ -83,7 +84,7 @@ def test_half_output_saturates(tmp_path: Path) -> None:
         (
             ["--preset", "mine.toml"],
             64,
-            r"unknown preset mine\.toml; cltaa resolve, .* take a file by --config; .*presets",
+            r"unknown preset mine\.toml; cltaa resolve, .* take a file by --config, and cltaa\.load_preset",
         ),
         (["--set", "nonsense=1"], 64, "--set: unknown key nonsense; known keys: .*box_scale_static"),
         (["--set", "box_scale_static=-1"], 64, r"box_scale_static has no such value \(expected 0 to 64, found -1\)"),

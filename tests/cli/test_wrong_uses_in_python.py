@@ -24,6 +24,12 @@ def write_truth(sequence: Path) -> Path:
     return sequence
 
 
+def written(text: str) -> str:
+    """The name of a TOML file with this text."""
+    Path("a.toml").write_text(text)
+    return "a.toml"
+
+
 LIGHT = np.ones((8, 8, 3), np.float32)
 CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "open nothing": (lambda _: cltaa.open(None), "no sequence is named .*found None"),
@@ -68,6 +74,19 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "a long number": (lambda _: cltaa.write_frame("x.0.exr", make_frame(2**31)), "index does not fit attribute"),
     "a plan of effects of None": (lambda seq: cltaa.plan(seq, effects=None), "no such declaration of effects"),
     "a plan of a layer by text": (lambda seq: cltaa.plan(seq, layers="foo"), "no such channel .*found foo"),
+    "no such argument": (
+        lambda seq: cltaa.resolve(seq, "out", profil="x"),
+        "resolve takes no profil; did you mean profile",
+    ),
+    "how an open one is read": (
+        lambda seq: cltaa.resolve(cltaa.open(seq), "out", profile="nuke"),
+        "the sequence is open .*found profile.*give those to cltaa.open",
+    ),
+    "a view of nothing": (lambda _: cltaa.Resolver(device="numpy").debug("count"), "nothing was resolved yet"),
+    "a table of settings": (
+        lambda _: cltaa.load_preset(written("[settings]\nblend_weight = 1")),
+        "keys stand at the top",
+    ),
     "no film": (lambda seq: cltaa.resolve(seq, "out", compare="side"), "comparison side is of a film"),
 }
 
@@ -79,6 +98,32 @@ def test_a_wrong_use_is_told_in_one_line(name: str, tmp_path: Path, monkeypatch:
     with pytest.raises(CltaaError, match=line) as caught:
         call(write_sequence(tmp_path / "in", 2))
     assert "\n" not in str(caught.value)
+
+
+def test_what_check_returns_reads_the_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The profile itself, where it is of another tool's too, and what options it stands for."""
+    monkeypatch.chdir(tmp_path)
+    folder = write_sequence(tmp_path / "in", 3)
+    assignments = ["depth.scale=2"]
+    report, profile = cltaa.check(folder, assignments=assignments)
+    expected = cltaa.open(folder, assignments=assignments).frame(1).depth
+    np.testing.assert_array_equal(cltaa.open(folder, profile=profile).frame(1).depth, expected)
+    again, same = cltaa.check(folder, profile=profile)
+    assert (again.options, same) == (report.options, profile)
+    assert cltaa.inspect(folder, profile=profile).profile == "cltaa"
+    whole = cltaa.resolve(folder, tmp_path / "out", device="numpy", profile=profile, frames=(0, 1), effects="all")
+    assert whole.frames == 2
+    beside = cltaa.resolve(cltaa.open(folder, profile=profile), tmp_path / "all", device="numpy", effects="all")
+    assert beside.frames == 3
+
+
+def test_a_preset_in_a_file_is_loaded_and_resolves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = written('preset = "fast"\nblend_weight = 0.25')
+    assert cltaa.load_preset(name).settings.blend_weight == 0.25
+    assert cltaa.load_preset(Path(name)).choices == cltaa.load_preset("fast").choices
+    report = cltaa.resolve(write_sequence(tmp_path / "in", 2), tmp_path / "out", name, device="numpy")
+    assert report.preset == "a.toml over fast"
 
 
 def test_metrics_are_named() -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from cltaa.cli import main
-from cltaa.commands.options import load_config
 from cltaa.core.parameters import HistoryKind
 from cltaa.core.presets import LADDER, load_preset, preset_names
+from cltaa.io.preset_file import load_config
 from cltaa.renamed import PRESETS
 
 

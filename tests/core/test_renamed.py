@@ -11,10 +11,11 @@ import pytest
 
 from cltaa import renamed
 from cltaa.cli import main
-from cltaa.commands.options import assigned, chosen_effects, load_config
+from cltaa.commands.options import assigned, chosen_effects
 from cltaa.core.presets import load_preset, override
 from cltaa.errors import UsageError
 from cltaa.frame import Effect, parse_effects
+from cltaa.io.preset_file import load_config
 from cltaa.renamed import Renamed
 
 

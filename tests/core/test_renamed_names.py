@@ -8,9 +8,10 @@ import pytest
 
 import cltaa
 from cltaa.cli import main
-from cltaa.commands.options import chosen_effects, load_config
+from cltaa.commands.options import chosen_effects
 from cltaa.core.presets import FIELDS, load_preset, override, preset_names, words_of
 from cltaa.frame import Effect, parse_effects
+from cltaa.io.preset_file import load_config
 from cltaa.io.sequence import open_sequence
 from cltaa.renamed import EFFECTS, KEYS, MEMBERS, PRESETS, PUBLIC, WORDS, Renamed
 from tests.sequence_factory import write_sequence

@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.commands.options import load_config
 from cltaa.core.presets import load_preset
 from cltaa.errors import DataError, InputMissing
 from cltaa.io.exr_frame import frame_attributes
 from cltaa.io.exr_read import read_frame, read_image
 from cltaa.io.exr_write import write_image
 from cltaa.io.manifest import LARGEST_RECORD
+from cltaa.io.preset_file import load_config
 from cltaa.io.sequence import open_sequence
 from cltaa.printable import printable
 from cltaa_datasets import FORMATS

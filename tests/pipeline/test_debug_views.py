@@ -116,7 +116,7 @@ def test_a_strict_device_shows_what_numpy_shows_and_looking_changes_nothing() ->
     both = override(load_preset("fast"), {"reject": "depth"})  # to be moved into a box, and to be dropped
     plain, watched, oracle = Resolver(both, strict=True), Resolver(both, strict=True), Resolver(both, "numpy")
     views, expected = DebugViews(watched, ALL), DebugViews(oracle, ALL)
-    with pytest.raises(ValueError, match="nothing was resolved yet"):
+    with pytest.raises(UsageError, match="nothing was resolved yet"):
         views.layers()
     for index in range(3):
         frame = make_frame(index, motion=True, alpha=True, reactive=True, effects=None)

@@ -287,7 +287,7 @@ def judge_sequence(
     judges = _Pass(sequence, variants, launcher, judging)
     given = ((at, frame, judges.reference.image(frame.index, alpha=True)) for at, frame in enumerate(sequence))
     with read_ahead(given) as read:
-        frames = track(read, len(sequence), f"judging {sequence.folder.name}") if progress else read
+        frames = track(read, len(sequence), f"judging {sequence.folder.name}", shown=True) if progress else read
         for frame, images in in_step(judges.resolvers.values(), frames, lambda given: given[1]):
             judges.look(*frame, images)
     return judges.cells()

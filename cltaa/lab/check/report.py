@@ -16,7 +16,7 @@ from cltaa.frame import Frame
 from cltaa.inputs.convert import correct
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import OPAQUE, Damaged, Intake, damaged_files, intake_lines, open_with_gaps
-from cltaa.inputs.profile import Depth, Profile, assignments_of, differences, load_profile, option_text
+from cltaa.inputs.profile import Depth, Profile, assignments_of, differences, load_profile, option_text, profile_names
 from cltaa.inputs.roles import file_sets, shown_name
 from cltaa.io.exr_layout import LOSSLESS
 from cltaa.io.exr_read import read_any_header
@@ -196,7 +196,7 @@ class Report(msgspec.Struct, kw_only=True):
 def check_folder(
     named: Named,
     *,
-    profile: str = "auto",
+    profile: str | Path | Profile = "auto",
     assignments: Sequence[str] = (),
     side_file: str | Path | None = None,
     frames: int | FrameRange = FRAMES,
@@ -221,7 +221,8 @@ def check_folder(
     except CltaaError as error:
         raise _weightier(error, damaged.values()) from None
     wrong = _wrong_with(first, damaged.values(), only)
-    name = profile if profile != "auto" else intake.profile.name
+    given = profile == "auto" or (isinstance(profile, Profile) and profile.name in profile_names())
+    name = intake.profile.name if given else profile
     base, findings = load_profile(name), list[Finding]()
     for _ in range(ROUNDS):
         known = {finding.name for finding in findings}
@@ -238,7 +239,7 @@ def check_folder(
         intake = open_with_gaps(place, profile=name, assignments=again, **reading)
     told["has_camera"] &= all(map(sound, frames_read))
     lost = [mistake("file-unreadable", line, "left out of all else that is found", 0.99) for line in wrong.lines]
-    options = f"{profile_options(name, side_file, step)} {option_text(changes)}".strip()
+    options = f"{profile_options(base.name if given else str(name), side_file, step)} {option_text(changes)}".strip()
     report = Report(
         folder=str(place),
         frames=len(frames_read),

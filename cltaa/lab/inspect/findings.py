@@ -21,6 +21,7 @@ from cltaa.frame import Effect, Frame, Matrix
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import OPAQUE, Intake, damaged_files, open_with_gaps
 from cltaa.inputs.open import is_own
+from cltaa.inputs.profile import Profile
 from cltaa.inputs.roles import file_sets, shown_name
 from cltaa.io.exr_frame import COLOUR, Pixels, check_float_channels, frame_channels, frame_outline, frame_planes
 from cltaa.io.exr_header import read_layout
@@ -48,9 +49,8 @@ from cltaa.io.pixel_statistics import (
     pixel_problems,
 )
 from cltaa.io.sequence import RESOLVED, open_images
+from cltaa.lab.check.jitter import LARGEST_MEAN_PX
 from cltaa.lab.inspect.changes import ColourChange, DepthChange, Uncovering
-
-LARGEST_MEAN_JITTER = 1e-3  # pixels; a mean that is not 0 shifts the whole image for good
 
 Headers = Mapping[int, Frame]
 
@@ -130,7 +130,7 @@ def describe_headers(result: Inspection, headers: Headers) -> None:
     result.camera = " and ".join(word for word, on in (("moves", moves), ("zooms", zooms)) if on) or "still"
     result.jitter = _jitter([header.jitter_px for header in headers.values()])
     mean = max(abs(component) for component in result.jitter.mean_px)
-    if result.jitter.period is not None and mean > LARGEST_MEAN_JITTER:
+    if result.jitter.period is not None and mean > LARGEST_MEAN_PX:
         result.problems.append(f"jitter is not centred: its mean shifts the image by up to {mean:.3g} pixels")
     renamed = [number for number, header in headers.items() if header.index != number]
     if renamed:
@@ -417,7 +417,7 @@ def describe_input(
 def inspect_input(
     named: Named,
     *,
-    profile: str = "auto",
+    profile: str | Path | Profile = "auto",
     assignments: Sequence[str] = (),
     side_file: Path | None = None,
     step: int = 1,
@@ -428,7 +428,7 @@ def inspect_input(
 
     Raises what these raise.
     """
-    place, profile, asked = selection_of(named), str(profile), bool(assignments) or side_file is not None
+    place, asked = selection_of(named), bool(assignments) or side_file is not None
     if not asked and (profile == "cltaa" or (profile == "auto" and is_own(place))):
         return inspect_folder(place, pixels=pixels, step=step, advance=advance)
     reading: Any = {"profile": profile, "assignments": assignments, "side_file": side_file, "step": step}

@@ -17,13 +17,14 @@ from cltaa.core.backend import Launcher
 from cltaa.core.build import Steps, Storage, window_count
 from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.plan import JittersBefore, Plan, plan_frame, recursive_choices, toggled, with_effects
-from cltaa.core.presets import Preset, Published, load_preset
+from cltaa.core.presets import Preset, Published
 from cltaa.core.record import Past
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Asked, format_effects
 from cltaa.inputs.found import Found, with_found
 from cltaa.inputs.open import check_declared, looked_for, open_input
 from cltaa.io.names import Named
+from cltaa.io.preset_file import read_preset
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.timing import Clock, Interval, Job, Samples, measure, resolve_job
 from cltaa.opencl.launcher import DeviceLauncher
@@ -93,8 +94,8 @@ def plan(
     raise, and UsageError for no such layer.
     """
     denoised = denoises(denoise)
-    if denoised and not isinstance(preset, Preset):
-        preset = for_denoised(load_preset(preset))
+    if not isinstance(preset, Preset):
+        preset = for_denoised(read_preset(preset)) if denoised else read_preset(preset)
     if not isinstance(sequence, FrameSequence):
         sequence = open_input(sequence)
     check_declared(sequence, effects)

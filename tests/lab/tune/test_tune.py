@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.commands.options import load_config
 from cltaa.commands.tune import outcome_lines
 from cltaa.core.backend import Launcher, launcher_for
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.errors import UsageError
+from cltaa.io.preset_file import load_config
 from cltaa.lab.tune import Goal, Trial, Tuned, overfits, parse_goal, preset_text
 from tests.sequence_factory import write_sequence
 

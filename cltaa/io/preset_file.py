@@ -1,0 +1,28 @@
+"""Presets in TOML files of a user's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from cltaa.core.presets import Preset, load_preset, parse_preset
+from cltaa.io.content import read_text
+
+LARGEST_CONFIG = 1 << 16  # bytes; every parameter with a comment takes a few thousand
+
+
+def load_config(path: Path, base: Preset) -> Preset:
+    """``base`` with the keys of a TOML file over it, and so named; its optional key ``preset`` names another base."""
+    parsed = parse_preset(read_text(path, "a TOML file", LARGEST_CONFIG), str(path), base)
+    return msgspec.structs.replace(parsed, name=f"{path.name} over {parsed.name}")
+
+
+def read_preset(named: str | Path = "default") -> Preset:
+    """The preset of that name, or of a file ``FILE.toml`` over the default, as ``cltaa tune`` writes one.
+
+    Raises UsageError, and of a file InputMissing and DataError.
+    """
+    if isinstance(named, str | Path) and str(named).endswith(".toml"):
+        return load_config(Path(named), load_preset())
+    return load_preset(str(named) if isinstance(named, Path) else named)
