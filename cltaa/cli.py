@@ -7,7 +7,8 @@ import importlib
 import io
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import takewhile
 from typing import Any, NamedTuple, TextIO
 
 import click
@@ -159,14 +160,13 @@ def _outcome(arguments: list[str]) -> int:
     except (KeyboardInterrupt, click.Abort):
         return _interrupted(arguments)
     except click.exceptions.NoArgsIsHelpError as error:
-        _tell(error.format_message())
-        return error.exit_code
+        return _told(error.format_message(), error.exit_code)
     except Exception as error:
         if stop.requested and not isinstance(error, CltaaError):  # what it stumbled over; our own errors stand
             return _interrupted(arguments)
         if debug and not isinstance(error, click.ClickException):
             raise
-        return _failed(error)
+        return _failed(error, arguments)
     if stop.requested:  # and the command did not see it
         return _interrupted(arguments)
     return outcome if isinstance(outcome, int) else 0
@@ -203,12 +203,23 @@ def _take_debug(arguments: list[str]) -> tuple[bool, list[str]]:
     return debug, ["--debug"] * debug + others + arguments[end:]
 
 
-def _tell(line: str) -> None:
-    """Print a last line on standard error; where that is a full disk or a closed pipe the exit code tells alone."""
+def _told(line: str, code: int, arguments: Sequence[str] = ()) -> int:
+    """Return ``code`` after a last line on standard error, and with ``--json`` as a document on standard output.
+
+    Where those are a full disk or a closed pipe the code tells alone.
+    """
     try:
         click.echo(line, err=True)
     except OSError:
         _forsake(sys.stderr)
+    if "--json" in takewhile(lambda word: word != "--", arguments):
+        import json  # here: it takes a while, and most runs do not fail
+
+        try:
+            click.echo(json.dumps({"error": line.removeprefix("cltaa: ").removeprefix("error: "), "exit_code": code}))
+        except OSError:
+            _forsake(sys.stdout)
+    return code
 
 
 def _forsake(stream: TextIO) -> None:
@@ -220,23 +231,20 @@ def _interrupted(arguments: list[str]) -> int:
     words = [argument for argument in arguments if not argument.startswith("-")]
     goes_on = tuple(words[:1]) in GOES_ON or tuple(words[:2]) in GOES_ON
     more = "; what was finished is kept, run the same again to go on" if goes_on else ""
-    _tell(f"cltaa: interrupted{more}")
-    return INTERRUPTED
+    return _told(f"cltaa: interrupted{more}", INTERRUPTED, arguments)
 
 
-def _failed(error: Exception) -> int:
+def _failed(error: Exception, arguments: Sequence[str]) -> int:
     if isinstance(error, click.ClickException):
         context = getattr(error, "ctx", None)
         command = "cltaa" if context is None else context.command_path
         line = " ".join(error.format_message().split()).rstrip(".")
-        _tell(f"cltaa: error: {printable(line)}; see {command} --help")
-        return error.exit_code
+        return _told(f"cltaa: error: {printable(line)}; see {command} --help", error.exit_code, arguments)
     if isinstance(error, BrokenPipeError):  # whoever read what was printed has had enough
         _forsake(sys.stdout)
         return StorageError.exit_code
     deliberate = _deliberate(error)
-    _tell(f"cltaa: error: {deliberate}")
-    return deliberate.exit_code
+    return _told(f"cltaa: error: {deliberate}", deliberate.exit_code, arguments)
 
 
 def _deliberate(error: Exception) -> CltaaError:

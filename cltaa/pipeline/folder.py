@@ -25,6 +25,7 @@ from cltaa.frame import Asked, Effect, format_effects
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.found import Evidence, Found, by_headers, find_effects, with_found
 from cltaa.inputs.open import check_declared, looked_for, open_input
+from cltaa.io.atomic import owned
 from cltaa.io.content import memory_limit
 from cltaa.io.manifest import RESTART_CURE, Manifest
 from cltaa.io.names import Named
@@ -142,6 +143,7 @@ def guided(sequence: FrameSequence, *, told: bool) -> FrameSequence:
 
 # Arguments of open_input, in which effects are the resolve's too.
 READING = frozenset({"profile", "assignments", "side_file", "verify", "gaps", "on_resize", "frames", "step"})
+RESOLVING = frozenset(signature(resolve_sequence).parameters)
 
 
 def how_read(
@@ -153,9 +155,9 @@ def how_read(
     """
     told = {**reading, **{name: options[name] for name in READING & options.keys()}}
     rest = {name: value for name, value in options.items() if name not in READING}
-    known_names = {*READING, *signature(resolve_sequence).parameters, *signature(resolve_folder).parameters}
-    for name in (*(told.keys() - READING), *(rest.keys() - known_names)):
-        raise UsageError(f"resolve takes no {name}", cure=known(name, sorted(known_names), "arguments"))
+    for name in (*(told.keys() - READING), *(rest.keys() - RESOLVING)):
+        there = {*READING, *RESOLVING, *signature(resolve_folder).parameters} - {"options"}
+        raise UsageError(f"resolve takes no {name}", cure=known(name, sorted(there), "arguments"))
     if told and isinstance(source, FrameSequence):
         raise UsageError("the sequence is open", found=", ".join(told), cure="give those to cltaa.open")
     return told, rest
@@ -281,6 +283,8 @@ def with_known_effects(
                 raise UsageError(what, path=output, expected=known, found=format_effects(new), cure=RESTART_CURE)
             line = f"effects found: {known} (as the run began)"
     elif looks:
+        with owned(output):  # else whoever cannot write there would wait for an error
+            pass
         with shown_progress("finding effects") if progress else nullcontext() as advance:
             found = find_for(sequence, denoised=denoised, advance=advance)
         line = found.line

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -217,6 +218,30 @@ def test_an_error_onto_a_full_disk_keeps_its_code() -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run([sys.executable, "-m", "cltaa.cli", "inspect", "nowhere"], stderr=full, check=False)
     assert done.returncode == errors.InputMissing.exit_code
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "line"),
+    [
+        ("inspect nowhere --json", 66, "nowhere: the folder is missing"),
+        ("inspect --json nowhere --colour", 2, "No such option"),
+        ("compare --json", 2, "Missing argument"),
+    ],
+)
+def test_with_json_an_error_is_a_document_too(
+    arguments: str, code: int, line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(arguments.split()) == code
+    told = capsys.readouterr()
+    answer = json.loads(told.out)
+    assert answer["exit_code"] == code
+    assert line in answer["error"]
+    assert told.err == f"cltaa: error: {answer['error']}\n"
+
+
+def test_json_behind_two_dashes_is_a_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["inspect", "--", "--json"]) == 66
+    assert capsys.readouterr().out == ""
 
 
 def test_debug_behind_two_dashes_is_a_name(capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 import cltaa
-from cltaa.errors import DataError, UsageError
+from cltaa.errors import DataError, OutputError, UsageError
 from cltaa.frame import Effect, Frame
 from cltaa.inputs.found import PLACES, SPAN, TILE, Found, find_effects
 from cltaa.io.exr_write import write_frame, write_image
@@ -301,6 +301,16 @@ def test_headers_that_show_more_than_a_run_was_begun_with_end_it(tmp_path: Path)
     write_frame(sequence.folder / "wall.0003.exr", replace(frame, exposure=2.0))
     with pytest.raises(UsageError, match=r"headers show effects that the run was not begun with .*found exposure"):
         found_in(sequence.folder)
+
+
+def test_whoever_cannot_write_hears_so_before_effects_are_sought(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sequence = drawn(tmp_path / "wall", frames=3)
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr("cltaa.pipeline.folder.find_effects", lambda *_: pytest.fail("frames were looked at"))
+    with pytest.raises(OutputError, match="file"):
+        found_in(sequence.folder, tmp_path / "file")
 
 
 def test_a_folder_in_which_nothing_was_finished_tells_nothing(tmp_path: Path) -> None:
