@@ -88,13 +88,9 @@ Picture = NDArray[np.float32]
 
 
 def with_gradient(signal: NDArray[np.float32]) -> Picture:
-    """``signal`` [H, W], differentiated by central differences."""
-    return np.stack([signal, *(_slope(signal, axis) for axis in (1, 0))])
-
-
-def _slope(signal: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
-    """Central differences along ``axis``; 0 where there is one pixel and nothing to differ from."""
-    return np.asarray(np.gradient(signal, axis=axis), np.float32) if signal.shape[axis] > 1 else np.zeros_like(signal)
+    """``signal`` [H, W] and its central differences; 0 where there is one pixel and nothing to differ from."""
+    slopes = [np.gradient(signal, axis=axis) if signal.shape[axis] > 1 else np.zeros_like(signal) for axis in (1, 0)]
+    return np.stack([signal, *slopes])
 
 
 class Fit(NamedTuple):
