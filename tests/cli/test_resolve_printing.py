@@ -142,6 +142,7 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
         "storage": Storage.HALF,
         "strict": True,
         "band_rows": 8,
+        "every_step": False,
         "half": True,
         "resolver": "the resolver",
         "arrivals": None,
