@@ -167,8 +167,8 @@ def _outcome(arguments: list[str]) -> int:
         if debug and not isinstance(error, click.ClickException):
             raise
         return _failed(error, arguments)
-    if stop.requested:  # and the command did not see it
-        return _interrupted(arguments)
+    if stop.requested:  # and the command did not see it: what it had to say was printed
+        return _interrupted(arguments, answered=True)
     return outcome if isinstance(outcome, int) else 0
 
 
@@ -227,11 +227,11 @@ def _forsake(stream: TextIO) -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def _interrupted(arguments: list[str]) -> int:
+def _interrupted(arguments: list[str], *, answered: bool = False) -> int:
     words = [argument for argument in arguments if not argument.startswith("-")]
     goes_on = tuple(words[:1]) in GOES_ON or tuple(words[:2]) in GOES_ON
     more = "; what was finished is kept, run the same again to go on" if goes_on else ""
-    return _told(f"cltaa: interrupted{more}", INTERRUPTED, arguments)
+    return _told(f"cltaa: interrupted{more}", INTERRUPTED, () if answered else arguments)
 
 
 def _failed(error: Exception, arguments: Sequence[str]) -> int:

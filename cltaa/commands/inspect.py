@@ -93,6 +93,7 @@ def _table(section: Section, title: str) -> Table:
     return table
 
 
+CENTRED_TO_PX = 1e-3  # a mean jitter beyond it shows
 OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_rows", "config", "changes", "denoise")
 
 
@@ -247,7 +248,9 @@ def _jitter(found: Inspection) -> str:
         return "none"
     period = {None: "no repetition", 1: "always the same"}.get(jitter.period, f"repeats after {jitter.period}")
     x, y = (round(component, 4) + 0.0 for component in jitter.mean_px)  # + 0.0 turns -0 into 0
-    return f"{period}, mean ({x:g}, {y:g}) px, at most {jitter.largest_px:.3f} px"
+    biased = jitter.period is not None and max(map(abs, jitter.mean_px)) > CENTRED_TO_PX
+    mean = f"mean ({x:g}, {y:g}) px{' (not centred: the image is shifted by it)' if biased else ''}"
+    return f"{period}, {mean}, at most {jitter.largest_px:.3f} px"
 
 
 def _reference(found: Inspection) -> str:

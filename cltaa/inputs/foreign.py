@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Self
 
 import msgspec
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from cltaa.core.frame_checks import check_camera
 from cltaa.core.planes import haloed
-from cltaa.errors import DataError
+from cltaa.errors import CltaaError, DataError
 from cltaa.frame import Effect, Frame, Image, format_effects
 from cltaa.inputs.convert import check_depth, linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, intake_lines, open_intake
@@ -105,17 +106,15 @@ class ForeignSequence(FrameSequence):
         strict: bool = True,
         verify: bool = True,
         effects: frozenset[Effect] | None = None,
-        guided: bool = False,
+        guides: Mapping[str, tuple[Place, ...]] = MappingProxyType({}),
     ) -> None:
         """Take what ``open_intake`` decided; ``effects`` are declared for it, and channels of no other are read.
 
-        Where it is ``guided``, what guides a denoiser is looked for in all files of a frame.
+        ``guides`` are what guides a denoiser and is read too.
         """
-        self.intake, self._strict, self._declared, self._guided = intake, strict, effects, guided
+        self.intake, self._strict, self._declared, self._guides = intake, strict, effects, dict(guides)
         left_out = set() if effects is None else {role for role, effect in EFFECT_OF.items() if effect not in effects}
         self._roles = {role: places for role, places in intake.roles.items() if role not in left_out}
-        channels = {label: layout.channels for label, layout in intake.first.items()}
-        self._guides = guide_places(channels, intake.roles["colour"]) if guided else {}
         resolved = (*self._roles["colour"], *self._roles.get("alpha", ()))
         self.replaced = frozenset(place.channel for place in resolved if place.files == resolved[0].files)
         main = intake.sets[intake.roles["colour"][0].files]
@@ -179,35 +178,52 @@ class ForeignSequence(FrameSequence):
         """Return the frames ``first`` to ``last``, both included."""
         self.path(first), self.path(last)
         numbers = [number for number in self.numbers if first <= number <= last]
-        return self._alike(numbers, guided=self._guided)
+        return self._alike(numbers, self._guides)
 
-    def _alike(self, numbers: Many[int], *, guided: bool) -> Self:
+    def _alike(self, numbers: Many[int], guides: Mapping[str, tuple[Place, ...]]) -> Self:
         told: dict[str, Any] = {"strict": self._strict, "verify": self.verify, "effects": self._declared}
-        made = type(self)(self.folder, self.intake, numbers, guided=guided, **told)
+        made = type(self)(self.folder, self.intake, numbers, guides=guides, **told)
         made.truth, made.found = self.truth, self.found
         return made
 
-    def with_guides(self) -> Self:
-        """The same, with what guides a denoiser among what is read and vouched for.
+    def with_guides(self) -> tuple[Self, Mapping[str, str]]:
+        """The same, with what guides a denoiser in all of a frame's files among what is read and vouched for.
 
-        Raises InputMissing or DataError where a later frame lacks what the first one has.
+        And why what else could guide one does not: one of the frames lacks it.
         """
-        guided = self._alike(self.numbers, guided=True)
-        for files in (self.intake.sets[its[0].files] for its in guided._guides.values()):
-            for number in (number for number in self.numbers if number not in files):
-                raise frame_missing(renumbered(next(iter(files.values())), number), number)
-        for _, error in guided.unreadable():
-            raise error
-        return guided
+        channels = {label: layout.channels for label, layout in self.intake.first.items()}
+        guides, faults = guide_places(channels, self.intake.roles["colour"]), dict[str, str]()
+        for role, its in [*guides.items()]:
+            fault = next(filter(None, (self._guide_fault(number, its) for number in self.numbers)), None)
+            if fault is not None:
+                del guides[role]
+                faults[role] = f"{fault.path}: {fault.what}"
+        return self._alike(self.numbers, guides), faults
+
+    def _guide_fault(self, number: int, places: tuple[Place, ...]) -> CltaaError | None:
+        """Why channels cannot guide a denoiser of one frame, or None where they can."""
+        files = self.intake.sets[places[0].files]
+        if number not in files:
+            return frame_missing(renumbered(next(iter(files.values())), number), number)
+        try:
+            kinds = self._beside(files[number], number).channels
+        except CltaaError as error:
+            return error
+        faults = (
+            whole_numbers(place, files[number]) if place.channel in kinds else _no_channel(place, "", 3, files[number])
+            for place in places
+            if kinds.get(place.channel, "uint") == "uint"
+        )
+        return next(faults, None)
 
     @property
     def guides(self) -> Mapping[str, tuple[str, ...]]:
-        """The channels that guide a denoiser, as a reader is told of them; none where it is not guided."""
+        """The channels that guide a denoiser, as a reader is told of them; none before ``with_guides``."""
         sets = self.intake.sets
         return {role: tuple(shown_name(place, sets) for place in its) for role, its in self._guides.items()}
 
     def guide_images(self, number: int) -> dict[str, Image]:
-        """Read what guides a denoiser of one frame number, [H, W, 3] float32 each; nothing where it is not guided."""
+        """Read what guides a denoiser of one frame number, [H, W, 3] float32 each; nothing before ``with_guides``."""
         return self._planes(number, self._guides)[0]
 
     def _open_alike(self, folder: Path) -> ImageSequence:
@@ -277,7 +293,7 @@ class ForeignSequence(FrameSequence):
         """
         for number in self.numbers:
             layouts = {self.path(number): self.layouts[number]}
-            for role, its in (self._roles | self._guides).items():
+            for role, its in self._roles.items():
                 for place in its:
                     path = self.intake.sets[place.files][number]
                     layout = layouts[path] = layouts.get(path) or read_any_header(path).layout
@@ -318,7 +334,7 @@ class ForeignSequence(FrameSequence):
         every = {**self.intake.roles, **self._guides}
         places = {role: every[role] for role in roles}
         main = self.intake.roles["colour"][0].files
-        wanted: dict[str, set[str]] = {main: set(kept)}
+        wanted: dict[str, set[str]] = {main: set(kept)} if kept else {}
         for place in (place for its in places.values() for place in its):
             wanted.setdefault(place.files, set()).add(place.channel)
         files = {label: self._read(label, number, names) for label, names in wanted.items()}
@@ -331,7 +347,7 @@ class ForeignSequence(FrameSequence):
                 if plane is None:
                     raise _no_channel(place, role, len(its), path)
             stacked[role] = np.moveaxis(haloed([files[place.files][place.channel] for place in its]), 0, -1)
-        return stacked, files[main]
+        return stacked, files.get(main, {})
 
     def _shown(self, role: str, number: int) -> NDArray[np.bool_]:
         """Where in the picture [H, W] the data window of a role's channel lies; outside of it there is nothing."""
@@ -341,14 +357,19 @@ class ForeignSequence(FrameSequence):
         there = np.ones((bottom - top + 1, right - left + 1), np.bool_)
         return placed(there, window, self.layouts[number].data_window)
 
+    def _beside(self, path: Path, number: int) -> Layout:
+        """The layout of one of a frame's files; raises DataError where it shows another picture than the colour's."""
+        picture, other = self.layouts[number], read_any_header(path).layout
+        if other.display_window != picture.display_window and not other.covers(picture.region):
+            what, cure = "shows another picture than the colour", "write all channels with one display window"
+            raise DataError(what, path=path, frame=number, expected=picture.size, found=other.size, cure=cure)
+        return other
+
     def _read(self, label: str, number: int, names: Collection[str]) -> dict[str, Pixels]:
         """Channels of a file of that set, of which that of the colour says what the picture is."""
         path, picture = self.intake.sets[label][number], self.layouts[number]
         if path != self.path(number):
-            other = read_any_header(path).layout
-            if other.display_window != picture.display_window and not other.covers(picture.region):
-                what, cure = "shows another picture than the colour", "write all channels with one display window"
-                raise DataError(what, path=path, frame=number, expected=picture.size, found=other.size, cure=cure)
+            self._beside(path, number)
         # Where depth and vectors are not, there is nothing: the sky, which moves as the camera has it.
         nowhere = {place.channel for role in ("depth", "motion") for place in self._roles.get(role, ())}
         outside = dict.fromkeys(nowhere, np.nan)

@@ -44,6 +44,10 @@ def open_input(
     Raises what ``open_sequence`` and ``open_intake`` raise, and UsageError for what a resolve wrote.
     """
     place, side_file = selection_of(named), None if side_file is None else Path(side_file)
+    if not isinstance(profile, str | Path):
+        from cltaa.inputs.profile import load_profile
+
+        profile = "cltaa" if profile == load_profile("cltaa") else profile
     plain = not assignments and side_file is None and effects == "auto"
     if plain and str(profile) in ("auto", "cltaa") and is_own(place):
         own = open_sequence(place, **options)

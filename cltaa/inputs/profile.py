@@ -236,7 +236,8 @@ def convert_profile(values: dict[str, Any], origin: str) -> Profile:
             raise _no_such_value(path, values, origin, "no 0")
     for path, (least, most) in RANGES.items():
         if not least <= attrgetter(path)(profile) <= most:
-            raise _no_such_value(path, values, origin, f"{least:g} to {most:g}")
+            beyond = f"{least:g} to {most:g}" if most < np.inf else f"{least:g} or more"
+            raise _no_such_value(path, values, origin, beyond)
     for key, count in COUNTS.items():
         found: tuple[str | Names, ...] = attrgetter(key)(profile)
         for names in ((one,) if isinstance(one, str) else one for one in found):

@@ -18,7 +18,7 @@ import msgspec
 
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.profile import Names, Profile, channels_option, load_profile, option_text, override, profile_names
-from cltaa.io.guides import guides_of
+from cltaa.io.guides import guided_role, guides_of
 from cltaa.io.manifest import NAME as MANIFEST
 from cltaa.io.names import Named, selection_of
 from cltaa.io.numbered import captures_below, files_in, no_frames, only_below
@@ -129,8 +129,14 @@ def _nearest(
         inside = "".join(f"{layer}." for layer in layers[:end])
         within = [tuple(inside + name for name in candidate) for candidate in candidates]
         if found := equal_matches(within, channels):
-            return next((places for places in found if colour and places[0].files == colour[0].files), found[0])
+            return min(found, key=lambda places: _farness(places[0].files, colour))
     return ()
+
+
+def _farness(files: str, colour: tuple[Place, ...]) -> tuple[bool, bool]:
+    """In the order of these sets of files: that of the ``colour``, those in its folder, and others."""
+    own = colour[0].files if colour else ""
+    return files != own, files.rpartition("/")[0] != own.rpartition("/")[0]
 
 
 def channel_missing(place: Place, role: str, count: int, path: Path, there: Iterable[str]) -> DataError:
@@ -153,21 +159,33 @@ def describe(roles: Roles, sets: Collection[str]) -> str:
 
 
 def shown_name(place: Place, sets: Collection[str]) -> str:
-    """A channel as a reader is told of it: where there are several ``sets`` of files behind the name of its own, or of
-    the folder that holds no other."""
+    """A channel as a reader is told of it: where there are several ``sets`` of files behind the name of its own, of its
+    folder where that holds no other, or of both where the name is another's too."""
     if len(sets) == 1:
         return place.channel
     folder, _, name = place.files.partition("/")
     alone = sum(label.startswith(f"{folder}/") for label in sets) < 2
-    return f"{folder if alone else name}.{place.channel}"
+    alike = sum(label.rpartition("/")[2] == name for label in sets)
+    qualifier = folder if alone or not name else name if alike < 2 else f"{folder}.{name}"
+    return f"{qualifier}.{place.channel}"
 
 
 def guide_places(channels: Mapping[str, Iterable[str]], colour: tuple[Place, ...]) -> dict[str, tuple[Place, ...]]:
-    """What guides a denoiser of the ``colour``, in any set of files, as ``albedo.0001.exr`` beside the picture."""
-    places = [Place(label, name) for label, names in channels.items() for name in names]
-    by_name = {shown_name(place, channels): place for place in reversed(places)}
-    own = [shown_name(place, channels) for place in colour]
-    return {role: tuple(by_name[name] for name in names) for role, names in guides_of(by_name, own).items()}
+    """What guides a denoiser of the ``colour``, in any set of files, as ``albedo.0001.exr`` beside the picture.
+
+    The name of such a set counts as the layer of what it holds, within that layer's own: of a view, or of none.
+    """
+    places = dict[str, Place]()
+    for label in sorted(channels, key=lambda label: (*_farness(label, colour), label)):
+        own = label == colour[0].files
+        for name in channels[label]:
+            layer, _, last = name.rpartition(".")
+            words = [] if own else [word for word in label.split("/") if guided_role(word)]
+            called = [".".join(filter(None, (layer, word, last))) for word in words]
+            for each in [*([name] if own or layer else []), *called]:
+                places.setdefault(each, Place(label, name))
+    found = guides_of(places, [place.channel for place in colour])
+    return {role: tuple(places[name] for name in names) for role, names in found.items()}
 
 
 def equal_matches(candidates: Sequence[Names], channels: Mapping[str, Iterable[str]]) -> list[tuple[Place, ...]]:
@@ -196,9 +214,10 @@ def _in_set(patterns: Sequence[str], label: str, names: Iterable[str], by_set: b
     """The channel of each pattern within one set of files; empty unless all are there.
 
     Where the patterns have ``*`` alike it stands for the same in each: R of one layer and G of another make no colour.
-    With ``by_set`` a channel is called behind the folder or the name of its set of files.
+    With ``by_set`` a channel is called behind the folder or the name of its set of files, or both.
     """
-    names, qualifiers = sorted(names, key=len), [f"{word}." for word in label.split("/")] if by_set else [""]
+    words = dict.fromkeys([*label.split("/"), label.replace("/", ".")])
+    names, qualifiers = sorted(names, key=len), [f"{word}." for word in words] if by_set else [""]
     if not by_set and set(patterns) <= set(names):  # with a star that is one
         return tuple(Place(label, pattern) for pattern in patterns)
     alike = len({pattern.count("*") for pattern in patterns}) == 1
@@ -353,6 +372,7 @@ def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]],
         return DataError("the picture has several views", path=folder, found=", ".join(views.names), cure=cure)
     several = equal_matches(profile.colour.channels, channels)
     if several:
+        several.sort(key=lambda places: guided_role(places[0].files.rpartition("/")[2]) is not None)
         option = channels_option("colour.channels", [shown_name(place, channels) for place in several[0]])
         return DataError(
             "several sets of files may be the colour",

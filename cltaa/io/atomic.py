@@ -53,6 +53,15 @@ def owned(folder: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
+def check_ownable(folder: Path) -> None:
+    """Raise OutputError unless ``owned`` can have the folder, and leave none that was not there."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    with owned(folder):
+        pass
+    for path in missing:
+        path.rmdir()
+
+
 def check_creatable(path: Path) -> None:
     """Raise OutputError unless a file of that name can be written, before the work that it is to hold."""
     temporary = _create(path)

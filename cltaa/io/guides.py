@@ -8,6 +8,12 @@ from collections.abc import Iterable
 GUIDES = {"albedo": (("albedo",), ("RGB",)), "normal": (("normal", "normals", "n"), ("XYZ", "RGB"))}
 
 
+def guided_role(layer: str) -> str | None:
+    """What a layer of that name, or its last word, guides a denoiser by; None for nothing."""
+    last = layer.lower().replace("_", " ").split(" ")[-1]
+    return next((role for role, (words, _) in GUIDES.items() if last in words), None)
+
+
 def guides_of(channels: Iterable[str], colour: Iterable[str] = ()) -> dict[str, tuple[str, ...]]:
     """The channels of a file that guide a denoiser: ``albedo`` and ``normal`` -> three names; what is not there is left
     out. Those of the layer and view of the ``colour`` channels come first, then what is named for a denoiser."""
@@ -28,11 +34,10 @@ def guides_of(channels: Iterable[str], colour: Iterable[str] = ()) -> dict[str, 
         return -shared, "denois" not in layer.lower(), len(others[layer]), layer
 
     found: dict[str, tuple[str, ...]] = {}
-    for role, (words, kinds) in GUIDES.items():
+    for role, (_, kinds) in GUIDES.items():
         for layer in sorted(others, key=rank):
-            last = "".join(others[layer][-1:]).lower().replace("_", " ").split(" ")[-1]
             triples = (tuple(f"{layer}.{axis}" for axis in axes) for axes in kinds)
             triple = next((each for each in triples if names.issuperset(each)), None)
-            if last in words and triple and role not in found:
+            if guided_role("".join(others[layer][-1:])) == role and triple and role not in found:
                 found[role] = triple
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -18,11 +19,13 @@ def load_config(path: Path, base: Preset) -> Preset:
     return msgspec.structs.replace(parsed, name=f"{path.name} over {parsed.name}")
 
 
-def read_preset(named: str | Path = "default") -> Preset:
+def read_preset(named: str | Path = "default", before: Callable[[Preset], Preset] | None = None) -> Preset:
     """The preset of that name, or of a file ``FILE.toml`` over the default, as ``cltaa tune`` writes one.
 
+    A file lies over what ``before`` makes of the default, a name is what it makes of that preset.
     Raises UsageError, and of a file InputMissing and DataError.
     """
-    if isinstance(named, str | Path) and str(named).endswith(".toml"):
-        return load_config(Path(named), load_preset())
-    return load_preset(str(named) if isinstance(named, Path) else named)
+    file = isinstance(named, str | Path) and str(named).endswith(".toml")
+    preset = load_preset("default" if file else str(named) if isinstance(named, Path) else named)
+    preset = preset if before is None else before(preset)
+    return load_config(Path(named), preset) if file else preset

@@ -199,9 +199,12 @@ class FrameSequence(NumberedFiles):
         outline = frame_outline(path, read_header(path).attributes, self.layouts[number])
         return replace(outline, index=number, step=self.step, found=self.found)
 
-    def with_guides(self) -> Self:
-        """The same, with what guides a denoiser among what is read and vouched for; own files hold it themselves."""
-        return self
+    def with_guides(self) -> tuple[Self, Mapping[str, str]]:
+        """The same, with what guides a denoiser among what is read and vouched for; own files hold it themselves.
+
+        And why what else could guide one does not.
+        """
+        return self, {}
 
     @property
     def guides(self) -> Mapping[str, tuple[str, ...]]:

@@ -21,9 +21,10 @@ DENOISERS = ("none", "oidn")
 Denoise = Callable[[Frame, Mapping[str, Image]], Frame]
 
 
-def guide_line(guides: Mapping[str, tuple[str, ...]]) -> str:
-    """Which channels guide a denoiser, for who renders them elsewhere or under other names."""
-    told = (f"{role} {written(guides[role])}" if role in guides else f"no {role}" for role in GUIDES)
+def guide_line(guides: Mapping[str, tuple[str, ...]], faults: Mapping[str, str]) -> str:
+    """Which channels guide a denoiser, or why none does, for who renders them elsewhere or under other names."""
+    without = {role: f"no {role}{f' ({faults[role]})' if role in faults else ''}" for role in GUIDES}
+    told = (f"{role} {written(guides[role])}" if role in guides else without[role] for role in GUIDES)
     return f"denoised with: {'; '.join(told)}"
 
 

@@ -25,7 +25,7 @@ from cltaa.frame import Asked, Effect, format_effects
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.found import Evidence, Found, by_headers, find_effects, with_found
 from cltaa.inputs.open import check_declared, looked_for, open_input
-from cltaa.io.atomic import owned
+from cltaa.io.atomic import check_ownable
 from cltaa.io.content import memory_limit
 from cltaa.io.manifest import RESTART_CURE, Manifest
 from cltaa.io.names import Named
@@ -134,16 +134,18 @@ def find_for(sequence: FrameSequence, *, denoised: bool, advance: Advance | None
 
 
 def guided(sequence: FrameSequence, *, told: bool) -> FrameSequence:
-    """``sequence`` with what guides a denoiser among what is read, of which a line is ``told``; raises DataError."""
-    sequence = sequence.with_guides()
+    """``sequence`` with what guides a denoiser among what is read, of which a line is ``told``."""
+    sequence, faults = sequence.with_guides()
     if told:
-        print(guide_line(sequence.guides), file=sys.stderr)
+        print(guide_line(sequence.guides, faults), file=sys.stderr)
     return sequence
 
 
 # Arguments of open_input, in which effects are the resolve's too.
 READING = frozenset({"profile", "assignments", "side_file", "verify", "gaps", "on_resize", "frames", "step"})
-RESOLVING = frozenset(signature(resolve_sequence).parameters)
+# Those of resolve_sequence that a program may give.
+OWN = {"sequence", "output", "resolver", "arrivals", "others", "found", "elsewhere"}
+RESOLVING = frozenset(signature(resolve_sequence).parameters) - OWN
 
 
 def how_read(
@@ -155,7 +157,9 @@ def how_read(
     """
     told = {**reading, **{name: options[name] for name in READING & options.keys()}}
     rest = {name: value for name, value in options.items() if name not in READING}
-    for name in (*(told.keys() - READING), *(rest.keys() - RESOLVING)):
+    for name in told.keys() - READING:
+        raise UsageError(f"reading takes no {name}", cure=known(name, sorted(READING), "arguments"))
+    for name in rest.keys() - RESOLVING:
         there = {*READING, *RESOLVING, *signature(resolve_folder).parameters} - {"options"}
         raise UsageError(f"resolve takes no {name}", cure=known(name, sorted(there), "arguments"))
     if told and isinstance(source, FrameSequence):
@@ -188,8 +192,8 @@ def resolve_folder(
 ) -> ResolveReport:
     """Resolve a folder of frames into ``output`` as ``cltaa resolve`` does, whose options these are.
 
-    With ``follow`` a folder that is still being written: each frame as it appears, until the last one of ``frames`` in
-    ``reading``, until none came for ``idle`` seconds, or until interrupted.
+    With ``follow`` a folder that is still being written: each frame as it appears, until the last one of ``frames``,
+    until none came for ``idle`` seconds, or until interrupted.
 
     ``jobs`` parts of the sequence are resolved at once, on all devices like the one that ``device`` names in turn, if
     the preset gathers: each begins with as many frames before its own as that keeps. With ``dask``, the address of a
@@ -208,7 +212,7 @@ def resolve_folder(
     reading, options = how_read(source, reading, options)
     denoised = denoiser(options.get("denoise", "none")) is not None
     if not isinstance(preset, Preset):
-        preset = for_denoised(read_preset(preset)) if denoised else read_preset(preset)
+        preset = read_preset(preset, for_denoised if denoised else None)
     check_jobs(1 if jobs is None else jobs, preset, follow=follow, debug=bool(debug), dask=dask is not None)
     arrivals = arrivals_of(source, preset, idle, reading, options) if follow else None
     if arrivals is not None:
@@ -283,8 +287,7 @@ def with_known_effects(
                 raise UsageError(what, path=output, expected=known, found=format_effects(new), cure=RESTART_CURE)
             line = f"effects found: {known} (as the run began)"
     elif looks:
-        with owned(output):  # else whoever cannot write there would wait for an error
-            pass
+        check_ownable(output)  # else whoever cannot write there would wait for an error
         with shown_progress("finding effects") if progress else nullcontext() as advance:
             found = find_for(sequence, denoised=denoised, advance=advance)
         line = found.line

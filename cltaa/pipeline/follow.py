@@ -105,7 +105,7 @@ class Arrivals:
         place = self._place()
         opened = open_input(Selection(place.folder, tuple(files), place.words, place.numbers), **self._reading)
         opened.found = self.found
-        return opened.with_guides() if self._guided else opened
+        return opened.with_guides()[0] if self._guided else opened
 
     def _place(self) -> Selection:
         try:

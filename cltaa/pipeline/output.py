@@ -245,7 +245,7 @@ class OutputFolder:
         except (CltaaError, ValueError):  # nothing is finished, or it is not there or damaged now
             return ""
 
-    def missing(self, sequence: FrameSequence, look_ahead: int) -> list[int]:
+    def missing(self, sequence: FrameSequence, look_ahead: int, *, shown: bool = False) -> list[int]:
         """Return the frames that are not finished, after a look at every file of those that are; with them the
         ``look_ahead`` frames before each, since their results hold it and nothing vouches yet for what it was.
 
@@ -255,7 +255,7 @@ class OutputFolder:
             return list(sequence.numbers)
         numbers = sequence.numbers
         pairs = zip((None, *numbers), numbers, strict=False)
-        looked_at = track(pairs, len(numbers), "checking")
+        looked_at = track(pairs, len(numbers), "checking", shown=shown)
         done = [self._finished(sequence, number, before) for before, number in looked_at]
         return [number for at, number in enumerate(numbers) if not all(done[at : at + 1 + look_ahead])]
 

@@ -335,7 +335,7 @@ class _Run:
 
     def resolve(self, checkpoint_every: int) -> None:
         """Resolve the frames that are missing, after those that their history needs."""
-        missing = self._folder.missing(self._sequence, self._resolver.look_ahead)
+        missing = self._folder.missing(self._sequence, self._resolver.look_ahead, shown=self._progress)
         if not missing:
             return
         self._parts.look = DiskSpace(self._folder.folder, len(self._files.sizes) + len(missing)).look

@@ -78,6 +78,8 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
         lambda seq: cltaa.resolve(seq, "out", profil="x"),
         "resolve takes no profil; did you mean profile",
     ),
+    "reading by no such argument": (lambda seq: cltaa.resolve(seq, "out", reading={"x": 1}), "reading takes no x"),
+    "a resolver of its own": (lambda seq: cltaa.resolve(seq, "out", resolver=None), "resolve takes no resolver"),
     "how an open one is read": (
         lambda seq: cltaa.resolve(cltaa.open(seq), "out", profile="nuke"),
         "the sequence is open .*found profile.*give those to cltaa.open",

@@ -468,7 +468,7 @@ def test_an_exposure_in_half_precision_is_a_number(recwarn: pytest.WarningsRecor
 
 def test_the_last_frame_shows_what_was_decided() -> None:
     resolver = Resolver(device="numpy")
-    with pytest.raises(ValueError, match="nothing was resolved"):
+    with pytest.raises(UsageError, match="nothing was resolved"):
         resolver.debug("count")
     resolver.resolve(make_frame(0))
     found = resolver.debug("count", "motion")

@@ -82,17 +82,20 @@ def test_f9_jitter_that_is_absent_or_left_in_the_matrices_shows() -> None:
 
 
 def test_f9_a_biased_sequence_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As what it is, and as a problem where no centred pattern of an engine has such a mean."""
     from cltaa_capture.jitter import halton
 
     raw = halton(8) - 0.5
     assert np.abs(raw.mean(axis=0)).max() > 1e-3
-    for name, points in (("raw", raw), ("centred", raw - raw.mean(axis=0))):
+    for name, points in (("raw", raw), ("centred", raw - raw.mean(axis=0)), ("corner", raw + 0.5)):
         (tmp_path / name).mkdir()
         for index in range(17):
             jitter = (float(points[index % 8][0]), float(points[index % 8][1]))
             write_frame(tmp_path / name / f"a.{index:04d}.exr", make_frame(index, jitter_px=jitter))
-        main(["inspect", str(tmp_path / name)])
-        assert ("jitter is not centred" in " ".join(capsys.readouterr().out.split())) == (name == "raw")
+        assert main(["inspect", str(tmp_path / name)]) == (65 if name == "corner" else 0)
+        assert ("not centred: the image is shifted by it" in " ".join(capsys.readouterr().out.split())) == (
+            name != "centred"
+        )
 
 
 @pytest.mark.parametrize("kind", list(CurrentFilter))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -148,18 +149,81 @@ def test_guides_beside_the_colour_vouch_for_a_result(
     assert "its other files, matrices, jitter or exposure are not those" in capsys.readouterr().err
 
 
-def test_a_frame_without_its_guides_is_told_before_the_work(
+def test_guides_that_a_frame_lacks_guide_none(
     tmp_path: Path, seen: list[dict[str, Any]], capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """No file, no channel, whole numbers, another picture: the line says what, and the other guide stays."""
     write_passes(tmp_path / "in", "{}", 3)
     command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--denoise", "oidn"]
-    write_image(tmp_path / "in" / "normal.0002.exr", {"Y": np.zeros((6, 8), np.float32)})
+    normal, albedo = (tmp_path / "in" / f"{name}.0002.exr" for name in ("normal", "albedo"))
+    grey = np.zeros((6, 8), np.float32)
+    breaks: list[tuple[Callable[[], object], str]] = [
+        (lambda: write_image(normal, {"Y": grey}), "channel is missing"),
+        (lambda: write_image(normal, dict.fromkeys("XYZ", grey.astype(np.uint32))), "wrong channel type"),
+        (lambda: write_image(normal, dict.fromkeys("XYZ", grey[:3])), "shows another picture than the colour"),
+        (lambda: normal.unlink(), "the frame is missing"),
+    ]
+    for broken, told in breaks:
+        broken()
+        seen.clear()
+        assert main([*command, "--restart"]) == 0
+        assert f"no normal ({normal}: {told})" in capsys.readouterr().err
+        assert [sorted(each) for each in seen] == [["albedo"]] * 3
+    albedo.unlink()
+    assert main([*command, "--restart"]) == 0
+    assert {*map(len, seen[3:])} == {0}
+
+
+@pytest.mark.parametrize("view", ["left", "right"])
+def test_guides_in_files_beside_are_those_of_the_colours_view(
+    view: str, tmp_path: Path, seen: list[dict[str, Any]]
+) -> None:
+    values = {"": 0.2, "right.": 0.8}
+    (tmp_path / "in").mkdir()
+    for name in ("beauty", "albedo"):
+        planes = {f"{layer}{c}": np.full((6, 8), at, np.float32) for layer, at in values.items() for c in "RGB"}
+        write_image(tmp_path / "in" / f"{name}.0001.exr", planes, {"multiView": ["left", "right"]})
+    command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--denoise", "oidn"]
+    assert main([*command, "--input", f"colour.view={view}"]) == 0
+    assert seen[0]["albedo"].flat[0] == np.float32(values["" if view == "left" else "right."])
+
+
+@pytest.mark.parametrize(("place", "value"), [("left", 0.1), ("right", 0.6)])
+def test_guides_and_depth_come_from_the_colours_folder(
+    place: str, value: float, tmp_path: Path, seen: list[dict[str, Any]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where names are alike in two folders, each is called by both, and the option that is told works."""
+    for folder, level in (("left", 0.1), ("right", 0.6)):
+        (tmp_path / "in" / folder).mkdir(parents=True)
+        for name, axes in (("beauty", "RGB"), ("albedo", "RGB"), ("depth", "Z")):
+            planes = {axis: np.full((6, 8), level, np.float32) for axis in axes}
+            write_image(tmp_path / "in" / folder / f"{name}.0001.exr", planes)
+    command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--denoise", "oidn"]
     assert main(command) != 0
-    assert "normal.0002.exr channel X: channel is missing" in capsys.readouterr().err
-    (tmp_path / "in" / "albedo.0001.exr").unlink()
-    assert main(command) != 0
-    assert "albedo.0001.exr frame 1: the frame is missing" in capsys.readouterr().err
-    assert not seen
+    option = "colour.channels='left.beauty.R left.beauty.G left.beauty.B'"
+    assert f"--input {option}" in capsys.readouterr().err
+    assert main([*command, "--input", option.replace("left", place).replace("'", "")]) == 0
+    assert seen[0]["albedo"].flat[0] == np.float32(value)
+    assert f"depth {place}.depth.Z" in capsys.readouterr().err
+
+
+def test_what_guides_is_all_that_is_read_for_it(
+    tmp_path: Path, seen: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from cltaa.io import exr_read
+
+    write_passes(tmp_path / "in", "{}", 1)
+    opened, loaded = list[str](), exr_read.loaded_parts
+
+    def counted(path: Path, *given: Any, **named: Any) -> Any:
+        opened.append(path.name)
+        return loaded(path, *given, **named)
+
+    monkeypatch.setattr(exr_read, "loaded_parts", counted)
+    command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--effects", "all"]
+    assert main([*command, "--denoise", "oidn"]) == 0
+    assert sorted(opened) == ["albedo.0000.exr", "beauty.0000.exr", "normal.0000.exr"]
+    assert len(seen) == 1
 
 
 @pytest.mark.parametrize(

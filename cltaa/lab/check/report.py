@@ -221,8 +221,9 @@ def check_folder(
     except CltaaError as error:
         raise _weightier(error, damaged.values()) from None
     wrong = _wrong_with(first, damaged.values(), only)
-    given = profile == "auto" or (isinstance(profile, Profile) and profile.name in profile_names())
-    name = intake.profile.name if given else profile
+    name = intake.profile.name if profile == "auto" else str(profile)
+    if isinstance(profile, Profile):  # which no option names: one that comes with cltaa does, and what differs from it
+        name = profile.name if profile.name in profile_names() else "cltaa"
     base, findings = load_profile(name), list[Finding]()
     for _ in range(ROUNDS):
         known = {finding.name for finding in findings}
@@ -239,7 +240,7 @@ def check_folder(
         intake = open_with_gaps(place, profile=name, assignments=again, **reading)
     told["has_camera"] &= all(map(sound, frames_read))
     lost = [mistake("file-unreadable", line, "left out of all else that is found", 0.99) for line in wrong.lines]
-    options = f"{profile_options(base.name if given else str(name), side_file, step)} {option_text(changes)}".strip()
+    options = f"{profile_options(name, side_file, step)} {option_text(changes)}".strip()
     report = Report(
         folder=str(place),
         frames=len(frames_read),

@@ -95,7 +95,7 @@ def plan(
     """
     denoised = denoises(denoise)
     if not isinstance(preset, Preset):
-        preset = for_denoised(read_preset(preset)) if denoised else read_preset(preset)
+        preset = read_preset(preset, for_denoised if denoised else None)
     if not isinstance(sequence, FrameSequence):
         sequence = open_input(sequence)
     check_declared(sequence, effects)

@@ -33,7 +33,9 @@ def test_each_fact_has_a_line(capsys: pytest.CaptureFixture[str], tmp_path: Path
     )
     write_images(tmp_path / "reference", [frame.colour for frame in frames], name="synthetic", samples=1)
     rows = rows_of(capsys, tmp_path, code=65)
-    assert rows["jitter"] == ["always the same, mean (0.25, -0.125) px, at most 0.250 px"]
+    assert rows["jitter"] == [
+        "always the same, mean (0.25, -0.125) px (not centred: the image is shifted by it), at most 0.250 px"
+    ]
     assert rows["reference"] == ["3 frames of 1 sample a pixel"]
     assert (rows["exposure"], rows["cuts"], rows["effects"]) == (["1 to 3"], ["2"], ["camera, cut, exposure"])
     assert rows["channels"] == ["B G R Z (float)"]
