@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 import cltaa as public
 from cltaa.errors import CltaaError
@@ -117,6 +118,15 @@ def test_what_check_returns_reads_the_frames(tmp_path: Path, monkeypatch: pytest
     assert whole.frames == 2
     beside = cltaa.resolve(cltaa.open(folder, profile=profile), tmp_path / "all", device="numpy", effects="all")
     assert beside.frames == 3
+    # Of sound frames of cltaa's own it is that of their own reader.
+    _, sound = cltaa.check(folder)
+    assert type(cltaa.open(folder, profile=sound)) is type(cltaa.open(folder))
+    # One that comes with no name is told by what it says.
+    Path("engine.toml").write_text('profile = "cltaa"\n[depth]\nscale = 2.0')
+    options = cltaa.check(folder, profile="engine.toml")[0].options
+    assert options == "--profile engine.toml"
+    named = cltaa.check(folder, profile=replace(profile, name="engine"))[0].options
+    assert named == "--profile cltaa --input depth.scale=2"
 
 
 def test_a_preset_in_a_file_is_loaded_and_resolves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
