@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cltaa.camera import is_still, sky_inverse_depth
 from cltaa.core.frame_checks import check_camera
 from cltaa.errors import DataError
-from cltaa.frame import Camera, Frame
+from cltaa.frame import Frame
 from cltaa.lab.check.hypotheses import (
     COMBINED,
     DOUBTFUL,
@@ -28,7 +28,6 @@ from cltaa.lab.check.hypotheses import (
     Finding,
     affine_maps,
     mistake,
-    regress,
     spoken,
     sureness,
 )
@@ -61,7 +60,7 @@ def check_structure(frames: Sequence[Frame]) -> tuple[list[Finding], Change | No
         what, fix = MEANINGS[name]
         row = " ".join(f"{number:g}" for number in wrong[0].camera.world_to_view[3])
         clip = " ".join(f"{number:g}" for number in wrong[0].camera.view_to_clip[3])
-        evidence = f"last rows {row} and {clip} as read, of a camera only when {name.replace('-', ' ')}"
+        evidence = f"last rows {row} and {clip} as read are no camera's, and are one's if {what}"
         if alike:
             evidence += f"; or {', '.join(alike)}, under which the pictures match about as well"
         return [mistake(f"camera-{name}", what, evidence, 0.95, fix)], MEANINGS[name].change
@@ -75,28 +74,6 @@ def _mismatch(frames: Sequence[Frame], change: Change) -> float:
     shot = Shot([replace(frame, camera=change(frame.camera)) for frame in frames], size)
     pairs = moving_pairs(shot)
     return float(residuals(pairs).mean()) if pairs else 0.0
-
-
-def check_projection_jitter(shot: Shot) -> list[Finding]:
-    """Find jitter that was left in the projection: its centre follows the declared jitter, frame by frame."""
-    sizes = np.array([shot.frames[0].width, shot.frames[0].height], float)
-    centre = np.array([_centre(frame.camera) for frame in shot.frames]) * sizes * (0.5, -0.5)
-    jitter = np.array([frame.jitter_px for frame in shot.frames])
-    centre, jitter = centre - centre.mean(0), jitter - jitter.mean(0)
-    if len(shot.frames) < 3 or not jitter.any() or np.abs(centre).max() < 1e-4:
-        return []
-    fit = regress(centre, jitter, np.ones(len(jitter)))
-    across, down = np.diag(fit.matrix).tolist()
-    if max(abs(abs(across) - 1.0), abs(abs(down) - 1.0)) > 0.1 or fit.left > 0.05:
-        return []
-    evidence = f"its centre moves by {across:.3f}, {down:.3f} x the declared jitter, to {fit.left:.1g} px"
-    name, fix = "jittered", {"jittered": True}
-    what = "the projection contains the jitter"
-    if across * down < 0.0:  # what is left of the two is found when it is read so
-        if shot.frames[0].camera.view_to_clip[1, 1] > 0.0:
-            return []
-        name, (what, fix) = "y-flipped", MEANINGS["y-flipped"]
-    return [mistake(f"camera-{name}", what, evidence, 0.98, fix)]
 
 
 def check_travel(shot: Shot) -> list[Finding]:
@@ -160,13 +137,6 @@ def camera_residual(pair: Pair, motion: Vector) -> float:
     """How badly the previous frame, fetched through ``motion`` [2, n] and the best shift, matches; 0 to 1."""
     there = ~np.isfinite(pair.own).all(0) & pair.usable
     return _mismatch_at(pair, there if there.sum() >= LEAST_POINTS else pair.usable, motion)
-
-
-def _centre(camera: Camera) -> Vector:
-    """Where the projection puts the viewing axis in NDC, [2]."""
-    column = 3 if camera.orthographic else 2
-    sign = 1.0 if camera.orthographic else -1.0
-    return sign * camera.view_to_clip[:2, column]
 
 
 MOST_VECTORS = 800  # of a pair: each must agree by itself

@@ -137,6 +137,7 @@ HALVES = ("scaled", "units-ndc")
 SURE_OF_HALF = 0.95  # where half or twice the jitter is not far better than all of it
 SMOOTH_ALIKE = 1.1  # scatter over the least
 MOST_SCATTER = 0.4  # of the likeness; where more is left over, distance is not what makes samples differ
+LARGEST_LEFT = 0.5  # of the jitter's own change: shifts that are farther from it confirm nothing
 CLEARLY_SMOOTHER = 0.87  # scatter under another map of the same size, over that as declared
 
 
@@ -198,6 +199,25 @@ def changes_of(shot: Shot) -> tuple[list[int], list[Fit], Vector, Vector]:
     measured = np.array([fit.shift for fit in fits.values()])
     declared = np.array([shot.pairs[place].jitter_change for place in fits])
     return [*fits], [*fits.values()], measured, declared
+
+
+def bears_out(shot: Shot) -> str:
+    """What shows that the pixels follow the declared jitter; nothing where nothing does clearly."""
+    declared = declared_jitter(shot.frames)
+    likeness = measure_likeness(shot)
+    if likeness is not None:
+        scatter, without = (likeness.scatter(jitter) for jitter in (declared, 0.0 * declared))
+        if scatter <= min(MOST_SCATTER, CLEARLY_SMOOTHER * without):
+            evidence = "differences of all samples are a function of distance but for"
+            return f"{evidence} {scatter:.0%} with it, {without:.0%} without"
+    known, _, measured, change = changes_of(shot)
+    if len(known) < LEAST_PAIRS:
+        return ""
+    ones = np.ones(len(known))
+    left, size = (left_over(shifts, change, np.eye(2), ones) for shifts in (measured, 0.0 * measured))
+    if left >= LARGEST_LEFT * size:
+        return ""
+    return f"shifts of {len(known)} pairs follow it to {left:.2f} px rms, of {size:.2f}"
 
 
 def _by_shifts(shot: Shot) -> list[Finding]:

@@ -24,13 +24,12 @@ from cltaa.lab.check.camera import (
     tells_map,
 )
 from cltaa.lab.check.depth import tells_kind
-from cltaa.lab.check.hypotheses import MEANINGS, Affine, left_over, linear_maps
-from cltaa.lab.check.jitter import LEAST_PAIRS, MOST_SCATTER, changes_of, declared_jitter, measure_likeness
+from cltaa.lab.check.hypotheses import MEANINGS, Affine, linear_maps
+from cltaa.lab.check.jitter import bears_out, declared_jitter
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
 from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Pair, Shot, Vector, measure_shifts
 
 MOST = 0.95  # quantile of the points: a few near the edge move by more under any mistake
-LARGEST_LEFT = 0.5  # of the jitter's own change: shifts that are farther from it confirm nothing
 WHAT = {"inverse": "their direction", "y-flipped": "their y"}
 UNIT = 2.0  # of depth
 VECTORS = {
@@ -157,15 +156,5 @@ def _shows_vectors(shot: Shot, name: str) -> bool:
 
 
 def _jitter(shot: Shot) -> Iterator[str]:
-    declared = declared_jitter(shot.frames)
-    if not np.ptp(declared, axis=0).any():
-        return
-    likeness = measure_likeness(shot)
-    if likeness is not None and likeness.scatter(declared) <= MOST_SCATTER:
-        return
-    known, _, measured, change = changes_of(shot)
-    if len(known) >= LEAST_PAIRS:
-        ones = np.ones(len(known))
-        if left_over(measured, change, np.eye(2), ones) < LARGEST_LEFT * left_over(0 * change, change, np.eye(2), ones):
-            return
-    yield "the jitter: its sign, axes and size: nothing that rests shows it clearly"
+    if np.ptp(declared_jitter(shot.frames), axis=0).any() and not bears_out(shot):
+        yield "the jitter: its sign, axes and size: nothing that rests shows it clearly"
