@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 from cltaa.frame import Frame
 from cltaa.inputs.convert import device_planes, planes_of, ray_length
 from cltaa.inputs.profile import Depth, DepthKind
-from cltaa.lab.check.camera import CLEARLY_BETTER, LARGEST_MISMATCH, camera_residual, moving_pairs, screened
+from cltaa.lab.check.camera import (
+    CLEARLY_BETTER,
+    LARGEST_MISMATCH,
+    camera_residual,
+    moving_pairs,
+    screened,
+    vectors_uphold,
+)
 from cltaa.lab.check.hypotheses import Finding, mistake, sureness
 from cltaa.lab.check.registration import Pair, Shot, Vector, seen_before
 
@@ -89,6 +96,8 @@ def check_depth_scale(shot: Shot) -> list[Finding]:
     best = min(SCALES, key=lambda scale: _gain(_scaled(few, scale)))
     declared, winner = found = _scaled(pairs, best)
     if winner.mean() > min(CLEARLY_BETTER * declared.mean(), LARGEST_MISMATCH) or (winner < declared).mean() < 0.7:
+        return []
+    if vectors_uphold(pairs, [pair.own - pair.motion_under(lambda camera: camera, best) for pair in pairs]):
         return []
     for step in STEPS:
         tried = [(best * by, _scaled(pairs, best * by)) for by in (1 / step, step)]
@@ -216,11 +225,17 @@ def tell_device(shot: Shot, found: Finding, rule: Depth) -> Finding:
         np.array([camera_residual(pair, motion) for pair, motion in zip(pairs, motions, strict=True)])
         for motions in (by_plain, by_changed)
     )
-    if changed.mean() >= plain.mean():
+    by_vectors = [
+        vectors_uphold(pairs, [pair.own - motion for pair, motion in zip(pairs, other, strict=True)], motions)
+        for motions, other in ((by_plain, by_changed), (by_changed, by_plain))
+    ]
+    if by_vectors[0] or (changed.mean() >= plain.mean() and not by_vectors[1]):
         return found
+    seen = "the vectors agree so, " if by_vectors[1] else ""
     if reverse:
-        return _reversed(found, f"residual {changed.mean():.3f} as near / Z, {plain.mean():.3f} as 1/Z")
-    evidence = f"{found.evidence}; residual {changed.mean():.3f} with a clip space from 0, {plain.mean():.3f} from -1"
+        return _reversed(found, f"{seen}residual {changed.mean():.3f} as near / Z, {plain.mean():.3f} as 1/Z")
+    evidence = f"{found.evidence}; {seen}residual {changed.mean():.3f} with a clip space from 0, "
+    evidence += f"{plain.mean():.3f} from -1"
     return mistake(found.name, found.what, evidence, found.confidence, {"kind": "device", "near": 1.0 / other})
 
 
