@@ -23,6 +23,7 @@ from cltaa.camera import is_still
 from cltaa.frame import Frame
 from cltaa.lab.check.hypotheses import (
     DOUBTFUL,
+    LEAST_SHIFT_PX,
     NEAR,
     Finding,
     left_over,
@@ -125,7 +126,6 @@ def declared_jitter(frames: Sequence[Frame]) -> Vector:
 
 
 LEAST_PAIRS = 4  # two unknown gains an axis, and something left to tell signal from noise
-LEAST_SHIFT_PX = 0.1  # root mean square; less is no jitter
 LEAST_JITTER_PX, MOST_APART = 0.2, 0.5  # of a jitter that nothing declares; two halves of the picture, over the shift
 MOST_LEFT_PX = 0.45  # root mean square; where more is left, jitter is not what moved the picture
 CLEARLY_BETTER = 0.85  # what is left under another map, over what is left as declared

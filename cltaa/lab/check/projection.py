@@ -14,8 +14,8 @@ import numpy as np
 from cltaa.camera import is_still
 from cltaa.frame import Frame
 from cltaa.inputs.convert import without_jitter
-from cltaa.lab.check.hypotheses import DOUBTFUL, MEANINGS, Finding, mistake, regress
-from cltaa.lab.check.jitter import LEAST_PAIRS, LEAST_SHIFT_PX, bears_out
+from cltaa.lab.check.hypotheses import DOUBTFUL, MEANINGS, Finding, mistake, regress, to_and_fro
+from cltaa.lab.check.jitter import LEAST_PAIRS, bears_out
 from cltaa.lab.check.registration import COVERED, Pair, Shot, Vector
 
 FARTHEST_PX = 1.0  # from the mean; what goes farther is a lens that shifts
@@ -47,10 +47,7 @@ def check_held_jitter(shot: Shot) -> list[Finding]:
         return []
     _, held = _held(shot.frames)
     moved = np.sqrt((np.diff(held, axis=0) ** 2).mean(0))
-    spread = float(np.hypot(*held.std(0)))
-    # Jitter goes to and fro: from frame to frame it moves by as much as it does in all.
-    to_and_fro = float(np.hypot(*moved)) >= max(spread, LEAST_SHIFT_PX)
-    if not to_and_fro or np.abs(held).max() > FARTHEST_PX:
+    if not to_and_fro(held) or np.abs(held).max() > FARTHEST_PX:
         return []
     readings = [_read_so(shot, shot.frames)]
     if shot.frames[0].camera.view_to_clip[1, 1] < 0.0:  # which may be a mistake, and turns the jitter too

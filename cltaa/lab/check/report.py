@@ -36,7 +36,7 @@ from cltaa.lab.check.colour import check_channels, check_colour, check_exposure
 from cltaa.lab.check.depth import AS_DECLARED, check_depth, check_depth_scale, tell_device
 from cltaa.lab.check.hypotheses import ASKED, DOUBTFUL, Finding, mistake
 from cltaa.lab.check.jitter import check_jitter
-from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
+from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion, without_leak
 from cltaa.lab.check.projection import check_held_jitter, check_projection_jitter
 from cltaa.lab.check.registration import Shot, measure_shifts
 from cltaa.lab.check.unverifiable import unverifiable
@@ -128,6 +128,11 @@ def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
     if held and not found:  # shifts after a camera that may hold the jitter tell nothing of it
         return held
     if not wrong & {"camera", "depth"}:
+        if (less := without_leak(shot)) is not shot:
+            jitter = check_jitter(less)
+            # What the vectors have of it is told by the right one.
+            if any(finding.settled.mistake for finding in jitter):
+                return found + jitter
         _, anchored = measure_shifts(shot)
         wrong_vectors = check_motion(shot)
         found += wrong_vectors
