@@ -31,6 +31,7 @@ Plane = NDArray[np.float64]
 
 ROUNDING = 16  # steps of the numbers: second difference of three of them, with as much again for the rasteriser
 FINEST, COARSE = 2.0**-23, 2.0**-11.5  # step of float32; the least of halves is 2^-11
+COARSEST = 2.0**-8  # the greatest of halves is 2^-10, and not all of them need be there
 CLEARLY_MORE = 0.8  # share of the pixels that tell two readings apart
 LEAST_PIXELS = 200
 MOST_FRAMES = 3  # a kind of depth is the same in all; more only cost time
@@ -135,11 +136,21 @@ def tells_kind(frames: Sequence[Frame]) -> bool:
     return "reciprocal" in _flat_shares(frames, [frame.depth.astype(np.float64) for frame in frames], "planar")
 
 
+def is_coarse(frames: Sequence[Frame]) -> bool:
+    """True of depth that was held in half precision, and not of a few distances far apart."""
+    steps = [_step(frame.depth[_known(frame.depth)].astype(np.float64)) for frame in frames[:MOST_FRAMES]]
+    return any(FINEST < step <= COARSEST for step in steps)
+
+
+def _known(depth: Plane | NDArray[np.float32]) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(depth) & (depth > 0) & (depth < 1e9))
+
+
 def _flat_shares(frames: Sequence[Frame], depth: Sequence[Plane], read: str) -> dict[str, float]:
     """For each other reading the share of pixels that lie on planes so, of those that it and ``read`` tell apart."""
     flat: dict[str, list[NDArray[np.bool_]]] = {"planar": [], "ray": [], "reciprocal": []}
     for frame, raw in zip(frames, depth, strict=True):
-        usable = np.isfinite(raw) & (raw > 0) & (raw < 1e9)
+        usable = _known(raw)
         step = _step(raw[usable])
         for kind, inverse_depth in _readings(frame, np.where(usable, raw, np.nan)).items():
             # Along rows and along columns: a level floor is at one depth along each row.

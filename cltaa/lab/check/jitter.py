@@ -143,7 +143,7 @@ CLEARLY_SMOOTHER = 0.87  # scatter under another map of the same size, over that
 
 def check_jitter(shot: Shot) -> list[Finding]:
     """Findings about the declared jitter."""
-    found = _mean(shot)
+    found = check_mean(shot)
     likeness = measure_likeness(shot) if np.ptp(declared_jitter(shot.frames), axis=0).any() else None
     judged = None if likeness is None else _by_likeness(shot, likeness)
     return found + (_by_shifts(shot) if judged is None else judged)
@@ -279,7 +279,7 @@ def _weights(fits: Sequence[Fit]) -> Vector:
     return np.clip(strength / middle, 0.1, 3.0)
 
 
-def _mean(shot: Shot) -> list[Finding]:
+def check_mean(shot: Shot) -> list[Finding]:
     """Find a jitter about another place than the centre; a part of a pattern's period is seldom centred either."""
     offsets = np.array([frame.jitter_px for frame in shot.frames])
     varies = np.ptp(offsets, axis=0).any()

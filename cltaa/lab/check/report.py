@@ -35,7 +35,7 @@ from cltaa.lab.check.camera import (
 from cltaa.lab.check.colour import check_channels, check_colour, check_exposure
 from cltaa.lab.check.depth import AS_DECLARED, check_depth, check_depth_scale, tell_device
 from cltaa.lab.check.hypotheses import ASKED, DOUBTFUL, Finding, mistake
-from cltaa.lab.check.jitter import check_jitter
+from cltaa.lab.check.jitter import check_jitter, check_mean
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion, without_leak
 from cltaa.lab.check.projection import check_held_jitter, check_projection_jitter
 from cltaa.lab.check.registration import Shot, measure_shifts
@@ -103,7 +103,8 @@ def check_frames(
     window = window or (frames[0].width, frames[0].height)
     shot = Shot(frames, window, has_camera=has_camera, has_depth=has_depth, has_jitter=has_jitter)
     two_planes = ("depth-inverse", "depth-device")
-    found = [tell_device(shot, finding, depth) if finding.name in two_planes else finding for finding in found]
+    if not shot.narrow:
+        found = [tell_device(shot, finding, depth) if finding.name in two_planes else finding for finding in found]
     found = _excused(shot, found + _check_motions(shot, found))
     return [finding.settled for finding in found if finding.confidence >= ASKED or not finding.mistake]
 
@@ -112,18 +113,19 @@ def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
     """Findings about what takes two frames, in the order in which they rest on each other."""
     wrong = {finding.name.partition("-")[0] for finding in before if finding.mistake}
     found, held = list[Finding](), list[Finding]()
-    if shot.has_camera:
-        if found := check_projection_jitter(shot):
+    if shot.has_camera and (found := check_projection_jitter(shot)):
+        return found
+    if shot.narrow:
+        return check_mean(shot)
+    if shot.has_camera and "depth" not in wrong:
+        held = check_held_jitter(shot)
+        if any(finding.settled.mistake for finding in held):
+            return held
+        # The rest is looked at once it is read so.
+        if found := check_zeroes(shot) or check_agreement(shot):
             return found
-        if "depth" not in wrong:
-            held = check_held_jitter(shot)
-            if any(finding.settled.mistake for finding in held):
-                return held
-            # The rest is looked at once it is read so.
-            if found := check_zeroes(shot) or check_agreement(shot):
-                return found
-            # A wrong camera and a wrong scale of depth both spoil the parallax; the camera's mistakes are the cruder.
-            found = check_travel(shot) or check_upside_down(shot) or (check_depth_scale(shot) if shot.has_depth else [])
+        # A wrong camera and a wrong scale of depth both spoil the parallax; the camera's mistakes are the cruder.
+        found = check_travel(shot) or check_upside_down(shot) or (check_depth_scale(shot) if shot.has_depth else [])
     wrong |= {finding.name.partition("-")[0] for finding in found if finding.settled.mistake}
     if held and not found:  # shifts after a camera that may hold the jitter tell nothing of it
         return held

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +27,10 @@ DECLARED: dict[str, Plant] = {
 }
 
 
-@pytest.mark.parametrize("name", ["corridor", "spinner"])
-@pytest.mark.parametrize("sign", [1.0, -1.0], ids=["with", "against"])
-@pytest.mark.parametrize("declared", DECLARED)
+@pytest.mark.parametrize(
+    ("declared", "sign", "name"),
+    [*product(DECLARED, (1.0, -1.0), ["corridor"]), ("units-ndc", 1.0, "spinner"), ("negated", -1.0, "spinner")],
+)
 def test_vectors_with_jitter_and_a_wrong_jitter_are_both_mended(
     declared: str, sign: float, name: str, scene: Scene, tmp_path: Path
 ) -> None:
