@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,9 @@ def correct(profile: Profile, fix: Mapping[str, Mapping[str, Any]]) -> Profile:
                 values[section][name] = [a * b for a, b in zip(first, change, strict=True)]
             elif name == "scale":
                 values[section][name] = before * change
+            elif name == "source" and section == "jitter":  # what made pixels of other numbers
+                plain = msgspec.to_builtins(Jitter())
+                values[section] |= {key: plain[key] for key in ("scale", "offset", "swap", "delay")} | {name: change}
             elif name in ("offset", "delay") and section == "jitter":
                 values[section][name] = (
                     before + change if name == "delay" else [a + b for a, b in zip(before, change, strict=True)]
@@ -132,6 +135,25 @@ def mended_camera(view: Matrix, projection: Matrix, rule: Cameras, jitter: Offse
         back[0, 3], back[1, 3] = 2 * jitter[0] / width, -2 * jitter[1] / height
         projection = back @ projection
     return Camera(np.ascontiguousarray(view, np.float64), np.ascontiguousarray(projection, np.float64))
+
+
+def without_jitter(cameras: Sequence[Camera], sizes: Sequence[tuple[int, int]]) -> tuple[list[Camera], list[Offset]]:
+    """``cameras`` with their projections' centres where all lie in the mean, and the jitter in pixels that each had.
+
+    ``sizes`` are width and height of their pictures.
+    """
+    columns = [3 if camera.orthographic else 2 for camera in cameras]  # what w is made of, and the centre times w
+    both = list(zip(cameras, columns, strict=True))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        centres = np.array([camera.view_to_clip[:2, at] / camera.view_to_clip[3, at] for camera, at in both])
+    mean = centres.mean(0)
+    steady = []
+    for camera, at in both:
+        projection = camera.view_to_clip.copy()
+        projection[:2, at] = mean * projection[3, at]  # set, so that what stands has one matrix
+        steady.append(Camera(camera.world_to_view, projection))
+    jitter = np.nan_to_num((centres - mean) * sizes * (-0.5, 0.5))
+    return steady, [(float(x), float(y)) for x, y in jitter]
 
 
 def standard_camera(world_to_camera: Matrix, world_to_ndc: Matrix, near: float) -> tuple[Matrix, Matrix]:

@@ -17,7 +17,7 @@ import numpy as np
 from cltaa.core.frame_checks import check_numbers
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.frame import Camera, Matrix
-from cltaa.inputs.convert import Offset, jitter_px, mended_camera, standard_camera
+from cltaa.inputs.convert import Offset, jitter_px, mended_camera, standard_camera, without_jitter
 from cltaa.inputs.profile import Cameras, Profile, channels_option, load_profile, option_text, override
 from cltaa.inputs.roles import (
     KEYS,
@@ -106,25 +106,33 @@ def declared_frames(
     jitters: dict[int, Offset | None] = dict.fromkeys(attributes)
     matrices: dict[int, tuple[Matrix, Matrix] | None] = dict.fromkeys(attributes)
     for number, given in attributes.items():
-        if profile.jitter.source != "none":
+        if profile.jitter.source == "declared":
             jitters[number] = _jitter(profile, given, side.get(number), layouts[number].path, number)
         if profile.camera.source != "none":
             with _converted(layouts[number].path, number):
                 matrices[number] = _matrices(profile.camera, given, side.get(number), layouts[number].path)
-    frames = {}
-    for number in attributes:
+
+    def jitter_of(number: int) -> Offset | None:
         # At the ends of the sequence there may be no frame of that delay: the frame's own number is the best guess.
         raw = jitters.get(number + profile.jitter.delay * step, jitters[number])
-        jitter = None if raw is None else jitter_px(raw, profile.jitter)
+        return None if raw is None else jitter_px(raw, profile.jitter)
+
+    cameras: dict[int, Camera] = {}
+    for number in attributes:
         pair = matrices.get(number + profile.camera.delay * step, matrices[number])
-        camera = None
         if pair is not None:
-            layout = layouts[number]
-            with _converted(layout.path, number):
-                whole = mended_camera(*pair, profile.camera, jitter or (0.0, 0.0), *layout.display_size)
-            camera = of_region(whole, layout)
+            size = layouts[number].display_size
+            with _converted(layouts[number].path, number):
+                cameras[number] = mended_camera(*pair, profile.camera, jitter_of(number) or (0.0, 0.0), *size)
+    if profile.jitter.source == "projection" and cameras:
+        steady, held = without_jitter([*cameras.values()], [layouts[number].display_size for number in cameras])
+        jitters |= dict(zip(cameras, held, strict=True))
+        cameras = dict(zip(cameras, steady, strict=True))
+    frames = {}
+    for number in attributes:
+        camera = of_region(cameras[number], layouts[number]) if number in cameras else None
         exposure_and_cut = _exposure_and_cut(attributes[number], side.get(number), layouts[number].path, number)
-        frames[number] = Declared(camera, jitter, *exposure_and_cut)
+        frames[number] = Declared(camera, jitter_of(number), *exposure_and_cut)
     return frames
 
 
@@ -431,6 +439,7 @@ DEPTH_NAME = re.compile(r"depth|(^|[._])(dist(ance)?|pz)($|[._])|(linear|view|ey
 NO_LIGHT = re.compile(
     r"albedo|base_?colou?r|diff(use)?_?col|matte|mask|crypto|normal|position|(^|[._])(uv|id|n|p)[._]", re.I
 )
+SHOWN = "; if the pixels are jittered, cltaa check shows by how much"
 # What a resolve of frames that nothing shines through takes for nothing (docs/decisions/11-conventions-from-pixels.md).
 OPAQUE = "alpha is 1 everywhere: --input colour.alpha=none gives the same colours, a tenth to a fifth faster"
 
@@ -458,7 +467,7 @@ def notes_of(intake: Intake, place: Selection) -> list[str]:
             "--input motion.channels='none none' leaves them out"
         )
     if not intake.has_jitter:
-        notes.append("no jitter: taken as none; if the pixels are jittered, cltaa check shows by how much")
+        notes.append(f"no jitter: taken as none{SHOWN}")
     return notes + _left_out(intake, place)
 
 

@@ -26,6 +26,7 @@ _FOLDER = resources.files("cltaa") / "inputs" / "profiles"
 Pair = tuple[float, float]
 Names = tuple[str, ...]
 Source = Literal["declared", "none"]
+JitterSource = Literal["declared", "projection", "none"]
 MatrixLayout = Literal["row", "column"]
 
 # How an error calls what a key wants, by the key's type.
@@ -132,10 +133,11 @@ class Motion(msgspec.Struct, frozen=True, kw_only=True):
 class Jitter(msgspec.Struct, frozen=True, kw_only=True):
     """Jitter in pixels = ``scale`` x swapped numbers + ``offset``, from ``attribute`` or the side file, else none.
 
-    The jitter of a frame is what was declared for the frame ``delay`` later.
+    The jitter of a frame is what was declared for the frame ``delay`` later. ``source`` projection: the numbers are how
+    far the projection's centre lies beside its mean over the shot, in pixels, and are taken out of it.
     """
 
-    source: Source = "declared"
+    source: JitterSource = "declared"
     attribute: str = "cltaa:jitterPx"
     scale: Pair = (1.0, 1.0)
     offset: Pair = (0.0, 0.0)

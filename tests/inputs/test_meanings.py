@@ -93,6 +93,34 @@ def test_jitter_is_taken_out_of_the_projection_or_not_read(tmp_path: Path) -> No
         assert (mended.jitter_px, plain.jitter_px) == (ours.jitter_px, (0.0, 0.0))
 
 
+@pytest.mark.parametrize("lens", [(0.0, 0.0), (40.5, -3.25)], ids=["centred", "shifted"])
+@pytest.mark.parametrize("clip", [make_camera().view_to_clip, orthographic(2.0, 1.5)], ids=["perspective", "parallel"])
+@pytest.mark.parametrize("turned", [1.0, -1.0], ids=["up", "down"])
+def test_jitter_is_read_from_the_projection(
+    clip: np.ndarray, lens: tuple[float, float], turned: float, tmp_path: Path
+) -> None:
+    """About its mean, so that a lens shift stays; what is left is one matrix, as of a camera that stands."""
+    made, whole = frames(4), np.diag([1.0, turned, 1.0, 1.0])
+    flip, view = f"camera.flip_y={str(turned < 0).lower()}", made[0].camera.world_to_view
+    told = np.array([frame.jitter_px for frame in made])
+    stored = [Camera(view, whole @ moved_by((x + lens[0], y + lens[1])) @ clip) for x, y in told]
+    write_own(
+        tmp_path, [replace(f, camera=camera, jitter_px=(9.0, 9.0)) for f, camera in zip(made, stored, strict=True)]
+    )
+    read_so = read(tmp_path, "jitter.source=projection", flip)
+    mean = told.mean(0)
+    steady = moved_by((mean[0] + lens[0], mean[1] + lens[1])) @ clip
+    for frame, jitter in zip(read_so, told - mean, strict=True):
+        # A few roundings of numbers up to 3, half a picture wide.
+        np.testing.assert_allclose(frame.jitter_px, jitter, rtol=0, atol=2.0**-50 * WIDTH)
+        np.testing.assert_allclose(frame.camera.view_to_clip, steady, rtol=0, atol=2.0**-50)
+        np.testing.assert_array_equal(frame.camera.view_to_clip, read_so[0].camera.view_to_clip)
+    scaled = read(tmp_path, "jitter.source=projection", "jitter.scale=2,-2", flip)
+    for frame, plain in zip(scaled, read_so, strict=True):
+        assert frame.jitter_px == (2 * plain.jitter_px[0], -2 * plain.jitter_px[1])
+        np.testing.assert_array_equal(frame.camera.view_to_clip, plain.camera.view_to_clip)
+
+
 LENS = make_camera().view_to_clip
 
 

@@ -63,7 +63,7 @@ def test_wrong_profiles(tmp_path: Path) -> None:
         ("motion.units=metres", "motion.units has no such value (expected pixels, uv, ndc, found metres)"),
         ("camera.layout=diagonal", "camera.layout has no such value (expected row, column, found diagonal)"),
         ("camera.sense=x", "camera.sense has no such value (expected world-to-camera, camera-to-world, found x)"),
-        ("jitter.source=maybe", "jitter.source has no such value (expected declared, none, found maybe)"),
+        ("jitter.source=maybe", "jitter.source has no such value (expected declared, projection, none, found maybe)"),
         ("motion.swap=maybe", "motion.swap has no such value (expected true or false, found maybe)"),
         ("motion.scale=1", "motion.scale has no such value (expected two numbers, found 1)"),
         ("motion.scale=1,nan", "motion.scale has no such value (expected two numbers, found 1,nan)"),

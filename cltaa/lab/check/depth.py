@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 from cltaa.frame import Frame
 from cltaa.inputs.convert import device_planes, planes_of, ray_length
 from cltaa.inputs.profile import Depth, DepthKind
-from cltaa.lab.check.camera import CLEARLY_BETTER, LARGEST_MISMATCH, camera_residual, moving_pairs, screened
+from cltaa.lab.check.camera import (
+    CLEARLY_BETTER,
+    LARGEST_MISMATCH,
+    camera_residual,
+    moving_pairs,
+    screened,
+    vectors_uphold,
+)
 from cltaa.lab.check.hypotheses import Finding, mistake, sureness
 from cltaa.lab.check.registration import Pair, Shot, Vector, seen_before
 
@@ -24,6 +31,7 @@ Plane = NDArray[np.float64]
 
 ROUNDING = 16  # steps of the numbers: second difference of three of them, with as much again for the rasteriser
 FINEST, COARSE = 2.0**-23, 2.0**-11.5  # step of float32; the least of halves is 2^-11
+COARSEST = 2.0**-8  # the greatest of halves is 2^-10, and not all of them need be there
 CLEARLY_MORE = 0.8  # share of the pixels that tell two readings apart
 LEAST_PIXELS = 200
 MOST_FRAMES = 3  # a kind of depth is the same in all; more only cost time
@@ -90,6 +98,8 @@ def check_depth_scale(shot: Shot) -> list[Finding]:
     declared, winner = found = _scaled(pairs, best)
     if winner.mean() > min(CLEARLY_BETTER * declared.mean(), LARGEST_MISMATCH) or (winner < declared).mean() < 0.7:
         return []
+    if vectors_uphold(pairs, [pair.own - pair.motion_under(lambda camera: camera, best) for pair in pairs]):
+        return []
     for step in STEPS:
         tried = [(best * by, _scaled(pairs, best * by)) for by in (1 / step, step)]
         best, found = min([(best, found), *tried], key=lambda one: _gain(one[1]))
@@ -126,11 +136,21 @@ def tells_kind(frames: Sequence[Frame]) -> bool:
     return "reciprocal" in _flat_shares(frames, [frame.depth.astype(np.float64) for frame in frames], "planar")
 
 
+def is_coarse(frames: Sequence[Frame]) -> bool:
+    """True of depth that was held in half precision, and not of a few distances far apart."""
+    steps = [_step(frame.depth[_known(frame.depth)].astype(np.float64)) for frame in frames[:MOST_FRAMES]]
+    return any(FINEST < step <= COARSEST for step in steps)
+
+
+def _known(depth: Plane | NDArray[np.float32]) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(depth) & (depth > 0) & (depth < 1e9))
+
+
 def _flat_shares(frames: Sequence[Frame], depth: Sequence[Plane], read: str) -> dict[str, float]:
     """For each other reading the share of pixels that lie on planes so, of those that it and ``read`` tell apart."""
     flat: dict[str, list[NDArray[np.bool_]]] = {"planar": [], "ray": [], "reciprocal": []}
     for frame, raw in zip(frames, depth, strict=True):
-        usable = np.isfinite(raw) & (raw > 0) & (raw < 1e9)
+        usable = _known(raw)
         step = _step(raw[usable])
         for kind, inverse_depth in _readings(frame, np.where(usable, raw, np.nan)).items():
             # Along rows and along columns: a level floor is at one depth along each row.
@@ -216,11 +236,17 @@ def tell_device(shot: Shot, found: Finding, rule: Depth) -> Finding:
         np.array([camera_residual(pair, motion) for pair, motion in zip(pairs, motions, strict=True)])
         for motions in (by_plain, by_changed)
     )
-    if changed.mean() >= plain.mean():
+    by_vectors = [
+        vectors_uphold(pairs, [pair.own - motion for pair, motion in zip(pairs, other, strict=True)], motions)
+        for motions, other in ((by_plain, by_changed), (by_changed, by_plain))
+    ]
+    if by_vectors[0] or (changed.mean() >= plain.mean() and not by_vectors[1]):
         return found
+    seen = "the vectors agree so, " if by_vectors[1] else ""
     if reverse:
-        return _reversed(found, f"residual {changed.mean():.3f} as near / Z, {plain.mean():.3f} as 1/Z")
-    evidence = f"{found.evidence}; residual {changed.mean():.3f} with a clip space from 0, {plain.mean():.3f} from -1"
+        return _reversed(found, f"{seen}residual {changed.mean():.3f} as near / Z, {plain.mean():.3f} as 1/Z")
+    evidence = f"{found.evidence}; {seen}residual {changed.mean():.3f} with a clip space from 0, "
+    evidence += f"{plain.mean():.3f} from -1"
     return mistake(found.name, found.what, evidence, found.confidence, {"kind": "device", "near": 1.0 / other})
 
 

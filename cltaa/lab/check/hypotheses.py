@@ -135,6 +135,7 @@ def linear_fix(matrix: Vector) -> dict[str, object]:
     return {"scale": scale, "swap": True} if swap else {"scale": scale}
 
 
+LEAST_SHIFT_PX = 0.1  # root mean square; less is no jitter
 NEAR = 0.35  # of the map: a fit that lies farther from it is no evidence of it, however much farther others lie
 
 
@@ -157,6 +158,12 @@ def left_over(measured: Vector, declared: Vector, matrix: Vector, weights: Vecto
     """Root mean square length of measured - matrix @ declared, in pixels."""
     difference = ((measured - declared @ matrix.T) ** 2).sum(1)
     return float(np.sqrt((difference * weights).sum() / weights.sum()))
+
+
+def to_and_fro(values: Vector) -> bool:
+    """True of ``values`` [n, 2] that differ from one to the next by as much as in all: jitter does, motion not."""
+    step, spread = (float(np.hypot(*part.std(0))) for part in (np.diff(values, axis=0), values))
+    return step >= max(spread, LEAST_SHIFT_PX)
 
 
 Change = Callable[[Camera], Camera]

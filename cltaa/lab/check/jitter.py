@@ -23,6 +23,7 @@ from cltaa.camera import is_still
 from cltaa.frame import Frame
 from cltaa.lab.check.hypotheses import (
     DOUBTFUL,
+    LEAST_SHIFT_PX,
     NEAR,
     Finding,
     left_over,
@@ -125,7 +126,6 @@ def declared_jitter(frames: Sequence[Frame]) -> Vector:
 
 
 LEAST_PAIRS = 4  # two unknown gains an axis, and something left to tell signal from noise
-LEAST_SHIFT_PX = 0.1  # root mean square; less is no jitter
 LEAST_JITTER_PX, MOST_APART = 0.2, 0.5  # of a jitter that nothing declares; two halves of the picture, over the shift
 MOST_LEFT_PX = 0.45  # root mean square; where more is left, jitter is not what moved the picture
 CLEARLY_BETTER = 0.85  # what is left under another map, over what is left as declared
@@ -137,12 +137,13 @@ HALVES = ("scaled", "units-ndc")
 SURE_OF_HALF = 0.95  # where half or twice the jitter is not far better than all of it
 SMOOTH_ALIKE = 1.1  # scatter over the least
 MOST_SCATTER = 0.4  # of the likeness; where more is left over, distance is not what makes samples differ
+LARGEST_LEFT = 0.5  # of the jitter's own change: shifts that are farther from it confirm nothing
 CLEARLY_SMOOTHER = 0.87  # scatter under another map of the same size, over that as declared
 
 
 def check_jitter(shot: Shot) -> list[Finding]:
     """Findings about the declared jitter."""
-    found = _mean(shot)
+    found = check_mean(shot)
     likeness = measure_likeness(shot) if np.ptp(declared_jitter(shot.frames), axis=0).any() else None
     judged = None if likeness is None else _by_likeness(shot, likeness)
     return found + (_by_shifts(shot) if judged is None else judged)
@@ -198,6 +199,25 @@ def changes_of(shot: Shot) -> tuple[list[int], list[Fit], Vector, Vector]:
     measured = np.array([fit.shift for fit in fits.values()])
     declared = np.array([shot.pairs[place].jitter_change for place in fits])
     return [*fits], [*fits.values()], measured, declared
+
+
+def bears_out(shot: Shot) -> str:
+    """What shows that the pixels follow the declared jitter; nothing where nothing does clearly."""
+    declared = declared_jitter(shot.frames)
+    likeness = measure_likeness(shot)
+    if likeness is not None:
+        scatter, without = (likeness.scatter(jitter) for jitter in (declared, 0.0 * declared))
+        if scatter <= min(MOST_SCATTER, CLEARLY_SMOOTHER * without):
+            evidence = "differences of all samples are a function of distance but for"
+            return f"{evidence} {scatter:.0%} with it, {without:.0%} without"
+    known, _, measured, change = changes_of(shot)
+    if len(known) < LEAST_PAIRS:
+        return ""
+    ones = np.ones(len(known))
+    left, size = (left_over(shifts, change, np.eye(2), ones) for shifts in (measured, 0.0 * measured))
+    if left >= LARGEST_LEFT * size:
+        return ""
+    return f"shifts of {len(known)} pairs follow it to {left:.2f} px rms, of {size:.2f}"
 
 
 def _by_shifts(shot: Shot) -> list[Finding]:
@@ -259,7 +279,7 @@ def _weights(fits: Sequence[Fit]) -> Vector:
     return np.clip(strength / middle, 0.1, 3.0)
 
 
-def _mean(shot: Shot) -> list[Finding]:
+def check_mean(shot: Shot) -> list[Finding]:
     """Find a jitter about another place than the centre; a part of a pattern's period is seldom centred either."""
     offsets = np.array([frame.jitter_px for frame in shot.frames])
     varies = np.ptp(offsets, axis=0).any()

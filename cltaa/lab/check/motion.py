@@ -12,24 +12,30 @@ how far jitter alone moved the picture.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from cltaa.lab.check.camera import ROUNDED, ROUNDED_PX, UPHELD
 from cltaa.lab.check.hypotheses import (
     NEAR,
     Affine,
     Finding,
     affine_maps,
+    left_over,
     linear_fix,
     linear_maps,
     mistake,
     regress,
     spoken,
     sureness,
+    to_and_fro,
 )
 from cltaa.lab.check.registration import (
     COVERED,
+    FARTHEST_PX,
     LEAST_POINTS,
     Fit,
     Pair,
@@ -121,9 +127,9 @@ AS_DECLARED = 1.03  # residual as declared over the least; slow vectors gain lit
 ALIKE = 1.1  # residuals over the least; among such the plainest is taken, as of half the vectors and all of them
 LEAST_EFFECT_PX = 0.08  # a mistake that moves the vectors by less is not worth a word
 MOST_POINTS = 8000  # looked at for each of two dozen maps; more only cost time
+MOST_SEEN = 800  # of which each is compared with each
 LEAST_PAIRS = 6  # of them four second differences are left, for two gains an axis
 JITTERED = "the vectors contain the change of jitter"
-LEAST_LEAK = 0.5  # of the change of jitter
 
 
 def check_motion(shot: Shot, maps: Mapping[str, Affine] | None = None) -> list[Finding]:
@@ -277,9 +283,31 @@ def _finer(scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping
     return [mistake(f"motion-{best}", what, evidence, sureness(declared, winner), fix)]
 
 
+def without_leak(shot: Shot) -> Shot:
+    """``shot`` with vectors less what resting pixels have in them to and fro: jitter is measured through these.
+
+    Whatever jitter is declared; ``shot`` itself where there is nothing of that.
+    """
+    pairs = [pair for pair in shot.pairs if _filled(pair)]
+    if len(pairs) < max(LEAST_PAIRS, len(shot.pairs)) or not (shot.has_camera and shot.has_depth):
+        return shot
+    leak = np.array([_resting(pair) for pair in pairs])
+    leak -= leak.mean(0)  # what fills the picture may move on
+    if not to_and_fro(leak) or np.abs(leak).max() > FARTHEST_PX:
+        return shot
+    less = copy(shot)
+    less.shifts = None
+    less.pairs = [replace(p, own=p.own - left[:, None]) for p, left in zip(pairs, leak, strict=True)]
+    return less
+
+
+def _filled(pair: Pair) -> bool:
+    return bool((np.isfinite(pair.own).all(0) & pair.usable).mean() >= COVERED)
+
+
 def _resting_leak(shot: Shot) -> list[Finding]:
     """Jitter left in vectors that cover the whole picture: what resting pixels declare follows the jitter."""
-    pairs = [pair for pair in shot.pairs if (np.isfinite(pair.own).all(0) & pair.usable).mean() >= COVERED]
+    pairs = [pair for pair in shot.pairs if _filled(pair)]
     change = np.array([pair.jitter_change for pair in pairs])
     if len(pairs) < LEAST_PAIRS or not change.any():
         return []
@@ -287,22 +315,31 @@ def _resting_leak(shot: Shot) -> list[Finding]:
     resting, change = (np.diff(of, n=2, axis=0) for of in (np.array([_resting(pair) for pair in pairs]), change))
     fit = regress(resting, change, np.ones(len(change)))
     gain = float(np.trace(fit.matrix)) / 2.0
+    held = 1 if gain > 0.0 else -1
     spread = float(np.sqrt((change**2).sum(1).mean()))
-    if abs(gain) < LEAST_LEAK or fit.left > 0.5 * spread:
+    # Another factor tells that the jitter is of another unit or sign, which nothing taken out mends.
+    if left_over(held * change, change, fit.matrix, np.ones(len(change))) > NEAR * spread or fit.left > 0.5 * spread:
         return []
     evidence = f"resting pixels follow {gain:.2f} x the change of jitter over {len(pairs)} pairs, "
     evidence += f"to {fit.left:.2f} px rms"
-    name, held = ("motion-jittered", 1) if gain > 0 else ("motion-jittered-reversed", -1)
+    name = "motion-jittered" if held > 0 else "motion-jittered-reversed"
     sure = float(np.clip(1.0 - fit.left / spread, 0.3, 0.99))
     return [mistake(name, JITTERED, evidence, sure, {"jittered": held})]
 
 
 def _resting(pair: Pair) -> Vector:
-    """What the vectors say beyond the camera's motion where most agree: the middle of the half nearest the middle."""
+    """What the vectors say beyond the camera's motion where most agree: to their rounding, else about the middle."""
     beyond = pair.own - pair.camera_motion()
-    beyond = beyond[:, np.isfinite(beyond).all(0)]
-    if not beyond.size:
+    known = np.isfinite(beyond).all(0)
+    if not known.any():
         return np.full(2, np.nan)
+    beyond, length = beyond[:, known], np.hypot(*pair.own[:, known])
+    some = slice(None, None, max(1, -(-len(length) // MOST_SEEN)))
+    apart = np.hypot(*(beyond[:, some, None] - beyond[:, None, some]))
+    alike = apart <= (ROUNDED_PX + ROUNDED * length)[some]
+    most = alike[np.argmax(alike.sum(1))]
+    if most.mean() >= UPHELD:  # of what rests by the same, and of the rest by anything
+        return np.asarray(np.median(beyond[:, some][:, most], axis=1))
     middle = np.median(beyond, axis=1)
     near = np.hypot(*(beyond - middle[:, None]))
     return np.asarray(np.median(beyond[:, near <= np.quantile(near, 0.5)], axis=1))

@@ -153,6 +153,7 @@ OPAQUE = 0.99  # alpha; what shines through moves otherwise
 UNCOVERED_PX, IN_FRONT = 2, 0.9  # from an edge of depth; of the depth behind it
 MOST_UNCOVERED = 0.5  # where so few would be left edges are everywhere, and say as much as the rest
 BLOCK = 8  # pixels: of a chequer of such blocks one colour is fitted and the other judges
+LEAST_SIDE = 2 * BLOCK + 1  # of a picture that is matched; up to 16 pixels right captures were accused
 AS_FAST = 1e-3  # of the fastest: what moves less rests, but for the rounding of halves
 
 
@@ -232,6 +233,11 @@ class Shot:
     has_jitter: bool = True
     pairs: list[Pair] = field(default_factory=list)
     shifts: tuple[list[Fit | None], bool] | None = None  # once they were measured
+
+    @property
+    def narrow(self) -> bool:
+        """True of pictures that have too few columns or rows to tell where one lies on another."""
+        return min(self.frames[0].width, self.frames[0].height) < LEAST_SIDE
 
     def __post_init__(self) -> None:
         """Prepare the pairs; a cut or a gap parts two frames."""

@@ -15,7 +15,7 @@ from cltaa.errors import CltaaError, DataError, UsageError
 from cltaa.frame import Frame
 from cltaa.inputs.convert import correct
 from cltaa.inputs.foreign import ForeignSequence
-from cltaa.inputs.intake import OPAQUE, Damaged, Intake, damaged_files, intake_lines, open_with_gaps
+from cltaa.inputs.intake import OPAQUE, SHOWN, Damaged, Intake, damaged_files, intake_lines, open_with_gaps
 from cltaa.inputs.profile import Depth, Profile, assignments_of, differences, load_profile, option_text, profile_names
 from cltaa.inputs.roles import file_sets, shown_name
 from cltaa.io.exr_layout import LOSSLESS
@@ -26,7 +26,6 @@ from cltaa.io.pixel_statistics import is_opaque
 from cltaa.lab.check.camera import (
     check_agreement,
     check_disagreement,
-    check_projection_jitter,
     check_structure,
     check_travel,
     check_upside_down,
@@ -36,8 +35,9 @@ from cltaa.lab.check.camera import (
 from cltaa.lab.check.colour import check_channels, check_colour, check_exposure
 from cltaa.lab.check.depth import AS_DECLARED, check_depth, check_depth_scale, tell_device
 from cltaa.lab.check.hypotheses import ASKED, DOUBTFUL, Finding, mistake
-from cltaa.lab.check.jitter import check_jitter
-from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
+from cltaa.lab.check.jitter import check_jitter, check_mean
+from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion, without_leak
+from cltaa.lab.check.projection import check_held_jitter, check_projection_jitter
 from cltaa.lab.check.registration import Shot, measure_shifts
 from cltaa.lab.check.unverifiable import unverifiable
 from cltaa.printable import counted, written
@@ -67,8 +67,8 @@ def check_files(intake: Intake) -> list[Finding]:
                 Finding(name=f"{role}-half", mistake=role == "depth", confidence=0.99, what=what, evidence=evidence)
             )
     for note in intake.notes:
-        name = note.split(":")[0].replace(" ", "-")
-        found.append(Finding(name=name, mistake=False, confidence=0.99, what=note, evidence="the files' headers"))
+        name, what = note.split(":")[0].replace(" ", "-"), note.removesuffix(SHOWN)
+        found.append(Finding(name=name, mistake=False, confidence=0.99, what=what, evidence="the files' headers"))
     return found
 
 
@@ -103,7 +103,8 @@ def check_frames(
     window = window or (frames[0].width, frames[0].height)
     shot = Shot(frames, window, has_camera=has_camera, has_depth=has_depth, has_jitter=has_jitter)
     two_planes = ("depth-inverse", "depth-device")
-    found = [tell_device(shot, finding, depth) if finding.name in two_planes else finding for finding in found]
+    if not shot.narrow:
+        found = [tell_device(shot, finding, depth) if finding.name in two_planes else finding for finding in found]
     found = _excused(shot, found + _check_motions(shot, found))
     return [finding.settled for finding in found if finding.confidence >= ASKED or not finding.mistake]
 
@@ -111,18 +112,29 @@ def check_frames(
 def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
     """Findings about what takes two frames, in the order in which they rest on each other."""
     wrong = {finding.name.partition("-")[0] for finding in before if finding.mistake}
-    found = list[Finding]()
-    if shot.has_camera:
-        if found := check_projection_jitter(shot):
+    found, held = list[Finding](), list[Finding]()
+    if shot.has_camera and (found := check_projection_jitter(shot)):
+        return found
+    if shot.narrow:
+        return check_mean(shot)
+    if shot.has_camera and "depth" not in wrong:
+        held = check_held_jitter(shot)
+        if any(finding.settled.mistake for finding in held):
+            return held
+        # The rest is looked at once it is read so.
+        if found := check_zeroes(shot) or check_agreement(shot):
             return found
-        if "depth" not in wrong:
-            # The rest is looked at once it is read so.
-            if found := check_zeroes(shot) or check_agreement(shot):
-                return found
-            # A wrong camera and a wrong scale of depth both spoil the parallax; the camera's mistakes are the cruder.
-            found = check_travel(shot) or check_upside_down(shot) or (check_depth_scale(shot) if shot.has_depth else [])
+        # A wrong camera and a wrong scale of depth both spoil the parallax; the camera's mistakes are the cruder.
+        found = check_travel(shot) or check_upside_down(shot) or (check_depth_scale(shot) if shot.has_depth else [])
     wrong |= {finding.name.partition("-")[0] for finding in found if finding.settled.mistake}
+    if held and not found:  # shifts after a camera that may hold the jitter tell nothing of it
+        return held
     if not wrong & {"camera", "depth"}:
+        if (less := without_leak(shot)) is not shot:
+            jitter = check_jitter(less)
+            # What the vectors have of it is told by the right one.
+            if any(finding.settled.mistake for finding in jitter):
+                return found + jitter
         _, anchored = measure_shifts(shot)
         wrong_vectors = check_motion(shot)
         found += wrong_vectors
@@ -135,10 +147,12 @@ def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
 
 
 def _excused(shot: Shot, found: Sequence[Finding]) -> list[Finding]:
-    """``found``; vectors that are all one are no mistake where they are right, and not told where they are mended."""
+    """``found``; vectors that are all one are no mistake where they are right, and not told where they are mended, or
+    the matrices that may bear them out.
+    """
     if not any(finding.name == "motion-constant" for finding in found):
         return list(found)
-    if any(finding.name.startswith("motion-") and finding.fix for finding in found):
+    if any({"motion", "camera"} & finding.fix.keys() or "source" in finding.fix.get("jitter", {}) for finding in found):
         return [finding for finding in found if finding.name != "motion-constant"]
     right, told = _agrees(shot), shot.has_camera and shot.has_depth
     change = {"mistake": False} if right else {} if told else {"confidence": DOUBTFUL}

@@ -23,14 +23,13 @@ from cltaa.lab.check.camera import (
     residuals,
     tells_map,
 )
-from cltaa.lab.check.depth import tells_kind
-from cltaa.lab.check.hypotheses import MEANINGS, Affine, left_over, linear_maps
-from cltaa.lab.check.jitter import LEAST_PAIRS, MOST_SCATTER, changes_of, declared_jitter, measure_likeness
+from cltaa.lab.check.depth import is_coarse, tells_kind
+from cltaa.lab.check.hypotheses import MEANINGS, Affine, linear_maps
+from cltaa.lab.check.jitter import bears_out, declared_jitter
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
-from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Pair, Shot, Vector, measure_shifts
+from cltaa.lab.check.registration import COVERED, LEAST_POINTS, LEAST_SIDE, Pair, Shot, Vector, measure_shifts
 
 MOST = 0.95  # quantile of the points: a few near the edge move by more under any mistake
-LARGEST_LEFT = 0.5  # of the jitter's own change: shifts that are farther from it confirm nothing
 WHAT = {"inverse": "their direction", "y-flipped": "their y"}
 UNIT = 2.0  # of depth
 VECTORS = {
@@ -49,12 +48,18 @@ AXES = {"the sign of x": 0, "the sign of y": 1}
 def unverifiable(shot: Shot) -> list[str]:
     """One line for each convention that could be wrong and this check would not name it in these frames."""
     if not shot.pairs:
-        return [_alone(shot), *_depth(shot)]
+        return [f"{_between_two(shot)}: no frame here follows another; give 8 or more in a row", *_depth(shot)]
+    if shot.narrow:
+        size = f"{shot.frames[0].width} x {shot.frames[0].height}"
+        return [
+            f"{_between_two(shot)}: {size} pixels are too small to tell, {LEAST_SIDE} on each side do",
+            *_depth(shot),
+        ]
     return [*_camera(shot), *_depth(shot), *_motion(shot), *_jitter(shot)]
 
 
-def _alone(shot: Shot) -> str:
-    """What shows between a frame and the next, where none has one: of a single frame, or behind cuts and gaps."""
+def _between_two(shot: Shot) -> str:
+    """What shows between a frame and the next, and not of a single frame, behind cuts and gaps, or in narrow ones."""
     vectors = any(frame.motion is not None for frame in shot.frames)
     here = {
         "matrices": shot.has_camera,
@@ -62,8 +67,7 @@ def _alone(shot: Shot) -> str:
         "vectors": vectors,
         "jitter": True,
     }
-    hidden = ", ".join(what for what, there in here.items() if there)
-    return f"{hidden}: no frame here follows another; give 8 or more in a row"
+    return ", ".join(what for what, there in here.items() if there)
 
 
 def _camera(shot: Shot) -> Iterator[str]:
@@ -91,7 +95,8 @@ def _camera(shot: Shot) -> Iterator[str]:
 
 def _depth(shot: Shot) -> Iterator[str]:
     if shot.has_depth and shot.has_camera and not tells_kind(shot.frames):
-        yield "the kind of depth: no plane in view lies aslant"
+        coarse = "half precision rounds off by what planes of another kind would bend"
+        yield f"the kind of depth: {coarse if is_coarse(shot.frames) else 'no plane in view lies aslant'}"
 
 
 def _shows(pairs: Sequence[Pair], wrong: Sequence[Vector]) -> bool:
@@ -157,15 +162,5 @@ def _shows_vectors(shot: Shot, name: str) -> bool:
 
 
 def _jitter(shot: Shot) -> Iterator[str]:
-    declared = declared_jitter(shot.frames)
-    if not np.ptp(declared, axis=0).any():
-        return
-    likeness = measure_likeness(shot)
-    if likeness is not None and likeness.scatter(declared) <= MOST_SCATTER:
-        return
-    known, _, measured, change = changes_of(shot)
-    if len(known) >= LEAST_PAIRS:
-        ones = np.ones(len(known))
-        if left_over(measured, change, np.eye(2), ones) < LARGEST_LEFT * left_over(0 * change, change, np.eye(2), ones):
-            return
-    yield "the jitter: its sign, axes and size: nothing that rests shows it clearly"
+    if np.ptp(declared_jitter(shot.frames), axis=0).any() and not bears_out(shot):
+        yield "the jitter: its sign, axes and size: nothing that rests shows it clearly"

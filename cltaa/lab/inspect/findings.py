@@ -87,7 +87,7 @@ class Inspection(msgspec.Struct, kw_only=True):
     channels: dict[str, str] = {}
     effects: list[str] | None = None  # None: nothing is declared
     jitter: Jitter | None = None
-    camera: str = ""  # still, moves, zooms, moves and zooms
+    camera: str = ""  # still, or what it does: moves, zooms, shifts (as its centre does by jitter that was left in it)
     orthographic: bool = False
     cuts: list[int] = []
     exposures: tuple[float, float] = (1.0, 1.0)  # smallest and largest
@@ -126,8 +126,10 @@ def describe_headers(result: Inspection, headers: Headers) -> None:
     exposures = [header.exposure for header in headers.values()]
     result.exposures = (min(exposures), max(exposures))
     moves = not _constant(header.camera.world_to_view for header in headers.values())
-    zooms = not _constant(header.camera.view_to_clip for header in headers.values())
-    result.camera = " and ".join(word for word, on in (("moves", moves), ("zooms", zooms)) if on) or "still"
+    zooms = not _constant(header.camera.view_to_clip[:2, :2] for header in headers.values())
+    shifts = not zooms and not _constant(header.camera.view_to_clip for header in headers.values())
+    does = {"moves": moves, "zooms": zooms, "shifts": shifts}
+    result.camera = " and ".join(word for word, on in does.items() if on) or "still"
     result.jitter = _jitter([header.jitter_px for header in headers.values()])
     mean = max(abs(component) for component in result.jitter.mean_px)
     if result.jitter.period is not None and mean > LARGEST_MEAN_PX:

@@ -15,6 +15,7 @@ from cltaa.io.exr_frame import Pixels
 from cltaa.lab.check.colour import check_channels, check_colour
 from cltaa.lab.check.hypotheses import Finding
 from cltaa.lab.check.report import check_folder, check_frames
+from tests.inputs.foreign import write_blender
 from tests.sequence_factory import make_camera, make_frame
 
 
@@ -143,3 +144,9 @@ def test_depth_in_files_of_its_own_is_judged_by_these(
     report, _ = check_folder(tmp_path)
     assert names(report.findings) == found
     assert all("depth" in finding.evidence for finding in report.mistakes)
+
+
+def test_the_check_does_not_point_to_itself(tmp_path: Path) -> None:
+    report, _ = check_folder(write_blender(tmp_path, frames()))
+    (note,) = [finding for finding in report.findings if finding.name == "no-jitter"]
+    assert note.what == "no jitter: taken as none"

@@ -14,12 +14,12 @@ from cltaa.frame import Camera, Frame
 from cltaa.lab.check.camera import (
     MOST_PAIRS,
     camera_residual,
-    check_projection_jitter,
     check_structure,
     check_travel,
     moving_pairs,
 )
 from cltaa.lab.check.hypotheses import Finding
+from cltaa.lab.check.projection import check_projection_jitter
 from cltaa.lab.check.registration import Pair, Shot
 from tests.lab.check.conftest import Scene
 from tests.lab.check.mistakes import FLIP_Y, MISTAKES, camera_delayed, camera_jittered
@@ -115,7 +115,10 @@ def test_of_matrices_that_are_no_cameras_the_last_rows_are_shown() -> None:
     wrong = [make_frame(n, camera=Camera(camera.world_to_view.T, camera.view_to_clip.T)) for n in range(2)]
     (finding,), _ = check_structure(wrong)
     assert finding.name == "camera-transposed"
-    assert finding.evidence.startswith("last rows -1 -2 -5 1 and 0 0 -0.2002 0 as read, of a camera only when")
+    rows = (
+        "last rows -1 -2 -5 1 and 0 0 -0.2002 0 as read are no camera's, and are one's if the matrices are transposed"
+    )
+    assert finding.evidence.startswith(rows)
     nowhere: list[Finding]
     nowhere, change = check_structure([make_frame(n, camera=Camera(np.zeros((4, 4)), np.eye(4))) for n in (3, 4)])
     assert [(finding.name, change) for finding in nowhere] == [("camera-wrong", None)]

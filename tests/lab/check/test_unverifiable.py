@@ -128,6 +128,12 @@ def test_vectors_in_a_few_pixels_and_depth_without_slant_are_unverifiable(small:
     assert not any("kind of depth" in line for line in told(small("sparks")))
 
 
+def test_halves_and_not_what_is_in_view_hide_the_kind_of_depth(small: Scene) -> None:
+    halves = [replace(f, depth=f.depth.astype(np.float16).astype(np.float32)) for f in small("sparks")]
+    (line,) = [line for line in told(halves) if line.startswith("the kind of depth")]
+    assert line == "the kind of depth: half precision rounds off by what planes of another kind would bend"
+
+
 def test_a_camera_that_lags_at_a_cut_is_late(small: Scene) -> None:
     """Where it stands before and after, an early one would do as well."""
     assert mistakes(MISTAKES["camera-late"].plant(small("cut"))) == ["camera-late"]

@@ -70,6 +70,10 @@ def test_cameras(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert findings(capsys, write(tmp_path / "still", still), code=0)["camera"] == "still"
     zoom = [sound(i, camera=make_camera(aspect=1 + i / 10)) for i in range(3)]
     assert findings(capsys, write(tmp_path / "zoom", zoom), code=0)["camera"] == "zooms"
+    shift = make_camera().view_to_clip.copy()
+    shift[0, 2] += 0.01  # of the centre, as by jitter that was left in it
+    shifted = [sound(0, camera=make_camera()), sound(1, camera=Camera(make_camera().world_to_view, shift))]
+    assert findings(capsys, write(tmp_path / "shift", shifted), code=0)["camera"] == "shifts"
     flat = [sound(i, camera=Camera(np.eye(4), np.diag([1, 1, -0.02, 1.0])), effects=None) for i in range(3)]
     found = findings(capsys, write(tmp_path / "flat", flat), code=0)
     assert found["orthographic"]

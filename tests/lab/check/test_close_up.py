@@ -1,0 +1,54 @@
+"""Close-ups: most of the picture moves on its own, and what rests bears matrices and depth out by its vectors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cltaa.frame import Frame
+from cltaa.lab.check.report import check_frames
+from tests.lab.check.conftest import Scene
+from tests.lab.check.mistakes import MISTAKES, full_motion
+
+RESTS = 0.2  # of the columns
+
+
+def close_up(frames: Sequence[Frame], near: float, *, vectors: bool = True) -> list[Frame]:
+    """``frames`` whose columns but the first are something ``near`` times as far, that moves as what was there does."""
+    made = []
+    for frame in full_motion(frames):
+        depth = frame.depth.copy()
+        depth[:, int(RESTS * frame.width) :] *= np.float32(near)
+        made.append(replace(frame, depth=depth, motion=frame.motion if vectors else None))
+    return made
+
+
+def mistakes(frames: Sequence[Frame]) -> list[str]:
+    return [finding.name for finding in check_frames(frames) if finding.mistake]
+
+
+@pytest.mark.parametrize("near", [0.25, 0.5, 2.0])
+@pytest.mark.parametrize("name", ["corridor", "orbit"])
+def test_what_moves_on_its_own_does_not_make_depth_one_of_another_unit(name: str, near: float, scene: Scene) -> None:
+    assert mistakes(close_up(scene(name), near)) == []
+
+
+@pytest.mark.parametrize("near", [0.25, 0.5, 2.0])
+@pytest.mark.parametrize("name", ["corridor", "orbit"])
+@pytest.mark.parametrize("kind", ["device-reversed", "inverse"])
+def test_the_kind_of_depth_is_that_by_which_it_rests(kind: str, name: str, near: float, scene: Scene) -> None:
+    """Of two that differ by a factor, whatever the pictures of the rest show."""
+    (finding,) = check_frames(MISTAKES[f"depth-{kind}"].plant(close_up(scene(name), near)))
+    assert finding.fix == {"depth": {"kind": kind}}
+
+
+def test_without_vectors_the_pictures_are_all_there_is(scene: Scene) -> None:
+    assert mistakes(close_up(scene("corridor"), 0.25, vectors=False)) == ["depth-scaled"]
+
+
+@pytest.mark.parametrize("mistake", ["depth-scaled", "camera-inverse", "camera-mirrored"])
+def test_vectors_that_bear_nothing_out_hide_no_mistake(mistake: str, scene: Scene) -> None:
+    assert mistakes(MISTAKES[mistake].plant(close_up(scene("corridor"), 1.0))) == [mistake]

@@ -1,0 +1,68 @@
+"""Jitter in vectors that fill the picture, declared in another unit or sign: what is prescribed mends both."""
+
+from __future__ import annotations
+
+import shlex
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltaa.inputs.open import open_input
+from cltaa.lab.check.camera import ROUNDED_PX
+from cltaa.lab.check.motion import without_leak
+from cltaa.lab.check.registration import Shot
+from cltaa.lab.check.report import check_folder
+from tests.inputs.foreign import write_own
+from tests.lab.check.conftest import Scene
+from tests.lab.check.mistakes import MISTAKES, Plant, full_motion, jitter, jitter_delayed, motion_jittered
+
+DECLARED: dict[str, Plant] = {
+    "units-ndc": MISTAKES["jitter-units-ndc"].plant,
+    "units-uv": MISTAKES["jitter-units-uv"].plant,
+    "negated": jitter(-np.eye(2)),
+    "y-flipped": jitter(np.diag([1, -1])),
+    "late": jitter_delayed(1),
+}
+
+
+@pytest.mark.parametrize(
+    ("declared", "sign", "name"),
+    [*product(DECLARED, (1.0, -1.0), ["corridor"]), ("units-ndc", 1.0, "spinner"), ("negated", -1.0, "spinner")],
+)
+def test_vectors_with_jitter_and_a_wrong_jitter_are_both_mended(
+    declared: str, sign: float, name: str, scene: Scene, tmp_path: Path
+) -> None:
+    frames = full_motion(scene(name))
+    write_own(tmp_path, DECLARED[declared](motion_jittered(sign)(frames)))
+    report, _ = check_folder(tmp_path)
+    found = [finding.name for finding in report.mistakes]
+    assert found == [f"jitter-{declared}", "motion-jittered" if sign > 0.0 else "motion-jittered-reversed"]
+    given = shlex.split(report.options)[3::2]
+    again, _ = check_folder(tmp_path, assignments=given)
+    assert (again.mistakes, again.questions) == ([], [])
+    both = list(zip(frames, open_input(tmp_path, assignments=given), strict=True))
+    # Of a delay the last frame's jitter is not known, nor what it left in the first one's vectors.
+    for ours, theirs in both[1:-1]:
+        assert ours.motion is not None
+        assert theirs.motion is not None
+        # Numbers of an option have six digits.
+        np.testing.assert_allclose(theirs.jitter_px, ours.jitter_px, rtol=0, atol=1e-5)
+        np.testing.assert_allclose(theirs.motion, ours.motion, rtol=0, atol=1e-4)
+
+
+def test_what_moves_on_its_own_is_no_jitter_in_vectors(scene: Scene) -> None:
+    """Most of the picture in every other frame, by more or less."""
+    frames = full_motion(scene("corridor"))
+    for frame in frames[::2]:
+        assert frame.motion is not None
+        frame.motion[:, int(0.4 * frame.width) :] *= np.float32(4)
+    shot = Shot(frames, (frames[0].width, frames[0].height))
+    assert without_leak(shot) is shot
+    shot = Shot(motion_jittered(1.0)(frames), (frames[0].width, frames[0].height))
+    less = without_leak(shot)
+    rests = less.pairs[0].x < 0.4 * frames[0].width
+    left = [np.median((pair.own - pair.camera_motion())[:, rests], axis=1) for pair in less.pairs]
+    # But for the mean of what was taken out, since what fills a picture may move on.
+    np.testing.assert_allclose(left - np.mean(left, 0), 0.0, rtol=0, atol=ROUNDED_PX)
