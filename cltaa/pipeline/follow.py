@@ -7,8 +7,9 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from cltaa.errors import CltaaError, DataError, InputMissing
+from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.frame import Effect
+from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.open import open_input
 from cltaa.io.content import open_regular
 from cltaa.io.exr_header import checked_outline
@@ -104,6 +105,12 @@ class Arrivals:
     def _opened(self, files: list[Path]) -> FrameSequence:
         place = self._place()
         opened = open_input(Selection(place.folder, tuple(files), place.words, place.numbers), **self._reading)
+        if isinstance(opened, ForeignSequence) and opened.intake.profile.jitter.source == "projection":
+            what, cure = (
+                "jitter in the projection shows over a whole shot",
+                "resolve the finished folder without --follow",
+            )
+            raise UsageError(f"--follow: {what}", path=self._source, cure=cure)
         opened.found = self.found
         return opened.with_guides()[0] if self._guided else opened
 

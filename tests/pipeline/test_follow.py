@@ -182,3 +182,12 @@ def test_what_only_a_finished_sequence_has_is_refused(made: Path, tmp_path: Path
             resolve_folder(made / "in", tmp_path / "out", follow=True, **NUMPY, **given)
     with pytest.raises(UsageError, match="only a folder or a pattern of files can be followed"):
         resolve_folder(open_input(made / "in"), tmp_path / "out", follow=True, **NUMPY)
+
+
+def test_jitter_of_a_projection_is_not_followed(tmp_path: Path) -> None:
+    """Each frame alone is its own mean, and would have none."""
+    folder = write_sequence(tmp_path / "in", 2)
+    with pytest.raises(UsageError, match="jitter in the projection shows over a whole shot"):
+        resolve_folder(
+            folder, tmp_path / "out", follow=True, idle=IDLE, assignments=["jitter.source=projection"], **NUMPY
+        )
