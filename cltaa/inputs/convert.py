@@ -146,13 +146,15 @@ def without_jitter(cameras: Sequence[Camera], sizes: Sequence[tuple[int, int]]) 
     both = list(zip(cameras, columns, strict=True))
     with np.errstate(divide="ignore", invalid="ignore"):
         centres = np.array([camera.view_to_clip[:2, at] / camera.view_to_clip[3, at] for camera, at in both])
-    mean = centres.mean(0)
+    known = np.isfinite(centres).all(1)  # what has none is no projection, of which its own frame is told
+    mean = centres[known].mean(0) if known.any() else np.zeros(2)
     steady = []
-    for camera, at in both:
+    for (camera, at), there in zip(both, known, strict=True):
         projection = camera.view_to_clip.copy()
-        projection[:2, at] = mean * projection[3, at]  # set, so that what stands has one matrix
+        if there:
+            projection[:2, at] = mean * projection[3, at]  # set, so that what stands has one matrix
         steady.append(Camera(camera.world_to_view, projection))
-    jitter = np.nan_to_num((centres - mean) * sizes * (-0.5, 0.5))
+    jitter = np.where(known[:, None], (centres - mean) * sizes * (-0.5, 0.5), 0.0)
     return steady, [(float(x), float(y)) for x, y in jitter]
 
 

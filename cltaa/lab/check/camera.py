@@ -405,8 +405,6 @@ def check_upside_down(shot: Shot) -> list[Finding]:
         return []  # were the vectors turned over too, the check of these would say so
     if pairs and residuals(pairs).mean() < CLEARLY_BETTER * residuals(pairs, change).mean():
         return []
-    if pairs and vectors_uphold(pairs, [pair.own - motion for pair, motion in zip(pairs, turned, strict=True)]):
-        return []
     what, fix = MEANINGS[name]
     evidence = f"it scales y by {clip[1, 1]:.3g} and x by {clip[0, 0]:.3g}: the world would be seen mirrored"
     return [mistake(f"camera-{name}", what, evidence, 0.9, fix)]
