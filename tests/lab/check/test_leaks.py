@@ -27,9 +27,19 @@ DECLARED: dict[str, Plant] = {
 }
 
 
+CASES = [*product(DECLARED, (1.0, -1.0), ["corridor"]), ("units-ndc", 1.0, "spinner"), ("negated", -1.0, "spinner")]
+# Each takes 15 seconds: of the two signs one, and one of each scene.
+USUAL = (
+    ("units-ndc", 1.0, "corridor"),
+    ("y-flipped", -1.0, "corridor"),
+    ("late", 1.0, "corridor"),
+    ("negated", -1.0, "spinner"),
+)
+
+
 @pytest.mark.parametrize(
     ("declared", "sign", "name"),
-    [*product(DECLARED, (1.0, -1.0), ["corridor"]), ("units-ndc", 1.0, "spinner"), ("negated", -1.0, "spinner")],
+    [pytest.param(*case, marks=() if case in USUAL else pytest.mark.big) for case in CASES],
 )
 def test_vectors_with_jitter_and_a_wrong_jitter_are_both_mended(
     declared: str, sign: float, name: str, scene: Scene, tmp_path: Path
