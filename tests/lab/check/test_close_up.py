@@ -30,13 +30,16 @@ def mistakes(frames: Sequence[Frame]) -> list[str]:
     return [finding.name for finding in check_frames(frames) if finding.mistake]
 
 
-@pytest.mark.parametrize("near", [0.25, 0.5, 2.0])
+NEAR = [0.5, *(pytest.param(near, marks=pytest.mark.big) for near in (0.25, 2.0))]  # each takes 4 seconds
+
+
+@pytest.mark.parametrize("near", NEAR)
 @pytest.mark.parametrize("name", ["corridor", "orbit"])
 def test_what_moves_on_its_own_does_not_make_depth_one_of_another_unit(name: str, near: float, scene: Scene) -> None:
     assert mistakes(close_up(scene(name), near)) == []
 
 
-@pytest.mark.parametrize("near", [0.25, 0.5, 2.0])
+@pytest.mark.parametrize("near", NEAR)
 @pytest.mark.parametrize("name", ["corridor", "orbit"])
 @pytest.mark.parametrize("kind", ["device-reversed", "inverse"])
 def test_the_kind_of_depth_is_that_by_which_it_rests(kind: str, name: str, near: float, scene: Scene) -> None:
