@@ -26,8 +26,8 @@ def track(
 ) -> Iterator[Item]:
     """Iterate ``items`` and show how many of ``total`` are through, items a second and the time left.
 
-    ``action`` is what is being done, in the present: "resolving"; ``unit`` is what is counted. In the process of a
-    program that uses the library nothing is, unless it asked that it be ``shown``.
+    ``action`` is a present participle such as "resolving"; ``unit`` is what is counted. In the process of a program
+    that uses the library nothing is shown unless that asked for it (``shown``).
     """
     if not (shown or is_own()):
         yield from items

@@ -49,12 +49,12 @@ FINITE = (
     "jitter.offset",
     "camera.near",
 )
-SCALES = "depth.scale", "motion.scale", "jitter.scale"  # of which no number is 0
+NOT_0 = "depth.scale", "motion.scale", "jitter.scale", "camera.near"
 # Least and greatest of other numbers; what lies frames later comes from a pipeline, which holds a few.
 RANGES: dict[str, tuple[float, float]] = {
     "depth.near": (0.0, np.inf),
     "depth.far": (0.0, np.inf),
-    "camera.near": (1e-30, np.inf),
+    "camera.near": (0.0, np.inf),
     "jitter.delay": (-16, 16),
     "camera.delay": (-16, 16),
 }
@@ -233,7 +233,7 @@ def convert_profile(values: dict[str, Any], origin: str) -> Profile:
     for path in FINITE:
         if not np.isfinite(attrgetter(path)(profile)).all():
             raise _no_such_value(path, values, origin)
-    for path in SCALES:
+    for path in NOT_0:
         if not np.all(attrgetter(path)(profile)):
             raise _no_such_value(path, values, origin, "no 0")
     for path, (least, most) in RANGES.items():

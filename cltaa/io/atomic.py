@@ -58,8 +58,9 @@ def check_ownable(folder: Path) -> None:
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     with owned(folder):
         pass
-    for path in missing:
-        path.rmdir()
+    with suppress(OSError):  # another process may have begun there since
+        for path in missing:
+            path.rmdir()
 
 
 def check_creatable(path: Path) -> None:

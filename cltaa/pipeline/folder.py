@@ -30,7 +30,7 @@ from cltaa.io.content import memory_limit
 from cltaa.io.manifest import RESTART_CURE, Manifest
 from cltaa.io.names import Named
 from cltaa.io.preset_file import read_preset
-from cltaa.io.sequence import FrameSequence
+from cltaa.io.sequence import FrameSequence, open_sequence
 from cltaa.pipeline.denoise import denoiser, denoises, guide_line
 from cltaa.pipeline.follow import Arrivals
 from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence
@@ -141,8 +141,9 @@ def guided(sequence: FrameSequence, *, told: bool) -> FrameSequence:
     return sequence
 
 
-# Arguments of open_input, in which effects are the resolve's too.
-READING = frozenset({"profile", "assignments", "side_file", "verify", "gaps", "on_resize", "frames", "step"})
+# Arguments of open_input; effects are the resolve's too.
+OPENING = {*signature(open_input).parameters, *signature(open_sequence).parameters}
+READING = frozenset(OPENING - {"named", "effects", "options"})
 # Those of resolve_sequence that a program may give.
 OWN = {"sequence", "output", "resolver", "arrivals", "others", "found", "elsewhere"}
 RESOLVING = frozenset(signature(resolve_sequence).parameters) - OWN

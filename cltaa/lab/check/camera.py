@@ -89,7 +89,7 @@ def check_travel(shot: Shot) -> list[Finding]:
         few = screened(pairs)
         best = min(able, key=lambda name: residuals(few, able[name].change).mean())
         candidates[best] = (able[best], [pair.motion_under(able[best].change) for pair in pairs])
-    scores = {name: _residuals(pairs, motions) for name, (_, motions) in candidates.items()}
+    scores = {name: residuals_of(pairs, motions) for name, (_, motions) in candidates.items()}
     best = min(scores, key=lambda name: scores[name].mean())
     ((what, fix), motions), winner = candidates[best], scores[best]
     if winner.mean() > min(CLEARLY_BETTER * declared.mean(), LARGEST_MISMATCH) or not _wins(winner, declared):
@@ -107,10 +107,11 @@ def screened(pairs: Sequence[Pair]) -> Sequence[Pair]:
 
 def residuals(pairs: Sequence[Pair], change: Change = lambda camera: camera) -> Vector:
     """How badly each pair matches with its cameras changed so."""
-    return _residuals(pairs, [pair.motion_under(change) for pair in pairs])
+    return residuals_of(pairs, [pair.motion_under(change) for pair in pairs])
 
 
-def _residuals(pairs: Sequence[Pair], motions: Sequence[Vector]) -> Vector:
+def residuals_of(pairs: Sequence[Pair], motions: Sequence[Vector]) -> Vector:
+    """How badly each pair matches by its motion, [2, n] pixels."""
     return np.array([camera_residual(pair, motion) for pair, motion in zip(pairs, motions, strict=True)])
 
 

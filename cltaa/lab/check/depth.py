@@ -21,6 +21,7 @@ from cltaa.lab.check.camera import (
     LARGEST_MISMATCH,
     camera_residual,
     moving_pairs,
+    residuals_of,
     screened,
     vectors_uphold,
 )
@@ -232,10 +233,7 @@ def tell_device(shot: Shot, found: Finding, rule: Depth) -> Finding:
         replace(pair, usable=seen_before(pair, motion, pair.usable))
         for pair, motion in zip(pairs, by_plain, strict=True)
     ]
-    plain, changed = (
-        np.array([camera_residual(pair, motion) for pair, motion in zip(pairs, motions, strict=True)])
-        for motions in (by_plain, by_changed)
-    )
+    plain, changed = (residuals_of(pairs, motions) for motions in (by_plain, by_changed))
     by_vectors = [
         vectors_uphold(pairs, [pair.own - motion for pair, motion in zip(pairs, other, strict=True)], motions)
         for motions, other in ((by_plain, by_changed), (by_changed, by_plain))

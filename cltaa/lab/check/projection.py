@@ -18,18 +18,20 @@ from cltaa.lab.check.hypotheses import DOUBTFUL, MEANINGS, Finding, mistake, reg
 from cltaa.lab.check.jitter import LEAST_PAIRS, bears_out
 from cltaa.lab.check.registration import COVERED, Pair, Shot, Vector
 
-FARTHEST_PX = 1.0  # from the mean; what goes farther is a lens that shifts
+LARGEST_HELD_PX = 1.0  # from the mean; what goes farther is a lens that shifts
+LEAST_HELD_PX = 1e-4  # less is rounding
+NEAR_1, MOST_LEFT_PX = 0.1, 0.05  # how far from the declared jitter is still that: of its gain, and beside it
 
 
 def check_projection_jitter(shot: Shot) -> list[Finding]:
     """Find a projection whose centre follows the declared jitter, frame by frame, whatever the pixels show."""
     centre, jitter = _held(shot.frames)[1], np.array([frame.jitter_px for frame in shot.frames])
     jitter = jitter - jitter.mean(0)
-    if len(shot.frames) < 3 or not jitter.any() or np.abs(centre).max() < 1e-4:
+    if len(shot.frames) < 3 or not jitter.any() or np.abs(centre).max() < LEAST_HELD_PX:
         return []
     fit = regress(centre, jitter, np.ones(len(jitter)))
     across, down = np.diag(fit.matrix).tolist()
-    if max(abs(across - 1.0), abs(abs(down) - 1.0)) > 0.1 or fit.left > 0.05:
+    if max(abs(across - 1.0), abs(abs(down) - 1.0)) > NEAR_1 or fit.left > MOST_LEFT_PX:
         return []
     evidence = f"its centre moves by {across:.3f}, {down:.3f} x the declared jitter, to {fit.left:.1g} px"
     name, fix = "jittered", {"jittered": True}
@@ -47,7 +49,7 @@ def check_held_jitter(shot: Shot) -> list[Finding]:
         return []
     _, held = _held(shot.frames)
     moved = np.sqrt((np.diff(held, axis=0) ** 2).mean(0))
-    if not to_and_fro(held) or np.abs(held).max() > FARTHEST_PX:
+    if not to_and_fro(held) or np.abs(held).max() > LARGEST_HELD_PX:
         return []
     readings = [_read_so(shot, shot.frames)]
     if shot.frames[0].camera.view_to_clip[1, 1] < 0.0:  # which may be a mistake, and turns the jitter too
