@@ -140,8 +140,8 @@ function drawFront() {
     const wide = text.getComputedTextLength(), right = px + BESIDE + wide < box.right, left = right ? px + BESIDE : px - BESIDE - wide;
     text.setAttribute("x", left);
     text.remove();
-    if (left < box.left || labelled.some(([from, to, ly]) => left < to && from < left + wide && Math.abs(ly - py) < LINE)) return [];
-    labelled.push([left, left + wide + GAP, py]);
+    if (left < box.left || labelled.some(([from, to, ly]) => left < to + GAP && from < left + wide + GAP && Math.abs(ly - py) < LINE)) return [];
+    labelled.push([left, left + wide, py]);
     return [text];
   };
   const points = [...cells].sort((p, q) => Boolean(beaten(q)) - Boolean(beaten(p)))
