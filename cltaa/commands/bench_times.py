@@ -152,9 +152,9 @@ def api(preset: str, sizes: tuple[tuple[int, int], ...], device: str | None, rou
     """Time Resolver.resolve as a program calls it, in milliseconds a frame of colour and depth.
 
     "kernels" is the device's own time of a call with arrays that are there already, "device arrays" the same by the
-    clock, of several calls in a row. "host arrays" are NumPy's, in and out. "copies" are a plain pyopencl loop that
-    brings the same arrays to the device and a result back, "pinned" the same through pinned memory, at the speed of the
-    bus.
+    clock, of several calls in a row. "host arrays" are NumPy's, in and out, "pinned arrays" those of Resolver.empty.
+    "copies" are a plain pyopencl loop that brings the same arrays to the device and a result back, "pinned copies" the
+    same in pinned memory, at the speed of the bus.
     """
     preset_of = load_preset(preset)
     if preset_of.settings.look_ahead:
@@ -164,9 +164,11 @@ def api(preset: str, sizes: tuple[tuple[int, int], ...], device: str | None, rou
 
 def _print_api(bench: ApiBench) -> None:
     title = f"a call, preset {bench.preset}, {bench.rounds} rounds, milliseconds a frame"
-    table = figures(title, "size", "kernels", "device arrays", "host arrays", "copies", "pinned")
+    ways = ("kernels", "device arrays", "host arrays", "pinned arrays", "copies", "pinned copies")
+    table = figures(title, "size", *ways)
     for row in bench.rows:
-        times = (row.kernels, row.device_arrays, row.host_arrays, row.copies, row.pinned_copies)
+        arrays = (row.device_arrays, row.host_arrays, row.pinned_arrays)
+        times = (row.kernels, *arrays, row.copies, row.pinned_copies)
         table.add_row(f"{row.width} x {row.height}", *(f"{time.median * 1e3:.3g}" for time in times))
     print_table(table)
     print_line(shown(bench.environment.line))

@@ -71,6 +71,9 @@ class Launcher(Protocol):
     def take(self, planes: NDArray[np.float32]) -> Buffer:
         """Memory that kernels read, which are ``planes`` of the host, where this launcher shares its memory."""
 
+    def pinned(self, size: int) -> NDArray[np.uint8]:
+        """Bytes of the host that arrays come from and go to fastest."""
+
     def exchange(self) -> Exchange:
         """The way of a resolver's arrays to the launcher and back."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from functools import cached_property
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -60,34 +61,54 @@ def _in_turn(work: Callable[[slice], object], parts: Sequence[slice]) -> None:
         work(part)
 
 
+def _is_pinned(array: Any) -> bool:
+    """Whether an array lies in memory that a device has mapped, as that of ``Resolver.empty``."""
+    while array is not None and not isinstance(array, cl.MemoryMap):
+        array = getattr(array, "base", None)
+    return array is not None
+
+
 class Staged:
-    """Bytes of a device with memory of its own, and as many of the host, pinned, through which they come and go."""
+    """Bytes of a device with memory of its own. Those of the host come and go as they are from pinned memory of a
+    program, and all else through as many pinned bytes of ours."""
 
     def __init__(self, device: Device, size: int) -> None:
         self._device, self.size = device, size
-        self.buffer, self._pinned = device.allocate((size,), np.uint8).buffer, device.pinned(size)
+        self.buffer = device.allocate((size,), np.uint8).buffer
         self._parts = [slice(start, min(start + PART, size)) for start in range(0, size, PART)]
         self._moving: list[cl.Event] = []
+
+    @cached_property
+    def _pinned(self) -> NDArray[np.uint8]:
+        return self._device.pinned(self.size)
 
     def upload(self, content: NDArray[np.uint8], copiers: Copiers) -> None:
         """Enqueue bytes of the host, each piece while the next is copied. Waits for those of the call before."""
 
         def move(part: slice) -> None:
             np.copyto(self._pinned[part], content[part])
-            with device_errors(self._device):
-                self._moving.append(
-                    cl.enqueue_copy(
-                        self._device.queue, self.buffer, self._pinned[part], dst_offset=part.start, is_blocking=False
-                    )
-                )
+            self._enqueue(self._pinned[part], part.start)
 
         with device_errors(self._device):
             while self._moving:
                 self._moving.pop().wait()
-        copiers.each(move, self._parts)
+        if _is_pinned(content):
+            self._enqueue(content, 0)
+        else:
+            copiers.each(move, self._parts)
+
+    def _enqueue(self, pinned: NDArray[np.uint8], start: int) -> None:
+        with device_errors(self._device):
+            self._moving.append(
+                cl.enqueue_copy(self._device.queue, self.buffer, pinned, dst_offset=start, is_blocking=False)
+            )
 
     def download(self, content: NDArray[np.uint8], copiers: Copiers) -> None:
         """Fill bytes of the host with them, each piece as soon as it has come to pinned memory."""
+        if _is_pinned(content):
+            with device_errors(self._device):
+                cl.enqueue_copy(self._device.queue, content, self.buffer)
+            return
         with device_errors(self._device):
             self._moving = [
                 cl.enqueue_copy(

@@ -62,6 +62,10 @@ class DeviceLauncher(OneProcess):
         """The planes themselves."""
         return self.device.take(planes)
 
+    def pinned(self, size: int) -> NDArray[np.uint8]:
+        """Pinned ones, where the device has memory of its own; raises ResourceError."""
+        return self.device.pinned(size) if self.stages and size else np.empty(size, np.uint8)
+
     def exchange(self) -> Exchange:
         """As the device has it."""
         from cltaa.opencl.exchange import Exchange

@@ -76,6 +76,10 @@ class NumpyLauncher:
         """The planes themselves."""
         return _Array(planes)
 
+    def pinned(self, size: int) -> NDArray[np.uint8]:
+        """Bytes like any others."""
+        return np.empty(size, np.uint8)
+
     def exchange(self) -> Exchange:
         """Arrays are where they are."""
         return _Exchange()

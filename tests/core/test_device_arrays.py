@@ -130,6 +130,37 @@ def test_a_device_with_memory_of_its_own_gives_the_same_bits(
     assert copying_threads() == []
 
 
+def test_pinned_arrays_go_to_the_device_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And results come so; views of them too, while what lies elsewhere goes through memory of ours."""
+    launcher, here = DeviceLauncher(), Resolver()
+    launcher.device.shares_memory = launcher.shares_memory = False
+    launcher.stages = True
+    apart = Resolver(device=launcher)
+    planar, depth = np.moveaxis(apart.empty((3, 40, 160)), 0, -1), apart.empty((40, 160), "float16")
+    out = apart.empty((40, 160, 3))
+    monkeypatch.setattr(exchange.Staged, "_pinned", None)
+    for index in range(3):
+        frame = replace(frame_of(index), motion=None, alpha=None, reactive=None)
+        planar[...], depth[...] = frame.colour, frame.depth
+        assert apart.resolve(replace(frame, colour=planar, depth=depth), out=out) is out
+        expected = here.resolve(replace(frame, depth=depth.astype(np.float32)))
+        assert np.array_equal(bits(out.copy()), bits(expected))
+    with pytest.raises(TypeError, match="NoneType"):
+        apart.resolve(replace(frame, index=3, colour=frame.colour.copy()), out=out)
+
+
+@pytest.mark.parametrize("device", [None, "numpy", "staged"])
+@pytest.mark.parametrize("shape", [(4, 5), (0, 5), ()])
+def test_an_empty_array_is_as_asked_for(device: str | None, shape: tuple[int, ...]) -> None:
+    launcher = DeviceLauncher()
+    launcher.stages = True
+    given = Resolver(device=launcher if device == "staged" else device).empty(shape, np.float16)
+    assert given.shape == shape
+    assert given.dtype == np.float16
+    given[...] = 1
+    assert (given == 1).all()
+
+
 def noted(order: list[str], name: str, method: Callable[..., None]) -> Callable[..., None]:
     def called(*given: Any) -> None:
         order.append(name)

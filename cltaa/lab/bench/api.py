@@ -13,6 +13,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
@@ -36,7 +37,8 @@ from cltaa.opencl.launcher import DeviceLauncher
 
 SIZES = ((1920, 1080), (3840, 2160))
 CALLS = 8  # in a row; the time of one is an eighth of theirs
-ON_DEVICE, HOST, COPIES, PINNED = "device arrays", "host arrays", "copies", "pinned copies"
+ON_DEVICE, HOST, PINNED_HOST = "device arrays", "host arrays", "pinned arrays"
+COPIES, PINNED = "copies", "pinned copies"
 
 
 class ApiTimes(msgspec.Struct, frozen=True, kw_only=True):
@@ -48,6 +50,7 @@ class ApiTimes(msgspec.Struct, frozen=True, kw_only=True):
     kernels: Interval  # the device's own time in a call with arrays of the device
     device_arrays: Interval
     host_arrays: Interval
+    pinned_arrays: Interval  # of the host, by ``Resolver.empty``
     copies: Interval  # of NumPy's arrays as they are
     pinned_copies: Interval  # from and to pinned memory: the speed of the bus
 
@@ -86,9 +89,12 @@ def _timed(preset: Preset, launcher: DeviceLauncher, width: int, height: int, ro
     arrays, back = [colour, host.depth], array_on(launcher.device, out)
     plain = PlainCopies(launcher.device, arrays, out, pinned=False)
     pinned = PlainCopies(launcher.device, arrays, out, pinned=True)
+    placing = Resolver(preset, launcher)
+    placed: dict[str, Any] = {name: _pinned(placing, getattr(host, name)) for name in ("colour", "depth")}
     jobs = [
         Job(ON_DEVICE, _calls(Resolver(preset, launcher), replace(host, **there), back)),
         Job(HOST, _calls(Resolver(preset, launcher), host, out)),
+        Job(PINNED_HOST, _calls(placing, replace(host, **placed), _pinned(placing, out))),
         Job(COPIES, _times(plain.run)),
         Job(PINNED, _times(pinned.run)),
     ]
@@ -100,9 +106,16 @@ def _timed(preset: Preset, launcher: DeviceLauncher, width: int, height: int, ro
         kernels=_each(samples, ON_DEVICE, Clock.DEVICE),
         device_arrays=_each(samples, ON_DEVICE, Clock.WALL),
         host_arrays=_each(samples, HOST, Clock.WALL),
+        pinned_arrays=_each(samples, PINNED_HOST, Clock.WALL),
         copies=_each(samples, COPIES, Clock.WALL),
         pinned_copies=_each(samples, PINNED, Clock.WALL),
     )
+
+
+def _pinned(resolver: Resolver, array: NDArray[Any]) -> NDArray[Any]:
+    place = resolver.empty(array.shape, array.dtype)
+    place[...] = array
+    return place
 
 
 def _each(samples: Samples, job: str, clock: Clock) -> Interval:
