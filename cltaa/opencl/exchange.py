@@ -84,18 +84,19 @@ class Staged:
 
     def upload(self, content: NDArray[np.uint8], copiers: Copiers) -> None:
         """Enqueue bytes of the host, each piece while the next is copied. Waits for those of the call before."""
-
-        def move(part: slice) -> None:
-            np.copyto(self._pinned[part], content[part])
-            self._enqueue(self._pinned[part], part.start)
-
         with device_errors(self._device):
             while self._moving:
                 self._moving.pop().wait()
         if _is_pinned(content):
             self._enqueue(content, 0)
-        else:
-            copiers.each(move, self._parts)
+            return
+        pinned = self._pinned
+
+        def move(part: slice) -> None:
+            np.copyto(pinned[part], content[part])
+            self._enqueue(pinned[part], part.start)
+
+        copiers.each(move, self._parts)
 
     def _enqueue(self, pinned: NDArray[np.uint8], start: int) -> None:
         with device_errors(self._device):
