@@ -26,13 +26,11 @@ LARGEST_JITTER = 2.0  # pixels; from it on no sample may lie within a filter's r
 EXPOSURE_STOPS = 32.0  # largest |log2(exposure)|; from starlight to the sun's disc is about 30 stops
 AWAY = np.array([1.0, 1.0, -1.0, 1.0])  # a view space whose camera looks the other way along z
 WHOLE = "a whole number from 1 on"
+# What messages call them: the attributes of our files, and the arguments of a program.
 MATRICES = "matrix cltaa:worldToView", "matrix cltaa:viewToClip"
-ARGUMENTS = {  # of Frame and Camera, by the attribute that holds the same
-    MATRICES[0]: "camera.world_to_view",
-    MATRICES[1]: "camera.view_to_clip",
-    "attribute cltaa:jitterPx": "jitter_px",
-    "attribute cltaa:exposure": "exposure",
-}
+MATRIX_ARGUMENTS = "camera.world_to_view", "camera.view_to_clip"
+NUMBERS = "attribute cltaa:jitterPx", "attribute cltaa:exposure"
+NUMBER_ARGUMENTS = "jitter_px", "exposure"
 LOOKED_AT = 100  # rows and columns at most in which numbers are looked for that can mean nothing
 _EFFECTS = frozenset(Effect)
 
@@ -167,13 +165,10 @@ def _check_effects(frame: Frame) -> None:
         raise DataError(f"unknown effect {name}", path=frame.path, frame=frame.index, cure=cure)
 
 
-def _named(attribute: str, path: Path | None) -> str:
-    """What a message calls something: by its attribute in a file, and by the argument that a program gave."""
-    return ARGUMENTS[attribute] if path is None else attribute
-
-
-def check_camera(camera: Camera, *, path: Path | None = None, frame: int | None = None) -> None:
-    """Raise DataError unless both matrices are finite, invertible, right-handed and look along -z.
+def check_camera(
+    camera: Camera, *, path: Path | None = None, frame: int | None = None, names: tuple[str, str] | None = None
+) -> None:
+    """Raise DataError unless both matrices, of those ``names``, are finite, invertible, right-handed and look along -z.
 
     The last row of the projection must give w = distance along the view axis (perspective) or w = 1 (orthographic):
     that is positive for every point in front, and false for a matrix that was transposed by mistake.
@@ -183,38 +178,37 @@ def check_camera(camera: Camera, *, path: Path | None = None, frame: int | None 
         with suppress(DataError):  # which says nothing of file and frame
             _check_again(*(matrix.tobytes() for matrix in matrices))
             return
-    _check_camera(camera, path, frame)
+    _check_camera(camera, names or (MATRICES if path else MATRIX_ARGUMENTS), path, frame)
 
 
 @lru_cache(maxsize=CAMERAS_KEPT)
 def _check_again(view: bytes, clip: bytes) -> None:
     """Look once at what is asked of a frame when it is read, when it is resolved, and when its result is written."""
-    _check_camera(Camera(*(np.frombuffer(matrix).reshape(4, 4) for matrix in (view, clip))), None, None)
+    _check_camera(Camera(*(np.frombuffer(matrix).reshape(4, 4) for matrix in (view, clip))), MATRICES, None, None)
 
 
-def _check_camera(camera: Camera, path: Path | None, frame: int | None) -> None:
+def _check_camera(camera: Camera, names: tuple[str, str], path: Path | None, frame: int | None) -> None:
     wrong = partial(DataError, path=path, frame=frame)
-    for name, matrix in zip(MATRICES, (camera.world_to_view, camera.view_to_clip), strict=True):
-        attribute = _named(name, path)
+    for name, matrix in zip(names, (camera.world_to_view, camera.view_to_clip), strict=True):
         if not isinstance(matrix, np.ndarray) or matrix.shape != (4, 4) or not _is_real(matrix):
-            raise wrong(f"{attribute} is no 4 x 4 matrix", found=_kind(matrix))
+            raise wrong(f"{name} is no 4 x 4 matrix", found=_kind(matrix))
         if not np.isfinite(matrix).all():
-            raise wrong(f"{attribute} holds NaN or infinity", cure="write the frame again")
+            raise wrong(f"{name} holds NaN or infinity", cure="write the frame again")
         error = _inverse_error(matrix)
         if not error < INVERSE_TOLERANCE:
             expected, found = f"|M inv(M) - I| < {INVERSE_TOLERANCE:g}", f"{error:.3g}"
-            raise wrong(f"{attribute} cannot be inverted", expected=expected, found=found)
+            raise wrong(f"{name} cannot be inverted", expected=expected, found=found)
     view, clip = camera.world_to_view, camera.view_to_clip
-    _check_row(MATRICES[0], view, ([0, 0, 0, 1],), path, frame)
-    _check_row(MATRICES[1], clip, ([0, 0, -1, 0], [0, 0, 0, 1]), path, frame)
+    _check_row(names[0], view, ([0, 0, 0, 1],), path, frame)
+    _check_row(names[1], clip, ([0, 0, -1, 0], [0, 0, 0, 1]), path, frame)
     with np.errstate(over="ignore"):
         size, across = (float(np.linalg.det(part)) for part in (view[:3, :3], clip[:2, :2]))
-    for name, scale in zip(MATRICES, (abs(size), abs(across)), strict=True):
+    for name, scale in zip(names, (abs(size), abs(across)), strict=True):
         if not 1 / LARGEST_SCALE <= scale <= LARGEST_SCALE:
-            what, expected = f"{_named(name, path)} scales beyond use", f"{1 / LARGEST_SCALE:g} to {LARGEST_SCALE:g}"
+            what, expected = f"{name} scales beyond use", f"{1 / LARGEST_SCALE:g} to {LARGEST_SCALE:g}"
             raise wrong(what, found=f"{scale:.3g}", expected=f"a determinant from {expected}", cure="use another unit")
     if size < 0:
-        what, expected = f"{_named(MATRICES[0], path)} mirrors the world", "right-handed view space, -z forward"
+        what, expected = f"{names[0]} mirrors the world", "right-handed view space, -z forward"
         raise wrong(what, expected=expected, cure="flip its z row")
 
 
@@ -234,7 +228,7 @@ def _check_row(name: str, matrix: Matrix, allowed: tuple[list[int], ...], path: 
             cure = f"it is {kind}: of files cltaa check names the options that mend it, of arrays see docs/python.md"
             break
     expected = " or ".join(" ".join(map(str, numbers)) for numbers in allowed)
-    what, found = f"{_named(name, path)} has a wrong last row", " ".join(f"{number:g}" for number in matrix[3])
+    what, found = f"{name} has a wrong last row", " ".join(f"{number:g}" for number in matrix[3])
     raise DataError(what, path=path, frame=frame, expected=expected, found=found, cure=cure)
 
 
@@ -245,20 +239,29 @@ def _inverse_error(matrix: Matrix) -> float:
         return float("inf")
 
 
-def check_numbers(jitter_px: tuple[float, float], exposure: float, *, path: Path | None, frame: int | None) -> None:
-    """Raise DataError unless the jitter is two numbers of a pixel or so and the exposure one that light can have."""
+def check_numbers(
+    jitter_px: tuple[float, float],
+    exposure: float,
+    *,
+    path: Path | None,
+    frame: int | None,
+    names: tuple[str, str] | None = None,
+) -> None:
+    """Raise DataError unless the jitter is two numbers of a pixel or so and the exposure one that light can have; these
+    are their ``names``."""
+    jitter_name, exposure_name = names or (NUMBERS if path else NUMBER_ARGUMENTS)
     wrong = partial(DataError, path=path, frame=frame)
     if type(jitter_px) is tuple and [type(number) for number in jitter_px] == [float, float]:  # nearly always, and fast
         sound = all(abs(number) < LARGEST_JITTER for number in jitter_px)
     else:
         sound = _is_real(jitter_px) and np.shape(jitter_px) == (2,) and np.abs(jitter_px).max() < LARGEST_JITTER
     if not sound:  # NaN too
-        what, expected = "attribute cltaa:jitterPx", f"two numbers of less than {LARGEST_JITTER:g} pixels"
-        raise wrong(f"{_named(what, path)} is no jitter", expected=expected, found=jitter_px)
+        expected = f"two numbers of less than {LARGEST_JITTER:g} pixels"
+        raise wrong(f"{jitter_name} is no jitter", expected=expected, found=jitter_px)
     factor = exposure if isinstance(exposure, int) else float(exposure)  # an integer may be beyond every float
     if not 2.0**-EXPOSURE_STOPS <= factor <= 2.0**EXPOSURE_STOPS:  # which a half cannot hold
-        what, expected = "attribute cltaa:exposure", f"a positive factor within {EXPOSURE_STOPS:g} stops of 1"
-        raise wrong(f"{_named(what, path)} is no exposure", expected=expected, found=exposure)
+        expected = f"a positive factor within {EXPOSURE_STOPS:g} stops of 1"
+        raise wrong(f"{exposure_name} is no exposure", expected=expected, found=exposure)
 
 
 def _is_real(value: object) -> bool:

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.frame_checks import check_camera
+from cltaa.core.frame_checks import check_camera, check_numbers
 from cltaa.core.planes import haloed
 from cltaa.errors import CltaaError, DataError
 from cltaa.frame import Effect, Frame, Image, format_effects
@@ -261,8 +261,11 @@ class ForeignSequence(FrameSequence):
         layout = self.layouts[number]
         declared = self.intake.declared[number]
         camera = declared.camera or of_region(still_camera(*layout.display_size), layout)
+        jitter, exposure = self._jitter(number, number), 1.0 if declared.exposure is None else declared.exposure
         if self._strict:
-            check_camera(camera, path=self.path(number), frame=number)
+            matrices, numbers = declared.matrices_from, declared.numbers_from
+            check_camera(camera, path=matrices.path, frame=number, names=matrices.names)
+            check_numbers(jitter, exposure, path=numbers.path, frame=number, names=numbers.names)
             if "depth" in self._roles:
                 check_depth(self.intake.profile.depth, camera, self.path(number), number)
         empty: dict[str, Any] = dict.fromkeys(self.holds, NO_PIXELS)
@@ -271,9 +274,9 @@ class ForeignSequence(FrameSequence):
             colour=NO_PIXELS,
             depth=NO_PIXELS,
             camera=camera,
-            jitter_px=self._jitter(number, number),
+            jitter_px=jitter,
             cut=declared.cut,
-            exposure=1.0 if declared.exposure is None else declared.exposure,
+            exposure=exposure,
             path=self.path(number),
             step=self.step,
             effects=self._declared,

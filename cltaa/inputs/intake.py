@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.core.frame_checks import check_numbers
+from cltaa.core.frame_checks import NUMBERS, check_numbers
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.frame import Camera, Matrix
 from cltaa.inputs.convert import Offset, jitter_px, mended_camera, standard_camera, without_jitter
@@ -39,7 +39,7 @@ from cltaa.inputs.roles import (
     whole_numbers,
     with_usual_names,
 )
-from cltaa.inputs.side_file import Side, read_side_file
+from cltaa.inputs.side_file import MATRIX_KEYS, NUMBER_KEYS, Side, read_side_file
 from cltaa.io.exr_frame import read_cut, read_number, wrong_attribute
 from cltaa.io.exr_layout import Layout, of_region
 from cltaa.io.exr_read import ImageHeader, read_any_header
@@ -83,6 +83,13 @@ def damaged_files(sets: Mapping[str, Mapping[int, Path]]) -> dict[Path, Damaged]
 Attributes = Mapping[str, object]
 
 
+class Source(NamedTuple):
+    """The file that something was read from, and what it is called there."""
+
+    path: Path
+    names: tuple[str, str]
+
+
 class Declared(NamedTuple):
     """What is known of one frame besides its pixels; None where nothing is declared."""
 
@@ -90,12 +97,15 @@ class Declared(NamedTuple):
     jitter_px: Offset | None
     exposure: float | None
     cut: bool
+    matrices_from: Source
+    numbers_from: Source  # jitter and exposure
 
 
 def declared_frames(
     profile: Profile,
     attributes: Mapping[int, Attributes],
     side: Mapping[int, Side],
+    side_file: Path | None,
     layouts: Mapping[int, Layout],
     step: int,
 ) -> dict[int, Declared]:
@@ -105,11 +115,21 @@ def declared_frames(
     """
     jitters: dict[int, Offset | None] = dict.fromkeys(attributes)
     matrices: dict[int, tuple[Matrix, Matrix] | None] = dict.fromkeys(attributes)
+
+    def source(number: int, beside: str, names: tuple[str, str], there: tuple[str, str]) -> Source:
+        if side_file is not None and number in side and getattr(side[number], beside) is not None:
+            return Source(side_file, names)
+        return Source(layouts[number].path, there)
+
+    rule, attribute = profile.camera, f"attribute {profile.jitter.attribute}"
+    in_header = f"matrix {rule.view}", f"matrix {rule.projection}"
+    matrices_from = {number: source(number, "view_to_clip", MATRIX_KEYS, in_header) for number in attributes}
+    numbers_from = {number: source(number, "jitter_px", NUMBER_KEYS, (attribute, NUMBERS[1])) for number in attributes}
     for number, given in attributes.items():
         if profile.jitter.source == "declared":
             jitters[number] = _jitter(profile, given, side.get(number), layouts[number].path, number)
         if profile.camera.source != "none":
-            with _converted(layouts[number].path, number):
+            with _converted(matrices_from[number].path, number):
                 matrices[number] = _matrices(profile.camera, given, side.get(number), layouts[number].path)
 
     def jitter_of(number: int) -> Offset | None:
@@ -122,7 +142,7 @@ def declared_frames(
         pair = matrices.get(number + profile.camera.delay * step, matrices[number])
         if pair is not None:
             size = layouts[number].display_size
-            with _converted(layouts[number].path, number):
+            with _converted(matrices_from[number].path, number):
                 cameras[number] = mended_camera(*pair, profile.camera, jitter_of(number) or (0.0, 0.0), *size)
     if profile.jitter.source == "projection" and cameras:
         steady, held = without_jitter([*cameras.values()], [layouts[number].display_size for number in cameras])
@@ -132,7 +152,8 @@ def declared_frames(
     for number in attributes:
         camera = of_region(cameras[number], layouts[number]) if number in cameras else None
         exposure_and_cut = _exposure_and_cut(attributes[number], side.get(number), layouts[number].path, number)
-        frames[number] = Declared(camera, jitter_of(number), *exposure_and_cut)
+        sources = matrices_from[number], numbers_from[number]
+        frames[number] = Declared(camera, jitter_of(number), *exposure_and_cut, *sources)
     return frames
 
 
@@ -302,7 +323,7 @@ def open_intake(
     _refuse_whole_numbers(first, roles)
     given = {number: header.attributes for number, header in headers.items()}
     side = {} if side_file is None else _side_of(side_file, numbers)
-    known = declared_frames(chosen, given, side, pictures | layouts, step)
+    known = declared_frames(chosen, given, side, side_file, pictures | layouts, step)
     declared = {number: known[number] for number in numbers}
     delays = {"matrices": step * chosen.camera.delay, "jitter": step * chosen.jitter.delay, "exposure": 0}
     _check_complete(folder, known, numbers, delays, side_file, side)

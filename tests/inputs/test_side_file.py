@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -118,6 +120,31 @@ def test_one_matrix_without_an_inverse_is_a_finding(tmp_path: Path) -> None:
     (tmp_path / "camera.txt").write_text(side_text(made))
     report, _ = check_folder(write_blender(tmp_path / "shot", made), side_file=tmp_path / "camera.txt")
     assert "camera-wrong" in [finding.name for finding in report.mistakes]
+
+
+AWAY = np.diag([1.0, 1.0, -1.0, 1.0])  # a camera that looks along +z
+
+
+@pytest.mark.parametrize(
+    ("view", "clip", "jitter_px", "message"),
+    [
+        (np.zeros((4, 4)), None, (0.0, 0.0), "world_to_view cannot be inverted"),
+        (None, AWAY, (0.0, 0.0), "view_to_clip has a wrong last row"),
+        (None, None, (0.25, 30.0), r"jitter_px is no jitter .*30\.0"),
+    ],
+)
+def test_what_no_frame_can_have_is_told_by_its_name_in_the_side_file(
+    view: Any, clip: Any, jitter_px: tuple[float, float], message: str, tmp_path: Path
+) -> None:
+    made, side = frames(), tmp_path / "camera.txt"
+    ours = made[1].camera
+    camera = Camera(
+        ours.world_to_view if view is None else view, ours.view_to_clip @ (np.eye(4) if clip is None else clip)
+    )
+    side.write_text(side_text([made[0], replace(made[1], camera=camera, jitter_px=jitter_px), *made[2:]]))
+    sequence = open_input(write_blender(tmp_path / "shot", made), side_file=side)
+    with pytest.raises(DataError, match=rf"^{re.escape(str(side))} frame {made[1].index}: {message}"):
+        list(sequence)
 
 
 @pytest.mark.parametrize(

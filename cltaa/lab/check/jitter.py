@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cltaa.camera import is_still
+from cltaa.core.frame_checks import LARGEST_JITTER
 from cltaa.frame import Frame
 from cltaa.lab.check.hypotheses import (
     DOUBTFUL,
@@ -297,6 +298,17 @@ def check_mean(shot: Shot) -> list[Finding]:
     evidence = f"mean ({mean[0]:.3f}, {mean[1]:.3f}) px over {counted(len(offsets), 'frame')}"
     sure = 0.9 if one_sided and (beyond or not varies) else DOUBTFUL
     return [mistake("jitter-biased", what, evidence, sure, {"offset": [round(float(-x), 4) for x in centre]})]
+
+
+def check_size(shot: Shot) -> list[Finding]:
+    """Find a jitter beyond any that a resolve takes, of whose unit nothing else was found."""
+    worst = max(shot.frames, key=lambda frame: np.abs(frame.jitter_px).max())
+    if np.abs(worst.jitter_px).max() < LARGEST_JITTER:
+        return []
+    x, y = worst.jitter_px
+    evidence = f"frame {worst.index}: {x:g} {y:g} pixels from the centre, and a sample lies within its pixel"
+    what = "the jitter is in another unit than pixels, or from another place than the pixel's centre"
+    return [mistake("jitter-size", what, evidence, 0.95)]
 
 
 def _undeclared(shot: Shot, fits: Sequence[Fit], measured: Vector, present: float) -> list[Finding]:

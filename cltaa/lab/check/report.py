@@ -35,7 +35,7 @@ from cltaa.lab.check.camera import (
 from cltaa.lab.check.colour import check_channels, check_colour, check_exposure
 from cltaa.lab.check.depth import AS_DECLARED, check_depth, check_depth_scale, tell_device
 from cltaa.lab.check.hypotheses import ASKED, DOUBTFUL, Finding, mistake
-from cltaa.lab.check.jitter import check_jitter, check_mean
+from cltaa.lab.check.jitter import check_jitter, check_mean, check_size
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion, without_leak
 from cltaa.lab.check.projection import check_held_jitter, check_projection_jitter
 from cltaa.lab.check.registration import Shot, measure_shifts
@@ -106,6 +106,8 @@ def check_frames(
     if not shot.narrow:
         found = [tell_device(shot, finding, depth) if finding.name in two_planes else finding for finding in found]
     found = _excused(shot, found + _check_motions(shot, found))
+    if not any(finding.name.startswith("jitter") and finding.settled.mistake for finding in found):
+        found += check_size(shot)
     return [finding.settled for finding in found if finding.confidence >= ASKED or not finding.mistake]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -97,6 +99,15 @@ def test_jitter_in_a_projection_whose_y_points_down(scene: Scene) -> None:
 def test_jitter_from_the_corner_of_a_pixel_is_moved_by_a_half(scene: Scene) -> None:
     (finding,) = check_frames(MISTAKES["jitter-biased"].plant(scene("still")))
     assert finding.fix == {"jitter": {"offset": [-0.5, -0.5]}}
+
+
+@pytest.mark.parametrize("factor", [(8, 8), (320, 180)])
+def test_a_jitter_that_no_resolve_takes_is_named(factor: tuple[float, float], scene: Scene) -> None:
+    planted = [
+        replace(frame, jitter_px=(frame.jitter_px[0] * factor[0], frame.jitter_px[1] * factor[1]))
+        for frame in scene("corridor")
+    ]
+    assert mistakes(planted) == ["jitter-size"]
 
 
 def projection(a: float, b: float) -> np.ndarray:
