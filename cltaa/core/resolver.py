@@ -196,6 +196,7 @@ class Resolver:
             self.launcher.prepare(kernel, build)
         self.launcher.prepare("unpack", self.launcher.build(Build(strict=True)))
 
+    @one_thread
     def empty(self, shape: tuple[int, ...], dtype: Any = np.float32) -> NDArray[Any]:
         """An array, not filled, for what frames hold or for ``out``: in pinned memory, which a GPU reads and writes at
         the speed of its bus. Elsewhere as ``np.empty`` gives it.
