@@ -192,7 +192,7 @@ def test_restart_begins_anew(tmp_path: Path) -> None:
 def test_files_of_another_origin_are_left_alone(tmp_path: Path, restart: bool) -> None:
     stranger = tmp_path / "render.0001.exr"
     stranger.write_bytes(b"precious")
-    with pytest.raises(UsageError, match="another origin"):
+    with pytest.raises(UsageError, match="holds EXR files of another origin"):
         capture_sequence(replace(request(tmp_path), restart=restart))
     assert stranger.read_bytes() == b"precious"
 

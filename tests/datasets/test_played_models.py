@@ -111,6 +111,14 @@ def test_a_missing_buffer_is_named(tmp_path: Path) -> None:
         GltfFile(tmp_path / "a.gltf")
 
 
+def test_a_buffer_view_that_runs_out_is_named(tmp_path: Path) -> None:
+    writer = Writer()
+    index = writer.add([1.0, 2.0])
+    writer.json["bufferViews"][0]["byteLength"] += 1
+    with pytest.raises(DataError, match=r"buffer view 0 is cut short \(expected 9, found 8\)"):
+        GltfFile(writer.write(tmp_path / "a.glb")).array(index)
+
+
 def test_an_accessor_that_runs_out_is_named(tmp_path: Path) -> None:
     writer = Writer()
     index = writer.add([1.0, 2.0])
