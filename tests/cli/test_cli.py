@@ -101,6 +101,13 @@ def test_completion_of_a_name(
     assert all(line.startswith(f"plain,{words.split()[-1]}") for line in lines)
 
 
+@pytest.mark.parametrize(("option", "files"), [("--preset", []), ("--profile", ["file,"]), ("--device", [])])
+def test_a_name_that_begins_none_may_be_of_a_file_where_one_can_be(
+    option: str, files: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert completed(f"cltaa resolve x {option} zz", monkeypatch, capsys, "bash") == [f"{each}zz" for each in files]
+
+
 def test_completion_of_a_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     lines = completed("cltaa re", monkeypatch, capsys, "zsh")
     assert lines == ["plain", "resolve", cli.COMMANDS["resolve"].summary]

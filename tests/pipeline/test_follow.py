@@ -85,6 +85,24 @@ def test_frames_are_resolved_as_they_come(made: Path, tmp_path: Path) -> None:
     assert not [*out.glob(".checkpoint*")]  # no more can come
 
 
+def test_progress_is_of_what_is_followed_and_not_of_each_part(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given, out = tmp_path / "in", tmp_path / "out"
+    copied(made, given, 0)
+
+    def write() -> None:
+        for number in range(3):
+            wait_for((out / f"synthetic.{number:04d}.exr").exists)
+            copied(made, given, number + 1)
+
+    thread = farm(write)
+    resolve_folder(given, out, follow=True, progress=True, reading={"frames": (0, 3)}, **NUMPY)
+    thread.join()
+    said = [line.partition(",")[0] for line in capsys.readouterr().err.splitlines()]
+    assert [line for line in said if ":" in line] == ["resolving: 1 of 1 frames", "following: 4 of 4 frames"]
+
+
 @pytest.mark.parametrize("size", ["short", "no table"])
 def test_half_a_file_is_not_whole(made: Path, tmp_path: Path, size: str) -> None:
     """A copy that was cut short; and what a writer leaves that fills in the table of chunks last."""
