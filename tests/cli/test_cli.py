@@ -172,8 +172,12 @@ def test_an_extra_left_out_says_what_to_install(
     ("error", "code", "words"),
     [
         (ZeroDivisionError("division by zero"), 70, "ZeroDivisionError: division by zero; this is a fault of cltaa"),
-        (MemoryError(), 75, "memory ran out"),
-        (OSError(28, "No space left on device", "x"), 74, "x: the system refused: No space left on device"),
+        (MemoryError(), 75, "memory ran out; use smaller frames or a machine with more memory"),
+        (
+            OSError(28, "No space left on device", "x"),
+            74,
+            "x: the system refused: No space left on device; check the disk and the permissions",
+        ),
         (RecursionError("too\ndeep \x1b[2J"), 70, r"RecursionError: too deep \x1b[2J"),
     ],
 )

@@ -182,7 +182,7 @@ def test_a_folder_for_each_channel_set(tmp_path: Path) -> None:
         open_intake(tmp_path)
     for path in sorted((tmp_path / "depth").glob("*.exr")):
         path.rename(path.with_name(path.name.replace("shot.000", "shot.001")))
-    with pytest.raises(InputMissing, match=r"shot\.0000\.exr: no frame has all of its files"):
+    with pytest.raises(InputMissing, match=r"shot\.0000\.exr: no frame has all of its files; render them again"):
         open_intake(tmp_path)
 
 

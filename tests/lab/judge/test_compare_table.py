@@ -108,13 +108,18 @@ def test_a_film_shows_entries_ours_and_the_truth_at_twice_the_size(
 @pytest.mark.parametrize(
     ("said", "code", "why"),
     [
-        (("--table", "{entry}"), 64, "no captured sequence among the folders"),
+        (
+            ("--table", "{entry}"),
+            64,
+            "no captured sequence among the folders (expected ENTRY... SEQUENCE..., a SEQUENCE with its truth in "
+            "reference/); make one: cltaa capture corridor",
+        ),
         (("--table", "{empty}", "{a}"), 66, "an entry of none of the sequences"),
-        (("--table", "{entry}", "{a}", "{twin}"), 64, "--table: two sequences are called a"),
+        (("--table", "{entry}", "{a}", "{twin}"), 64, "--table: two sequences are called a; name their folders apart"),
         (("--table", "{late}", "{a}", "--ours="), 66, "the entries of a have no frame in common"),
         (("--table", "{wrong}", "{a}"), 65, "no facts of an entry"),
         (("--table", "--heatmap", "x", "{entry}", "{a}"), 64, "--heatmap does not go with --table"),
-        (("--film", "x", "{entry}", "{a}"), 64, "--film goes with --table"),
+        (("--film", "x", "{entry}", "{a}"), 64, "--film goes with --table; add --table"),
     ],
 )
 def test_what_is_no_table_is_refused(
