@@ -140,13 +140,6 @@ def test_nor_is_it_missed(size: float, found: list[str]) -> None:
     assert judged(0.0 * OFFSETS, size * OFFSETS) == found
 
 
-@pytest.mark.parametrize(("noise", "found"), [(0.5, ["jitter-scaled-2"]), (0.9, [])])
-def test_what_is_left_is_held_against_the_jitter_that_is_meant(noise: float, found: list[str]) -> None:
-    """Of half of a jitter that was declared more than a third is left, of all of it a quarter."""
-    declared = 0.5 * OFFSETS
-    assert judged(declared, 2.0 * declared + noise * declared[::-1]) == found
-
-
 def test_shifts_that_fine_patterns_shorten_are_not_taken_for_half_a_jitter() -> None:
     assert judged(OFFSETS, -0.7 * OFFSETS) == ["jitter-negated"]
     assert judged(OFFSETS, -0.5 * OFFSETS) == ["jitter-scaled-0.5-negated"]
