@@ -6,7 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from cltaa.frame import Frame
 from tests.sequence_factory import make_frame
+
+
+def test_a_frame_of_its_light_alone_declares_nothing() -> None:
+    frame = Frame(3, np.ones((4, 6, 3), np.float32))
+    names = ("jitter_px", "cut", "exposure", "scene", "effects", "step", "path", "found")
+    declared = [getattr(frame, name) for name in names]
+    assert declared == [(0.0, 0.0), False, 1.0, "", None, 1, None, None]
 
 
 def test_frames_and_cameras_are_equal_to_themselves_alone() -> None:

@@ -156,7 +156,8 @@ def _cut(sequence: FrameSequence, outlines: Sequence[Frame], cameras: Mapping[in
         if before.orthographic or now.orthographic or is_still(now, before):
             continue
         (_, _, _, u), (_, _, _, v), (_, _, _, w) = displacement(now, before, sequence.width, sequence.height).rows
-        if 1 + w <= 0 or max(abs(u) / sequence.width, abs(v) / sequence.height) > LEAP * (1 + w):
+        # Behind the camera 1 + w is negative, and any motion is more.
+        if max(abs(u) / sequence.width, abs(v) / sequence.height) > LEAP * (1 + w):
             return True, "no header says so, but the camera leaps"
     return False, "no header says so, and the camera leaps nowhere"
 

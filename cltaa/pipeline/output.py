@@ -198,7 +198,7 @@ class Results(Protocol):
 class OutputFolder:
     """Which frames are finished, by what settings they were made, and their hashes. Use it inside ``atomic.owned``."""
 
-    def __init__(self, folder: Path, settings: Mapping[str, Any], *, preset: str = "", restart: bool = False) -> None:
+    def __init__(self, folder: Path, settings: Mapping[str, Any], *, restart: bool, preset: str = "") -> None:
         """Begin the folder, or go on with it; ``restart`` deletes what its manifest lists first.
 
         ``preset`` is what the preset is called, which decides nothing and is named where another is refused.

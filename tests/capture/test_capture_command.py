@@ -93,7 +93,7 @@ def test_explain_knows_of_the_shadow_map(capsys: pytest.CaptureFixture[str]) -> 
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (["spiner", "-o", "OUT"], 64, "no such scene: spiner; did you mean spinner?"),
+        (["spiner", "-o", "OUT"], 64, "no such scene: spiner; did you mean spinner? (see cltaa scenes)"),
         (["spinner", "-o", "OUT", "--jitter", "grid:5"], 64, "use grid:9"),
         (["spinner", "-o", "OUT", "--motion", "orbit"], 64, "--motion orbit applies to file:PATH"),
         (["file:OUT/model.blend", "-o", "OUT"], 64, "no reader for .blend"),

@@ -192,7 +192,7 @@ def test_restart_begins_anew(tmp_path: Path) -> None:
 def test_files_of_another_origin_are_left_alone(tmp_path: Path, restart: bool) -> None:
     stranger = tmp_path / "render.0001.exr"
     stranger.write_bytes(b"precious")
-    with pytest.raises(UsageError, match="another origin"):
+    with pytest.raises(UsageError, match=r"holds EXR files of another origin .*; choose an empty folder"):
         capture_sequence(replace(request(tmp_path), restart=restart))
     assert stranger.read_bytes() == b"precious"
 
@@ -200,7 +200,7 @@ def test_files_of_another_origin_are_left_alone(tmp_path: Path, restart: bool) -
 @pytest.mark.parametrize("content", ["{", "[]", '{"format": 99, "settings": {}, "files": {}}', '{"format": 1}'])
 def test_a_damaged_manifest_is_refused(tmp_path: Path, content: str) -> None:
     (tmp_path / "sequence.json").write_text(content)
-    with pytest.raises(DataError, match=r"sequence\.json: cannot be resumed from .*--restart"):
+    with pytest.raises(DataError, match=r"sequence\.json: cannot be resumed from .*; use --restart to begin anew"):
         capture_sequence(request(tmp_path))
 
 

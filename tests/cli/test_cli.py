@@ -101,6 +101,13 @@ def test_completion_of_a_name(
     assert all(line.startswith(f"plain,{words.split()[-1]}") for line in lines)
 
 
+@pytest.mark.parametrize(("option", "files"), [("--preset", []), ("--profile", ["file,"]), ("--device", [])])
+def test_a_name_that_begins_none_may_be_of_a_file_where_one_can_be(
+    option: str, files: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert completed(f"cltaa resolve x {option} zz", monkeypatch, capsys, "bash") == [f"{each}zz" for each in files]
+
+
 def test_completion_of_a_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     lines = completed("cltaa re", monkeypatch, capsys, "zsh")
     assert lines == ["plain", "resolve", cli.COMMANDS["resolve"].summary]
@@ -165,8 +172,12 @@ def test_an_extra_left_out_says_what_to_install(
     ("error", "code", "words"),
     [
         (ZeroDivisionError("division by zero"), 70, "ZeroDivisionError: division by zero; this is a fault of cltaa"),
-        (MemoryError(), 75, "memory ran out"),
-        (OSError(28, "No space left on device", "x"), 74, "x: the system refused: No space left on device"),
+        (MemoryError(), 75, "memory ran out; use smaller frames or a machine with more memory"),
+        (
+            OSError(28, "No space left on device", "x"),
+            74,
+            "x: the system refused: No space left on device; check the disk and the permissions",
+        ),
         (RecursionError("too\ndeep \x1b[2J"), 70, r"RecursionError: too deep \x1b[2J"),
     ],
 )

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from cltaa.cli import main
@@ -59,6 +60,22 @@ def test_a_compiler_that_says_nothing_or_not_in_utf_8(
     assert doctor.look_at_linker().found == found
     monkeypatch.setattr(sys, "executable", str(tmp_path / "gcc"))
     assert doctor.probe("x", "resolve", "do this", "files").found == found
+
+
+@pytest.mark.parametrize(("value", "planes"), [(1.5, 3), (-0.5, 3), (np.nan, 3), (0.5, 4)])
+def test_a_resolve_of_numbers_that_cannot_be_is_told(
+    value: float, planes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    resolved = np.full((doctor.HEIGHT, doctor.WIDTH, planes), value, np.float32)
+    monkeypatch.setattr("cltaa.core.resolver.Resolver", lambda: SimpleNamespace(resolve=lambda _: resolved))
+    with pytest.raises(SystemExit, match=r"noise in \[0, 1\] is not in \[0, 1\]"):
+        doctor.PROBES["resolve"]()
+
+
+def test_files_that_are_read_otherwise_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cltaa.io.exr_read.read_image", lambda _: ({"Y": np.zeros((24, 40), np.float32)}, {}))
+    with pytest.raises(SystemExit, match="OpenEXR does not read back what it wrote"):
+        doctor.PROBES["files"]()
 
 
 def test_a_cache_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

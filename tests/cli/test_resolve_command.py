@@ -204,6 +204,9 @@ def test_every_parameter_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     rows = json.loads(capsys.readouterr().out)
     assert {row["parameter"] for row in rows} == set(FIELDS)
     assert all(row["meaning"] for row in rows)
+    meanings = {row["parameter"]: row["meaning"].rpartition(" [")[0] for row in rows}
+    assert meanings["motion_px"].endswith(", in pixels a frame")
+    assert not meanings["blend_weight"].endswith(", in 1")  # a number has no unit
     told = {row["parameter"]: row["value_meanings"] for row in rows if "value_meanings" in row}
     assert told["box"]["both"] == "the intersection of the two"
     assert told["on_camera_move"] == {}  # its words say it all

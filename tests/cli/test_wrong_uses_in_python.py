@@ -85,12 +85,18 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
         lambda seq: cltaa.resolve(cltaa.open(seq), "out", profile="nuke"),
         "the sequence is open .*found profile.*give those to cltaa.open",
     ),
-    "a view of nothing": (lambda _: cltaa.Resolver(device="numpy").debug("count"), "nothing was resolved yet"),
+    "a view of nothing": (
+        lambda _: cltaa.Resolver(device="numpy").debug("count"),
+        r"nothing was resolved yet; call resolve\(\) first",
+    ),
     "a table of settings": (
         lambda _: cltaa.load_preset(written("[settings]\nblend_weight = 1")),
         "keys stand at the top",
     ),
-    "no film": (lambda seq: cltaa.resolve(seq, "out", compare="side"), "comparison side is of a film"),
+    "no film": (
+        lambda seq: cltaa.resolve(seq, "out", compare="side"),
+        "comparison side is of a film; name it: preview",
+    ),
 }
 
 

@@ -119,7 +119,7 @@ def test_the_image_lies_in_the_arrays_of_its_frame() -> None:
 
 
 def test_numpy_has_no_bands() -> None:
-    with pytest.raises(UsageError, match="NumPy resolves whole images only"):
+    with pytest.raises(UsageError, match="NumPy resolves whole images only; leave --band-rows out, or name a device"):
         BandedResolver(device="numpy")
 
 

@@ -69,6 +69,14 @@ def test_an_image_is_whole_when_it_is_given() -> None:
     assert waited == [True] * (AHEAD + 1)
 
 
+@pytest.mark.parametrize("ahead", [0, 1])
+def test_kernels_know_of_later_frames_where_there_are_some(ahead: int) -> None:
+    resolver = Resolver(looking(look_ahead=ahead), "numpy")
+    assert len([*resolver.images(make_frame(index) for index in range(3))]) == 3
+    assert resolver.last is not None
+    assert resolver.last.build.steps.look_ahead == (ahead > 0)
+
+
 @pytest.mark.parametrize("lanes_of", [None, "numpy"])
 def test_every_image_comes_once_and_in_order(lanes_of: str | None) -> None:
     resolver, frames = Resolver(looking(), lanes_of), [make_frame(index) for index in range(7)]
@@ -93,11 +101,11 @@ def test_frames_that_are_only_kept_are_gathered_as_if_they_had_been_resolved(ahe
 
 
 def test_no_frame_is_only_kept_where_none_are_gathered_or_some_wait() -> None:
-    with pytest.raises(UsageError, match="from the result before it, so none is only kept"):
+    with pytest.raises(UsageError, match=r"so none is only kept; call resolve\(\) or feed\(\)"):
         Resolver("fast", "numpy").keep(make_frame())
     resolver = Resolver(looking(), "numpy")
     resolver.feed(make_frame())
-    with pytest.raises(UsageError, match="frames wait for later ones, which none can be kept behind"):
+    with pytest.raises(UsageError, match=r"frames wait for later ones, which none can be kept behind; call flush\(\)"):
         resolver.keep(make_frame(1))
 
 

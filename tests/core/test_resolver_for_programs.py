@@ -318,7 +318,7 @@ def test_a_result_may_lie_in_memory_of_the_caller() -> None:
         (np.empty((23, 37, 4), np.float32), r"out cannot hold the result .*\(23, 37, 3\), found float32 \(23, 37, 4\)"),
         (np.empty((23, 37, 3)), "found float64"),
         ([], "found list"),
-        (np.broadcast_to(np.float32(0), (23, 37, 3)), "cannot be written to"),
+        (np.broadcast_to(np.float32(0), (23, 37, 3)), "out cannot be written to; give an array of your own"),
     ],
 )
 def test_what_cannot_hold_a_result_is_refused(out: Any, found: str) -> None:

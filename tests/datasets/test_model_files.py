@@ -114,7 +114,7 @@ def test_no_size(tmp_path: Path) -> None:
 
 
 def test_unknown_motion(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="no such motion: jump"):
+    with pytest.raises(UsageError, match="no such motion: jump; use one of "):
         model_scene(str(tmp_path / "a.glb"), "jump", 0)
 
 

@@ -95,7 +95,11 @@ def test_a_played_file_is_captured_with_its_motion(tmp_path: Path) -> None:
         ("empty.glb", b"", "is no glTF 2.0 file"),
         ("cut.glb", b"glTF\2\0\0\0\x40\0\0\0", "is no glTF 2.0 file"),
         ("list.gltf", b"[]", "is no glTF 2.0 file"),
-        ("packed.gltf", b'{"asset": {}, "extensionsRequired": ["KHR_draco_mesh_compression"]}', "needs the extension"),
+        (
+            "packed.gltf",
+            b'{"asset": {}, "extensionsRequired": ["KHR_draco_mesh_compression"]}',
+            "needs the extension .*; export without compression",
+        ),
     ],
 )
 def test_unreadable_files(tmp_path: Path, name: str, content: bytes, says: str) -> None:
@@ -107,8 +111,16 @@ def test_unreadable_files(tmp_path: Path, name: str, content: bytes, says: str) 
 
 def test_a_missing_buffer_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.gltf").write_text('{"asset": {}, "buffers": [{"uri": "a b.bin", "byteLength": 4}]}')
-    with pytest.raises(InputMissing, match=r"there is no a b\.bin beside the model"):
+    with pytest.raises(InputMissing, match=r"there is no a b\.bin beside the model; copy it there"):
         GltfFile(tmp_path / "a.gltf")
+
+
+def test_a_buffer_view_that_runs_out_is_named(tmp_path: Path) -> None:
+    writer = Writer()
+    index = writer.add([1.0, 2.0])
+    writer.json["bufferViews"][0]["byteLength"] += 1
+    with pytest.raises(DataError, match=r"buffer view 0 is cut short \(expected 9, found 8\)"):
+        GltfFile(writer.write(tmp_path / "a.glb")).array(index)
 
 
 def test_an_accessor_that_runs_out_is_named(tmp_path: Path) -> None:

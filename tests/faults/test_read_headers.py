@@ -103,7 +103,11 @@ def first_chunk_says(size: int) -> Change:
 
 
 RGBZ = tuple(channel(name) for name in (b"B", b"G", b"R", b"Z"))
-WRONG, SIZE, CHUNKS = "header is damaged", "impossible data window", "truncated or was never finished"
+WRONG, SIZE, CHUNKS = (
+    "header is damaged or cut off; write the file again",
+    "impossible data window",
+    "truncated or was never finished",
+)
 
 # name -> change, exit code, and words of the message; code 0 is a file that is unusual and sound
 CASES: dict[str, tuple[Change, int, str]] = {
@@ -137,7 +141,7 @@ CASES: dict[str, tuple[Change, int, str]] = {
     "largest, rle": (largest_picture("rle"), 65, "too small for its pixels"),
     "largest, zips": (largest_picture("zips"), 65, "too small for its pixels"),
     "largest, zip": (largest_picture("zip"), 65, "too small for its pixels"),
-    "largest, piz": (largest_picture("piz"), 65, "the pixels are damaged"),
+    "largest, piz": (largest_picture("piz"), 65, "the pixels are damaged; write the file again"),
     "largest, htj2k": (largest_picture("htj2k256"), 65, "the pixels are damaged"),
     "a million channels": (channels(*(channel(b"c%d" % n) for n in range(10**6))), 65, WRONG),
     "1025 channels": (channels(*RGBZ, *(channel(b"c%d" % n) for n in range(1021))), 65, "too many channels"),
@@ -184,14 +188,14 @@ CASES: dict[str, tuple[Change, int, str]] = {
     "windows of shorts": (put(b"dataWindow", bytes(8)), 65, WRONG),
     "line order 200": (put(b"lineOrder", b"\xc8"), 0, ""),
     "type says deep": (added(b"type", b"string", b"deepscanline"), 65, ""),
-    "deep": (flags(DEEP), 65, "deep images are not read"),
+    "deep": (flags(DEEP), 65, "deep images are not read; write a flat EXR"),
     "multi-part of one image": (flags(MULTI_PART), 65, WRONG),
     "version 1": (lambda file: setattr(file, "version", 1), 65, ""),
     "flags from the future": (flags(1 << 30), 65, ""),
     "tiled without tiles": (flags(TILED), 65, WRONG),
     "tiles of no size": (tiles(0, 0), 65, WRONG),
     "tiles of 2^32": (tiles(2**32 - 1, 2**32 - 1), 65, WRONG),
-    "mip maps without them": (tiles(16, 16, 1), 65, "mip-mapped images are not read"),
+    "mip maps without them": (tiles(16, 16, 1), 65, "images are not read; write one level, in tiles or scan lines"),
     "rip maps without them": (tiles(16, 16, 2), 65, "mip-mapped images are not read"),
     "another kind of levels": (tiles(16, 16, 3), 65, WRONG),
     "a quarter of a milliard tiles": (many(sized(0, 0, 16383, 16383), tiles(1, 1)), 65, "the file is truncated"),

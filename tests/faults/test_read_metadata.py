@@ -55,7 +55,7 @@ CASES: list[tuple[dict[str, object], str]] = [
     ({"worldToView": "identity"}, "worldToView is wrong (expected M44d, found 'identity'"),
     ({"viewToClip": 60.0}, "viewToClip is wrong"),
     ({"worldToView": np.eye(3)}, "expected M44d, found float64[3, 3]"),
-    ({"worldToView": with_entry(VIEW, 3, 0, NAN)}, "worldToView holds NaN or infinity"),
+    ({"worldToView": with_entry(VIEW, 3, 0, NAN)}, "worldToView holds NaN or infinity; write the frame again"),
     ({"worldToView": with_entry(VIEW, 0, 0, INF)}, "worldToView holds NaN or infinity"),
     ({"worldToView": with_entry(VIEW, 3, 3, NAN)}, "worldToView holds NaN or infinity"),
     ({"viewToClip": with_entry(CLIP, 2, 2, NAN)}, "viewToClip holds NaN or infinity"),

@@ -17,6 +17,7 @@ from cltaa.inputs.open import open_input
 from cltaa.io.exr_read import read_any_header, read_planes
 from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.manifest import file_sha256
+from cltaa.io.sequence import open_sequence
 from tests.faults.exr_surgery import Anatomy, as_part, assembled_parts, channel, window
 from tests.faults.reading_process import damage
 from tests.sequence_factory import HEIGHT, WIDTH, bits, make_frame
@@ -155,6 +156,14 @@ def test_parts_that_cannot_be(
         read_planes(path)
     assert words in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+def test_frames_of_ones_own_are_of_one_part(tmp_path: Path, sound: Path) -> None:
+    """Told when they are opened, and not when one is read."""
+    (tmp_path / "in").mkdir()
+    written(tmp_path, two(sound)).rename(tmp_path / "in" / "parts.0000.exr")
+    with pytest.raises(DataError, match="multi-part images are not read"):
+        open_sequence(tmp_path / "in")
 
 
 def test_where_the_colour_cannot_be_read_the_first_such_part_is_told(tmp_path: Path, sound: Path) -> None:

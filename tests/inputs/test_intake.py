@@ -180,6 +180,10 @@ def test_a_folder_for_each_channel_set(tmp_path: Path) -> None:
     (tmp_path / "depth" / "shot.0001.exr").unlink()
     with pytest.raises(InputMissing, match="frame 1"):
         open_intake(tmp_path)
+    for path in sorted((tmp_path / "depth").glob("*.exr")):
+        path.rename(path.with_name(path.name.replace("shot.000", "shot.001")))
+    with pytest.raises(InputMissing, match=r"shot\.0000\.exr: no frame has all of its files; render them again"):
+        open_intake(tmp_path)
 
 
 def test_passes_that_share_a_folder_are_called_by_their_names(tmp_path: Path) -> None:

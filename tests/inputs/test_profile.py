@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
+from cltaa.inputs.convert import correct
 from cltaa.inputs.profile import load_profile, override, profile_names, toml_text
 
 
@@ -22,6 +25,23 @@ def test_a_profile_can_build_on_another(tmp_path: Path) -> None:
     path.write_text('profile = "blender"\n[depth]\nscale = 100.0\n')
     assert load_profile(str(path)).depth.scale == 100.0
     assert load_profile(str(path)).motion == load_profile("blender").motion
+
+
+@pytest.mark.parametrize(
+    ("before", "change", "expected"),
+    [
+        ("motion.scale=2,3", {"scale": [10.0, 100.0]}, "motion.scale=20,300"),
+        ("motion.scale=2,3", {"scale": [10.0, 100.0], "swap": True}, "motion.scale=30,200 motion.swap=true"),
+        ("motion.jittered=1", {"jittered": -1}, "motion.jittered=0"),
+        ("motion.jittered=-1", {"jittered": -1}, "motion.jittered=-1"),
+        ("motion.jittered=1", {"jittered": 1}, "motion.jittered=1"),
+        ("depth.scale=2", {"scale": 3.0}, "depth.scale=6"),
+    ],
+)
+def test_a_correction_goes_on_top(before: str, change: dict[str, Any], expected: str) -> None:
+    section = before.partition(".")[0]
+    ours, theirs = (override(load_profile("cltaa"), re.split(" (?=[a-z])", text)) for text in (before, expected))
+    assert correct(ours, {section: change}) == theirs
 
 
 @pytest.mark.parametrize(

@@ -237,7 +237,9 @@ def test_a_truth_of_the_whole_is_one_of_a_region_too(
         sequence = Reading(assignments=inputs, truth=place).open(part)
         truth = truth_of(sequence)
         assert truth.layouts[0].size == sequence.layouts[0].size
-        np.testing.assert_array_equal(truth.image(2), moving(2).colour[inner])
+        for images in (truth, truth.select(2, 3)):
+            np.testing.assert_array_equal(images.image(2), moving(2).colour[inner])
+        assert truth.select(2, 3).numbers == (2, 3)
     (part / "reference").rename(part / "reference-4")
     assert open_yardsticks(open_input(part))[4].layouts[0].region == REGION
     write_images(part / "reference", [moving(index).colour + np.float32(0.125) for index in range(4)], name="a")

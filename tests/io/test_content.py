@@ -58,7 +58,7 @@ def test_file_that_ends_before_its_size(tmp_path: Path, monkeypatch: pytest.Monk
     path.write_bytes(b"12345")
     monkeypatch.setattr("cltaa.io.content.file_size", lambda _: 6)
     with pooled_memory():
-        with pytest.raises(DataError, match=r"a: the file changed while it was read"):
+        with pytest.raises(DataError, match=r"a: the file changed while it was read; run again"):
             held(path)
         monkeypatch.undo()
         assert held(path)[1] == b"12345"

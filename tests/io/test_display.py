@@ -44,6 +44,7 @@ def test_stops_are_powers_of_two() -> None:
     linear = np.linspace(0, 1, 97, dtype=np.float32)
     np.testing.assert_array_equal(to_display(linear, 2.0), to_display(4 * linear))
     np.testing.assert_array_equal(shown_light(linear, -1.0), linear / 2)
+    np.testing.assert_array_equal(shown_light(linear), linear)
 
 
 def test_stops_reach_every_picture() -> None:

@@ -61,7 +61,7 @@ def broken(name: str, change: Callable[[NDArray[np.float64]], object]) -> dict[s
         ("viewToClip", lambda m: -m, "has a wrong last row.*; it is of a camera along .z: of files"),
         ("viewToClip", lambda m: np.diag([1, 1, 1, 2]) @ m, "has a wrong last row.*; check whether it is transposed"),
         ("worldToView", lambda m: AWAY @ m, "mirrors the world.*flip its z row"),
-        ("worldToView", lambda m: np.diag([1e-110, 1e-110, 1e-110, 1]) @ m, "scales beyond use.*another unit"),
+        ("worldToView", lambda m: np.diag([1e-110, 1e-110, 1e-110, 1]) @ m, "scales beyond use .*; use another unit"),
         ("worldToView", lambda m: np.diag([1e110, 1e110, 1e110, 1]) @ m, "scales beyond use.*found inf"),
         ("viewToClip", lambda m: np.diag([1e-170, 1e-170, 1, 1]) @ m, "scales beyond use.*found 0"),
     ],

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cltaa.camera import displacement
 from cltaa.core.backend import Launcher
 from cltaa.core.build import Build, Steps, settings_record
+from cltaa.core.constants import CONSTANTS
 from cltaa.core.parameters import Choices, Dilation, Settings
 from cltaa.core.planes import Layout
 from cltaa.core.presets import override
@@ -139,6 +140,16 @@ def test_f2_displacements_are_right_to_a_millionth_of_a_pixel(launcher: DeviceLa
     assert shown.mean() > 0.2
     assert worst(error, exact, shown) <= 1.0
     assert exact[shown].max() > 0.01
+
+
+@pytest.mark.parametrize("beyond", [0.0, 2.0**-20])
+def test_f2_a_point_at_the_least_previous_w_was_not_seen(launcher: DeviceLauncher, beyond: float) -> None:
+    """All of it exact: 4 m away now, and 1/16 m before."""
+    before = view_at(np.array([0.0, 0.0, 4.0 * (CONSTANTS["LEAST_W"].value - 1.0 + beyond)]), np.eye(3))
+    camera, previous = Camera(view_at(np.zeros(3), np.eye(3)), LENS), Camera(before, LENS)
+    for run in (launcher, NumpyLauncher()):
+        found, _ = measured(camera, previous, np.full((4, 6), 4.0, np.float32), run)
+        assert (found[4] == (beyond > 0)).all()
 
 
 def test_f2_a_still_camera_moves_nothing() -> None:

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,20 @@ def test_frames_are_resolved_as_they_come(made: Path, tmp_path: Path) -> None:
     assert (report.frames, report.resolved) == (6, 6)
     assert all(resolved(out, number) == resolved(made / "out", number) for number in range(6))
     assert not [*out.glob(".checkpoint*")]  # no more can come
+
+
+def test_progress_is_of_what_is_followed_and_not_of_each_part(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nor of the first one behind frames that were finished before."""
+    given, out, late = tmp_path / "in", tmp_path / "out", iter((1, 2, 3))
+    copied(made, given, 0)
+    resolve_folder(given, out, follow=True, idle=0.0, **NUMPY)
+    waiting = SimpleNamespace(monotonic=time.monotonic, sleep=lambda _: copied(made, given, next(late)))
+    monkeypatch.setattr(follow, "time", waiting)
+    resolve_folder(given, out, follow=True, progress=True, reading={"frames": (0, 3)}, **NUMPY)
+    shown = [line.partition(",")[0] for line in capsys.readouterr().err.splitlines()]
+    assert [line for line in shown if line.startswith(("resolving", "following"))] == ["following: 4 of 4 frames"]
 
 
 @pytest.mark.parametrize("size", ["short", "no table"])

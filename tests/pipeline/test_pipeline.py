@@ -199,7 +199,7 @@ def test_a_file_that_is_drawn_anew_while_it_is_read_vouches_for_no_result(
 
     with monkeypatch.context() as patch:
         patch.setattr(FrameSequence, "frame_and_file", then_drawn)
-        with pytest.raises(DataError, match=r"synthetic.0001.exr frame 1: a file changed while it was read"):
+        with pytest.raises(DataError, match=r"synthetic.0001.exr frame 1: a file changed while it was read; run again"):
             resolve_sequence(open_sequence(folder), tmp_path / "out", Resolver(device="numpy"), progress=False)
     resolve_sequence(open_sequence(folder), tmp_path / "out", Resolver(device="numpy"), progress=False)
     resolve_sequence(open_sequence(folder), tmp_path / "whole", Resolver(device="numpy"), progress=False)

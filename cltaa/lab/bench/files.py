@@ -111,7 +111,7 @@ def _read_all(sequence: FrameSequence) -> None:
 
 
 def _write(folder: Path, channels: dict[str, Pixels], compression: str, count: int) -> None:
-    output = OutputFolder(make_folder(folder), {})
+    output = OutputFolder(make_folder(folder), {}, restart=False)
     with Writer(compression=compression) as writer:
         for index in range(count):
             path = output.folder / f"alone.{index:04d}.exr"

@@ -223,7 +223,7 @@ def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> tuple[l
         if min(half.sum() for half in halves) < 2 * LEAST_POINTS:
             halves = [there, there]
         for half, into in zip(halves, (fitted, judging), strict=True):
-            chosen = np.flatnonzero(half)[:: max(1, -(-int(half.sum()) // MOST_POINTS))]
+            chosen = np.flatnonzero(half)[:: -(-int(half.sum()) // MOST_POINTS)]
             own, x, y, now = pair.own[:, chosen], pair.x[chosen], pair.y[chosen], pair.now[chosen]
             into.append(Observed(own, x, y, now, pair.before, pair.scale, shift, pair.jitter_change))
     return fitted, judging

@@ -80,7 +80,7 @@ class _Picture(NamedTuple):
 def judge(
     comparisons: Sequence[Comparison],
     metrics: Sequence[Metric],
-    stops: float = 0.0,
+    stops: float,
     *,
     in_time: bool = False,
     heatmap: Path | None = None,

@@ -100,7 +100,7 @@ def test_without_a_home_nothing_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(devices, "kept_folder", homeless)
     for command in (lambda: devices.bench_shapes(None), devices.forget_shapes):
-        with pytest.raises(OutputError, match="no home to keep shapes in"):
+        with pytest.raises(OutputError, match="no home to keep shapes in; name a folder by XDG_CACHE_HOME"):
             command()
 
 

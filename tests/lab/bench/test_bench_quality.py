@@ -181,13 +181,14 @@ def test_flip_judges_every_so_many_frames(tmp_path: Path) -> None:
         assert found == pytest.approx(np.mean([single[number] for number in seen]), rel=1e-6)
 
 
-def test_the_pictures_of_a_cell_are_those_of_the_last_frame(tmp_path: Path) -> None:
+def test_the_pictures_of_a_cell_are_those_of_the_last_frame(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     sequence, preset = open_sequence(write_sequence(tmp_path / "capture", 3, reference=True)), load_preset("basic")
     judging = msgspec.structs.replace(SOON, pictures=True)
     pictures = judge_sequence(sequence, [Variant.of(preset)], NUMPY, judging)["basic"].pictures
     *_, last = Resolver(preset, NUMPY).images(sequence)
     with Pillow.open(BytesIO(pictures["picture"])) as picture:
         assert np.array_equal(np.asarray(picture), to_picture(last))
+    assert capsys.readouterr().err == ""  # no progress, for which nobody asked
 
 
 def test_a_sequence_must_have_a_truth_and_settle(tmp_path: Path) -> None:

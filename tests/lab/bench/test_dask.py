@@ -60,5 +60,7 @@ def test_a_killed_worker_loses_nothing(tmp_path: Path) -> None:
 def test_no_scheduler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cltaa.pipeline.cluster.PATIENCE", "0.2s")
     waiting = [task(write_sequence(tmp_path / "seq", 1, reference=True))]
-    with pytest.raises(UsageError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
+    with pytest.raises(
+        UsageError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9: .*; start one: dask scheduler"
+    ):
         list(run_all(waiting, tmp_path, dask="tcp://127.0.0.1:9"))

@@ -11,6 +11,7 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.core.presets import load_preset
+from cltaa.errors import DataError
 from cltaa.lab.bench.accuracy import figures
 from cltaa.lab.bench.accuracy.figures import import_pyplot, overall, table, write_plots
 from cltaa.lab.bench.accuracy.measurement import Accuracy, Measured, MeasuredSequence, spread
@@ -153,6 +154,14 @@ def test_what_errs_nowhere_has_no_place_on_a_plot(
     assert len(drawn[0].axes[0].containers) == wrong
 
 
+def test_the_variants_alone_have_numbers_between_the_powers_of_ten() -> None:
+    """All of error, of which they seldom have two powers; of time as many as have room."""
+    figure = figures.front_figure(import_pyplot(), sequence("one", (1.0, 4.0, 0.5)), "mse", 0.1)
+    near = figure.axes[1]
+    times, errors = ({f"{place:g}"[-1] for place in axis.get_minorticklocs()} for axis in (near.xaxis, near.yaxis))
+    assert (times, errors) == ({*"25"}, {*"23456789"})
+
+
 def test_bars_of_steps_begin_at_1_and_end_at_the_ratio() -> None:
     one = sequence("one", (2.0, 4.0, 1.0), slower=2.0)
     groups = {cell.variant: "step" for cell in one.cells[1:]} | {one.cells[0].variant: DEFAULT}
@@ -178,6 +187,12 @@ def test_a_report_keeps_nothing_of_the_one_before(tmp_path: Path) -> None:
         "overview.md",
         "notes.md",
     }
+
+
+def test_what_is_no_report_is_told(tmp_path: Path) -> None:
+    (tmp_path / "accuracy.json").write_text("{")
+    with pytest.raises(DataError, match=r"accuracy\.json: not the numbers of a report"):
+        read_report(tmp_path)
 
 
 @pytest.mark.usefixtures("svg_alone")
@@ -208,6 +223,9 @@ def test_reports_that_cannot_be_one_are_refused(tmp_path: Path, capsys: pytest.C
     ):
         assert main(["bench", "overview", folders[0], wrong, "-o", str(tmp_path / "out")]) == 65
         assert words in capsys.readouterr().err
+    rising = report(tmp_path / "rising", msgspec.structs.replace(one, metrics=["psnr"]))
+    assert main(["bench", "overview", rising, "-o", str(tmp_path / "out")]) == 64
+    assert "no error to compare by: no metric that falls with it (found psnr)" in capsys.readouterr().err
     (tmp_path / "1" / "accuracy.json").write_text("{}")
     assert main(["bench", "overview", folders[1], "-o", str(tmp_path / "out")]) == 65
     assert main(["bench", "overview", str(tmp_path / "none"), "-o", str(tmp_path / "out")]) == 66

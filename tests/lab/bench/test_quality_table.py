@@ -151,7 +151,7 @@ def test_each_scene_has_a_line_that_leads_to_its_table() -> None:
     text = summary(table, "about", "a page-scenes.md")
     of = ["best published", "default", "gather-48", "my own.toml"]
     head = [f"{score} {name}" for score in ("flip ↓", "samples ↑") for name in of]
-    assert f"| scene | {' | '.join(head)} |" in text
+    assert f"| scene | {' | '.join(head)} |\n| --- |{' ---: |' * len(head)}\n" in text
     flip = "0.4000 / 0.4000 | 0.2000 / 0.2000 | **0.1000** / **0.1000** | 0.3000 / 0.3000"
     values = f"{flip} | 2.5 / 2.5 | 3.0 / 3.0 | **9.0** / **9.0** | 4.0 / 4.0"
     assert f"| [pan](a%20page-scenes.md#pan) | {values} |" in text

@@ -85,6 +85,10 @@ def test_in_a_picture_full_of_vectors_that_moves_which_goes_another_way_than_mos
     assert moving(with_motion(motion)) == [True] * 10 + [False, True] + [False] * (WIDTH - 12)
 
 
+def test_where_all_have_one_vector_nothing_moves() -> None:
+    assert moving(with_motion(columns((2.0, -1.0), (2.0, -1.0), 10))) == [False] * WIDTH
+
+
 def test_where_less_than_half_rests_all_that_has_a_vector_moves() -> None:
     motion = columns((0.0, 0.0), (1.0, 0.0), WIDTH // 3)
     motion[:, -(WIDTH // 3) :] = -1.0, 0.0

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from cltaa.cli import main
+from cltaa.commands.compare import print_entries
+from cltaa.lab.judge.metrics import parse_metrics
 from tests.lab.judge.test_compare_command import refusal, run_json
 from tests.sequence_factory import write_sequence
 
@@ -47,6 +49,14 @@ def test_each_row_is_what_compare_says_of_it_alone(
     assert rows["a", "Mine"]["mean"] == alone["mean"]
     assert rows["a", "Mine"]["video"] == alone["video"]
     assert rows["a", "basic"]["mean"] != rows["a", "Mine"]["mean"]
+
+
+@pytest.mark.parametrize("asked", [False, True])
+def test_what_jod_means_is_said_where_it_was_asked_for(asked: bool, capsys: pytest.CaptureFixture[str]) -> None:
+    row = {"sequence": "a", "entry": "Mine", "mean": {"mse": 0.25}, **({"cvvdp": 9.87} if asked else {})}
+    print_entries([row], parse_metrics("mse"), cvvdp=asked)
+    said = capsys.readouterr().out
+    assert ("JOD" in said, "9.87" in said, "cvvdp" in said) == (asked, asked, asked)
 
 
 def test_frames_that_one_lacks_are_judged_of_none(
@@ -98,13 +108,18 @@ def test_a_film_shows_entries_ours_and_the_truth_at_twice_the_size(
 @pytest.mark.parametrize(
     ("said", "code", "why"),
     [
-        (("--table", "{entry}"), 64, "no captured sequence among the folders"),
+        (
+            ("--table", "{entry}"),
+            64,
+            "no captured sequence among the folders (expected ENTRY... SEQUENCE..., a SEQUENCE with its truth in "
+            "reference/); make one: cltaa capture corridor",
+        ),
         (("--table", "{empty}", "{a}"), 66, "an entry of none of the sequences"),
-        (("--table", "{entry}", "{a}", "{twin}"), 64, "--table: two sequences are called a"),
+        (("--table", "{entry}", "{a}", "{twin}"), 64, "--table: two sequences are called a; name their folders apart"),
         (("--table", "{late}", "{a}", "--ours="), 66, "the entries of a have no frame in common"),
         (("--table", "{wrong}", "{a}"), 65, "no facts of an entry"),
         (("--table", "--heatmap", "x", "{entry}", "{a}"), 64, "--heatmap does not go with --table"),
-        (("--film", "x", "{entry}", "{a}"), 64, "--film goes with --table"),
+        (("--film", "x", "{entry}", "{a}"), 64, "--film goes with --table; add --table"),
     ],
 )
 def test_what_is_no_table_is_refused(

@@ -76,6 +76,16 @@ def test_psnr_metric_is_that_of_the_display_images() -> None:
     assert measure(test, reference, [METRICS["psnr"]])["psnr"] == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.parametrize("metric", METRICS.values(), ids=list(METRICS))
+def test_stops_expose_what_a_screen_shows_and_no_linear_light(metric: Any) -> None:
+    four = np.float32(4)
+    reference, test = four * picture(), four * noisy(picture(), 0.05)
+    there, without = (measure(test, reference, [metric], stops)[metric.name] for stops in (-2.0, 0.0))
+    exposed = measure(test / four, reference / four, [metric])[metric.name]  # to the bit: a power of two rounds nothing
+    assert there == (without if metric.name.endswith("-linear") else exposed)
+    assert exposed != without or metric.name == "flip-hdr"  # which exposes to its own liking
+
+
 def test_ssim_of_a_constant_shift_follows_its_formula() -> None:
     """Without structure only the luminance term is left: (2ab + C1) / (a^2 + b^2 + C1), C1 = 0.01^2."""
     reference, test = np.full((32, 32, 3), 0.2, np.float32), np.full((32, 32, 3), 0.4, np.float32)

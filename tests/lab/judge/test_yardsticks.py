@@ -26,6 +26,16 @@ def test_samples_of_the_truth_limit_the_answer(
     assert found == {"samples": 2, "method": "n^-1.5 law", "bound": "at least"}
 
 
+@pytest.mark.parametrize("samples", [0, -4])
+def test_a_truth_of_no_samples_is_told(
+    samples: int, capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
+) -> None:
+    write_images(capture / "reference", list(open_images(capture / "reference")), name="synthetic", samples=samples)
+    assert main(["compare", str(resolved), str(capture), "--metrics", "mse"]) == 65
+    wrong = f"attribute cltaa:samples is wrong (expected a positive int, found {samples})"
+    assert f"{wrong}; capture the reference again" in capsys.readouterr().err
+
+
 def test_measured_curve_is_preferred_to_the_law(
     capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
 ) -> None:

@@ -255,4 +255,4 @@ def test_another_way_to_a_sequence_is_the_same_sequence(
     monkeypatch.chdir(tmp_path)
     command = ["tune", str(tmp_path / "a"), "--check", "a", "--budget", "5ms", "--device", "numpy", "-o", "t.toml"]
     assert main(command) == 64
-    assert "both searched and checked" in capsys.readouterr().err
+    assert "both searched and checked on; name another one with --check" in capsys.readouterr().err
