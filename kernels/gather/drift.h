@@ -2,10 +2,6 @@
 // which weigh the windows and move the longer ones to the shortest.
 #include "gather/window.h"
 
-#if !defined(DRIFT_FLOOR) || !defined(LEAST_TRUST)
-#error "drift.h needs DRIFT_FLOOR and LEAST_TRUST from the prelude"
-#endif
-
 #define SIDE (2 * WINDOW_REACH + 1)
 
 STAGE plane_in window_plane(plane_in windows, int window, int plane, frame_t frame)

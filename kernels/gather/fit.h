@@ -3,10 +3,6 @@
 #include "gather/sides.h"
 #include "taa/accumulate.h"
 
-#if !defined(GATHER_FIT) || !defined(FILTER_USE) || !defined(ILLUMINATION)
-#error "fit.h needs GATHER_FIT, FILTER_USE and ILLUMINATION from the prelude"
-#endif
-
 // Sums over the samples of a pixel, of differences from the current one, so that equal samples leave it as it is, to
 // the bit: along and down are weighted by the offset from the pixel's centre too. x to yy are sums of the weights times
 // offsets and their products; near, near_x and near_y are those of the samples of the nearer of two surfaces.

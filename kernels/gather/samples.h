@@ -4,10 +4,6 @@
 #include "gather/track.h"
 #include "schedule/ahead.h"
 
-#if !defined(ALPHA) || !defined(EXPOSURE) || !defined(CAMERA_MOTION) || !defined(OWN_MOTION) || !defined(LOOK_AHEAD)
-#error "samples.h needs ALPHA, EXPOSURE, CAMERA_MOTION, OWN_MOTION and LOOK_AHEAD from the prelude"
-#endif
-
 // How one pixel step here is seen in an earlier frame, less the step itself: the derivative of motion_from_depth on a
 // plane whose inverse depth changes by (slope_x, slope_y) a pixel. Samples drawn from farther off cover several pixels
 // of now, and lie that much farther apart.

@@ -1,10 +1,6 @@
 // The surfaces of a pixel that a depth edge runs through: a nearer and a farther side.
 #include "taa/neighbourhood.h"
 
-#if !defined(OWN_MOTION) || !defined(GATHER_FIT)
-#error "sides.h needs OWN_MOTION and GATHER_FIT from the prelude"
-#endif
-
 // Where an edge runs, and how inverse depth changes on the surface that is followed.
 typedef struct
 {

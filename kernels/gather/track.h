@@ -1,10 +1,6 @@
 // Surfaces on their ways through the frames in the ring: back to those before, and ahead to those after.
 #include "taa/disocclusion.h"
 
-#if !defined(OWN_MOTION) || !defined(ALPHA) || !defined(GATHER_FIT) || !defined(REJECT) || !defined(AHEAD_STEPS)
-#error "track.h needs OWN_MOTION, ALPHA, GATHER_FIT, REJECT and AHEAD_STEPS from the prelude"
-#endif
-
 // Planes of a frame of the ring, as it was drawn: r, g, b, inverse depth, then own motion and alpha where there are
 // such.
 #define RING_INVERSE_DEPTH 3

@@ -5,10 +5,6 @@
 // motion vector tells of, such as water, has changed within the shortest: the filtered sample of now is a window too.
 #include "gather/samples.h"
 
-#if !defined(UNMOVED) || !defined(WINDOW_REACH) || !defined(SHORT_WINDOW) || !defined(MIDDLE_WINDOW)
-#error "window.h needs UNMOVED, WINDOW_REACH, SHORT_WINDOW and MIDDLE_WINDOW from the prelude"
-#endif
-
 // Planes of a window: r, g, b, error, count, alpha. The windows stand one behind the other: the latest frames, a few
 // more, all, without motion all since the camera came to stand (UNMOVED), and beside a recursive resolve the frame of
 // now alone.

@@ -4,10 +4,6 @@
 // so that a CPU need not wait for it.
 #include "taa/illumination.h"
 
-#if !defined(CAMERA_MOTION) || !defined(OWN_MOTION)
-#error "row_cache.h needs CAMERA_MOTION and OWN_MOTION from the prelude"
-#endif
-
 // Where nothing moves there is no filter to keep rows for.
 #define ROW_CACHE                                                                                                      \
     ((CAMERA_MOTION | OWN_MOTION) & (HISTORY_RANGE == HISTORY_RANGE_LINEAR)                                            \

@@ -4,10 +4,6 @@
 #include "schedule/edges.h"
 #include "taa/neighbourhood.h"
 
-#if !defined(ROWS)
-#error "window.h needs ROWS from the prelude"
-#endif
-
 // The pixels of a work-item: the segment at x in the rows from `first` up to `end`, which is left out; none where they
 // lie beyond the image.
 typedef struct

@@ -2,13 +2,6 @@
 #include "taa/history.h"
 #include "taa/rectify.h"
 
-#if !defined(ACCUMULATE) || !defined(WEIGHTING) || !defined(ANTI_FLICKER) || !defined(NEGATIVES)
-#error "accumulate.h needs ACCUMULATE, WEIGHTING, ANTI_FLICKER and NEGATIVES from the prelude"
-#endif
-#if !defined(ALPHA) || !defined(REACTIVE) || !defined(ALPHA_FROM) || !defined(FILTER_USE) || !defined(FIRST_SAMPLES)
-#error "accumulate.h needs ALPHA, REACTIVE, ALPHA_FROM, FILTER_USE and FIRST_SAMPLES from the prelude"
-#endif
-
 // The count of a pixel with one sample more: of one that moves it begins anew, of one that stands it grows by many,
 // where the preset says so.
 STAGE real grown_count(real count, real blend_boost)

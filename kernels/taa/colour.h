@@ -1,10 +1,6 @@
 // Colour: three reals, as RGB, or in the space in which history is compared with the neighbourhood (the box space).
 #include "platform/image.h"
 
-#if !defined(BOX_SPACE) || !defined(TONEMAP)
-#error "colour.h needs BOX_SPACE and TONEMAP from the prelude"
-#endif
-
 typedef struct
 {
     real r, g, b;

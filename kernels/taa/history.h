@@ -3,13 +3,6 @@
 #include "schedule/row_cache.h"
 #include "taa/disocclusion.h"
 
-#if !defined(ALPHA) || !defined(REJECT) || !defined(ILLUMINATION) || !defined(HISTORY_RANGE) || !defined(FIRST_SAMPLES)
-#error "history.h needs ALPHA, REJECT, ILLUMINATION, HISTORY_RANGE and FIRST_SAMPLES from the prelude"
-#endif
-#if !defined(COVERED_SHARE)
-#error "history.h needs COVERED_SHARE from the prelude"
-#endif
-
 typedef struct
 {
     colour rgb;

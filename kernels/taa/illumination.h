@@ -3,10 +3,6 @@
 #include "taa/neighbourhood.h"
 #include "taa/sampling.h"
 
-#if !defined(EXPOSURE)
-#error "illumination.h needs EXPOSURE from the prelude"
-#endif
-
 STAGE colour load_history_colour(history_in p, size_t plane)
 {
     const colour v = { load_history(p), load_history(p + plane), load_history(p + 2 * plane) };

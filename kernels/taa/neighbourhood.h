@@ -1,11 +1,6 @@
 // The 3x3 neighbourhood, gathered row by row so that a window sliding down a column reads and converts each row once.
 #include "taa/colour.h"
 
-#if !defined(BOX) || !defined(NEIGHBOURHOOD) || !defined(VARIANCE) || !defined(DILATION) || !defined(OWN_MOTION)       \
-    || !defined(CURRENT_FILTER)
-#error "neighbourhood.h needs BOX, NEIGHBOURHOOD, VARIANCE, DILATION, OWN_MOTION and CURRENT_FILTER from the prelude"
-#endif
-
 // Shifted first and second moments: mean = shift + offset, spread = sum of squared distances from the mean; 3/2 of it
 // in a row of three and in the 3x3.
 typedef struct

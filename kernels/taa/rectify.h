@@ -1,14 +1,6 @@
 // Rectification: history that the current neighbourhood makes implausible is moved into its box.
 #include "taa/reprojection.h"
 
-#if !defined(RECTIFY) || !defined(BOX) || !defined(ACCUMULATE) || !defined(ANTI_FLICKER)
-#error "rectify.h needs RECTIFY, BOX, ACCUMULATE and ANTI_FLICKER from the prelude"
-#endif
-#if RECTIFY != RECTIFY_NONE && RECTIFY != RECTIFY_CLAMP && RECTIFY != RECTIFY_CLIP                                     \
-    && RECTIFY != RECTIFY_CLIP_UNGUARDED && RECTIFY != RECTIFY_CLIP_CURRENT && RECTIFY != RECTIFY_ELLIPSOID
-#error "rectify_history knows no such RECTIFY"
-#endif
-
 // Scale of the box, gamma: of its deviations (BOX_VARIANCE, BOX_BOTH) or of its extremes (BOX_EXTREMES). Wide where
 // nothing moves, narrow from motion_px pixels a frame on.
 STAGE real box_scale_of(motion_t m, settings_t settings)

@@ -2,10 +2,6 @@
 #include "taa/reprojection.h"
 #include "platform/storage.h"
 
-#if !defined(HISTORY_FILTER) || !defined(RESAMPLING_PENALTY)
-#error "sampling.h needs HISTORY_FILTER and RESAMPLING_PENALTY from the prelude"
-#endif
-
 // The history's filters: what the taps around a position weigh. Taps 0 to 3 surround it, tap 1 is the texel at its
 // whole part; a filter of six has one more before them and one behind. Equal taps give exactly their value, and a
 // fraction of 0 gives exactly tap 1: filters are applied to differences from a tap, and the cross is limited.
