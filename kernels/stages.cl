@@ -4,8 +4,7 @@
 
 STAGE boxed load_boxed(plane_in p, size_t plane)
 {
-    boxed v = { load(p), load(p + plane), load(p + 2 * plane) };
-    return from_units(v);
+    return from_units((boxed) { load(p), load(p + plane), load(p + 2 * plane) });
 }
 
 STAGE void store_boxed(plane_out p, boxed v, size_t plane)

@@ -39,9 +39,7 @@ __kernel void weigh_windows_kernel(plane_in windows, const int frames, const int
             if (window == PRESENT)
                 moved = (drifted) { { zero, zero, zero }, zero };
             const colour v = load_colour(q, plane);
-            sum.r += w * ((v.r + moved.light.r) - first.r);
-            sum.g += w * ((v.g + moved.light.g) - first.g);
-            sum.b += w * ((v.b + moved.light.b) - first.b);
+            sum = plus_scaled(sum, w, minus(plus(v, moved.light), first));
             darkest.r = lesser(darkest.r, v.r);
             darkest.g = lesser(darkest.g, v.g);
             darkest.b = lesser(darkest.b, v.b);

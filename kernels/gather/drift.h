@@ -52,7 +52,7 @@ STAGE drift_sums drift_of_row(plane_in window, const shortest_row* row, frame_t 
     for (int i = 0; i < SIDE; ++i) {
         plane_in p = window + i - WINDOW_REACH;
         const colour was = load_colour(p, plane), now = row->now[i];
-        d[i] = (colour) { now.r - was.r, now.g - was.g, now.b - was.b };
+        d[i] = minus(now, was);
         w[i] = sample_share(was, settings) * row->share[i];
         s.mean.r += w[i] * d[i].r, s.level.r += w[i] * absolute(was.r);
         s.mean.g += w[i] * d[i].g, s.level.g += w[i] * absolute(was.g);
@@ -63,7 +63,7 @@ STAGE drift_sums drift_of_row(plane_in window, const shortest_row* row, frame_t 
     }
     s.mean = (colour) { quotient(s.mean.r, s.weight), quotient(s.mean.g, s.weight), quotient(s.mean.b, s.weight) };
     for (int i = 0; i < SIDE; ++i) {
-        const colour off = { d[i].r - s.mean.r, d[i].g - s.mean.g, d[i].b - s.mean.b };
+        const colour off = minus(d[i], s.mean);
         s.squares.r += w[i] * (off.r * off.r);
         s.squares.g += w[i] * (off.g * off.g);
         s.squares.b += w[i] * (off.b * off.b);
@@ -140,7 +140,7 @@ STAGE drift_sums drift_around(const row_sums* rows, int window, int y)
         quotient(all.mean.b, all.weight) };
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
         const drift_sums* row = &rows[kept_row(y + j)].drift[window - 1];
-        const colour off = { row->mean.r - all.mean.r, row->mean.g - all.mean.g, row->mean.b - all.mean.b };
+        const colour off = minus(row->mean, all.mean);
         all.squares.r += row->squares.r + row->weight * (off.r * off.r);
         all.squares.g += row->squares.g + row->weight * (off.g * off.g);
         all.squares.b += row->squares.b + row->weight * (off.b * off.b);
@@ -181,6 +181,5 @@ STAGE drifted drift_to_shortest(drift_sums s, settings_t settings)
                b = t_of(s.mean.b, s.squares.b, s.level.b, s.weight);
     const real t = greater(greater(r, greater(g, b)), SPLAT(settings.drift_t));
     const real chance = quotient(SPLAT(settings.drift_t), t), sure = SPLAT(1.0) - chance * chance;
-    const colour light = { sure * s.mean.r, sure * s.mean.g, sure * s.mean.b };
-    return (drifted) { light, ALPHA ? sure * quotient(s.alpha, s.weight) : SPLAT(0.0) };
+    return (drifted) { scaled(s.mean, sure), ALPHA ? sure * quotient(s.alpha, s.weight) : SPLAT(0.0) };
 }

@@ -70,8 +70,7 @@ STAGE real window(real off, real reach)
 
 STAGE colour colour_at(plane_in p, footprint f, size_t plane, int stride)
 {
-    const colour v = { texel_at(p, f, stride), texel_at(p + plane, f, stride), texel_at(p + 2 * plane, f, stride) };
-    return v;
+    return (colour) { texel_at(p, f, stride), texel_at(p + plane, f, stride), texel_at(p + 2 * plane, f, stride) };
 }
 
 // A frame of the ring as a pixel sees it: its planes, the way there, the texel whose sample lies nearest to the pixel's
@@ -160,7 +159,7 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
     if (EXPOSURE)
         c = scaled(c, SPLAT(then.exposure_ratio));
     c = choose_colour(good, to_range(c), now.own);
-    const colour d = { c.r - now.own.r, c.g - now.own.g, c.b - now.own.b };
+    const colour d = minus(c, now.own);
     real counted = good ? share : zero;
     if (REACTIVE & (ILLUMINATION == ILLUMINATION_WINDOW)) {
         const real alike = as_reactive(share_in_domain(texel_at(p + RING_REACTIVE * plane, v.f, stride), zero), now);
@@ -220,8 +219,7 @@ STAGE void add_side(gathered* g, side_t side, colour current, settings_t setting
 {
     const real zero = SPLAT(0.0);
     const mask any = side.count > zero;
-    const colour d = { side.mean.r - current.r, side.mean.g - current.g, side.mean.b - current.b };
-    add_sample(g, d, any ? sample_share(side.mean, settings) : zero, zero, zero, any);
+    add_sample(g, minus(side.mean, current), any ? sample_share(side.mean, settings) : zero, zero, zero, any);
 }
 
 // Whether a pixel of the segment has a farther side to follow on its own.

@@ -27,9 +27,8 @@ STAGE real window_error(gathered g, pixel_t now, resolved window, settings_t set
 {
     const real one = SPLAT(1.0), two = SPLAT(2.0);
     const colour d = share_difference(to_range(window.rgb), now.own, settings);
-    const real along = (d.r * g.recent.r + d.g * g.recent.g) + d.b * g.recent.b;
-    const real size = (d.r * d.r + d.g * d.g) + d.b * d.b;
-    const real squares = (g.recent_squares - two * along) + (own_samples(now) + g.recent_count) * size;
+    const real along = inner(d, g.recent);
+    const real squares = (g.recent_squares - two * along) + (own_samples(now) + g.recent_count) * inner(d, d);
     const real left = one - reciprocal(greater(window.count, SPLAT(1.5)));
     return quotient(greater(squares, SPLAT(0.0)), left * left);
 }
@@ -54,11 +53,8 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
         real counted = good ? one : zero;
         if (REACTIVE)
             counted *= as_reactive(load_share(q + RING_REACTIVE * plane, zero), p);
-        const colour d = { c.r - p.own.r, c.g - p.own.g, c.b - p.own.b };
         const real w = counted * sample_share(c, settings);
-        g.sum.r += w * d.r;
-        g.sum.g += w * d.g;
-        g.sum.b += w * d.b;
+        g.sum = plus_scaled(g.sum, w, minus(c, p.own));
         g.weight += w;
         g.count += counted;
         if (k < SHORT_WINDOW)
@@ -130,8 +126,8 @@ STAGE real present_error(gathered g, pixel_t p, mask valid, frame_t frame, setti
     const real across = one - (SPLAT(frame.left_weight) + SPLAT(frame.right_weight)),
                down = one - (SPLAT(frame.above_weight) + SPLAT(frame.below_weight)), others = one - across * down;
     const colour d = share_difference(p.filtered, p.own, settings);
-    const real size = (d.r * d.r + d.g * d.g) + d.b * d.b;
-    const real error = K(PRESENT_PENALTY) * ((own_samples(p) + g.recent_count) * quotient(size, others * others));
+    const real error
+        = K(PRESENT_PENALTY) * ((own_samples(p) + g.recent_count) * quotient(inner(d, d), others * others));
     return (valid & (others > SPLAT(LEAST_BESIDE))) ? error : SPLAT(DOMAIN_LIMIT);
 }
 
@@ -155,9 +151,7 @@ STAGE void store_window(plane_out windows, int window, resolved r, real error, i
 {
     const size_t plane = plane_size(frame);
     plane_out p = windows + (size_t)window * WINDOW_PLANES * plane + texel_offset(frame, x, y);
-    store(p, r.rgb.r);
-    store(p + plane, r.rgb.g);
-    store(p + 2 * plane, r.rgb.b);
+    store_colour(p, plane, r.rgb);
     store(p + 3 * plane, error);
     store(p + 4 * plane, r.count);
     if (ALPHA)

@@ -113,8 +113,7 @@ STAGE colour share_difference(colour v, colour other, settings_t settings)
 {
     const real knee = WEIGHTING == WEIGHTING_NONE ? SPLAT(1.0) : SPLAT(settings.luminance_knee);
     const real a = knee * sample_share(v, settings), b = knee * sample_share(other, settings);
-    const colour d = { a * v.r - b * other.r, a * v.g - b * other.g, a * v.b - b * other.b };
-    return d;
+    return (colour) { a * v.r - b * other.r, a * v.g - b * other.g, a * v.b - b * other.b };
 }
 
 // Lottes' measure u = 1 - |dY| / max(Y, Y, knee): the weight is scaled by a share that goes with u^2 from that of
@@ -156,8 +155,7 @@ STAGE real storable(real v, real current)
 
 STAGE colour storable_colour(colour v, colour current)
 {
-    const colour stored = { storable(v.r, current.r), storable(v.g, current.g), storable(v.b, current.b) };
-    return stored;
+    return (colour) { storable(v.r, current.r), storable(v.g, current.g), storable(v.b, current.b) };
 }
 
 // A pixel of the current frame: its `own` sample, and the `filtered` one of the current filter, which replaces `own`
@@ -231,18 +229,13 @@ STAGE colour disoccluded_colour(colour current, boxed mean, settings_t settings)
         return current;
     const boxed c = to_box_space(current);
     const boxed offset = { mean.a - c.a, mean.b - c.b, mean.c - c.c };
-    const colour change = from_box_space(offset);
-    const scalar k = K(settings.disocclusion_blur);
-    colour v = { current.r + k * change.r, current.g + k * change.g, current.b + k * change.b };
-    return v;
+    return plus_scaled(current, SPLAT(settings.disocclusion_blur), from_box_space(offset));
 }
 
 // `own` drawn towards `filtered` by a share; equal colours keep their bits.
 STAGE colour drawn_towards(colour own, colour filtered, real share)
 {
-    const colour v = { own.r + share * (filtered.r - own.r), own.g + share * (filtered.g - own.g),
-        own.b + share * (filtered.b - own.b) };
-    return v;
+    return plus_scaled(own, share, minus(filtered, own));
 }
 
 // Share of the filtered sample in the n-th of a history, from its share 1 / n of the mean: the same, but as 1 / n^2
@@ -262,13 +255,11 @@ STAGE real effective_samples(pixel_t p, history_t h, rectification r, settings_t
 // The history of a pixel after rectification.
 STAGE colour rectified(history_t h, rectification r, settings_t settings)
 {
-    const colour past = { h.rgb.r + r.change.r, h.rgb.g + r.change.g, h.rgb.b + r.change.b };
-    if (BOX_LEAK) {
-        const mask full = h.count >= SPLAT(settings.sample_limit);
-        const real share = SPLAT(1.0) - (full ? SPLAT(settings.box_leak) : SPLAT(0.0));
-        return (colour) { h.rgb.r + share * r.change.r, h.rgb.g + share * r.change.g, h.rgb.b + share * r.change.b };
-    }
-    return past;
+    if (!BOX_LEAK)
+        return plus(h.rgb, r.change);
+    const mask full = h.count >= SPLAT(settings.sample_limit);
+    const real share = SPLAT(1.0) - (full ? SPLAT(settings.box_leak) : SPLAT(0.0));
+    return plus_scaled(h.rgb, share, r.change);
 }
 
 // The sample to blend with a history of `count` samples: the pixel's own, or the filtered one.

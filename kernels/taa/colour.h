@@ -53,11 +53,16 @@ STAGE real luminance_4(colour v) { return (v.r + v.b) + K(2.0) * v.g; }
 // Greatest of the three and 0.
 STAGE real peak(colour v) { return greater(greater(greater(v.r, v.g), v.b), SPLAT(0.0)); }
 
-STAGE colour scaled(colour v, real k)
+STAGE colour plus(colour a, colour b) { return (colour) { a.r + b.r, a.g + b.g, a.b + b.b }; }
+STAGE colour minus(colour a, colour b) { return (colour) { a.r - b.r, a.g - b.g, a.b - b.b }; }
+STAGE colour scaled(colour v, real k) { return (colour) { v.r * k, v.g * k, v.b * k }; }
+// v + k d.
+STAGE colour plus_scaled(colour v, real k, colour d)
 {
-    const colour out = { v.r * k, v.g * k, v.b * k };
-    return out;
+    return (colour) { v.r + k * d.r, v.g + k * d.g, v.b + k * d.b };
 }
+// Sum of the products, channel by channel.
+STAGE real inner(colour a, colour b) { return (a.r * b.r + a.g * b.g) + a.b * b.b; }
 
 // c / (1 + max(r, g, b)).
 STAGE colour peak_range(colour v) { return scaled(v, SPLAT(1.0) / (SPLAT(1.0) + peak(v))); }
@@ -111,11 +116,7 @@ STAGE int any_outside_domain(colour left, colour own, colour right)
 
 STAGE colour load_colour(plane_in p, size_t plane)
 {
-    colour v;
-    v.r = load(p);
-    v.g = load(p + plane);
-    v.b = load(p + 2 * plane);
-    return v;
+    return (colour) { load(p), load(p + plane), load(p + 2 * plane) };
 }
 
 STAGE void store_colour(plane_out p, size_t plane, colour v)
@@ -127,11 +128,7 @@ STAGE void store_colour(plane_out p, size_t plane, colour v)
 
 STAGE colour choose_colour(mask m, colour a, colour b)
 {
-    colour v;
-    v.r = m ? a.r : b.r;
-    v.g = m ? a.g : b.g;
-    v.b = m ? a.b : b.b;
-    return v;
+    return (colour) { m ? a.r : b.r, m ? a.g : b.g, m ? a.b : b.b };
 }
 
 // Repair: a texel outside the domain (NaN, infinite, beyond DOMAIN_LIMIT) becomes the mean of the usable texels of its

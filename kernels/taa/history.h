@@ -24,15 +24,13 @@ STAGE colour load_colour_apart(history_in p, footprint f, size_t plane, int stri
 
 STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, size_t plane, int stride)
 {
-    colour v;
     if (f.lanes == LANES_ON_TEXELS) // tested here too, once for the three: faster than a test a plane
         return load_history_colour(p + f.at, plane);
     real sample[3];
     NO_UNROLL
     for (int i = 0; i < 3; ++i)
         sample[i] = sample_plane(p + (size_t)i * plane, f, wx, wy, stride);
-    v.r = sample[0], v.g = sample[1], v.b = sample[2];
-    return v;
+    return (colour) { sample[0], sample[1], sample[2] };
 }
 
 // The same of texels that are brought into the range of comparison before they are weighed, as where tonemapped colour

@@ -5,19 +5,13 @@
 
 STAGE colour load_history_colour(history_in p, size_t plane)
 {
-    const colour v = { load_history(p), load_history(p + plane), load_history(p + 2 * plane) };
-    return v;
+    return (colour) { load_history(p), load_history(p + plane), load_history(p + 2 * plane) };
 }
 
 // History as the current exposure would show it, in the range that everything is compared in.
 STAGE colour history_in_range(colour v, frame_t frame)
 {
-    if (EXPOSURE) {
-        v.r *= K(frame.exposure_ratio);
-        v.g *= K(frame.exposure_ratio);
-        v.b *= K(frame.exposure_ratio);
-    }
-    return to_range(v);
+    return to_range(EXPOSURE ? scaled(v, SPLAT(frame.exposure_ratio)) : v);
 }
 
 // The texels of the history nearest to the footprint: their whole displacement, a lane, and where the first lane's is.
@@ -129,8 +123,7 @@ typedef struct
 STAGE paired pair_row(real left, real centre, real right)
 {
     const real dl = left - centre, dr = right - centre;
-    const paired row = { centre + (dl + dr) * K(ONE_THIRD), spread_of_three(dl, dr), SPLAT(0.0) };
-    return row;
+    return (paired) { centre + (dl + dr) * K(ONE_THIRD), spread_of_three(dl, dr), SPLAT(0.0) };
 }
 
 // A third of Student's t of nine differences: their mean over three standard errors, their deviation. Its sign is that

@@ -225,8 +225,7 @@ STAGE row_taps row_apart(history_in p, weights w, whole steps, int j)
 
 STAGE row_taps choose_row(mask m, row_taps a, row_taps b)
 {
-    const row_taps v = { m ? a.middle : b.middle, m ? a.right : b.right, m ? a.sides : b.sides };
-    return v;
+    return (row_taps) { m ? a.middle : b.middle, m ? a.right : b.right, m ? a.sides : b.sides };
 }
 
 // The history plane at the footprint. What was stored is finite and never -0: taps
