@@ -57,7 +57,7 @@ typedef LANED(long) whole;
 #define TO_WHOLE PASTE(PASTE(convert_, LANED(long)), _rtz)
 #define TO_REAL PASTE(convert_, LANED(double))
 #define MAGNITUDE_BITS 0x7fffffffffffffffL
-#define FLOAT_BITS 29 // below those of a float
+#define DOMAIN_BITS as_long(DOMAIN_LIMIT)
 #else
 typedef float scalar;
 typedef int scalar_whole;
@@ -68,7 +68,7 @@ typedef LANED(int) whole;
 #define TO_WHOLE PASTE(PASTE(convert_, LANED(int)), _rtz)
 #define TO_REAL PASTE(convert_, LANED(float))
 #define MAGNITUDE_BITS 0x7fffffff
-#define FLOAT_BITS 0
+#define DOMAIN_BITS as_int(DOMAIN_LIMIT)
 #endif
 typedef whole mask;
 

@@ -99,7 +99,6 @@ STAGE mask colour_outside_domain(colour v) { return outside_domain(v.r) | outsid
 // The bits of the largest magnitude of the three, which are in the order of the magnitudes; what is NaN is larger
 // than any.
 STAGE whole larger_bits(whole a, whole b) { return a > b ? a : b; }
-STAGE whole magnitude_bits(real v) { return AS_WHOLE(v) & MAGNITUDE_BITS; }
 STAGE whole largest_bits(colour v)
 {
     return larger_bits(larger_bits(magnitude_bits(v.r), magnitude_bits(v.g)), magnitude_bits(v.b));
@@ -144,9 +143,7 @@ STAGE int texel_outside_domain(plane_in p, size_t plane)
 // The repaired channel of the texel at (x, y); coordinates outside the image mean its edge.
 STAGE float repaired_texel(plane_in image, size_t plane, int channel, int x, int y, frame_t frame)
 {
-    x = x < 0 ? 0 : (x >= frame.width ? frame.width - 1 : x);
-    y = y < 0 ? 0 : (y >= frame.height ? frame.height - 1 : y);
-    plane_in p = image + texel_offset(frame, x, y);
+    plane_in p = image + texel_offset(frame, limit_index(x, frame.width - 1), limit_index(y, frame.height - 1));
     if (!texel_outside_domain(p, plane))
         return p[(size_t)channel * plane];
     float sum = 0.0f;

@@ -152,18 +152,12 @@ typedef struct
     int lanes;
 } footprint;
 
-STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
+// A footprint with how its lanes lie, by their whole parts and from its own texel.
+STAGE footprint lying(footprint f, int stride)
 {
-    footprint f;
-    const real u = valid ? m.u : SPLAT(0.0), v = valid ? m.v : SPLAT(0.0);
-    f.fx = u - floor_and_whole(u, &f.dx);
-    f.fy = v - floor_and_whole(v, &f.dy);
     scalar_whole x = first_lane(f.dx), y = first_lane(f.dy);
     f.lanes = LANES_ALIKE;
     f.step_x = f.step_y = (whole)(0);
-    // Not on a GPU, which waits for each load behind a branch, but reads what lies before the first all at once.
-    if (LANES > 1 && !any_of((f.fx != SPLAT(0.0)) | (f.fy != SPLAT(0.0))))
-        f.lanes = LANES_ON_TEXELS;
     if (LANES > 1 && any_of((f.dx ^ x) | (f.dy ^ y))) {
         x -= any_of(f.dx < x) ? 1 : 0;
         y -= any_of(f.dy < y) ? 1 : 0;
@@ -171,8 +165,21 @@ STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
         f.step_y = f.dy - y;
         f.lanes = any_of((f.step_x | f.step_y) & ~(whole)(1)) ? LANES_APART : LANES_CLOSE;
     }
+    f.at = f.own + (uint)((int)y * stride + (int)x);
+    return f;
+}
+
+STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
+{
+    footprint f;
+    const real u = valid ? m.u : SPLAT(0.0), v = valid ? m.v : SPLAT(0.0), left = floor_of(u), top = floor_of(v);
+    f.dx = TO_WHOLE(left), f.dy = TO_WHOLE(top);
+    f.fx = u - left, f.fy = v - top;
     f.own = at;
-    f.at = at + (uint)((int)y * row_stride(frame) + (int)x);
+    f = lying(f, row_stride(frame));
+    // Not on a GPU, which waits for each load behind a branch, but reads what lies before the first all at once.
+    if (LANES > 1 && f.lanes == LANES_ALIKE && !any_of((f.fx != SPLAT(0.0)) | (f.fy != SPLAT(0.0))))
+        f.lanes = LANES_ON_TEXELS;
     return f;
 }
 
@@ -303,18 +310,17 @@ STAGE quad sample_quad(plane_in p, footprint f, int stride)
     return t;
 }
 
-// The texel that lies i columns to the right of the footprint's whole part and j rows below it.
-STAGE real texel_beside(plane_in p, footprint f, int i, int j, int stride)
+// The texel at the whole part of a footprint.
+STAGE real texel_at(plane_in p, footprint f, int stride)
 {
-    const ptrdiff_t way = j * (ptrdiff_t)stride + i;
-    if (LANES > 1 && f.lanes == LANES_APART)
-        return texels_apart(p + f.own + way, steps_apart(f.dx, f.dy, stride));
-    plane_in q = p + f.at + way;
+    plane_in q = p + f.at;
     if (LANES > 1 && f.lanes == LANES_CLOSE) {
         const mask right = f.step_x != 0, down = f.step_y != 0;
-        const real above = right ? load(q + 1) : load(q), below = right ? load(q + stride + 1) : load(q + stride);
-        return down ? below : above;
+        const real a = right ? load(q + 1) : load(q), b = right ? load(q + stride + 1) : load(q + stride);
+        return down ? b : a;
     }
+    if (LANES > 1 && f.lanes == LANES_APART)
+        return texels_apart(p + f.own, steps_apart(f.dx, f.dy, stride));
     return load(q);
 }
 
@@ -322,8 +328,9 @@ STAGE real texel_beside(plane_in p, footprint f, int i, int j, int stride)
 // middle.
 STAGE quad sample_corners(plane_in p, footprint f, int stride)
 {
-    return (quad) { texel_beside(p, f, -1, -1, stride), texel_beside(p, f, 2, -1, stride),
-        texel_beside(p, f, -1, 2, stride), texel_beside(p, f, 2, 2, stride) };
+    plane_in above = p - stride, below = p + 2 * (ptrdiff_t)stride;
+    return (quad) { texel_at(above - 1, f, stride), texel_at(above + 2, f, stride), texel_at(below - 1, f, stride),
+        texel_at(below + 2, f, stride) };
 }
 
 STAGE real bilinear(quad t, footprint f)
