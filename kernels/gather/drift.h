@@ -18,12 +18,6 @@ typedef struct
     real alpha, weight;
 } drift_sums;
 
-STAGE drift_sums no_drift(void)
-{
-    const real o = SPLAT(0.0);
-    return (drift_sums) { { o, o, o }, { o, o, o }, { o, o, o }, o, o };
-}
-
 // A row of the shortest window around a pixel.
 typedef struct
 {
@@ -46,7 +40,7 @@ STAGE shortest_row row_of_shortest(plane_in p, frame_t frame, settings_t setting
 STAGE drift_sums drift_of_row(plane_in window, const shortest_row* row, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
-    drift_sums s = no_drift();
+    drift_sums s = { 0 };
     real w[SIDE];
     colour d[SIDE];
     for (int i = 0; i < SIDE; ++i) {
@@ -61,7 +55,7 @@ STAGE drift_sums drift_of_row(plane_in window, const shortest_row* row, frame_t 
             s.alpha += w[i] * (row->alpha[i] - load(p + 5 * plane));
         s.weight += w[i];
     }
-    s.mean = (colour) { quotient(s.mean.r, s.weight), quotient(s.mean.g, s.weight), quotient(s.mean.b, s.weight) };
+    s.mean = quotients(s.mean, s.weight);
     for (int i = 0; i < SIDE; ++i) {
         const colour off = minus(d[i], s.mean);
         s.squares.r += w[i] * (off.r * off.r);
@@ -127,7 +121,7 @@ STAGE real error_around(const row_sums* rows, int window, int y)
 // evenly: what a row's mean is off that of all comes to what its texels are off its own (Chan, Golub and LeVeque).
 STAGE drift_sums drift_around(const row_sums* rows, int window, int y)
 {
-    drift_sums all = no_drift();
+    drift_sums all = { 0 };
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
         const drift_sums* row = &rows[kept_row(y + j)].drift[window - 1];
         all.mean.r += row->weight * row->mean.r, all.level.r += row->level.r;
@@ -136,8 +130,7 @@ STAGE drift_sums drift_around(const row_sums* rows, int window, int y)
         all.alpha += row->alpha;
         all.weight += row->weight;
     }
-    all.mean = (colour) { quotient(all.mean.r, all.weight), quotient(all.mean.g, all.weight),
-        quotient(all.mean.b, all.weight) };
+    all.mean = quotients(all.mean, all.weight);
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
         const drift_sums* row = &rows[kept_row(y + j)].drift[window - 1];
         const colour off = minus(row->mean, all.mean);

@@ -16,12 +16,6 @@ typedef struct
     real recent_squares, recent_count, unlike;
 } gathered;
 
-STAGE gathered no_samples(void)
-{
-    const real o = SPLAT(0.0);
-    return (gathered) { { o, o, o }, { o, o, o }, { o, o, o }, o, o, o, o, o, o, o, o, o, o, o, { o, o, o }, o, o, o };
-}
-
 // A recent sample that differs by d from the current one, of which `counted` counts.
 STAGE void add_recent(gathered* g, colour d, real counted)
 {
@@ -55,11 +49,10 @@ STAGE void add_sample(gathered* g, colour d, real w, real dx, real dy, mask near
 // The sums with the current sample alone, where it is `counted`. A mean of the others has its own place for it.
 STAGE gathered first_sample(real w, mask counted, mask near, frame_t frame)
 {
-    gathered g = no_samples();
-    const real o = SPLAT(0.0);
-    const colour same = { o, o, o };
+    gathered g = { 0 };
+    const colour same = { 0 };
     if (GATHER_FIT != GATHER_FIT_MEAN)
-        add_sample(&g, same, counted ? w : o, SPLAT(frame.jitter_x), SPLAT(frame.jitter_y), near);
+        add_sample(&g, same, counted ? w : SPLAT(0.0), SPLAT(frame.jitter_x), SPLAT(frame.jitter_y), near);
     return g;
 }
 

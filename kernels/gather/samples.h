@@ -14,8 +14,7 @@ typedef struct
 
 STAGE stretch_t stretch_of(surface s, real slope_x, real slope_y, motion_t m, real x, real y, frame_t then)
 {
-    const real zero = SPLAT(0.0);
-    stretch_t t = { zero, zero, zero, zero };
+    stretch_t t = { 0 };
     if (!CAMERA_MOTION)
         return t;
     const real px = (x + s.x) + K(then.origin_x), py = (y + s.y) + K(then.origin_y), q = s.inverse_depth;
@@ -184,7 +183,7 @@ STAGE motion_t motion_to_frame(
 {
     const real zero = SPLAT(0.0);
     motion_t m = motion_from_depth(s, px, py, then);
-    *stretch = (stretch_t) { zero, zero, zero, zero };
+    *stretch = (stretch_t) { 0 };
     if (GATHER_FIT != GATHER_FIT_MEAN) {
         *stretch = stretch_of(s, l.slope_x, l.slope_y, m, px, py, then);
         const real ox = s.x + K(frame.jitter_x), oy = s.y + K(frame.jitter_y);

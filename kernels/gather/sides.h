@@ -70,7 +70,7 @@ STAGE side_t side_of(surface s, layers_t l, int far, colour own, plane_in image,
 {
     const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
-    const colour none = { zero, zero, zero };
+    const colour none = { 0 };
     side_t side = { side_surface(s, l, far, inverse_depth, motion, x, y, frame), l, none, zero };
     real xx = SPLAT(settings.fit_ridge), xy = zero, yy = xx, qx = zero, qy = zero;
     for (int dy = -1; dy <= 1; ++dy)

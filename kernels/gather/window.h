@@ -41,7 +41,7 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
 {
     const size_t plane = plane_size(frame);
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
-    gathered g = no_samples();
+    gathered g = { 0 };
     for (int k = 0; k < frames; ++k) {
         const frame_t then = past[k];
         plane_in q = ring + (size_t)then.slot * RING_PLANES * plane + texel_offset(frame, x, y);
@@ -63,11 +63,9 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
             g.alpha += w * (load_share(q + RING_ALPHA * plane, one) - p.alpha);
     }
     const real whole_weight = (p.missing ? zero : sample_share(p.own, settings)) + g.weight;
-    const colour v = { p.own.r + quotient(g.sum.r, whole_weight), p.own.g + quotient(g.sum.g, whole_weight),
-        p.own.b + quotient(g.sum.b, whole_weight) };
     resolved out;
     out.count = g.count + own_samples(p);
-    out.rgb = storable_colour(from_range(v), p.own);
+    out.rgb = storable_colour(from_range(plus(p.own, quotients(g.sum, whole_weight))), p.own);
     out.alpha = p.alpha;
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
         out.alpha = p.alpha + quotient(g.alpha, whole_weight);

@@ -52,16 +52,6 @@ STAGE real samples_in_mean(real count, settings_t settings)
     return lesser(count, SPLAT(1.0) / SPLAT(settings.blend_weight) - K(1.0));
 }
 
-// The effective sample count of a history, `count_limit` at most: the further rectification moved it, the fewer samples
-// it counts for (clip_penalty).
-STAGE real effective_count(real count, real count_limit, real clip_distance, settings_t settings)
-{
-    real effective = count;
-    if (CLIP_PENALTY)
-        effective = quotient(count, SPLAT(1.0) + K(settings.clip_penalty) * clip_distance);
-    return lesser(effective, count_limit);
-}
-
 // knee + Y, the inverse of a luminance weight (Karis 2014 with knee 1), four times as large. Of four times a luminance.
 STAGE real luminance_inertia(real luminance, settings_t settings)
 {
@@ -245,10 +235,14 @@ STAGE real fading_share(real of_mean, settings_t settings)
     return lesser(of_mean, K(settings.filter_samples) * (of_mean * of_mean));
 }
 
-// The effective sample count of a pixel's rectified history.
-STAGE real effective_samples(pixel_t p, history_t h, rectification r, settings_t settings)
+// The effective sample count of a pixel's rectified history, count_limit at most: the further rectification moved it,
+// the fewer samples it counts for (clip_penalty), and the more reactive the pixel is.
+STAGE real effective_count(pixel_t p, history_t h, rectification r, settings_t settings)
 {
-    const real count = effective_count(h.count, h.count_limit, r.clip_distance, settings);
+    real count = h.count;
+    if (CLIP_PENALTY)
+        count = quotient(count, SPLAT(1.0) + K(settings.clip_penalty) * r.clip_distance);
+    count = lesser(count, h.count_limit);
     return REACTIVE ? count * (SPLAT(1.0) - p.reactivity) : count;
 }
 
@@ -271,11 +265,11 @@ STAGE colour sample_beside(pixel_t p, mask valid, real count, settings_t setting
     return drawn_towards(p.own, p.filtered, filtered_share(share, p.filtered, settings));
 }
 
-// The pixel's sample `current` blended with its rectified history `past` of `count` samples, or begun anew where there
-// is none.
-STAGE resolved blend_pixel(
-    pixel_t p, history_t h, rectification r, colour past, colour current, real count, settings_t settings)
+// The pixel's sample blended with its rectified history, or begun anew where there is none.
+STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t settings)
 {
+    const real count = effective_count(p, h, r, settings);
+    const colour past = rectified(h, r, settings), current = sample_beside(p, h.valid, count, settings);
     const real y = FILTER_USE == FILTER_USE_FEW_SAMPLES ? luminance_4(current) : p.luminance,
                past_y = luminance_4(past);
     real weight = weight_of_sample(count, y, past_y, p.reactivity, r.blend_boost, settings);
@@ -304,18 +298,12 @@ STAGE resolved blend_pixel(
     return out;
 }
 
-STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t settings)
-{
-    const real count = effective_samples(p, h, r, settings);
-    return blend_pixel(p, h, r, rectified(h, r, settings), sample_beside(p, h.valid, count, settings), count, settings);
-}
-
 // The result of a segment in which samples are missing. A missing sample is none: the pixel keeps its history as it is,
 // with its count, where one sample or more is in that; elsewhere it is filled, which counts for nothing.
 STAGE resolved without_missing(resolved out, history_t h, plane_in current, int x, int y, frame_t frame)
 {
     const mask missing = sample_is_missing(current, x, y, frame), kept = h.valid & (h.count >= SPLAT(1.0));
-    const colour nothing = { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) };
+    const colour nothing = { 0 };
     colour v = storable_colour(from_range(h.rgb), nothing);
     if (any_of(missing & !kept)) {
         const colour filled = filled_colour(current, plane_size(frame), x, y, frame);

@@ -61,6 +61,10 @@ STAGE colour plus_scaled(colour v, real k, colour d)
 {
     return (colour) { v.r + k * d.r, v.g + k * d.g, v.b + k * d.b };
 }
+STAGE colour quotients(colour v, real by)
+{
+    return (colour) { quotient(v.r, by), quotient(v.g, by), quotient(v.b, by) };
+}
 // Sum of the products, channel by channel.
 STAGE real inner(colour a, colour b) { return (a.r * b.r + a.g * b.g) + a.b * b.b; }
 

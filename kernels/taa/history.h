@@ -145,8 +145,7 @@ typedef struct
 STAGE covering covering_of(plane_in previous_inverse_depth, quad previous, footprint f, surface s, motion_t m, int x,
     int y, frame_t frame, settings_t settings)
 {
-    const mask no = (whole)(0);
-    covering c = { no, no, no, no };
+    covering c = { 0 };
     // Where nothing moves the jitter alone shows something nearer now and then.
     if ((REJECT != REJECT_DEPTH) | !(CAMERA_MOTION | OWN_MOTION))
         return c;

@@ -145,7 +145,7 @@ STAGE illumination_row illumination_of_row(boxed_row now, history_in history, fo
     row.a = pair_row(left.a, own.a, right.a);
     row.b = pair_row(left.b, own.b, right.b);
     row.c = pair_row(left.c, own.c, right.c);
-    row.step = (boxed) { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) };
+    row.step = (boxed) { 0 };
     row.level = (absolute(now.left.a) + absolute(now.own.a)) + absolute(now.right.a);
     row.levels = SPLAT(0.0);
     return row;

@@ -117,11 +117,8 @@ STAGE real entry(real h, real way, real low, real high)
 
 STAGE boxed clamp_to_box(boxed v, box_t box)
 {
-    boxed out;
-    out.a = limit(v.a, box.low.a, box.high.a);
-    out.b = limit(v.b, box.low.b, box.high.b);
-    out.c = limit(v.c, box.low.c, box.high.c);
-    return out;
+    return (boxed) { limit(v.a, box.low.a, box.high.a), limit(v.b, box.low.b, box.high.b),
+        limit(v.c, box.low.c, box.high.c) };
 }
 
 STAGE boxed clip_towards(boxed history, boxed target, box_t box)
@@ -130,8 +127,7 @@ STAGE boxed clip_towards(boxed history, boxed target, box_t box)
     const real first
         = greater(entry(history.a, way.a, box.low.a, box.high.a), entry(history.b, way.b, box.low.b, box.high.b));
     const real t = limit(greater(first, entry(history.c, way.c, box.low.c, box.high.c)), SPLAT(0.0), SPLAT(1.0));
-    const boxed out = { history.a + t * way.a, history.b + t * way.b, history.c + t * way.c };
-    return out;
+    return (boxed) { history.a + t * way.a, history.b + t * way.b, history.c + t * way.c };
 }
 
 STAGE boxed rectify_history(boxed history, boxed current, box_t box)
@@ -191,8 +187,7 @@ STAGE rectification rectify(
     if ((RECTIFY == RECTIFY_NONE) & (ACCUMULATE != ACCUMULATE_ADAPTIVE) & (ACCUMULATE != ACCUMULATE_STANDING)
         & (ACCUMULATE != ACCUMULATE_CAPPED) & (ANTI_FLICKER != ANTI_FLICKER_CLAMP_DISTANCE)) {
         // The code below gives the same; no compiler may assume that h - h is 0.
-        const rectification nothing = { { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) }, SPLAT(0.0), SPLAT(0.0), SPLAT(1.0) };
-        return nothing;
+        return (rectification) { { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) }, SPLAT(0.0), SPLAT(0.0), SPLAT(1.0) };
     }
     const boxed h = to_box_space(history);
     const box_t box = neighbourhood_box(s, gamma, settings);

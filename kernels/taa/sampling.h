@@ -28,8 +28,6 @@ typedef struct
     real middle, right, sides;
 } row_taps;
 
-#define NO_TAPS { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) }
-
 // Catmull and Rom 1974, tension 1/2, at fraction t.
 STAGE weights catmull_rom(real t)
 {
@@ -187,8 +185,7 @@ STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
 STAGE footprint own_texel(uint at)
 {
     const whole no = (whole)(0);
-    const footprint f = { no, no, SPLAT(0.0), SPLAT(0.0), no, no, at, at, LANES_ON_TEXELS };
-    return f;
+    return (footprint) { no, no, SPLAT(0.0), SPLAT(0.0), no, no, at, at, LANES_ON_TEXELS };
 }
 
 // One row of taps around p, weighed along x. p points at tap 1 of the segment.
@@ -241,7 +238,7 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
 {
     history_in q = p + f.at;
     const uint line = (uint)stride;
-    row_taps first = NO_TAPS, last = NO_TAPS;
+    row_taps first = { 0 }, last = { 0 };
     if (f.lanes == LANES_ON_TEXELS)
         return load_history(q);
     if (LANES > 1 && f.lanes == LANES_CLOSE) {
@@ -282,7 +279,6 @@ typedef struct
 STAGE quad sample_quad(plane_in p, footprint f, int stride)
 {
     plane_in q = p + f.at;
-    quad t;
     if (LANES > 1 && f.lanes == LANES_CLOSE) {
         const mask right = f.step_x != 0, down = f.step_y != 0;
         real a = load(q), b = load(q + 1), c = load(q + 2);
@@ -292,9 +288,7 @@ STAGE quad sample_quad(plane_in p, footprint f, int stride)
         q += 2 * (ptrdiff_t)stride;
         a = load(q), b = load(q + 1), c = load(q + 2);
         const real a2 = right ? b : a, b2 = right ? c : b;
-        t.p00 = down ? a1 : a0, t.p10 = down ? b1 : b0;
-        t.p01 = down ? a2 : a1, t.p11 = down ? b2 : b1;
-        return t;
+        return (quad) { down ? a1 : a0, down ? b1 : b0, down ? a2 : a1, down ? b2 : b1 };
     }
     if (LANES > 1 && f.lanes == LANES_APART) {
         const whole steps = steps_apart(f.dx, f.dy, stride);
@@ -302,12 +296,9 @@ STAGE quad sample_quad(plane_in p, footprint f, int stride)
         NO_UNROLL
         for (int i = 0; i < 4; ++i)
             texel[i] = texels_apart(p + f.own + (i & 1) + (i >> 1) * (ptrdiff_t)stride, steps);
-        const quad apart = { texel[0], texel[1], texel[2], texel[3] };
-        return apart;
+        return (quad) { texel[0], texel[1], texel[2], texel[3] };
     }
-    t.p00 = load(q), t.p10 = load(q + 1);
-    t.p01 = load(q + stride), t.p11 = load(q + stride + 1);
-    return t;
+    return (quad) { load(q), load(q + 1), load(q + stride), load(q + stride + 1) };
 }
 
 // The texel at the whole part of a footprint.
