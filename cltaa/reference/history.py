@@ -120,7 +120,7 @@ def sample_history(
     in_range = build.choices.history_range is HistoryRange.TONEMAPPED
     if in_range:
         planes = history_in_range(planes.astype(real), build, frame)
-    rgb = sample_plane(planes, f, wx, wy, build, real)
+    rgb = np.stack([sample_plane(plane, f, wx, wy, build, real) for plane in planes])
     valid &= ~colour_outside_domain(rgb)
     count = bilinear(sample_quad(history_count[0], f, real), f)
     previous = sample_quad(previous_inverse_depth[0], f, real)

@@ -165,11 +165,11 @@ def footprint_of(m: Motion, valid: Mask, layout: Layout) -> Footprint:
 
 
 def sample_plane(plane: Array, f: Footprint, wx: Weights, wy: Weights, build: Build, real: Any) -> Array:
-    """A padded plane [rows, stride], or several, filtered at the footprint, along x first."""
+    """The padded plane [rows, stride] filtered at the footprint, along x first."""
     reach = range(-2, 4) if build.choices.history_filter is HistoryFilter.CROSS_20 else range(-1, 3)
     rows: list[RowTaps] = []
     for j in reach:
-        taps = [plane[..., f.row + j, f.column + i].astype(real) for i in reach]
+        taps = [plane[f.row + j, f.column + i].astype(real) for i in reach]
         rows.append(weigh(taps, wx, build))
     return weigh_rows(rows, wx, wy, build)
 
