@@ -17,9 +17,6 @@ STAGE float taken(float v, int kind, float below, float at)
     return usable <= below ? at : usable;
 }
 
-// The nearest of 0 to `last`.
-STAGE int within(int v, int last) { return v < 0 ? 0 : (v > last ? last : v); }
-
 STAGE float element(__global const float* array, size_t at, int halves)
 {
     return halves ? vload_half(at, (__global const half*)array) : array[at];
@@ -35,15 +32,15 @@ __kernel void unpack_kernel(__global const float* restrict source, __global floa
     const int row = (int)get_global_id(1);
     if (row >= rows)
         return;
-    const size_t begin = (size_t)first + (size_t)within(row - top, height - 1) * (size_t)row_step;
+    const size_t begin = (size_t)first + (size_t)limit_index(row - top, height - 1) * (size_t)row_step;
     for (int plane = 0; plane < planes; ++plane) {
         const size_t from = begin + (size_t)plane * (size_t)plane_step;
         __global float* restrict to = target + ((size_t)plane * (size_t)rows + (size_t)row) * (size_t)stride;
         if (LANES == 1) {
             for (int x = (int)get_global_id(0); x < stride; x += (int)get_global_size(0))
-                to[x]
-                    = taken(element(source, from + (size_t)within(x - PAD_X, width - 1) * (size_t)column_step, halves),
-                        kind, below, at);
+                to[x] = taken(
+                    element(source, from + (size_t)limit_index(x - PAD_X, width - 1) * (size_t)column_step, halves),
+                    kind, below, at);
             continue;
         }
         // Each way by itself, so that it is compiled to vectors.
@@ -76,15 +73,6 @@ STAGE floats beyond_halves(floats v)
 {
     const floats most = (floats)((float)HALF_LIMIT);
     return ((v >= most) | (v <= -most)) ? v + v : v;
-}
-
-STAGE float texel_of(history_in p)
-{
-#if STORAGE_HALF
-    return vload_half(0, p);
-#else
-    return (float)*p;
-#endif
 }
 
 // The result as an array. In halves each number is rounded to the nearest; from the largest half on it becomes
@@ -123,7 +111,7 @@ __kernel void pack_kernel(history_in image, __global float* restrict target, con
     }
     for (; x < width; x += (int)get_global_size(0))
         for (int p = 0; p < planes; ++p) {
-            const float v = texel_of(image + p * plane + from + x);
+            const float v = load_one(image + p * plane + from + x);
             const size_t to = begin + (size_t)p * (size_t)plane_step + (size_t)x * (size_t)column_step;
             if (halves)
                 vstore_half_rte(beyond_half(v), to, (__global half*)target);

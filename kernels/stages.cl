@@ -4,8 +4,7 @@
 
 STAGE boxed load_boxed(plane_in p, size_t plane)
 {
-    boxed v = { load(p), load(p + plane), load(p + 2 * plane) };
-    return from_units(v);
+    return from_units((boxed) { load(p), load(p + plane), load(p + 2 * plane) });
 }
 
 STAGE void store_boxed(plane_out p, boxed v, size_t plane)
@@ -46,7 +45,7 @@ __kernel void neighbourhood_statistics_kernel(
     store_boxed(p + 3 * plane, in_units(s.deviation), plane);
     store_boxed(p + 6 * plane, in_units(s.low), plane);
     store_boxed(p + 9 * plane, in_units(s.high), plane);
-    store_boxed(p + 12 * plane, (boxed) { sample.r, sample.g, sample.b }, plane);
+    store_colour(p + 12 * plane, plane, sample);
 }
 
 // Motion: what each pixel follows. 10 planes: u, v, scale, shift, visible (1 or 0), the nearest and farthest inverse
@@ -155,9 +154,8 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
     h.change = load(q + 8 * plane);
     const rectification r = { load_colour(c, plane), load(c + 3 * plane), load(c + 4 * plane), load(c + 5 * plane) };
     h.alpha = rectified_alpha(alpha, h.alpha, x, y, frame);
-    const colour mean = load_colour(statistics_in + at, plane);
     pixel_t p; // of it only what is looked at after rectification
-    p.stats.mean = from_units((boxed) { mean.r, mean.g, mean.b });
+    p.stats.mean = load_boxed(statistics_in + at, plane);
     p.alpha = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
     p.reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
     p.filtered = load_colour(statistics_in + at + 12 * plane, plane);

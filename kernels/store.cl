@@ -13,8 +13,6 @@ typedef __global float* texels;
 
 #define ROW_ITEMS (2 * PAD_X)
 
-STAGE int limit_index(int v, int last) { return v < 0 ? 0 : (v > last ? last : v); }
-
 // Copies the texel at `from` of a plane, counted over both kinds of planes, to `to`.
 STAGE void copy_texel(history_out image, plane_out floats, int plane, int planes, uint from, uint to, frame_t frame)
 {

@@ -27,8 +27,8 @@ __kernel void weigh_windows_kernel(plane_in windows, const int frames, const int
         const colour first = load_colour(p, plane);
         const real zero = SPLAT(0.0), alpha = ALPHA ? load(p + 5 * plane) : SPLAT(1.0), count = load(p + 4 * plane);
         real weight = trust(error[0], least), alpha_sum = zero, count_sum = zero;
-        colour sum = { zero, zero, zero }, darkest = first;
-        drifted moved = { sum, zero };
+        colour sum = { 0 }, darkest = first;
+        drifted moved = { 0 };
         plane_in q = p;
         for (int window = 1; window < WINDOWS; ++window) {
             const real w = trust(error[window], least);
@@ -37,11 +37,9 @@ __kernel void weigh_windows_kernel(plane_in windows, const int frames, const int
             if (drifts(window, frames, standing))
                 moved = drift_to_shortest(drift_around(rows, window, y), settings);
             if (window == PRESENT)
-                moved = (drifted) { { zero, zero, zero }, zero };
+                moved = (drifted) { 0 };
             const colour v = load_colour(q, plane);
-            sum.r += w * ((v.r + moved.light.r) - first.r);
-            sum.g += w * ((v.g + moved.light.g) - first.g);
-            sum.b += w * ((v.b + moved.light.b) - first.b);
+            sum = plus_scaled(sum, w, minus(plus(v, moved.light), first));
             darkest.r = lesser(darkest.r, v.r);
             darkest.g = lesser(darkest.g, v.g);
             darkest.b = lesser(darkest.b, v.b);
@@ -50,10 +48,8 @@ __kernel void weigh_windows_kernel(plane_in windows, const int frames, const int
                 alpha_sum += w * ((load(q + 5 * plane) + moved.alpha) - alpha);
             weight += w;
         }
-        const colour v = { first.r + quotient(sum.r, weight), first.g + quotient(sum.g, weight),
-            first.b + quotient(sum.b, weight) };
         resolved out;
-        out.rgb = storable_colour(v, darkest);
+        out.rgb = storable_colour(plus(first, quotients(sum, weight)), darkest);
         out.alpha = limit(alpha + quotient(alpha_sum, weight), zero, SPLAT(1.0));
         out.count = count + quotient(count_sum, weight);
         store_resolved(output, output_count, out, x, y, frame);

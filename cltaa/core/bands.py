@@ -60,11 +60,11 @@ class Band(Layout):
         above = PAD_Y - self.first
         return slice(self.taken.start + above, self.taken.stop + above)
 
-    def copied(self, buffer: Buffer, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
-        """A copy of the band's own rows of a buffer, [C, own rows, W] ``dtype``."""
+    def copied(self, buffer: Buffer) -> NDArray[np.float32]:
+        """A copy of the band's own rows of a buffer, [C, own rows, W]."""
         rows = slice(PAD_Y, PAD_Y + self.own.stop - self.own.start)
         with buffer.mapped(write=False) as planes:
-            return planes[:, rows, PAD_X : PAD_X + self.width].astype(dtype)
+            return planes[:, rows, PAD_X : PAD_X + self.width].astype(np.float32)
 
 
 class _Result(NamedTuple):

@@ -233,9 +233,15 @@ class Resolver:
                 f"preset {self.preset.name} looks ahead, and its image of a frame comes later",
                 cure="take one that does not; in Python call feed() and flush()",
             )
-        into = self._check(frame, out)
+        check_frame(frame)
+        into = None if out is None else checked_out(out, frame)
         started = perf_counter()
-        previous, buffers, build = self._begun(frame)
+        if self._lends:  # what an interrupt left may still read arrays of the host, or write them
+            self.launcher.finish()
+        previous, build = self._begin(frame)
+        buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
+        self._lends = True
+        upload(frame, buffers, build.steps, self.preset)
         into = self._place(frame, half, buffers) if out is None else into
         waits = not (on_device(into) and all(map(on_device, frame.arrays)))
         if waits:
@@ -265,7 +271,10 @@ class Resolver:
             self.launcher.finish()
             buffers.give_back()
         self.times = Times(uploaded - started, resolved - uploaded, perf_counter() - resolved)
-        self._ended(frame, buffers)
+        self._lends = False
+        self._previous = None  # an interrupt from here on leaves no history, rather than a half of one
+        buffers.swap()
+        self._previous = Past.of(frame, self._coarse)
 
     def images(self, frames: Iterable[Frame], *, half: bool = False, planar: bool = False) -> Iterator[NDArray[Any]]:
         """The image of each of ``frames``, in their order, as ``resolve`` gives it; they may come later.
@@ -306,7 +315,7 @@ class Resolver:
 
         Raises what ``resolve`` raises, and UsageError where frames wait for later ones, or where nothing is gathered.
         """
-        self._check(frame, None)
+        check_frame(frame)
         if self._waiting:
             raise UsageError("frames wait for later ones, which none can be kept behind", cure="call flush()")
         if self._lends:
@@ -386,34 +395,12 @@ class Resolver:
         self._latest, self._waiting = latest, waiting
         return image
 
-    def _check(self, frame: Frame, out: Any) -> Any:
-        """Where ``out`` is written, if it is given; raises DataError and UsageError."""
-        check_frame(frame)
-        return None if out is None else checked_out(out, frame)
-
     def _place(self, frame: Frame, half: bool, buffers: Buffers) -> Any:
         """Where the result of ``frame`` goes, beside its colour."""
         kind = np.float16 if half else np.float32
         if on_device(frame.colour):
             return self.launcher.empty(frame.colour, result_shape(frame), kind)
         return empty_result(frame, kind, pool=buffers.results)
-
-    def _begun(self, frame: Frame) -> tuple[Past | None, Buffers, Build]:
-        """Plan ``frame`` and bring it onto the device; returns the past that it continues too."""
-        if self._lends:  # what an interrupt left may still read arrays of the host, or write them
-            self.launcher.finish()
-        previous, build = self._begin(frame)
-        buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
-        self._lends = True
-        upload(frame, buffers, build.steps, self.preset)
-        return previous, buffers, build
-
-    def _ended(self, frame: Frame, buffers: Buffers) -> None:
-        """Make the result of ``frame`` the history of the next."""
-        self._lends = False
-        self._previous = None  # an interrupt from here on leaves no history, rather than a half of one
-        buffers.swap()
-        self._previous = Past.of(frame, self._coarse)
 
     def _is_cut(self, past: Past, frame: Frame, coarse: Coarse) -> bool:
         """Whether ``frame``, which otherwise goes on from ``past``, looks like a cut; published resolves find none."""

@@ -63,4 +63,4 @@ def _filled(colour: Image) -> Image:
     layout = Layout(colour.shape[1], colour.shape[0])
     planes = layout.zeros(3)
     layout.inside(planes)[:] = np.moveaxis(colour, -1, 0)
-    return np.stack(filled_colour(planes, Build(), layout), axis=-1)
+    return np.ascontiguousarray(np.moveaxis(filled_colour(planes, Build(), layout), 0, -1))

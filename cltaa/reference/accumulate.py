@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Record
-from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.parameters import (
     Accumulate,
     AlphaFrom,
@@ -32,7 +31,18 @@ from cltaa.reference.colour import (
 )
 from cltaa.reference.history import History
 from cltaa.reference.neighbourhood import Row, Statistics, current_sample, neighbourhood_statistics
-from cltaa.reference.real import Array, Mask, constant, greater, lesser, limit, number, outside_domain
+from cltaa.reference.real import (
+    NEIGHBOURS,
+    Array,
+    Mask,
+    beside,
+    constant,
+    greater,
+    lesser,
+    limit,
+    number,
+    outside_domain,
+)
 from cltaa.reference.rectify import Rectification
 from cltaa.reference.sampling import count_limit_of
 
@@ -42,8 +52,7 @@ def grown_count(count: Array, blend_boost: Array, build: Build) -> Array:
     one = number(1.0, count)
     if build.choices.accumulate is Accumulate.STANDING:
         return np.where(blend_boost > number(0.0, count), np.ones_like(count), count + constant("STANDING_GAIN", count))
-    grown: Array = count + one
-    return grown
+    return count + one
 
 
 def capped_weight(count: Array, blend_boost: Array, settings: Record) -> Array:
@@ -54,8 +63,7 @@ def capped_weight(count: Array, blend_boost: Array, settings: Record) -> Array:
     cap = odds * (one - most) / most
     held = lesser(count / number(settings["sample_limit"], one), one)
     history = lesser(held, held + blend_boost * (cap - held))
-    weight: Array = odds / (odds + history)
-    return weight
+    return odds / (odds + history)
 
 
 def sample_weight(count: Array, blend_boost: Array, build: Build, settings: Record) -> Array:
@@ -64,8 +72,7 @@ def sample_weight(count: Array, blend_boost: Array, build: Build, settings: Reco
     if build.choices.accumulate is Accumulate.CONSTANT:
         return np.full_like(count, least)
     if build.choices.accumulate is Accumulate.ADAPTIVE:
-        adaptive: Array = least + blend_boost * (number(settings["moving_weight"], count) - least)
-        return adaptive
+        return least + blend_boost * (number(settings["moving_weight"], count) - least)
     if build.choices.accumulate is Accumulate.CAPPED:
         return capped_weight(count, blend_boost, settings)
     if build.choices.accumulate is Accumulate.STANDING:
@@ -85,17 +92,9 @@ def samples_in_mean(count: Array, build: Build, settings: Record) -> Array:
     return lesser(count, one / number(settings["blend_weight"], count) - one)
 
 
-def effective_count(count: Array, count_limit: Array, clip_distance: Array, build: Build, settings: Record) -> Array:
-    """Samples that the history still stands for after resampling, ``count_limit`` at most, and rectification."""
-    if build.terms.clip_penalty:
-        count = count / (number(1.0, count) + number(settings["clip_penalty"], count) * clip_distance)
-    return lesser(count, count_limit)
-
-
 def luminance_inertia(v: Colour, settings: Record) -> Array:
     """knee + Y, the inverse of a luminance weight (Karis 2014 with knee 1); the kernels have four times it."""
-    inertia: Array = number(settings["luminance_knee"], v[0]) + greater(luminance(v), number(0.0, v[0]))
-    return inertia
+    return number(settings["luminance_knee"], v[0]) + greater(luminance(v), number(0.0, v[0]))
 
 
 def luminance_weight(weight: Array, current: Colour, history: Colour, build: Build, settings: Record) -> Array:
@@ -104,8 +103,7 @@ def luminance_weight(weight: Array, current: Colour, history: Colour, build: Bui
         return weight
     x, h = luminance_inertia(current, settings), luminance_inertia(history, settings)
     for_current, for_history = weight * h, (number(1.0, weight) - weight) * x
-    result: Array = for_current / (for_current + for_history)
-    return result
+    return for_current / (for_current + for_history)
 
 
 def weight_of_sample(
@@ -126,8 +124,7 @@ def weight_of_sample(
         samples = samples_in_mean(count, build, settings)
         if build.steps.reactive:
             now, samples = (one + reactivity * samples) * now, samples * (one - reactivity)
-        share: Array = now / (now + samples * inertia)
-        return share
+        return now / (now + samples * inertia)
     weight = sample_weight(count, blend_boost, build, settings)
     if build.steps.reactive:
         weight = weight + reactivity * (one - weight)
@@ -139,16 +136,15 @@ def sample_share(v: Colour, build: Build, settings: Record) -> Array:
     one = number(1.0, v[0])
     if build.choices.weighting is Weighting.NONE:
         return np.full_like(v[0], one)
-    share: Array = one / luminance_inertia(v, settings)
-    return share
+    return one / luminance_inertia(v, settings)
 
 
-def share_difference(v: Colour, other: Colour, build: Build, settings: Record) -> list[Array]:
+def share_difference(v: Colour, other: Colour, build: Build, settings: Record) -> Colour:
     """How far two colours differ, each as much as it counts: dim light as it is, highlights no more than
     ``luminance_knee``."""
     knee = number(1.0 if build.choices.weighting is Weighting.NONE else settings["luminance_knee"], v[0])
     a, b = (knee * sample_share(c, build, settings) for c in (v, other))
-    return [a * x - b * y for x, y in zip(v, other, strict=True)]
+    return a * v - b * other
 
 
 def filtered_share(share: Array, filtered: Colour, build: Build, settings: Record) -> Array:
@@ -157,8 +153,7 @@ def filtered_share(share: Array, filtered: Colour, build: Build, settings: Recor
         return share
     knee = number(settings["luminance_knee"], share)
     dim = knee / (knee + greater(luminance(filtered), number(0.0, share)))
-    result: Array = share * (dim * dim)
-    return result
+    return share * (dim * dim)
 
 
 def difference_share(current: Colour, history: Colour, settings: Record) -> Array:
@@ -167,8 +162,7 @@ def difference_share(current: Colour, history: Colour, settings: Record) -> Arra
     size = greater(greater(x, h), number(settings["difference_knee"], x))
     u = number(1.0, x) - np.abs(x - h) / size
     differing, agreeing = number(settings["differing_share"], x), number(settings["agreeing_share"], x)
-    share: Array = differing + (u * u) * (agreeing - differing)
-    return share
+    return differing + (u * u) * (agreeing - differing)
 
 
 def blend(history: Array, current: Array, weight: Array) -> Array:
@@ -176,18 +170,12 @@ def blend(history: Array, current: Array, weight: Array) -> Array:
     return np.where(weight < number(1.0, weight), history + weight * (current - history), current)
 
 
-def storable(v: Array, current: Array, build: Build) -> Array:
+def storable(v: Colour, current: Colour, build: Build) -> Colour:
     """Inside the domain, no denormal, no -0, not below the least of 0 and the current sample."""
     floor_value = lesser(current, number(0.0, current))
     raised = greater(v, floor_value) if build.choices.negatives is Negatives.RAISE else v
     bad = outside_domain(raised) | (np.abs(raised) < constant("TINY", v))
     return np.where(bad, number(0.0, v), raised)
-
-
-def storable_colour(v: Colour, current: Colour, build: Build) -> Colour:
-    """Each channel as ``storable`` leaves it."""
-    r, g, b = (storable(x, own, build) for x, own in zip(v, current, strict=True))
-    return r, g, b
 
 
 class Pixel(NamedTuple):
@@ -242,22 +230,19 @@ def current_pixel(
     filtered = current_sample(*rows, stats, build, frame)
     own = rows[1].centre if build.choices.filter_use is FilterUse.FEW else filtered
     shares = load_shares(alpha, reactive, own[0], build, layout)
-    least = count_limit = shares[1]
+    least = most = shares[1]
     if build.steps.reactive and reactive is not None and build.choices.illumination is Illumination.WINDOW:
-        for top in (PAD_Y - 1, PAD_Y, PAD_Y + 1):
-            for left in (PAD_X - 1, PAD_X, PAD_X + 1):
-                there = reactive[0, top : top + layout.height, left : left + layout.width].astype(least.dtype)
-                r = share_in_domain(there, 0.0)
-                least, count_limit = lesser(least, r), greater(count_limit, r)
-    return Pixel(own, filtered, *shares, stats, least, count_limit)
+        for step in NEIGHBOURS:
+            r = share_in_domain(beside(reactive[0], *step, layout).astype(least.dtype), 0.0)
+            least, most = lesser(least, r), greater(most, r)
+    return Pixel(own, filtered, *shares, stats, least, most)
 
 
 def as_reactive(r: Array, now: Pixel) -> Array:
     """How much counts of samples [H, W] that were drawn with reactivity ``r``."""
     off = greater(greater(now.least_reactive - r, r - now.most_reactive), np.zeros_like(r))
     far = off * constant("REACTIVE_FALL", r)
-    result: Array = greater(number(1.0, r) - far * far, np.zeros_like(r))
-    return result
+    return greater(number(1.0, r) - far * far, np.zeros_like(r))
 
 
 def rectified_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> Array:
@@ -266,33 +251,30 @@ def rectified_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> 
         return past
     share = share_in_domain(plane[0].astype(past.dtype), 1.0)
     low, high = np.ones_like(past), np.zeros_like(past)
-    for top in (PAD_Y - 1, PAD_Y, PAD_Y + 1):
-        for left in (PAD_X - 1, PAD_X, PAD_X + 1):
-            a = share[top : top + layout.height, left : left + layout.width]
-            low, high = lesser(a, low), greater(a, high)
+    for step in NEIGHBOURS:
+        a = beside(share, *step, layout)
+        low, high = lesser(a, low), greater(a, high)
     return limit(past, low, high)
 
 
 def disoccluded_colour(current: Colour, mean: Colour, build: Build, settings: Record) -> Colour:
     """The sample of a pixel without history, drawn towards the mean of its neighbourhood."""
-    c = to_box_space(current, build)
-    change = from_box_space((mean[0] - c[0], mean[1] - c[1], mean[2] - c[2]), build)
-    blur = number(settings["disocclusion_blur"], c[0])
-    r, g, b = (k + blur * by for k, by in zip(current, change, strict=True))
-    return r, g, b
+    change = from_box_space(mean - to_box_space(current, build), build)
+    return current + number(settings["disocclusion_blur"], current) * change
 
 
 def drawn_towards(own: Colour, filtered: Colour, share: Array) -> Colour:
     """``own`` drawn towards ``filtered`` by a share."""
-    r, g, b = (c + share * (f - c) for c, f in zip(own, filtered, strict=True))
-    return r, g, b
+    return own + share * (filtered - own)
 
 
-def effective_samples(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Array:
-    """The effective sample count of a pixel's rectified history."""
-    count_limit = count_limit_of(h.fx, h.fy, build, settings)
-    count = effective_count(h.count, count_limit, r.clip_distance, build, settings)
-    return count * (number(1.0, count) - p.reactivity) if build.steps.reactive else count
+def effective_count(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Array:
+    """The effective sample count of a pixel's rectified history: what it still stands for after resampling."""
+    count, one = h.count, number(1.0, h.count)
+    if build.terms.clip_penalty:
+        count = count / (one + number(settings["clip_penalty"], count) * r.clip_distance)
+    count = lesser(count, count_limit_of(h.fx, h.fy, build, settings))
+    return count * (one - p.reactivity) if build.steps.reactive else count
 
 
 def fading_share(of_mean: Array, settings: Record) -> Array:
@@ -306,14 +288,13 @@ def rectified(h: History, r: Rectification, build: Build, settings: Record) -> C
     if build.terms.box_leak:
         zero, one = number(0.0, h.count), number(1.0, h.count)
         full = h.count >= number(settings["sample_limit"], one)
-        share = one - np.where(full, number(settings["box_leak"], one), zero)
-        change = share * change[0], share * change[1], share * change[2]
-    return h.rgb[0] + change[0], h.rgb[1] + change[1], h.rgb[2] + change[2]
+        change = (one - np.where(full, number(settings["box_leak"], one), zero)) * change
+    return h.rgb + change
 
 
 def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Resolved:
     """The pixel blended with its rectified history, or begun anew where there is none."""
-    count, current = effective_samples(p, h, r, build, settings), p.filtered
+    count, current = effective_count(p, h, r, build, settings), p.filtered
     one = number(1.0, h.count)
     past = rectified(h, r, build, settings)
     if build.choices.filter_use is FilterUse.FEW:
@@ -327,10 +308,8 @@ def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings
     if build.choices.accumulate in (Accumulate.CONSTANT, Accumulate.ADAPTIVE):
         weight = np.where(count > number(0.0, count), weight, one)
     fresh = to_blend_range(disoccluded_colour(current, p.stats.mean, build, settings), build)
-    was, now = to_blend_range(past, build), to_blend_range(current, build)
-    mixed = [blend(y, c, weight) for y, c in zip(was, now, strict=True)]
-    chosen = [np.where(h.valid, m, f) for m, f in zip(mixed, fresh, strict=True)]
-    stored = storable_colour(from_range((chosen[0], chosen[1], chosen[2]), build), current, build)
+    mixed = blend(to_blend_range(past, build), to_blend_range(current, build), weight)
+    stored = storable(from_range(np.where(h.valid, mixed, fresh), build), current, build)
     alpha = p.alpha
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = np.where(h.valid, blend(h.alpha, alpha, weight), alpha)
@@ -346,12 +325,11 @@ def without_missing(
     zero, one = np.zeros_like(h.count), number(1.0, h.count)
     missing, kept = sample_is_missing(current, layout), h.valid & (h.count >= one)
     filled = filled_colour(current, build, layout)
-    past = storable_colour(from_range(h.rgb, build), (zero, zero, zero), build)
-    instead = storable_colour(from_range(filled, build), filled, build)
-    r, g, b = (np.where(missing, np.where(kept, x, y), v) for x, y, v in zip(past, instead, out.rgb, strict=True))
+    past = storable(from_range(h.rgb, build), zero, build)
+    rgb = np.where(missing, np.where(kept, past, storable(from_range(filled, build), filled, build)), out.rgb)
     alpha = out.alpha
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = np.where(missing & kept, h.alpha, alpha)
     count = np.where(kept, lesser(h.count, count_limit_of(h.fx, h.fy, build, settings)), zero)
     change = np.where(missing, np.where(kept, h.change, zero), zero if out.change is None else out.change)
-    return Resolved((r, g, b), alpha, np.where(missing, count, out.count), change)
+    return Resolved(rgb, alpha, np.where(missing, count, out.count), change)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from cltaa.core.build import Build, Real
+from cltaa.core.build import Build
 from cltaa.core.constants import FILL_REACH, PAD_X, PAD_Y
 from cltaa.core.parameters import BoxSpace, Tonemap
 from cltaa.core.planes import Layout
-from cltaa.reference.real import Array, Mask, constant, greater, number, outside_domain, quiet
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, constant, greater, number, outside_domain, quiet, real_type
 
-Colour = tuple[Array, Array, Array]
+Colour = Array  # [3, H, W]
 
 
 def box_units(build: Build) -> tuple[float, float, float]:
@@ -21,19 +23,28 @@ def box_units(build: Build) -> tuple[float, float, float]:
     return (4.0, 2.0, 4.0) if build.choices.box_space is BoxSpace.YCOCG else (1.0, 1.0, 1.0)
 
 
+def a_channel(factors: Sequence[float]) -> Array:
+    """Three factors, one a channel of a colour; exact in float32."""
+    return np.array(factors, np.float32)[:, None, None]
+
+
+def inner(a: Colour, b: Colour) -> Array:
+    """Sum of the products, channel by channel."""
+    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
+
+
 def to_boxed(v: Colour, build: Build) -> Colour:
     """RGB to 4 Y, 2 Co, 4 Cg (or unchanged where the box is in RGB)."""
     if build.choices.box_space is BoxSpace.RGB:
         return v
     r, g, b = v
     rb, green = r + b, number(2.0, g) * g
-    return rb + green, r - b, green - rb
+    return np.stack((rb + green, r - b, green - rb))
 
 
 def in_units(v: Colour, build: Build) -> Colour:
     """What the kernels hold, in the box space's own coordinates."""
-    a, b, c = (number(1.0 / each, part) * part for part, each in zip(v, box_units(build), strict=True))
-    return a, b, c
+    return a_channel([1.0 / each for each in box_units(build)]) * v
 
 
 def to_box_space(v: Colour, build: Build) -> Colour:
@@ -47,37 +58,33 @@ def from_box_space(v: Colour, build: Build) -> Colour:
         return v
     y, co, cg = v
     t = y - cg
-    return t + co, y + cg, t - co
+    return np.stack((t + co, y + cg, t - co))
 
 
 def luminance(v: Colour) -> Array:
     """R/4 + G/2 + B/4."""
     r, g, b = v
-    y: Array = number(0.25, r) * (r + b) + number(0.5, r) * g
-    return y
+    return number(0.25, r) * (r + b) + number(0.5, r) * g
 
 
 def peak(v: Colour) -> Array:
     """Greatest of the three and 0."""
-    return greater(greater(greater(v[0], v[1]), v[2]), number(0.0, v[0]))
+    return greater(greater(greater(v[0], v[1]), v[2]), number(0.0, v))
 
 
 def to_range(v: Colour, build: Build) -> Colour:
     """Scene-referred colour in the range in which it is compared and blended."""
     if build.choices.tonemap in (Tonemap.NONE, Tonemap.BLEND):
         return v
-    one = number(1.0, v[0])
     if build.choices.tonemap is Tonemap.CHANNEL:
-        r, g, b = (c / (one + greater(c, number(0.0, c))) for c in v)
-        return r, g, b
+        return v / (number(1.0, v) + greater(v, number(0.0, v)))
     return peak_range(v)
 
 
 def peak_range(v: Colour) -> Colour:
     """c / (1 + max(r, g, b))."""
-    one = number(1.0, v[0])
-    k = one / (one + peak(v))
-    return v[0] * k, v[1] * k, v[2] * k
+    one = number(1.0, v)
+    return v * (one / (one + peak(v)))
 
 
 def to_blend_range(v: Colour, build: Build) -> Colour:
@@ -89,17 +96,16 @@ def from_range(v: Colour, build: Build) -> Colour:
     """The inverse of ``to_range``, its headroom limited."""
     if build.choices.tonemap is Tonemap.NONE:
         return v
-    one = number(1.0, v[0])
+    one, least = number(1.0, v), constant("LEAST_HEADROOM", v)
     if build.choices.tonemap is Tonemap.CHANNEL:
-        r, g, b = (c / greater(one - greater(c, number(0.0, c)), constant("LEAST_HEADROOM", c)) for c in v)
-        return r, g, b
-    k = one / greater(one - peak(v), constant("LEAST_HEADROOM", v[0]))
-    return v[0] * k, v[1] * k, v[2] * k
+        return v / greater(one - greater(v, number(0.0, v)), least)
+    return v * (one / greater(one - peak(v), least))
 
 
 def colour_outside_domain(v: Colour) -> Mask:
     """True where any channel is unusable."""
-    return outside_domain(v[0]) | outside_domain(v[1]) | outside_domain(v[2])
+    r, g, b = outside_domain(v)
+    return r | g | b
 
 
 @quiet
@@ -108,18 +114,17 @@ def repaired_planes(planes: Array, layout: Layout) -> Array:
 
     The sum runs over the 3x3 row by row and the mean is one division, as in the kernel.
     """
-    bad = colour_outside_domain((planes[0], planes[1], planes[2]))
+    bad = colour_outside_domain(planes[:3])
     repaired = planes.copy()
     rows, columns = np.nonzero(layout.inside(bad))
     if rows.size:
         rows, columns = rows + PAD_Y, columns + PAD_X
         zero = np.zeros_like(planes[:3, rows, columns])
         total, count = zero, zero[0]
-        for j in (-1, 0, 1):
-            for i in (-1, 0, 1):
-                in_domain = ~bad[rows + j, columns + i]
-                total = np.where(in_domain, total + planes[:3, rows + j, columns + i], total)
-                count = np.where(in_domain, count + number(1.0, count), count)
+        for i, j in NEIGHBOURS:
+            in_domain = ~bad[rows + j, columns + i]
+            total = np.where(in_domain, total + planes[:3, rows + j, columns + i], total)
+            count = np.where(in_domain, count + number(1.0, count), count)
         repaired[:3, rows, columns] = np.where(count > number(0.0, count), total / greater(count, 1.0), zero)
         layout.extend_edges(repaired)
     return repaired
@@ -127,21 +132,19 @@ def repaired_planes(planes: Array, layout: Layout) -> Array:
 
 def sample_is_missing(current: Array, layout: Layout) -> Mask:
     """Where a pixel's own texel is outside the domain, [H, W]."""
-    r, g, b = (layout.inside(plane) for plane in current[:3])
-    return colour_outside_domain((r, g, b))
+    return colour_outside_domain(layout.inside(current[:3]))
 
 
 @quiet
 def filled_colour(current: Array, build: Build, layout: Layout) -> Colour:
     """Each pixel's own colour [H, W] where that is usable, elsewhere the mean of the nearest usable texel along each of
     eight rays by one over its squared distance, in the range that everything is compared in."""
-    real = np.float64 if build.real is Real.DOUBLE else np.float32
     planes = layout.inside(current)[:3]
     usable = ~sample_is_missing(current, layout)
     rows, columns = np.nonzero(~usable)
     first, total = (np.zeros((3, rows.size), np.float32) for _ in range(2))
     weight = np.zeros(rows.size, np.float32)
-    for down, right in ((j, i) for j in (-1, 0, 1) for i in (-1, 0, 1) if i or j):
+    for right, down in (step for step in NEIGHBOURS if any(step)):
         going = np.ones(rows.size, np.bool_)
         for step in range(1, FILL_REACH + 1):
             y, x = rows + step * down, columns + step * right
@@ -157,12 +160,9 @@ def filled_colour(current: Array, build: Build, layout: Layout) -> Colour:
             going &= ~here
     filled = planes.copy()
     filled[:, rows, columns] = np.where(weight > 0, first + total / weight, np.float32(0.0))
-    r, g, b = (plane.astype(real) for plane in filled)
-    return to_range((r, g, b), build)
+    return to_range(filled.astype(real_type(build)), build)
 
 
 def colour_in_domain(current: Array, build: Build, layout: Layout) -> Colour:
     """Each pixel's own colour [H, W], repaired where need be, in the range that everything is compared in."""
-    real = np.float64 if build.real is Real.DOUBLE else np.float32
-    r, g, b = (layout.inside(plane).astype(real) for plane in repaired_planes(current, layout)[:3])
-    return to_range((r, g, b), build)
+    return to_range(layout.inside(repaired_planes(current, layout)[:3]).astype(real_type(build)), build)

@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from cltaa.core.build import Build, Record
-from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.parameters import Dilation
 from cltaa.core.planes import Layout
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
-from cltaa.reference.real import Array, Mask, limit, number
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, beside, limit, number
 from cltaa.reference.reprojection import pixel_grid
 
-CORNERS = ((-2, 2), (2, 2), (-2, -2), (2, -2))
-SQUARE = tuple((dx, dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1))
+CORNERS = [(-2, 2), (2, 2), (-2, -2), (2, -2)]
 
 
 def borrowed_surface(
@@ -25,17 +23,14 @@ def borrowed_surface(
     if kind not in (Dilation.CORNERS, Dilation.BESIDE):
         return s
     like = s.centre
-    moves = motion is not None and build.steps.own_motion
-
-    def there(plane: Array, dx: int, dy: int) -> Array:
-        top, left = PAD_Y + dy, PAD_X + dx
-        return plane[top : top + layout.height, left : left + layout.width].astype(like.dtype)
 
     def depth_at(dx: int, dy: int) -> Array:
-        return inverse_depth_or_sky(there(inverse_depth[0], dx, dy), frame)
+        return inverse_depth_or_sky(beside(inverse_depth[0], dx, dy, layout).astype(like.dtype), frame)
 
     def take(s: Surface, taken: Mask, dx: int, dy: int) -> Surface:
-        u, v = (there(p, dx, dy) for p in motion) if motion is not None and moves else (s.u, s.v)
+        u, v = s.u, s.v
+        if motion is not None and build.steps.own_motion:
+            u, v = beside(motion, dx, dy, layout).astype(like.dtype)
         return s._replace(
             inverse_depth=np.where(taken, depth_at(dx, dy), s.inverse_depth),
             x=np.where(taken, number(dx, like), s.x),
@@ -44,15 +39,15 @@ def borrowed_surface(
             v=np.where(taken, v, s.v),
         )
 
-    nearest, beside, places = s.centre, 0, list(CORNERS)
+    nearest, by, places = s.centre, 0, CORNERS
     if kind is Dilation.BESIDE:
-        nearest, beside, places = np.full_like(like, frame["sky_inverse_depth"]), -1, list(SQUARE)
+        nearest, by, places = np.full_like(like, frame["sky_inverse_depth"]), -1, NEIGHBOURS
         s = take(s, np.ones(like.shape, bool), -1, -1)
     for dx, dy in places:
         q = depth_at(dx, dy)
         nearer = q > nearest
         nearest = np.where(nearer, q, nearest)
-        s = take(s, nearer, dx + beside, dy + beside)
+        s = take(s, nearer, dx + by, dy + by)
     if kind is Dilation.BESIDE:
         return s
     x, y = pixel_grid(layout, like)

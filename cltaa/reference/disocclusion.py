@@ -21,8 +21,7 @@ def on_screen(m: Motion, layout: Layout) -> Mask:
     hx, hy = x + m.u, y + m.v
     right, bottom = number(layout.width, m.u) - half, number(layout.height, m.u) - half
     inside = (hx >= -half) & (hy >= -half) & (hx <= right) & (hy <= bottom)
-    near: Mask = m.visible & inside & (np.abs(m.u) < far) & (np.abs(m.v) < far)
-    return near
+    return m.visible & inside & (np.abs(m.u) < far) & (np.abs(m.v) < far)
 
 
 def surface_range(s: Surface, m: Motion, tolerance: Any) -> tuple[Array, Array]:
@@ -36,8 +35,7 @@ def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
     """True where one of four texels of the previous inverse depth lies in the range of the current 3x3."""
     low, high = surface_range(s, m, tolerance)
     matches = [(p <= high) & (p >= low) for p in previous]
-    result: Mask = matches[0] | matches[1] | matches[2] | matches[3]
-    return result
+    return matches[0] | matches[1] | matches[2] | matches[3]
 
 
 def nearer_than(q: Quad, than: Array) -> Quad:
@@ -48,8 +46,7 @@ def nearer_than(q: Quad, than: Array) -> Quad:
 
 def any_nearer(q: Quad, than: Array) -> Mask:
     """True where one of four inverse depths is greater."""
-    nearer: Mask = (q.p00 > than) | (q.p10 > than) | (q.p01 > than) | (q.p11 > than)
-    return nearer
+    return (q.p00 > than) | (q.p10 > than) | (q.p01 > than) | (q.p11 > than)
 
 
 def nearest_of(q: Quad) -> Array:
@@ -66,8 +63,7 @@ def moved_against(other: Array, s: Surface, m: Motion, build: Build, layout: Lay
     if build.steps.own_motion and frame["own_vectors"]:
         m = motion_from_depth(point._replace(inverse_depth=s.nearest), build, layout, frame)
     least = constant("PASSES", m.u)
-    moved: Mask = (np.abs(its.u - m.u) >= least) | (np.abs(its.v - m.v) >= least)
-    return moved
+    return (np.abs(its.u - m.u) >= least) | (np.abs(its.v - m.v) >= least)
 
 
 def has_passed(
@@ -77,8 +73,7 @@ def has_passed(
     moved against it since."""
     _, high = surface_range(s, m, tolerance)
     moved = moved_against((nearest - m.shift) / m.scale, s, m, build, layout, frame)
-    passed: Mask = (nearest > high) & moved
-    return passed
+    return (nearest > high) & moved
 
 
 def shows_behind(previous: Quad, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
@@ -87,13 +82,11 @@ def shows_behind(previous: Quad, s: Surface, m: Motion, build: Build, layout: La
     nearer = nearer_than(previous, number(0.5, m.u) * (s.nearest + s.farthest) * m.scale + m.shift)
     shown, none = (nearer.p00 + nearer.p10) + (nearer.p01 + nearer.p11), number(0, m.u)
     moved = moved_against(s.centre, s, m, build, layout, frame)
-    behind: Mask = ((s.x != none) | (s.y != none)) & (shown <= number(1, m.u)) & moved
-    return behind
+    return ((s.x != none) | (s.y != none)) & (shown <= number(1, m.u)) & moved
 
 
 def stood_instead(previous: Quad, corners: Quad, high: Array, f: Footprint, covered_share: Any) -> Mask:
     """True where what is nearer than ``high`` covered more than ``covered_share`` of the place of the history, and a
     corner of the 4x4 around it."""
     share = bilinear(nearer_than(previous, high), f)
-    covered: Mask = (share > number(covered_share, high)) & any_nearer(corners, high)
-    return covered
+    return (share > number(covered_share, high)) & any_nearer(corners, high)

@@ -5,19 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from cltaa.core.build import Build, Record
-from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.parameters import Fireflies
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel
 from cltaa.reference.colour import Colour, repaired_planes, to_range
 from cltaa.reference.history import History
-from cltaa.reference.real import Array, greater, lesser, number
+from cltaa.reference.real import NEIGHBOURS, Array, beside, greater, lesser, number
 
 
 def luminance_4(v: Colour) -> Array:
     """Four times the luminance."""
-    y: Array = (v[0] + v[2]) + number(2.0, v[0]) * v[1]
-    return y
+    return (v[0] + v[2]) + number(2.0, v[0]) * v[1]
 
 
 def borne_out_sample(v: Colour, borne_out: Array, h: History, settings: Record) -> Colour:
@@ -25,9 +23,7 @@ def borne_out_sample(v: Colour, borne_out: Array, h: History, settings: Record) 
     times which that is given: the history, or without that themselves, as bright as that."""
     y, one = luminance_4(v), number(1.0, borne_out)
     fly = y > number(settings["firefly_threshold"], y) * borne_out
-    k = np.where(fly, borne_out / y, one)
-    r, g, b = (np.where(fly & h.valid, past, x * k) for x, past in zip(v, h.rgb, strict=True))
-    return r, g, b
+    return np.where(fly & h.valid, h.rgb, v * np.where(fly, borne_out / y, one))
 
 
 def without_firefly(p: Pixel, current: Array, h: History, build: Build, layout: Layout, settings: Record) -> Pixel:
@@ -36,10 +32,9 @@ def without_firefly(p: Pixel, current: Array, h: History, build: Build, layout: 
     if build.choices.fireflies is Fireflies.KEEP:
         return p
     first = second = np.zeros_like(h.count)
-    r, g, b = repaired_planes(current, layout).astype(first.dtype)
-    y = luminance_4(to_range((r, g, b), build))
-    for j, i in ((j, i) for j in (-1, 0, 1) for i in (-1, 0, 1) if i or j):
-        there = y[PAD_Y + j : PAD_Y + j + layout.height, PAD_X + i : PAD_X + i + layout.width]
+    y = luminance_4(to_range(repaired_planes(current, layout).astype(first.dtype), build))
+    for step in (step for step in NEIGHBOURS if any(step)):
+        there = beside(y, *step, layout)
         second = greater(second, lesser(first, there))
         first = greater(first, there)
     past = np.where(h.valid, luminance_4(h.rgb), np.zeros_like(second))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -18,64 +17,43 @@ from cltaa.reference.accumulate import (
     fading_share,
     filtered_share,
     sample_share,
-    storable_colour,
+    storable,
 )
-from cltaa.reference.colour import from_range
+from cltaa.reference.colour import Colour, from_range, inner
 from cltaa.reference.gather_sides import Layers
 from cltaa.reference.real import Array, Mask, greater, limit, number
 from cltaa.reference.rectify import box_scale_of, rectify
 from cltaa.reference.reprojection import Motion
 
 
-@dataclass(slots=True)
 class Gathered:
     """Sums over the samples of a pixel: of differences from the current one, of weights, and of both times offsets."""
 
-    zero: Array
-    sum: list[Array] = field(init=False)
-    along: list[Array] = field(init=False)
-    down: list[Array] = field(init=False)
-    alpha: Array = field(init=False)
-    weight: Array = field(init=False)
-    count: Array = field(init=False)
-    x: Array = field(init=False)
-    y: Array = field(init=False)
-    xx: Array = field(init=False)
-    xy: Array = field(init=False)
-    yy: Array = field(init=False)
-    near: Array = field(init=False)
-    near_x: Array = field(init=False)
-    near_y: Array = field(init=False)
-    recent: list[Array] = field(init=False)
-    recent_squares: Array = field(init=False)
-    recent_count: Array = field(init=False)
-    unlike: Array = field(init=False)  # of the recent samples, what was drawn with another reactivity
-
-    def __post_init__(self) -> None:
+    def __init__(self, zero: Array) -> None:
         """No samples."""
-        self.sum, self.along, self.down, self.recent = ([self.zero] * 3 for _ in range(4))
-        names = "alpha weight count x y xx xy yy near near_x near_y"
-        for name in f"{names} recent_squares recent_count unlike".split():
-            setattr(self, name, self.zero)
+        self.zero = zero
+        self.sum = self.along = self.down = self.recent = np.stack([zero] * 3)
+        self.alpha = self.weight = self.count = self.recent_squares = self.recent_count = zero
+        self.x = self.y = self.xx = self.xy = self.yy = self.near = self.near_x = self.near_y = zero
+        self.unlike = zero  # of the recent samples, what was drawn with another reactivity
 
-    def add(self, d: list[Array], w: Array, dx: Array, dy: Array, near: Mask, fit: GatherFit) -> None:
+    def add(self, d: Colour, w: Array, dx: Array, dy: Array, near: Mask, fit: GatherFit) -> None:
         """One sample that differs by ``d`` and lies at (dx, dy) from the centre; of a farther one only the place."""
         n = np.where(near, w, self.zero) if fit is GatherFit.LAYERS else w
-        self.sum = [total + n * k for total, k in zip(self.sum, d, strict=True)]
+        self.sum = self.sum + n * d
         self.weight = self.weight + w
         if fit is GatherFit.MEAN:
             return
         wx, wy, nx, ny = w * dx, w * dy, n * dx, n * dy
         self.x, self.y = self.x + wx, self.y + wy
         self.xx, self.xy, self.yy = self.xx + wx * dx, self.xy + wx * dy, self.yy + wy * dy
-        self.along = [total + nx * k for total, k in zip(self.along, d, strict=True)]
-        self.down = [total + ny * k for total, k in zip(self.down, d, strict=True)]
+        self.along, self.down = self.along + nx * d, self.down + ny * d
         self.near, self.near_x, self.near_y = self.near + n, self.near_x + nx, self.near_y + ny
 
-    def add_recent(self, d: list[Array], counted: Array) -> None:
+    def add_recent(self, d: Colour, counted: Array) -> None:
         """A recent sample that differs by ``d`` from the current one, of which ``counted`` counts."""
-        self.recent = [total + counted * k for total, k in zip(self.recent, d, strict=True)]
-        self.recent_squares = self.recent_squares + counted * ((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2])
+        self.recent = self.recent + counted * d
+        self.recent_squares = self.recent_squares + counted * inner(d, d)
         self.recent_count = self.recent_count + counted
 
 
@@ -85,7 +63,7 @@ def first_sample(w: Array, counted: Mask, near: Mask, build: Build, frame: Recor
     g = Gathered(zero)
     if build.choices.gather_fit is not GatherFit.MEAN:
         x, y = (np.full_like(w, number(frame[name], w)) for name in ("jitter_x", "jitter_y"))
-        g.add([zero, zero, zero], np.where(counted, w, zero), x, y, near, build.choices.gather_fit)
+        g.add(np.zeros_like(g.sum), np.where(counted, w, zero), x, y, near, build.choices.gather_fit)
     return g
 
 
@@ -97,9 +75,8 @@ class Fit(NamedTuple):
     y: Array
 
     def value(self, total: Array, along: Array, down: Array) -> Array:
-        """The value at the centre."""
-        result: Array = self.one * total - (self.x * along + self.y * down)
-        return result
+        """The value at the centre, of numbers or of colours."""
+        return self.one * total - (self.x * along + self.y * down)
 
 
 def fit_at_centre(g: Gathered, samples: Array, settings: Record) -> Fit:
@@ -113,16 +90,16 @@ def fit_at_centre(g: Gathered, samples: Array, settings: Record) -> Fit:
     return Fit(mean + (x * mx + y * my), x, y)
 
 
-def gathered_change(g: Gathered, far: Gathered, layers: Layers, samples: Array, settings: Record) -> list[Array]:
+def gathered_change(g: Gathered, far: Gathered, layers: Layers, samples: Array, settings: Record) -> Colour:
     """What the ``samples`` of a pixel [H, W] come to, less the current one."""
     zero, one = np.zeros_like(g.count), np.ones_like(g.count)
     f = fit_at_centre(g, samples, settings)
-    v = [f.value(*sums) for sums in zip(g.sum, g.along, g.down, strict=True)]
+    v = f.value(g.sum, g.along, g.down)
     seen = one - limit(f.value(g.near, g.near_x, g.near_y), zero, one)
     any_of = far.weight > zero
     instead = np.where(any_of, far.weight, np.where(g.near > zero, g.near, one))
     mean = np.where(layers.edge, seen, zero) / instead
-    return [k + mean * np.where(any_of, a, b) for k, a, b in zip(v, far.sum, g.sum, strict=True)]
+    return v + mean * np.where(any_of, far.sum, g.sum)
 
 
 def gathered_filter_share(of_mean: Array, g: Gathered, layers: Layers, build: Build, settings: Record) -> Array:
@@ -136,7 +113,7 @@ def gathered_filter_share(of_mean: Array, g: Gathered, layers: Layers, build: Bu
 
 def own_samples(p: Pixel) -> Array:
     """How many samples the current frame has of each pixel [H, W]: one, or none."""
-    one = np.ones_like(p.own[0])
+    one = np.ones_like(p.alpha)
     return one if p.missing is None else np.where(p.missing, number(0.0, one), one)
 
 
@@ -155,29 +132,21 @@ def resolve_gathered(
     any_of = g.count > zero
     weight = np.where(any_of, g.weight, one)
     plain = build.choices.gather_fit is GatherFit.MEAN
-    change = [total / weight for total in g.sum]
-    if not plain:
-        change = gathered_change(g, far, layers, samples, settings)
-    past = (current[0] + change[0], current[1] + change[1], current[2] + change[2])
+    past = current + (g.sum / weight if plain else gathered_change(g, far, layers, samples, settings))
     moved = rectify(past, current, p.stats, m, box_scale_of(m, settings), build, layout, settings).change
     share = g.weight / (sample_share(current, build, settings) + g.weight) if plain else one
     if build.steps.reactive:
         share = share * (one - distrust(p.reactivity, build))
-    mixed = [x + share * ((y - x) + c) for x, y, c in zip(current, past, moved, strict=True)]
-    fresh = disoccluded_colour(current, p.stats.mean, build, settings)
-    r, gr, b = (np.where(any_of, k, f) for k, f in zip(mixed, fresh, strict=True))
-    chosen = (r, gr, b)
+    mixed = current + share * ((past - current) + moved)
+    chosen = np.where(any_of, mixed, disoccluded_colour(current, p.stats.mean, build, settings))
     filters = build.choices.current_filter is not CurrentFilter.NONE
     if filters and build.choices.filter_use is FilterUse.FEW:
         filter_share = gathered_filter_share(one / (g.count + one), g, layers, build, settings)
         chosen = drawn_towards(chosen, p.filtered, filtered_share(filter_share, p.filtered, build, settings))
     missing = own_samples(p) == zero
     if p.filled is not None:
-        r, gr, b = (
-            np.where(missing, np.where(any_of, k, f), c) for k, f, c in zip(past, p.filled, chosen, strict=True)
-        )
-        chosen = (r, gr, b)
-    stored = storable_colour(from_range(chosen, build), current, build)
+        chosen = np.where(missing, np.where(any_of, past, p.filled), chosen)
+    stored = storable(from_range(chosen, build), current, build)
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = alpha + np.where(missing, one, share) * (g.alpha / weight)
     return Resolved(stored, alpha, samples)

@@ -13,10 +13,10 @@ from cltaa.reference.accumulate import Pixel, as_reactive, sample_share, share_d
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.gather_fit import Gathered, first_sample, own_samples
-from cltaa.reference.gather_sides import NEIGHBOURS, Layers, Side, range_of_side
+from cltaa.reference.gather_sides import Layers, Side, range_of_side
 from cltaa.reference.gather_track import (
+    MOTION,
     RING_INVERSE_DEPTH,
-    RING_MOTION,
     Track,
     matches_surface,
     no_motion_vector,
@@ -25,7 +25,7 @@ from cltaa.reference.gather_track import (
     texel_at,
 )
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
-from cltaa.reference.real import Array, Mask, constant, lesser, limit, number
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, constant, lesser, limit, number
 from cltaa.reference.reprojection import Motion, motion_from_depth, pixel_grid
 from cltaa.reference.sampling import Footprint, footprint_of
 
@@ -92,8 +92,7 @@ def places_now(dx: Array, dy: Array, t: Stretch) -> Places:
 def reach_of(n: int, settings: Record, like: Array) -> Array:
     """Where the samples of ``n`` frames no longer count, from the pixel's centre along an axis."""
     half, most = number(0.5, like), number(settings["fit_reach"], like)
-    reach: Array = lesser(most, half + number(1.0, like) / np.sqrt(number(n, like)))
-    return reach
+    return lesser(most, half + number(1.0, like) / np.sqrt(number(n, like)))
 
 
 def window(off: Array, reach: Array) -> Array:
@@ -153,22 +152,20 @@ def gather_sample(
     if not good.any():
         return
     f = v.f._replace(row=v.f.row + down, column=v.f.column + right)
-    c, q = _sample(v.planes, f, zero, v.then)
+    c = texel_at(v.planes[:3], f, zero.dtype)
+    q = inverse_depth_or_sky(texel_at(v.planes[RING_INVERSE_DEPTH], f, zero.dtype), v.then)
     good = good & ~colour_outside_domain(c)
     good = good & matches_surface(q, s, v.m, build, settings)
     if v.stands is not None:
-        moves = ~no_motion_vector(*(texel_at(v.planes[RING_MOTION + axis], f, zero.dtype) for axis in (0, 1)))
+        moves = ~no_motion_vector(*texel_at(v.planes[MOTION], f, zero.dtype))
         good = good & ~(v.stands & moves)
     near = np.ones(zero.shape, bool)
     if fit is not GatherFit.MEAN:
         near = ~layers.edge | (q > layers.cut * v.m.scale + v.m.shift)
         good = good & ~near if far_only else good
     if build.steps.exposure:
-        ratio = number(v.then["exposure_ratio"], zero)
-        c = (c[0] * ratio, c[1] * ratio, c[2] * ratio)
-    c = to_range(c, build)
-    c = (np.where(good, c[0], current[0]), np.where(good, c[1], current[1]), np.where(good, c[2], current[2]))
-    d = [a - b for a, b in zip(c, current, strict=True)]
+        c = c * number(v.then["exposure_ratio"], zero)
+    c = np.where(good, to_range(c, build), current)
     counted = np.where(good, share, zero)
     if build.steps.reactive and build.choices.illumination is Illumination.WINDOW:
         r = share_in_domain(texel_at(v.planes[ring_reactive(build.steps)], f, zero.dtype), 0.0)
@@ -177,18 +174,13 @@ def gather_sample(
             g.unlike = g.unlike + counted * (np.ones_like(alike) - alike)
         counted = counted * alike
     w = counted * sample_share(c, build, settings)
-    g.add(d, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near, fit)
+    g.add(c - current, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near, fit)
     g.count = g.count + counted
     if v.recent:
         g.add_recent(share_difference(c, current, build, settings), counted)
     if build.steps.alpha:
         a = share_in_domain(texel_at(v.planes[ring_alpha(build.steps)], f, zero.dtype), 1.0)
         g.alpha = g.alpha + w * (a - now.alpha)
-
-
-def _sample(planes: Array, f: Footprint, like: Array, then: Record) -> tuple[Colour, Array]:
-    r, g, b = (texel_at(planes[channel], f, like.dtype) for channel in range(3))
-    return (r, g, b), inverse_depth_or_sky(texel_at(planes[RING_INVERSE_DEPTH], f, like.dtype), then)
 
 
 def _way_back(
@@ -234,9 +226,8 @@ def add_side(g: Gathered, side: Side, current: Colour, build: Build, settings: R
     """What the current frame shows of a side around the pixel, as one sample."""
     zero = np.zeros_like(side.count)
     some = side.count > zero
-    d = [a - b for a, b in zip(side.mean, current, strict=True)]
     w = np.where(some, sample_share(side.mean, build, settings), zero)
-    g.add(d, w, zero, zero, some, build.choices.gather_fit)
+    g.add(side.mean - current, w, zero, zero, some, build.choices.gather_fit)
 
 
 def gather_samples(

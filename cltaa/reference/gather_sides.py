@@ -9,17 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Record
-from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.disocclusion import on_screen
-from cltaa.reference.gather_track import RING_INVERSE_DEPTH, RING_MOTION, no_motion_vector, texel_at
+from cltaa.reference.gather_track import MOTION, RING_INVERSE_DEPTH, no_motion_vector, texel_at
 from cltaa.reference.neighbourhood import Row, Surface, inverse_depth_or_sky
-from cltaa.reference.real import Array, Mask, constant, greater, number
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, beside, constant, greater, number
 from cltaa.reference.reprojection import motion_from_depth
 from cltaa.reference.sampling import footprint_of
-
-NEIGHBOURS = [(dx, dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +30,7 @@ class Layers:
 
     def on_side(self, inverse_depth: Array, *, far: bool) -> Mask:
         """Samples of one side of the edge."""
-        side: Mask = self.edge & ((inverse_depth <= self.cut) if far else (inverse_depth > self.cut))
-        return side
+        return self.edge & ((inverse_depth <= self.cut) if far else (inverse_depth > self.cut))
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,13 +54,6 @@ def layers_of(above: Row, centre: Row, below: Row, s: Surface, settings: Record)
     return Layers(edge, half * (s.nearest + s.farthest), (x, y))
 
 
-def texels_beside(plane: Array, dx: int, dy: int, layout: Layout, real: Any) -> Array:
-    """Of every pixel the texel ``dx`` columns and ``dy`` rows beside it, [H, W]."""
-    top, left = PAD_Y + dy, PAD_X + dx
-    texels: Array = plane[top : top + layout.height, left : left + layout.width].astype(real)
-    return texels
-
-
 def side_surface(
     s: Surface,
     layers: Layers,
@@ -81,14 +70,14 @@ def side_surface(
     least = np.full_like(s.centre, constant("DOMAIN_LIMIT", s.centre))
     x, y, q, u, v = s.x, s.y, s.inverse_depth, s.u, s.v
     for dx, dy in NEIGHBOURS:
-        z = inverse_depth_or_sky(texels_beside(inverse_depth[0], dx, dy, layout, real), frame)
+        z = inverse_depth_or_sky(beside(inverse_depth[0], dx, dy, layout).astype(real), frame)
         away = number(2 * dx * dx + 3 * dy * dy, least)
         here = layers.on_side(z, far=far) & (away < least)
         least = np.where(here, away, least)
         x, y, q = np.where(here, number(dx, x), x), np.where(here, number(dy, y), y), np.where(here, z, q)
         if build.steps.own_motion and motion is not None:
-            u = np.where(here, texels_beside(motion[0], dx, dy, layout, real), u)
-            v = np.where(here, texels_beside(motion[1], dx, dy, layout, real), v)
+            own_u, own_v = beside(motion, dx, dy, layout).astype(real)
+            u, v = np.where(here, own_u, u), np.where(here, own_v, v)
     return s._replace(x=x, y=y, inverse_depth=q, u=u, v=v)
 
 
@@ -112,25 +101,23 @@ def side_of(
     zero, one = np.zeros_like(s.centre), np.ones_like(s.centre)
     xx = yy = np.full_like(zero, number(settings["fit_ridge"], zero))
     xy = qx = qy = count = zero
-    mean = [zero, zero, zero]
+    mean = np.zeros_like(own)
     for dx, dy in NEIGHBOURS:
-        z = inverse_depth_or_sky(texels_beside(inverse_depth[0], dx, dy, layout, real), frame)
+        z = inverse_depth_or_sky(beside(inverse_depth[0], dx, dy, layout).astype(real), frame)
         here = layers.on_side(z, far=far)
         rise = np.where(here, z - at.inverse_depth, zero)
         ox = np.where(here, number(dx, zero) - at.x, zero)
         oy = np.where(here, number(dy, zero) - at.y, zero)
         xx, xy, yy = xx + ox * ox, xy + ox * oy, yy + oy * oy
         qx, qy = qx + ox * rise, qy + oy * rise
-        r, g, b = (texels_beside(plane, dx, dy, layout, real) for plane in current[:3])
-        in_domain = here & ~colour_outside_domain((r, g, b))
-        seen = to_range((r, g, b), build)
-        mean = [t + np.where(in_domain, c - o, zero) for t, c, o in zip(mean, seen, own, strict=True)]
+        colour = beside(current[:3], dx, dy, layout).astype(real)
+        in_domain = here & ~colour_outside_domain(colour)
+        mean = mean + np.where(in_domain, to_range(colour, build) - own, zero)
         count = count + np.where(in_domain, one, zero)
     det, among = xx * yy - xy * xy, np.where(count > zero, count, one)
     slope_x = np.where(layers.edge, (yy * qx - xy * qy) / det, layers.slope[0])
     slope_y = np.where(layers.edge, (xx * qy - xy * qx) / det, layers.slope[1])
-    r, g, b = (o + total / among for o, total in zip(own, mean, strict=True))
-    return Side(at, replace(layers, slope=(slope_x, slope_y)), (r, g, b), count)
+    return Side(at, replace(layers, slope=(slope_x, slope_y)), own + mean / among, count)
 
 
 def range_of_side(s: Surface, layers: Layers, *, far: bool) -> Surface:
@@ -200,9 +187,7 @@ def search_subpixel_feature(
             off = greater(np.abs(ox), np.abs(oy))
             hits = hits + np.where(nearer, number(1.0, zero), zero)
             if own_motion:
-                nearer = nearer & no_motion_vector(
-                    *(texel_at(planes[RING_MOTION + axis], there, real) for axis in (0, 1))
-                )
+                nearer = nearer & no_motion_vector(*texel_at(planes[MOTION], there, real))
             here = nearer & way.visible & (off < best)
             best, thinner = np.where(here, off, best), np.where(here, hit.inverse_depth, thinner)
         is_subpixel = (best < least) & (hits <= constant("SUBPIXEL_HITS", zero))

@@ -13,11 +13,12 @@ from cltaa.core.parameters import GatherFit, Reject
 from cltaa.core.planes import Layout
 from cltaa.reference.disocclusion import on_screen, same_surface
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
-from cltaa.reference.real import Array, Mask, constant, greater, number, outside_domain
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, constant, greater, number, outside_domain
 from cltaa.reference.reprojection import Motion
 from cltaa.reference.sampling import Footprint, Quad, footprint_of
 
 RING_INVERSE_DEPTH, RING_MOTION = 3, 4
+MOTION = slice(RING_MOTION, RING_MOTION + 2)
 
 
 def ring_alpha(steps: Steps) -> int:
@@ -31,9 +32,8 @@ def ring_reactive(steps: Steps) -> int:
 
 
 def texel_at(plane: Array, f: Footprint, real: Any) -> Array:
-    """The texel at the whole part of a footprint."""
-    texels: Array = plane[f.row, f.column].astype(real)
-    return texels
+    """The texel at the whole part of a footprint, of a plane [rows, stride] or of several."""
+    return plane[..., f.row, f.column].astype(real)
 
 
 def no_motion_vector(u: Array, v: Array) -> Mask:
@@ -44,8 +44,7 @@ def no_motion_vector(u: Array, v: Array) -> Mask:
 def matches_surface(inverse_depth: Array, s: Surface, m: Motion, build: Build, settings: Record) -> Mask:
     """Where a texel of the ring lies in the range of inverse depth that the current 3x3 has, as that frame saw it."""
     if build.choices.reject is Reject.NONE:
-        everywhere: Mask = inverse_depth == inverse_depth
-        return everywhere
+        return inverse_depth == inverse_depth
     return same_surface(
         Quad(inverse_depth, inverse_depth, inverse_depth, inverse_depth), s, m, settings["depth_tolerance"]
     )
@@ -104,7 +103,7 @@ class Track:
         """Take the step that the sample at the surface's place tells, or the nearest of its neighbours that tells one;
         where none does the surface is lost, and where the sample tells another thing's, by its inverse depth."""
         real: Any = self.u.dtype
-        u, v = (texel_at(planes[RING_MOTION + axis], there, real) for axis in (0, 1))
+        u, v = texel_at(planes[MOTION], there, real)
         z = inverse_depth_or_sky(texel_at(planes[RING_INVERSE_DEPTH], there, real), then)
         followed, told = self.own & seen, ~no_motion_vector(u, v)
         same = told & matches_surface(z, s, m, build, settings)
@@ -128,7 +127,7 @@ class Track:
             seen = on_screen(place, layout)
             nearest = place._replace(u=(u + (half - jitter[0])) + s.x, v=(v + (half - jitter[1])) + s.y)
             there = footprint_of(nearest, seen, layout)
-            back_x, back_y = (texel_at(planes[RING_MOTION + axis], there, real) for axis in (0, 1))
+            back_x, back_y = texel_at(planes[MOTION], there, real)
             z = inverse_depth_or_sky(texel_at(planes[RING_INVERSE_DEPTH], there, real), then)
             told = ~no_motion_vector(back_x, back_y)
             if build.choices.gather_fit is GatherFit.LAYERS:
@@ -148,11 +147,10 @@ def _nearest_motion(u: Array, v: Array, missing: Mask, planes: Array, there: Foo
     """``u`` and ``v``, and where they are ``missing`` those of the nearest of their neighbours that has a vector."""
     real: Any = u.dtype
     best = np.full_like(u, -constant("DOMAIN_LIMIT", u))
-    for dy in (-1, 0, 1):
-        for dx in (-1, 0, 1):
-            beside = there._replace(row=there.row + dy, column=there.column + dx)
-            q = texel_at(planes[RING_INVERSE_DEPTH], beside, real)
-            a, b = (texel_at(planes[RING_MOTION + axis], beside, real) for axis in (0, 1))
-            nearer = missing & (q > best) & ~no_motion_vector(a, b)
-            best, u, v = np.where(nearer, q, best), np.where(nearer, a, u), np.where(nearer, b, v)
+    for dx, dy in NEIGHBOURS:
+        at = there._replace(row=there.row + dy, column=there.column + dx)
+        q = texel_at(planes[RING_INVERSE_DEPTH], at, real)
+        a, b = texel_at(planes[MOTION], at, real)
+        nearer = missing & (q > best) & ~no_motion_vector(a, b)
+        best, u, v = np.where(nearer, q, best), np.where(nearer, a, u), np.where(nearer, b, v)
     return u, v

@@ -20,14 +20,14 @@ from cltaa.reference.accumulate import (
     sample_share,
     share_difference,
     share_in_domain,
-    storable_colour,
+    storable,
 )
-from cltaa.reference.colour import colour_outside_domain, from_range, to_range
+from cltaa.reference.colour import Colour, colour_outside_domain, from_range, inner, to_range
 from cltaa.reference.gather import Gathering
 from cltaa.reference.gather_fit import Gathered, own_samples
 from cltaa.reference.gather_track import ring_alpha, ring_reactive
-from cltaa.reference.planes import extend_stored, real_type, store_resolved
-from cltaa.reference.real import Array, Mask, constant, greater, lesser, limit, number, quiet
+from cltaa.reference.planes import extend_stored, store_resolved
+from cltaa.reference.real import Array, Mask, constant, greater, lesser, limit, number, quiet, real_type
 
 TEXELS = (2 * WINDOW_REACH + 1) ** 2
 
@@ -54,12 +54,9 @@ def window_error(g: Gathered, now: Pixel, window: Resolved, build: Build, settin
     """Squared distances of the latest samples, the current one among them, from what a window says."""
     one, two = number(1.0, g.zero), number(2.0, g.zero)
     d = share_difference(to_range(window.rgb, build), now.own, build, settings)
-    along = (d[0] * g.recent[0] + d[1] * g.recent[1]) + d[2] * g.recent[2]
-    size = (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
-    squares = (g.recent_squares - two * along) + (own_samples(now) + g.recent_count) * size
+    squares = (g.recent_squares - two * inner(d, g.recent)) + (own_samples(now) + g.recent_count) * inner(d, d)
     left = one - one / greater(window.count, number(1.5, g.zero))
-    error: Array = greater(squares, number(0.0, g.zero)) / (left * left)
-    return error
+    return greater(squares, number(0.0, g.zero)) / (left * left)
 
 
 def resolve_unmoved(
@@ -70,30 +67,27 @@ def resolve_unmoved(
     g = Gathered(np.zeros_like(one))
     for place, then in enumerate(past):
         planes = layout.inside(slots[int(then["slot"])]).astype(one.dtype)
-        c: Any = tuple(planes[:3])
+        c = planes[:3]
         good = ~colour_outside_domain(c)
         if build.steps.exposure:
-            ratio = number(then["exposure_ratio"], one)
-            c = (c[0] * ratio, c[1] * ratio, c[2] * ratio)
-        r, gr, b = (np.where(good, k, own) for k, own in zip(to_range(c, build), p.own, strict=True))
+            c = c * number(then["exposure_ratio"], one)
+        c = np.where(good, to_range(c, build), p.own)
         counted = np.where(good, one, g.zero)
         if build.steps.reactive:
             counted = counted * as_reactive(share_in_domain(planes[ring_reactive(build.steps)], 0.0), p)
-        d = [k - own for k, own in zip((r, gr, b), p.own, strict=True)]
-        w = counted * sample_share((r, gr, b), build, settings)
-        g.sum = [total + w * k for total, k in zip(g.sum, d, strict=True)]
+        w = counted * sample_share(c, build, settings)
+        g.sum = g.sum + w * (c - p.own)
         g.weight, g.count = g.weight + w, g.count + counted
         if place < SHORT_WINDOW:
-            g.add_recent(share_difference((r, gr, b), p.own, build, settings), counted)
+            g.add_recent(share_difference(c, p.own, build, settings), counted)
         if build.steps.alpha:
             g.alpha = g.alpha + w * (share_in_domain(planes[ring_alpha(build.steps)], 1.0) - p.alpha)
     own = own_samples(p)
     whole = np.where(own > g.zero, sample_share(p.own, build, settings), g.zero) + g.weight
-    r, gr, b = (k + total / whole for k, total in zip(p.own, g.sum, strict=True))
     alpha, count = p.alpha, g.count + own
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = alpha + g.alpha / whole
-    return Resolved(storable_colour(from_range((r, gr, b), build), p.own, build), alpha, count), g
+    return Resolved(storable(from_range(p.own + g.sum / whole, build), p.own, build), alpha, count), g
 
 
 @quiet
@@ -149,9 +143,8 @@ def gather_windows(
         doubtful &= frames_before(past[:standing], build) >= value("DOUBTFUL_SAMPLES")
         if own.missing is not None:
             doubtful &= ~own.missing
-        present = Resolved(
-            storable_colour(from_range(own.filtered, build), own.own, build), own.alpha, np.ones_like(error)
-        )
+        filtered = storable(from_range(own.filtered, build), own.own, build)
+        present = Resolved(filtered, own.alpha, np.ones_like(error))
         beyond = present_error(gathering.near, own, doubtful, build, frame, settings)
         _store(target[-1], _chosen(doubtful, present, said), beyond)
     extend_stored(build, layout, windows[: count * planes])
@@ -165,8 +158,7 @@ def frames_before(past: Any, build: Build) -> int:
 def past_is_doubtful(stands: Mask, p: Pixel, recursive_count: Array) -> Mask:
     """Where a surface stands, but light has left the recursive resolve few of its samples."""
     few: Mask = recursive_count < constant("DOUBTFUL_SAMPLES", recursive_count)
-    doubtful: Mask = stands & few & (p.most_reactive <= number(0.0, recursive_count))
-    return doubtful
+    return stands & few & (p.most_reactive <= number(0.0, recursive_count))
 
 
 def present_error(g: Gathered, p: Pixel, valid: Mask, build: Build, frame: Record, settings: Record) -> Array:
@@ -179,10 +171,8 @@ def present_error(g: Gathered, p: Pixel, valid: Mask, build: Build, frame: Recor
     left, right, above, below = (number(frame[f"{side}_weight"], one) for side in ("left", "right", "above", "below"))
     others = one - (one - (left + right)) * (one - (above + below))
     d = share_difference(p.filtered, p.own, build, settings)
-    size = (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
-    error = constant("PRESENT_PENALTY", size) * ((own_samples(p) + g.recent_count) * (size / (others * others)))
-    result: Array = np.where(valid & (others > constant("LEAST_BESIDE", one)), error, beyond)
-    return result
+    error = constant("PRESENT_PENALTY", d) * ((own_samples(p) + g.recent_count) * (inner(d, d) / (others * others)))
+    return np.where(valid & (others > constant("LEAST_BESIDE", one)), error, beyond)
 
 
 def _longer_history(
@@ -191,14 +181,13 @@ def _longer_history(
     """A window, or ``where`` the recursive resolve holds more samples than it, that: it knows all frames before."""
     count, held = (layout.inside(planes).astype(window.count.dtype) for planes in (recursive_count[0], recursive))
     longer = (count > window.count) & where
-    r, g, b = held[:3]
-    return _chosen(longer, Resolved((r, g, b), held[3] if len(held) > 3 else window.alpha, count), window)
+    return _chosen(longer, Resolved(held[:3], held[3] if len(held) > 3 else window.alpha, count), window)
 
 
 def _chosen(where: Mask, one: Resolved, other: Resolved) -> Resolved:
     """What the one says ``where`` that is asked for, elsewhere the other."""
-    r, g, b = (np.where(where, v, k) for v, k in zip(one.rgb, other.rgb, strict=True))
-    return Resolved((r, g, b), np.where(where, one.alpha, other.alpha), np.where(where, one.count, other.count))
+    pairs = (one.rgb, other.rgb), (one.alpha, other.alpha), (one.count, other.count)
+    return Resolved(*(np.where(where, *pair) for pair in pairs))
 
 
 def _store(planes: Array, said: Resolved, error: Array, where: Array | None = None) -> None:
@@ -208,23 +197,23 @@ def _store(planes: Array, said: Resolved, error: Array, where: Array | None = No
 
 
 def row_sums(plane: Array, layout: Layout) -> Array:
-    """The sums over the texels left and right of each of a padded plane [rows, stride], [rows, W]."""
-    total: Array = np.zeros_like(plane[:, : layout.width])
+    """The sums over the texels left and right of each of padded planes [..., rows, stride], [..., rows, W]."""
+    total: Array = np.zeros_like(plane[..., : layout.width])
     for i in range(-WINDOW_REACH, WINDOW_REACH + 1):
-        total = total + plane[:, PAD_X + i : PAD_X + i + layout.width]
+        total = total + plane[..., PAD_X + i : PAD_X + i + layout.width]
     return total
 
 
 def column_sums(rows: Array, layout: Layout) -> Array:
-    """The sums [H, W] over the rows above and below each of padded rows [rows, W]."""
-    total: Array = np.zeros_like(rows[: layout.height])
+    """The sums [..., H, W] over the rows above and below each of padded rows [..., rows, W]."""
+    total: Array = np.zeros_like(rows[..., : layout.height, :])
     for j in range(-WINDOW_REACH, WINDOW_REACH + 1):
-        total = total + rows[PAD_Y + j : PAD_Y + j + layout.height]
+        total = total + rows[..., PAD_Y + j : PAD_Y + j + layout.height, :]
     return total
 
 
 def sum_around(plane: Array, layout: Layout) -> Array:
-    """The sum over the texels [H, W] around each pixel of a padded plane [rows, stride], row by row."""
+    """The sum over the texels [..., H, W] around each pixel of padded planes [..., rows, stride], row by row."""
     return column_sums(row_sums(plane, layout), layout)
 
 
@@ -235,13 +224,12 @@ def trust(error: Array, least: Array) -> Array:
     second = ratio * ratio
     fourth = second * second
     eighth = fourth * fourth
-    result: Array = eighth * eighth
-    return result
+    return eighth * eighth
 
 
 class Drift(NamedTuple):
-    """How far light has moved in one channel since a window: the mean over the texels around [H, W], its variance, and
-    what they show."""
+    """How far light has moved since a window: the mean over the texels around [..., H, W], its variance, and what they
+    show."""
 
     mean: Array
     variance: Array
@@ -249,7 +237,7 @@ class Drift(NamedTuple):
 
 
 def drift_of(then: Array, now: Array, weights: Array, layout: Layout) -> Drift:
-    """The drift of one channel from padded planes [rows, stride] of a window then and now, each texel by its weight.
+    """The drift from planes [..., rows, stride] of a window then and now, each texel by its weight [rows, stride].
 
     Squares are summed about the mean of a row, then those of the rows' means about that of all (Chan, Golub and LeVeque
     1979).
@@ -258,14 +246,14 @@ def drift_of(then: Array, now: Array, weights: Array, layout: Layout) -> Drift:
     mean = row_sums(weights * d, layout) / weight
     squares = np.zeros_like(mean)
     for i in range(PAD_X - WINDOW_REACH, PAD_X + WINDOW_REACH + 1):
-        columns = np.s_[:, i : i + layout.width]
+        columns = np.s_[..., i : i + layout.width]
         off = d[columns] - mean
         squares = squares + weights[columns] * (off * off)
     whole = column_sums(weight, layout)
     middle = column_sums(weight * mean, layout) / whole
     spread = np.zeros_like(middle)
     for j in range(PAD_Y - WINDOW_REACH, PAD_Y + WINDOW_REACH + 1):
-        rows = np.s_[j : j + layout.height]
+        rows = np.s_[..., j : j + layout.height, :]
         off = mean[rows] - middle
         spread = spread + (squares[rows] + weight[rows] * (off * off))
     level = sum_around(weights * np.abs(then), layout) / whole
@@ -274,32 +262,32 @@ def drift_of(then: Array, now: Array, weights: Array, layout: Layout) -> Drift:
 
 def shared_weights(window: Array, shortest: Array, build: Build, settings: Record) -> Array:
     """How much each texel [rows, stride] counts: as its light does in a mean, then and now."""
-    (r, g, b), (x, y, z) = window[:3], shortest[:3]
-    return sample_share((r, g, b), build, settings) * sample_share((x, y, z), build, settings)
+    return sample_share(window[:3], build, settings) * sample_share(shortest[:3], build, settings)
 
 
 def t_of(drift: Drift) -> Array:
     """Student's t of a drift, to whose deviation comes as little of the light as nobody sees."""
     floor = constant("DRIFT_FLOOR", drift.mean) * drift.level + constant("TINY", drift.mean)
-    result: Array = np.abs(drift.mean) / (np.sqrt(drift.variance) + floor)
-    return result
+    return np.abs(drift.mean) / (np.sqrt(drift.variance) + floor)
 
 
-def drift_to_shortest(window: Array, shortest: Array, build: Build, layout: Layout, settings: Record) -> list[Array]:
+def drift_to_shortest(
+    window: Array, shortest: Array, build: Build, layout: Layout, settings: Record
+) -> tuple[Colour, Array]:
     """As much of the drift of light and alpha between padded planes [WINDOW_PLANES, rows, stride] as is not chance.
 
     The channel of light that drifted most decides that.
     """
     weights = shared_weights(window, shortest, build, settings)
-    drifts = [drift_of(then, now, weights, layout) for then, now in zip(window[:3], shortest[:3], strict=True)]
-    r, g, b = (t_of(drift) for drift in drifts)
+    drift = drift_of(window[:3], shortest[:3], weights, layout)
+    r, g, b = t_of(drift)
     enough = number(settings["drift_t"], r)
     chance = enough / greater(greater(r, greater(g, b)), enough)
     sure = number(1.0, r) - chance * chance
-    means = [drift.mean for drift in drifts]
+    alpha = np.zeros_like(sure)
     if build.steps.alpha:
-        means.append(sum_around(weights * (shortest[5] - window[5]), layout) / sum_around(weights, layout))
-    return [sure * mean for mean in means]
+        alpha = sure * (sum_around(weights * (shortest[5] - window[5]), layout) / sum_around(weights, layout))
+    return sure * drift.mean, alpha
 
 
 @quiet
@@ -327,24 +315,21 @@ def weigh_windows(
     for error in errors[1:]:
         least = lesser(least, error)
     zero, first, weight = np.zeros_like(least), layout.inside(parts[0]), trust(errors[0], least)
-    alpha, darkest = first[5] if build.steps.alpha else np.ones_like(least), list(first[:3])
-    sums, alphas, counts = [zero, zero, zero], zero, zero
-    moved = [zero, zero, zero, zero]
+    alpha, darkest = first[5] if build.steps.alpha else np.ones_like(least), first[:3]
+    sums, alphas, counts = np.zeros_like(darkest), zero, zero
+    light, opacity = sums, zero  # what they have moved by
     for window, (k, error) in enumerate(zip(said[1:], errors[1:], strict=True), start=1):
         w, own = trust(error, least), layout.inside(parts[k])
         if window > UNMOVED:
-            moved = [zero, zero, zero, zero]
+            light, opacity = np.zeros_like(sums), zero
         elif k == window and (window == UNMOVED or has_more_frames(window, frames)):
-            moved = drift_to_shortest(parts[k], parts[0], build, layout, settings)
-        of_light = zip(sums, own[:3], moved[:3], first[:3], strict=True)
-        sums = [total + w * ((v + step) - k) for total, v, step, k in of_light]
-        darkest = [lesser(k, v) for k, v in zip(darkest, own[:3], strict=True)]
+            light, opacity = drift_to_shortest(parts[k], parts[0], build, layout, settings)
+        sums, darkest = sums + w * ((own[:3] + light) - first[:3]), lesser(darkest, own[:3])
         counts = counts + w * (own[4] - first[4])
         if build.steps.alpha:
-            alphas = alphas + w * ((own[5] + moved[3]) - alpha)
+            alphas = alphas + w * ((own[5] + opacity) - alpha)
         weight = weight + w
-    r, g, b = (k + total / weight for k, total in zip(first[:3], sums, strict=True))
-    rgb = storable_colour((r, g, b), (darkest[0], darkest[1], darkest[2]), build)
-    opacity = limit(alpha + alphas / weight, zero, np.ones_like(zero))
-    resolved = Resolved(rgb, opacity, first[4] + counts / weight)
+    rgb = storable(first[:3] + sums / weight, darkest, build)
+    alpha = limit(alpha + alphas / weight, zero, np.ones_like(zero))
+    resolved = Resolved(rgb, alpha, first[4] + counts / weight)
     store_resolved(resolved, build, layout, frame, output, output_count)

@@ -116,13 +116,12 @@ def sample_history(
     valid = on_screen(seen, layout) & np.bool_(frame["reset"] == 0)
     f = footprint_of(seen, valid, layout)
     wx, wy = history_weights(f.fx, build), history_weights(f.fy, build)
-    planes: Any = history[:3]
+    planes = history[:3]
     in_range = build.choices.history_range is HistoryRange.TONEMAPPED
     if in_range:
-        r, g, b = (plane.astype(real) for plane in planes)
-        planes = history_in_range((r, g, b), build, frame)
-    r, g, b = (sample_plane(plane, f, wx, wy, build, real) for plane in planes)
-    valid &= ~colour_outside_domain((r, g, b))
+        planes = history_in_range(planes.astype(real), build, frame)
+    rgb = np.stack([sample_plane(plane, f, wx, wy, build, real) for plane in planes])
+    valid &= ~colour_outside_domain(rgb)
     count = bilinear(sample_quad(history_count[0], f, real), f)
     previous = sample_quad(previous_inverse_depth[0], f, real)
     c = covering_of(previous_inverse_depth[0], previous, f, s, m, build, layout, frame, settings)
@@ -135,10 +134,10 @@ def sample_history(
         count, change = illumination_test(
             count, least_t, current, history, history_count[1], f, build, layout, frame, settings
         )
-    rgb = (r, g, b) if in_range else history_in_range((r, g, b), build, frame)
-    alpha = np.ones_like(rgb[0])
+    rgb = rgb if in_range else history_in_range(rgb, build, frame)
+    alpha = np.ones_like(count)
     if build.steps.alpha:
-        alpha = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, r), number(1, r))
+        alpha = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, rgb), number(1, rgb))
     if build.terms.first_samples:
         first = number(settings["first_samples"] if frame["reset"] else 1.0, count)
         count = np.where(valid, count, first)

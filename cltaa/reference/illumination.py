@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Record
-from cltaa.core.constants import PAD_X, PAD_Y, value
+from cltaa.core.constants import value
 from cltaa.core.parameters import BoxSpace, Illumination
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import (
     Colour,
+    a_channel,
     box_units,
     colour_outside_domain,
     repaired_planes,
@@ -20,17 +21,15 @@ from cltaa.reference.colour import (
     to_range,
 )
 from cltaa.reference.neighbourhood import spread_of_three
-from cltaa.reference.real import Array, constant, greater, lesser, limit, number
+from cltaa.reference.real import NEIGHBOURS, Array, beside, constant, greater, lesser, limit, number
 from cltaa.reference.sampling import Footprint
 
 
 def history_in_range(colour: Colour, build: Build, frame: Record) -> Colour:
     """History as the current exposure would show it, in the range that everything is compared in."""
-    r, g, b = colour
     if build.steps.exposure:
-        ratio = number(frame["exposure_ratio"], r)
-        r, g, b = r * ratio, g * ratio, b * ratio
-    return to_range((r, g, b), build)
+        colour = colour * number(frame["exposure_ratio"], colour)
+    return to_range(colour, build)
 
 
 class Paired(NamedTuple):
@@ -51,17 +50,17 @@ def paired_t(above: Paired, centre: Paired, below: Paired, least: Array) -> Arra
     da, db = above.mean - centre.mean, below.mean - centre.mean
     mean = centre.mean + (da + db) * constant("ONE_THIRD", da)
     spread = ((above.spread + centre.spread) + below.spread) + number(3.0, da) * spread_of_three(da, db)
-    t: Array = mean / (np.sqrt(spread * constant("TWO_27THS", spread)) + least)
-    return t
+    return mean / (np.sqrt(spread * constant("TWO_27THS", spread)) + least)
 
 
 def illumination_difference(now: Colour, past: Colour, build: Build, frame: Record) -> Colour:
     """What is in the box space now, less the history's colour there, both as ``to_boxed`` has them."""
-    r, g, b = history_in_range(past, build, frame)
+    was = history_in_range(past, build, frame)
     if build.choices.box_space is not BoxSpace.YCOCG:
-        return now[0] - r, now[1] - g, now[2] - b
+        return now - was
+    r, g, b = was
     rb, green = r + b, number(2.0, g) * g
-    return (now[0] - rb) - green, now[1] - (r - b), (now[2] + rb) - green
+    return np.stack(((now[0] - rb) - green, now[1] - (r - b), (now[2] + rb) - green))
 
 
 def tests_light(build: Build) -> bool:
@@ -112,24 +111,22 @@ def illumination_test(
     )
 
     def difference(i: int, j: int) -> tuple[Colour, Array]:
-        there = slice(PAD_Y + j, PAD_Y + j + layout.height), slice(PAD_X + i, PAD_X + i + layout.width)
-        now = to_boxed(to_range((colour[0][there], colour[1][there], colour[2][there]), build), build)
-        r, g, b = (plane[row + j, column + i].astype(real) for plane in history[:3])
-        return illumination_difference(now, (r, g, b), build, frame), np.abs(now[0])
+        now = to_boxed(to_range(beside(colour, i, j, layout), build), build)
+        past = history[:3, row + j, column + i].astype(real)
+        return illumination_difference(now, past, build, frame), np.abs(now[0])
 
-    rows: list[list[Paired]] = []
+    rows: list[Paired] = []
     levels = []
     for j in (-1, 0, 1):
         (left, left_size), (own, own_size), (right, right_size) = (difference(i, j) for i in (-1, 0, 1))
-        rows.append([pair_row(left[k], own[k], right[k]) for k in range(3)])
+        rows.append(pair_row(left, own, right))
         levels.append((left_size + own_size) + right_size)
     level = (levels[0] + levels[1]) + levels[2]
     floor = number(settings["illumination_floor"], level)
-    units = box_units(build)
-    least = floor * (level * constant("ONE_THIRD", level)) + number(units[0] * value("TINY"), level)
-    ta, tb, tc = (
-        paired_t(rows[0][k], rows[1][k], rows[2][k], number(units[k] / units[0], least) * least) for k in range(3)
-    )
+    first, *_ = units = box_units(build)
+    least = floor * (level * constant("ONE_THIRD", level)) + number(first * value("TINY"), level)
+    above, centre, below = rows
+    ta, tb, tc = paired_t(above, centre, below, a_channel([unit / first for unit in units]) * least)
     largest = number(3.0, level) * greater(np.abs(ta), greater(np.abs(tb), np.abs(tc)))
     t = lesser(largest, constant("DOMAIN_LIMIT", level))
     before = history_change[row, column].astype(real)
@@ -145,6 +142,5 @@ def illumination_test(
 
 def _drawn(current: Array, layout: Layout, zero: Array) -> Array:
     """How many of the 3x3 of each pixel are usable, the edge of the image repeated."""
-    usable = ~colour_outside_domain((current[0], current[1], current[2]))
-    corners = [(PAD_Y + j, PAD_X + i) for j in (-1, 0, 1) for i in (-1, 0, 1)]
-    return zero + sum(usable[top : top + layout.height, left : left + layout.width] for top, left in corners)
+    usable = ~colour_outside_domain(current[:3])
+    return zero + sum(beside(usable, *step, layout) for step in NEIGHBOURS)

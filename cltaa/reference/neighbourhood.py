@@ -8,15 +8,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Record
-from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.parameters import Box, BoxSpace, CurrentFilter, Dilation, Neighbourhood, Variance
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, from_box_space, in_units, luminance, to_box_space, to_boxed, to_range
-from cltaa.reference.real import Array, constant, greater, lesser, limit, number, outside_domain
+from cltaa.reference.real import Array, beside, constant, greater, lesser, limit, number, outside_domain
 
 
 class Moments(NamedTuple):
-    """Shifted moments: mean = shift + offset, spread = sum of squared distances from the mean; of three, 3/2 of it."""
+    """Shifted moments: mean = shift + offset, spread = sum of squared distances from the mean; of three, 3/2 of it.
+
+    Each [3, H, W], a channel by itself.
+    """
 
     shift: Array
     offset: Array
@@ -27,8 +29,7 @@ class Moments(NamedTuple):
 
 def spread_of_three(a: Array, b: Array) -> Array:
     """3/2 of the spread of a, b and 0."""
-    spread: Array = a * (a - b) + b * b
-    return spread
+    return a * (a - b) + b * b
 
 
 def row_moments(left: Array, centre: Array, right: Array) -> Moments:
@@ -75,12 +76,11 @@ def deviation_of(m: Moments, build: Build) -> Array:
     """The root of the variance; of 0, where rounding made the naive one less."""
     naive = build.choices.variance is Variance.NAIVE
     variance = greater(m.spread, number(0.0, m.spread)) if naive else m.spread * constant("TWO_27THS", m.spread)
-    deviation: Array = np.sqrt(variance)
-    return deviation
+    return np.sqrt(variance)
 
 
 def neighbourhood_moments(above: Moments, centre: Moments, below: Moments, build: Build) -> Moments:
-    """Of one channel."""
+    """Of the 3x3."""
     m = window_moments(above, centre, below)
     if build.choices.box is Box.ROUNDED:
         m = _rounded(m, above, centre, below)
@@ -96,9 +96,9 @@ def _rounded(m: Moments, above: Moments, centre: Moments, below: Moments) -> Mom
 
 
 class Row(NamedTuple):
-    """What the three texels of a row contribute; ``channels`` in the kernels' coordinates (``box_units``)."""
+    """What the three texels of a row contribute; ``moments`` in the kernels' coordinates (``box_units``)."""
 
-    channels: tuple[Moments, Moments, Moments]
+    moments: Moments
     texels: tuple[Colour, Colour, Colour]  # left, own, right, in the kernels' coordinates
     centre: Colour
     across: Colour
@@ -114,7 +114,7 @@ class Row(NamedTuple):
 
 
 class Statistics(NamedTuple):
-    """Of the neighbourhood, in the box space; four colours."""
+    """Of the neighbourhood, in the box space."""
 
     mean: Colour
     deviation: Colour
@@ -137,7 +137,7 @@ class Surface(NamedTuple):
 
 def texel_weights(texels: Sequence[Colour], build: Build, frame: Record) -> list[Any]:
     """Weights of nine texels: 1 / (1 + Y), or by the distance of their samples from the pixel's centre."""
-    one = number(1.0, texels[0][0])
+    one = number(1.0, texels[0])
     if build.choices.neighbourhood is Neighbourhood.JITTERED:
         columns = number(frame["box_left"], one), one, number(frame["box_right"], one)
         rows = number(frame["box_above"], one), one, number(frame["box_below"], one)
@@ -147,44 +147,35 @@ def texel_weights(texels: Sequence[Colour], build: Build, frame: Record) -> list
     return [one / (one + greater(y, number(0.0, one))) for y in lights]
 
 
-def weighed_texels(texels: Sequence[Colour], build: Build, frame: Record) -> tuple[list[Array], list[Array]]:
-    """Mean and deviation a channel of nine texels in the kernels' coordinates, each with its weight."""
-    zero, weights = np.zeros_like(texels[0][0]), texel_weights(texels, build, frame)
-    total = zero
-    for w in weights:
-        total = total + w
-    means, deviations = [], []
-    for channel in zip(*texels, strict=True):
-        shift, spread = zero, zero
-        for w, v in zip(weights, channel, strict=True):
-            shift = shift + w * (v - channel[4])
-        mean = channel[4] + shift / total
-        for w, v in zip(weights, channel, strict=True):
-            spread = spread + w * ((v - mean) * (v - mean))
-        means.append(mean)
-        deviations.append(np.sqrt(spread / total))
-    return means, deviations
+def weighed_texels(texels: Sequence[Colour], build: Build, frame: Record) -> tuple[Colour, Colour]:
+    """Mean and deviation of nine texels in the kernels' coordinates, each with its weight."""
+    weights = texel_weights(texels, build, frame)
+    shift = spread = np.zeros_like(texels[0])
+    total = shift[0]
+    for w, v in zip(weights, texels, strict=True):
+        total, shift = total + w, shift + w * (v - texels[4])
+    mean = texels[4] + shift / total
+    for w, v in zip(weights, texels, strict=True):
+        spread = spread + w * ((v - mean) * (v - mean))
+    return mean, np.sqrt(spread / total)
 
 
 def neighbourhood_statistics(above: Row, centre: Row, below: Row, build: Build, frame: Record) -> Statistics:
     """Mean, deviation and extremes of each channel."""
-    rows = zip(above.channels, centre.channels, below.channels, strict=True)
-    parts = [neighbourhood_moments(a, c, b, build) for a, c, b in rows]
-    mean, deviation = [m.shift + m.offset for m in parts], [deviation_of(m, build) for m in parts]
+    m = neighbourhood_moments(above.moments, centre.moments, below.moments, build)
+    mean, deviation = m.shift + m.offset, deviation_of(m, build)
     if build.choices.neighbourhood in (Neighbourhood.LUMINANCE, Neighbourhood.JITTERED):
         mean, deviation = weighed_texels((*above.texels, *centre.texels, *below.texels), build, frame)
-        mean = [limit(value, part.low, part.high) for value, part in zip(mean, parts, strict=True)]
-    each = mean, deviation, [m.low for m in parts], [m.high for m in parts]
-    return Statistics(*(in_units(_three(colour), build) for colour in each))
+        mean = limit(mean, m.low, m.high)
+    return Statistics(*(in_units(colour, build) for colour in (mean, deviation, m.low, m.high)))
 
 
 def weigh_line(before: Colour, middle: Colour, after: Colour, first: Any, last: Any, build: Build) -> Colour:
     """Three colours weighed as the middle one plus weighted differences from it."""
     if build.choices.current_filter is CurrentFilter.NONE:
         return middle
-    k, n = number(first, middle[0]), number(last, middle[0])
-    parts = [m + (k * (b - m) + n * (a - m)) for b, m, a in zip(before, middle, after, strict=True)]
-    return _three(parts)
+    k, n = number(first, middle), number(last, middle)
+    return middle + (k * (before - middle) + n * (after - middle))
 
 
 def current_sample(above: Row, centre: Row, below: Row, near: Statistics, build: Build, frame: Record) -> Colour:
@@ -194,9 +185,8 @@ def current_sample(above: Row, centre: Row, below: Row, near: Statistics, build:
     v = weigh_line(above.across, centre.across, below.across, frame["above_weight"], frame["below_weight"], build)
     if build.choices.current_filter is not CurrentFilter.LANCZOS:
         return v
-    over = [limit(b, lo, hi) - b for b, lo, hi in zip(to_box_space(v, build), near.low, near.high, strict=True)]
-    change = from_box_space(_three(over), build)
-    return v[0] + change[0], v[1] + change[1], v[2] + change[2]
+    b = to_box_space(v, build)
+    return v + from_box_space(limit(b, near.low, near.high) - b, build)
 
 
 def inverse_depth_or_sky(v: Array, frame: Record) -> Array:
@@ -209,17 +199,11 @@ def read_row(
 ) -> Row:
     """Rows y + ``dy`` of repaired colour planes, inverse depth [1, rows, stride] and motion [2, rows, stride]."""
 
-    def window(plane: Array, dx: int) -> Array:
-        top, left = PAD_Y + dy, PAD_X + dx
-        return plane[top : top + layout.height, left : left + layout.width]
+    def window(planes: Array, dx: int) -> Array:
+        return beside(planes, dx, dy, layout)
 
-    def texels(dx: int) -> Colour:
-        return to_range((window(colour[0], dx), window(colour[1], dx), window(colour[2], dx)), build)
-
-    line = texels(-1), texels(0), texels(1)
-    left, centre, right = (to_boxed(v, build) for v in line)
-    texels_of = list(zip(left, centre, right, strict=True))
-    channels = [chosen_row(*three, build) for three in texels_of]
+    left, centre, right = [to_range(window(colour, dx), build) for dx in (-1, 0, 1)]
+    texels = to_boxed(left, build), to_boxed(centre, build), to_boxed(right, build)
     in_domain = inverse_depth_or_sky(inverse_depth[0], frame)
     zl, zc, zr = (window(in_domain, dx) for dx in (-1, 0, 1))
     to_left = zl > zc
@@ -230,16 +214,13 @@ def read_row(
     zero = np.zeros_like(zc)
     u = v = centre_u = centre_v = zero
     if build.steps.own_motion and motion is not None:
-        u, v = (
-            np.where(to_right, window(plane, 1), np.where(to_left, window(plane, -1), window(plane, 0)))
-            for plane in motion
-        )
-        centre_u, centre_v = (window(plane, 0) for plane in motion)
+        u, v = np.where(to_right, window(motion, 1), np.where(to_left, window(motion, -1), window(motion, 0)))
+        centre_u, centre_v = window(motion, 0)
     return Row(
-        (channels[0], channels[1], channels[2]),
-        (left, centre, right),
-        line[1],
-        weigh_line(*line, frame["left_weight"], frame["right_weight"], build),
+        chosen_row(*texels, build),
+        texels,
+        centre,
+        weigh_line(left, centre, right, frame["left_weight"], frame["right_weight"], build),
         nearest,
         nearest_x,
         lesser(lesser(zl, zr), zc),
@@ -281,7 +262,3 @@ def nearest_surface(above: Row, centre: Row, below: Row, build: Build, edge_tole
         u=pick(above.u, centre.u, below.u, own.u),
         v=pick(above.v, centre.v, below.v, own.v),
     )
-
-
-def _three(parts: list[Array]) -> Colour:
-    return parts[0], parts[1], parts[2]

@@ -12,13 +12,13 @@ from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from cltaa.camera import invert
-from cltaa.core.build import Build, Real, Record, Storage
+from cltaa.core.build import Build, Record, Storage
 from cltaa.core.planes import Kind, Layout
 from cltaa.reference.accumulate import Resolved
 from cltaa.reference.colour import repaired_planes
 from cltaa.reference.illumination import tests_light
 from cltaa.reference.neighbourhood import Row, read_row
-from cltaa.reference.real import Array, constant, quiet
+from cltaa.reference.real import Array, constant, quiet, real_type
 
 Words = NDArray[np.uint32]
 
@@ -43,8 +43,7 @@ def storage_dither(layout: Layout, frame: Record) -> Array:
     row = spread_bits(y + spread_bits(np.array([frame["number"]], np.uint32)))
     bits = spread_bits(x[None, :] ^ row[:, None])
     dither = (bits >> np.uint32(8)).astype(np.float32)
-    result: Array = dither * constant("DITHER_STEP", dither)
-    return result
+    return dither * constant("DITHER_STEP", dither)
 
 
 def stochastic_half(v: Array, dither: Array) -> Array:
@@ -53,12 +52,11 @@ def stochastic_half(v: Array, dither: Array) -> Array:
     step = np.where(power > constant("HALF_NORMAL", v), power, constant("HALF_NORMAL", v)) * constant("HALF_STEP", v)
     scaled = v / step
     low = np.floor(scaled)
-    rounded: Array = np.where(scaled - low > dither, low + v.dtype.type(1.0), low) * step
-    return rounded
+    return np.where(scaled - low > dither, low + v.dtype.type(1.0), low) * step
 
 
 def stored_history(v: Array, build: Build, layout: Layout, frame: Record) -> NDArray[Any]:
-    """``v`` [H, W] in the numbers of the history."""
+    """``v`` [..., H, W] in the numbers of the history."""
     if build.storage in (Storage.FLOAT, Storage.DOUBLE):
         return v
     rounded = half_storable(v.astype(np.float32))
@@ -130,11 +128,6 @@ def extend_edges(
         layout.extend_edges(floats[:more])
 
 
-def real_type(build: Build) -> Any:
-    """NumPy type of the build's real."""
-    return np.float64 if build.real is Real.DOUBLE else np.float32
-
-
 def read_rows(
     current: Array, inverse_depth: Array, motion: Array | None, build: Build, layout: Layout, frame: Record
 ) -> tuple[Row, Row, Row]:
@@ -152,8 +145,7 @@ def store_resolved(
 ) -> None:
     """Write a resolved frame into padded planes, in the numbers of the build's storage."""
     target = layout.inside(output)
-    for channel in range(3):
-        target[channel] = stored_history(resolved.rgb[channel], build, layout, frame)
+    target[:3] = stored_history(resolved.rgb, build, layout, frame)
     if build.steps.alpha:
         alpha = np.where(resolved.alpha < constant("TINY", resolved.alpha), 0, resolved.alpha)
         target[3] = stored_history(alpha, build, layout, frame)

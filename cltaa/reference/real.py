@@ -7,13 +7,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.constants import value
+from cltaa.core.build import Build, Real
+from cltaa.core.constants import PAD_X, PAD_Y, value
+from cltaa.core.planes import Layout
 
 Array = NDArray[Any]  # [H, W] of the stage's real
 Mask = NDArray[np.bool_]  # [H, W]
 
+NEIGHBOURS = [(dx, dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]  # of the 3x3, row by row
+
 # Values that are then not selected may overflow, and be divided by weights whose squares are 0, as on a device.
 quiet = np.errstate(over="ignore", invalid="ignore", divide="ignore")
+
+
+def real_type(build: Build) -> Any:
+    """NumPy type of the build's real."""
+    return np.float64 if build.real is Real.DOUBLE else np.float32
 
 
 def constant(name: str, like: Array) -> Any:
@@ -24,6 +33,12 @@ def constant(name: str, like: Array) -> Any:
 def number(v: Any, like: Array) -> Any:
     """A coefficient or a struct member in the precision of ``like``."""
     return like.dtype.type(v)
+
+
+def beside(planes: Array, dx: int, dy: int, layout: Layout) -> Array:
+    """Of every pixel the texel ``dx`` columns and ``dy`` rows beside it, of padded planes [..., rows, stride]."""
+    top, left = PAD_Y + dy, PAD_X + dx
+    return planes[..., top : top + layout.height, left : left + layout.width]
 
 
 def greater(a: Array, b: Any) -> Array:

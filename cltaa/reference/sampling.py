@@ -81,14 +81,12 @@ def history_weights(t: Array, build: Build) -> Weights:
 def six_taps(p: Sequence[Array], w: Weights) -> Array:
     """What six taps add to a linear filter."""
     first, p0, p1, p2, p3, last = p
-    added: Array = ((((w.first * first + w.last * last) + w.w0 * p0) + w.w3 * p3) + w.w1 * p1) + w.w2 * p2
-    return added
+    return ((((w.first * first + w.last * last) + w.w0 * p0) + w.w3 * p3) + w.w1 * p1) + w.w2 * p2
 
 
 def between(a: Array, b: Array, t: Array) -> Array:
     """Linearly from ``a`` to ``b``."""
-    v: Array = a + t * (b - a)
-    return v
+    return a + t * (b - a)
 
 
 def weigh(p: Sequence[Array], w: Weights, build: Build) -> RowTaps:
@@ -127,8 +125,7 @@ def without_corners(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Bu
     ends = wy.w0 * (r0.middle - centre) + wy.w3 * (r3.middle - centre)
     total, rest = pair_y + pair_x * (one - pair_y), pair_y * sides + pair_x * ends
     raw = build.choices.history_filter is HistoryFilter.CATMULL_ROM_5_RAW
-    value: Array = total * centre + rest if raw else centre + rest / total
-    return value
+    return total * centre + rest if raw else centre + rest / total
 
 
 def weigh_rows(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Build) -> Array:
@@ -190,15 +187,7 @@ def sample_corners(plane: Array, f: Footprint, real: Any) -> Quad:
 def bilinear(q: Quad, f: Footprint) -> Array:
     """The quad interpolated at the footprint's fraction."""
     top, bottom = q.p00 + f.fx * (q.p10 - q.p00), q.p01 + f.fx * (q.p11 - q.p01)
-    result: Array = top + f.fy * (bottom - top)
-    return result
-
-
-def between_texels(fx: Array, fy: Array) -> Array:
-    """f (1 - f), summed over both axes: how far a position lies from the texels it is read from."""
-    one = number(1.0, fx)
-    result: Array = fx * (one - fx) + fy * (one - fy)
-    return result
+    return top + f.fy * (bottom - top)
 
 
 def count_limit_of(fx: Array, fy: Array, build: Build, settings: Record) -> Array:
@@ -206,6 +195,5 @@ def count_limit_of(fx: Array, fy: Array, build: Build, settings: Record) -> Arra
     one = number(1.0, fx)
     least = one / number(settings["sample_limit"], fx)
     if build.terms.resampling_penalty:
-        least = least + number(settings["resampling_penalty"], fx) * between_texels(fx, fy)
-    count_limit: Array = one / least
-    return count_limit
+        least = least + number(settings["resampling_penalty"], fx) * (fx * (one - fx) + fy * (one - fy))
+    return one / least

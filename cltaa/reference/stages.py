@@ -15,8 +15,8 @@ from cltaa.reference.dilation import borrowed_surface
 from cltaa.reference.fireflies import without_firefly
 from cltaa.reference.history import History, sample_history
 from cltaa.reference.neighbourhood import Statistics, Surface, current_sample, nearest_surface, neighbourhood_statistics
-from cltaa.reference.planes import read_rows, real_type, store_recurrent
-from cltaa.reference.real import Array, number, quiet
+from cltaa.reference.planes import read_rows, store_recurrent
+from cltaa.reference.real import Array, number, quiet, real_type
 from cltaa.reference.rectify import Rectification, box_scale_of, rectify
 from cltaa.reference.reprojection import Motion, surface_motion
 
@@ -106,8 +106,8 @@ def rectify_history_kernel(
     near, sample = _load_statistics(statistics_in, build, layout)
     m = _load(motion_in, build, layout)
     moved = Motion(m[0], m[1], m[2], m[3], m[4] > number(0.5, m[4]))
-    r, g, b = _load(history_at[:3], build, layout)
-    change = rectify((r, g, b), sample, near, moved, box_scale_of(moved, settings), build, layout, settings)
+    past = _load(history_at[:3], build, layout)
+    change = rectify(past, sample, near, moved, box_scale_of(moved, settings), build, layout, settings)
     _store(change_out, layout, (*change.change, change.clip_distance, change.blend_boost, change.anti_flicker_factor))
 
 
@@ -128,30 +128,31 @@ def blend_kernel(
     settings: Record,
 ) -> None:
     """``output`` [3 or 4, rows, stride] and ``output_count``: what the frame leaves."""
-    r, g, b, opacity, count, fx, fy, valid, light = _load(history_at, build, layout)
+    past = _load(history_at, build, layout)
+    opacity, count, fx, fy, valid, light = past[3:]
     if build.steps.alpha and alpha is not None:
         opacity = rectified_alpha(alpha, opacity, build, layout)
-    h = History((r, g, b), opacity, count, fx, fy, valid > number(0.5, valid), light)
-    change_r, change_g, change_b, clip_distance, blend_boost, anti_flicker_factor = _load(change_in, build, layout)
+    h = History(past[:3], opacity, count, fx, fy, valid > number(0.5, valid), light)
+    change = _load(change_in, build, layout)
     near, sample = _load_statistics(statistics_in, build, layout)
     few = build.choices.filter_use is FilterUse.FEW
     own = colour_in_domain(current, build, layout) if few else sample
     shares = load_shares(alpha, reactive, count, build, layout)
     p = Pixel(own, sample, *shares, near, shares[1], shares[1])
     p = without_firefly(p, current, h, build, layout, settings)
-    change = Rectification((change_r, change_g, change_b), clip_distance, blend_boost, anti_flicker_factor)
-    out = without_missing(resolve_pixel(p, h, change, build, settings), h, current, build, layout, settings)
+    r = Rectification(change[:3], *change[3:])
+    out = without_missing(resolve_pixel(p, h, r, build, settings), h, current, build, layout, settings)
     store_recurrent(out, build, layout, frame, output, output_count)
 
 
-def _load(planes: Array, build: Build, layout: Layout) -> list[Array]:
-    return [layout.inside(plane).astype(real_type(build)) for plane in planes]
+def _load(planes: Array, build: Build, layout: Layout) -> Array:
+    return layout.inside(planes).astype(real_type(build))
 
 
 def _load_statistics(planes: Array, build: Build, layout: Layout) -> tuple[Statistics, Colour]:
     """The statistics of the neighbourhood, and the current sample."""
     v = _load(planes, build, layout)
-    mean, deviation, low, high, sample = ((v[i], v[i + 1], v[i + 2]) for i in range(0, 15, 3))
+    mean, deviation, low, high, sample = (v[i : i + 3] for i in range(0, 15, 3))
     return Statistics(mean, deviation, low, high), sample
 
 

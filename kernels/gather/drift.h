@@ -2,10 +2,6 @@
 // which weigh the windows and move the longer ones to the shortest.
 #include "gather/window.h"
 
-#if !defined(DRIFT_FLOOR) || !defined(LEAST_TRUST)
-#error "drift.h needs DRIFT_FLOOR and LEAST_TRUST from the prelude"
-#endif
-
 #define SIDE (2 * WINDOW_REACH + 1)
 
 STAGE plane_in window_plane(plane_in windows, int window, int plane, frame_t frame)
@@ -21,12 +17,6 @@ typedef struct
     colour mean, squares, level;
     real alpha, weight;
 } drift_sums;
-
-STAGE drift_sums no_drift(void)
-{
-    const real o = SPLAT(0.0);
-    return (drift_sums) { { o, o, o }, { o, o, o }, { o, o, o }, o, o };
-}
 
 // A row of the shortest window around a pixel.
 typedef struct
@@ -50,13 +40,13 @@ STAGE shortest_row row_of_shortest(plane_in p, frame_t frame, settings_t setting
 STAGE drift_sums drift_of_row(plane_in window, const shortest_row* row, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
-    drift_sums s = no_drift();
+    drift_sums s = { 0 };
     real w[SIDE];
     colour d[SIDE];
     for (int i = 0; i < SIDE; ++i) {
         plane_in p = window + i - WINDOW_REACH;
         const colour was = load_colour(p, plane), now = row->now[i];
-        d[i] = (colour) { now.r - was.r, now.g - was.g, now.b - was.b };
+        d[i] = minus(now, was);
         w[i] = sample_share(was, settings) * row->share[i];
         s.mean.r += w[i] * d[i].r, s.level.r += w[i] * absolute(was.r);
         s.mean.g += w[i] * d[i].g, s.level.g += w[i] * absolute(was.g);
@@ -65,9 +55,9 @@ STAGE drift_sums drift_of_row(plane_in window, const shortest_row* row, frame_t 
             s.alpha += w[i] * (row->alpha[i] - load(p + 5 * plane));
         s.weight += w[i];
     }
-    s.mean = (colour) { quotient(s.mean.r, s.weight), quotient(s.mean.g, s.weight), quotient(s.mean.b, s.weight) };
+    s.mean = quotients(s.mean, s.weight);
     for (int i = 0; i < SIDE; ++i) {
-        const colour off = { d[i].r - s.mean.r, d[i].g - s.mean.g, d[i].b - s.mean.b };
+        const colour off = minus(d[i], s.mean);
         s.squares.r += w[i] * (off.r * off.r);
         s.squares.g += w[i] * (off.g * off.g);
         s.squares.b += w[i] * (off.b * off.b);
@@ -131,7 +121,7 @@ STAGE real error_around(const row_sums* rows, int window, int y)
 // evenly: what a row's mean is off that of all comes to what its texels are off its own (Chan, Golub and LeVeque).
 STAGE drift_sums drift_around(const row_sums* rows, int window, int y)
 {
-    drift_sums all = no_drift();
+    drift_sums all = { 0 };
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
         const drift_sums* row = &rows[kept_row(y + j)].drift[window - 1];
         all.mean.r += row->weight * row->mean.r, all.level.r += row->level.r;
@@ -140,11 +130,10 @@ STAGE drift_sums drift_around(const row_sums* rows, int window, int y)
         all.alpha += row->alpha;
         all.weight += row->weight;
     }
-    all.mean = (colour) { quotient(all.mean.r, all.weight), quotient(all.mean.g, all.weight),
-        quotient(all.mean.b, all.weight) };
+    all.mean = quotients(all.mean, all.weight);
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
         const drift_sums* row = &rows[kept_row(y + j)].drift[window - 1];
-        const colour off = { row->mean.r - all.mean.r, row->mean.g - all.mean.g, row->mean.b - all.mean.b };
+        const colour off = minus(row->mean, all.mean);
         all.squares.r += row->squares.r + row->weight * (off.r * off.r);
         all.squares.g += row->squares.g + row->weight * (off.g * off.g);
         all.squares.b += row->squares.b + row->weight * (off.b * off.b);
@@ -185,6 +174,5 @@ STAGE drifted drift_to_shortest(drift_sums s, settings_t settings)
                b = t_of(s.mean.b, s.squares.b, s.level.b, s.weight);
     const real t = greater(greater(r, greater(g, b)), SPLAT(settings.drift_t));
     const real chance = quotient(SPLAT(settings.drift_t), t), sure = SPLAT(1.0) - chance * chance;
-    const colour light = { sure * s.mean.r, sure * s.mean.g, sure * s.mean.b };
-    return (drifted) { light, ALPHA ? sure * quotient(s.alpha, s.weight) : SPLAT(0.0) };
+    return (drifted) { scaled(s.mean, sure), ALPHA ? sure * quotient(s.alpha, s.weight) : SPLAT(0.0) };
 }

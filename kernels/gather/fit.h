@@ -3,10 +3,6 @@
 #include "gather/sides.h"
 #include "taa/accumulate.h"
 
-#if !defined(GATHER_FIT) || !defined(FILTER_USE) || !defined(ILLUMINATION)
-#error "fit.h needs GATHER_FIT, FILTER_USE and ILLUMINATION from the prelude"
-#endif
-
 // Sums over the samples of a pixel, of differences from the current one, so that equal samples leave it as it is, to
 // the bit: along and down are weighted by the offset from the pixel's centre too. x to yy are sums of the weights times
 // offsets and their products; near, near_x and near_y are those of the samples of the nearer of two surfaces.
@@ -20,20 +16,11 @@ typedef struct
     real recent_squares, recent_count, unlike;
 } gathered;
 
-STAGE gathered no_samples(void)
-{
-    const real o = SPLAT(0.0);
-    gathered g = { { o, o, o }, { o, o, o }, { o, o, o }, o, o, o, o, o, o, o, o, o, o, o, { o, o, o }, o, o, o };
-    return g;
-}
-
 // A recent sample that differs by d from the current one, of which `counted` counts.
 STAGE void add_recent(gathered* g, colour d, real counted)
 {
-    g->recent.r += counted * d.r;
-    g->recent.g += counted * d.g;
-    g->recent.b += counted * d.b;
-    g->recent_squares += counted * ((d.r * d.r + d.g * d.g) + d.b * d.b);
+    g->recent = plus_scaled(g->recent, counted, d);
+    g->recent_squares += counted * inner(d, d);
     g->recent_count += counted;
 }
 
@@ -42,9 +29,7 @@ STAGE void add_recent(gathered* g, colour d, real counted)
 STAGE void add_sample(gathered* g, colour d, real w, real dx, real dy, mask near)
 {
     const real n = GATHER_FIT == GATHER_FIT_LAYERS ? (near ? w : SPLAT(0.0)) : w;
-    g->sum.r += n * d.r;
-    g->sum.g += n * d.g;
-    g->sum.b += n * d.b;
+    g->sum = plus_scaled(g->sum, n, d);
     g->weight += w;
     if (GATHER_FIT != GATHER_FIT_MEAN) {
         const real wx = w * dx, wy = w * dy, nx = n * dx, ny = n * dy;
@@ -53,12 +38,8 @@ STAGE void add_sample(gathered* g, colour d, real w, real dx, real dy, mask near
         g->xx += wx * dx;
         g->xy += wx * dy;
         g->yy += wy * dy;
-        g->along.r += nx * d.r;
-        g->along.g += nx * d.g;
-        g->along.b += nx * d.b;
-        g->down.r += ny * d.r;
-        g->down.g += ny * d.g;
-        g->down.b += ny * d.b;
+        g->along = plus_scaled(g->along, nx, d);
+        g->down = plus_scaled(g->down, ny, d);
         g->near += n;
         g->near_x += nx;
         g->near_y += ny;
@@ -68,11 +49,10 @@ STAGE void add_sample(gathered* g, colour d, real w, real dx, real dy, mask near
 // The sums with the current sample alone, where it is `counted`. A mean of the others has its own place for it.
 STAGE gathered first_sample(real w, mask counted, mask near, frame_t frame)
 {
-    gathered g = no_samples();
-    const real o = SPLAT(0.0);
-    const colour same = { o, o, o };
+    gathered g = { 0 };
+    const colour same = { 0 };
     if (GATHER_FIT != GATHER_FIT_MEAN)
-        add_sample(&g, same, counted ? w : o, SPLAT(frame.jitter_x), SPLAT(frame.jitter_y), near);
+        add_sample(&g, same, counted ? w : SPLAT(0.0), SPLAT(frame.jitter_x), SPLAT(frame.jitter_y), near);
     return g;
 }
 
@@ -105,17 +85,14 @@ STAGE real fitted(fit_t f, real sum, real along, real down) { return f.one * sum
 STAGE colour gathered_change(gathered g, gathered far, layers_t l, real samples, settings_t settings)
 {
     const fit_t f = fit_at_centre(g, samples, settings);
-    colour v = { fitted(f, g.sum.r, g.along.r, g.down.r), fitted(f, g.sum.g, g.along.g, g.down.g),
+    const colour v = { fitted(f, g.sum.r, g.along.r, g.down.r), fitted(f, g.sum.g, g.along.g, g.down.g),
         fitted(f, g.sum.b, g.along.b, g.down.b) };
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
     const real seen = one - limit(fitted(f, g.near, g.near_x, g.near_y), zero, one);
     const mask any = far.weight > zero;
     // Without a sample of the farther surface the nearer one replaces it.
     const real mean = (l.edge ? seen : zero) / (any ? far.weight : (g.near > zero ? g.near : one));
-    v.r += mean * (any ? far.sum.r : g.sum.r);
-    v.g += mean * (any ? far.sum.g : g.sum.g);
-    v.b += mean * (any ? far.sum.b : g.sum.b);
-    return v;
+    return plus_scaled(v, mean, choose_colour(any, far.sum, g.sum));
 }
 
 // Share of the filtered sample beside the n of a pixel, from their share 1 / n: as 1 / (n^2 - 1), at most 1, since a
@@ -151,18 +128,14 @@ STAGE resolved resolve_gathered(gathered g, gathered far, layers_t l, pixel_t p,
     const mask any = g.count > zero;
     const real weight = any ? g.weight : one;
     colour past = { current.r + g.sum.r / weight, current.g + g.sum.g / weight, current.b + g.sum.b / weight };
-    if (GATHER_FIT != GATHER_FIT_MEAN) {
-        const colour change = gathered_change(g, far, l, samples, settings);
-        past.r = current.r + change.r, past.g = current.g + change.g, past.b = current.b + change.b;
-    }
+    if (GATHER_FIT != GATHER_FIT_MEAN)
+        past = plus(current, gathered_change(g, far, l, samples, settings));
     const rectification r = rectify(past, current, p.stats, m, box_scale_of(m, settings), frame, settings);
     // A mean leaves out the current sample and gets a share relative to it; a fit includes it.
     real share = GATHER_FIT == GATHER_FIT_MEAN ? g.weight / (sample_share(current, settings) + g.weight) : one;
     if (REACTIVE)
         share *= one - distrust(p.reactivity);
-    const colour mixed = { current.r + share * ((past.r - current.r) + r.change.r),
-        current.g + share * ((past.g - current.g) + r.change.g),
-        current.b + share * ((past.b - current.b) + r.change.b) };
+    const colour mixed = plus_scaled(current, share, plus(minus(past, current), r.change));
     colour chosen = choose_colour(any, mixed, disoccluded_colour(current, p.stats.mean, settings));
     if ((FILTER_USE == FILTER_USE_FEW_SAMPLES) & (CURRENT_FILTER != CURRENT_FILTER_NONE)) {
         const real of_mean = one / (g.count + one), filter_share = gathered_filter_share(of_mean, g, l, settings);

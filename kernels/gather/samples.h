@@ -4,10 +4,6 @@
 #include "gather/track.h"
 #include "schedule/ahead.h"
 
-#if !defined(ALPHA) || !defined(EXPOSURE) || !defined(CAMERA_MOTION) || !defined(OWN_MOTION) || !defined(LOOK_AHEAD)
-#error "samples.h needs ALPHA, EXPOSURE, CAMERA_MOTION, OWN_MOTION and LOOK_AHEAD from the prelude"
-#endif
-
 // How one pixel step here is seen in an earlier frame, less the step itself: the derivative of motion_from_depth on a
 // plane whose inverse depth changes by (slope_x, slope_y) a pixel. Samples drawn from farther off cover several pixels
 // of now, and lie that much farther apart.
@@ -18,8 +14,7 @@ typedef struct
 
 STAGE stretch_t stretch_of(surface s, real slope_x, real slope_y, motion_t m, real x, real y, frame_t then)
 {
-    const real zero = SPLAT(0.0);
-    stretch_t t = { zero, zero, zero, zero };
+    stretch_t t = { 0 };
     if (!CAMERA_MOTION)
         return t;
     const real px = (x + s.x) + K(then.origin_x), py = (y + s.y) + K(then.origin_y), q = s.inverse_depth;
@@ -74,8 +69,7 @@ STAGE real window(real off, real reach)
 
 STAGE colour colour_at(plane_in p, footprint f, size_t plane, int stride)
 {
-    const colour v = { texel_at(p, f, stride), texel_at(p + plane, f, stride), texel_at(p + 2 * plane, f, stride) };
-    return v;
+    return (colour) { texel_at(p, f, stride), texel_at(p + plane, f, stride), texel_at(p + 2 * plane, f, stride) };
 }
 
 // A frame of the ring as a pixel sees it: its planes, the way there, the texel whose sample lies nearest to the pixel's
@@ -164,7 +158,7 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
     if (EXPOSURE)
         c = scaled(c, SPLAT(then.exposure_ratio));
     c = choose_colour(good, to_range(c), now.own);
-    const colour d = { c.r - now.own.r, c.g - now.own.g, c.b - now.own.b };
+    const colour d = minus(c, now.own);
     real counted = good ? share : zero;
     if (REACTIVE & (ILLUMINATION == ILLUMINATION_WINDOW)) {
         const real alike = as_reactive(share_in_domain(texel_at(p + RING_REACTIVE * plane, v.f, stride), zero), now);
@@ -189,7 +183,7 @@ STAGE motion_t motion_to_frame(
 {
     const real zero = SPLAT(0.0);
     motion_t m = motion_from_depth(s, px, py, then);
-    *stretch = (stretch_t) { zero, zero, zero, zero };
+    *stretch = (stretch_t) { 0 };
     if (GATHER_FIT != GATHER_FIT_MEAN) {
         *stretch = stretch_of(s, l.slope_x, l.slope_y, m, px, py, then);
         const real ox = s.x + K(frame.jitter_x), oy = s.y + K(frame.jitter_y);
@@ -224,8 +218,7 @@ STAGE void add_side(gathered* g, side_t side, colour current, settings_t setting
 {
     const real zero = SPLAT(0.0);
     const mask any = side.count > zero;
-    const colour d = { side.mean.r - current.r, side.mean.g - current.g, side.mean.b - current.b };
-    add_sample(g, d, any ? sample_share(side.mean, settings) : zero, zero, zero, any);
+    add_sample(g, minus(side.mean, current), any ? sample_share(side.mean, settings) : zero, zero, zero, any);
 }
 
 // Whether a pixel of the segment has a farther side to follow on its own.

@@ -1,10 +1,6 @@
 // The surfaces of a pixel that a depth edge runs through: a nearer and a farther side.
 #include "taa/neighbourhood.h"
 
-#if !defined(OWN_MOTION) || !defined(GATHER_FIT)
-#error "sides.h needs OWN_MOTION and GATHER_FIT from the prelude"
-#endif
-
 // Where an edge runs, and how inverse depth changes on the surface that is followed.
 typedef struct
 {
@@ -74,7 +70,8 @@ STAGE side_t side_of(surface s, layers_t l, int far, colour own, plane_in image,
 {
     const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
-    side_t side = { side_surface(s, l, far, inverse_depth, motion, x, y, frame), l, { zero, zero, zero }, zero };
+    const colour none = { 0 };
+    side_t side = { side_surface(s, l, far, inverse_depth, motion, x, y, frame), l, none, zero };
     real xx = SPLAT(settings.fit_ridge), xy = zero, yy = xx, qx = zero, qy = zero;
     for (int dy = -1; dy <= 1; ++dy)
         for (int dx = -1; dx <= 1; ++dx) {
@@ -87,18 +84,13 @@ STAGE side_t side_of(surface s, layers_t l, int far, colour own, plane_in image,
             qx += ox * rise, qy += oy * rise;
             const colour c = load_colour(image + step, plane);
             const mask in_domain = here & !colour_outside_domain(c);
-            const colour v = to_range(c);
-            side.mean.r += in_domain ? v.r - own.r : zero;
-            side.mean.g += in_domain ? v.g - own.g : zero;
-            side.mean.b += in_domain ? v.b - own.b : zero;
+            side.mean = plus(side.mean, choose_colour(in_domain, minus(to_range(c), own), none));
             side.count += in_domain ? one : zero;
         }
     const real det = xx * yy - xy * xy, among = side.count > zero ? side.count : one;
     side.l.slope_x = l.edge ? (yy * qx - xy * qy) / det : l.slope_x;
     side.l.slope_y = l.edge ? (xx * qy - xy * qx) / det : l.slope_y;
-    side.mean.r = own.r + side.mean.r / among;
-    side.mean.g = own.g + side.mean.g / among;
-    side.mean.b = own.b + side.mean.b / among;
+    side.mean = plus(own, (colour) { side.mean.r / among, side.mean.g / among, side.mean.b / among });
     return side;
 }
 

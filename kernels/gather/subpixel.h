@@ -2,10 +2,6 @@
 #include "gather/sides.h"
 #include "gather/track.h"
 
-#if !defined(OWN_MOTION) || !defined(LOOK_AHEAD) || !defined(SUBPIXEL_REACH) || !defined(SUBPIXEL_HITS)
-#error "subpixel.h needs OWN_MOTION, LOOK_AHEAD, SUBPIXEL_REACH and SUBPIXEL_HITS from the prelude"
-#endif
-
 // A feature that the current 3x3 misses: its distance from the pixel's centre, and its inverse depth.
 typedef struct
 {

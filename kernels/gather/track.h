@@ -1,10 +1,6 @@
 // Surfaces on their ways through the frames in the ring: back to those before, and ahead to those after.
 #include "taa/disocclusion.h"
 
-#if !defined(OWN_MOTION) || !defined(ALPHA) || !defined(GATHER_FIT) || !defined(REJECT) || !defined(AHEAD_STEPS)
-#error "track.h needs OWN_MOTION, ALPHA, GATHER_FIT, REJECT and AHEAD_STEPS from the prelude"
-#endif
-
 // Planes of a frame of the ring, as it was drawn: r, g, b, inverse depth, then own motion and alpha where there are
 // such.
 #define RING_INVERSE_DEPTH 3
@@ -15,20 +11,6 @@
 
 // Of the frames of the ring: the latest first, and the next ones in turn with them.
 typedef __global const frame_t* restrict frame_records;
-
-// The texel at the whole part of a footprint.
-STAGE real texel_at(plane_in p, footprint f, int stride)
-{
-    plane_in q = p + f.at;
-    if (LANES > 1 && f.lanes == LANES_CLOSE) {
-        const mask right = f.step_x != 0, down = f.step_y != 0;
-        const real a = right ? load(q + 1) : load(q), b = right ? load(q + stride + 1) : load(q + stride);
-        return down ? b : a;
-    }
-    if (LANES > 1 && f.lanes == LANES_APART)
-        return texels_apart(p + f.own, steps_apart(f.dx, f.dy, stride));
-    return load(q);
-}
 
 // A surface that moves on its own, on its way from frame to frame: where it was, how much closer, and its latest step
 // ahead.

@@ -5,10 +5,6 @@
 // motion vector tells of, such as water, has changed within the shortest: the filtered sample of now is a window too.
 #include "gather/samples.h"
 
-#if !defined(UNMOVED) || !defined(WINDOW_REACH) || !defined(SHORT_WINDOW) || !defined(MIDDLE_WINDOW)
-#error "window.h needs UNMOVED, WINDOW_REACH, SHORT_WINDOW and MIDDLE_WINDOW from the prelude"
-#endif
-
 // Planes of a window: r, g, b, error, count, alpha. The windows stand one behind the other: the latest frames, a few
 // more, all, without motion all since the camera came to stand (UNMOVED), and beside a recursive resolve the frame of
 // now alone.
@@ -31,9 +27,8 @@ STAGE real window_error(gathered g, pixel_t now, resolved window, settings_t set
 {
     const real one = SPLAT(1.0), two = SPLAT(2.0);
     const colour d = share_difference(to_range(window.rgb), now.own, settings);
-    const real along = (d.r * g.recent.r + d.g * g.recent.g) + d.b * g.recent.b;
-    const real size = (d.r * d.r + d.g * d.g) + d.b * d.b;
-    const real squares = (g.recent_squares - two * along) + (own_samples(now) + g.recent_count) * size;
+    const real along = inner(d, g.recent);
+    const real squares = (g.recent_squares - two * along) + (own_samples(now) + g.recent_count) * inner(d, d);
     const real left = one - reciprocal(greater(window.count, SPLAT(1.5)));
     return quotient(greater(squares, SPLAT(0.0)), left * left);
 }
@@ -46,7 +41,7 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
 {
     const size_t plane = plane_size(frame);
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
-    gathered g = no_samples();
+    gathered g = { 0 };
     for (int k = 0; k < frames; ++k) {
         const frame_t then = past[k];
         plane_in q = ring + (size_t)then.slot * RING_PLANES * plane + texel_offset(frame, x, y);
@@ -58,11 +53,8 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
         real counted = good ? one : zero;
         if (REACTIVE)
             counted *= as_reactive(load_share(q + RING_REACTIVE * plane, zero), p);
-        const colour d = { c.r - p.own.r, c.g - p.own.g, c.b - p.own.b };
         const real w = counted * sample_share(c, settings);
-        g.sum.r += w * d.r;
-        g.sum.g += w * d.g;
-        g.sum.b += w * d.b;
+        g.sum = plus_scaled(g.sum, w, minus(c, p.own));
         g.weight += w;
         g.count += counted;
         if (k < SHORT_WINDOW)
@@ -71,11 +63,9 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
             g.alpha += w * (load_share(q + RING_ALPHA * plane, one) - p.alpha);
     }
     const real whole_weight = (p.missing ? zero : sample_share(p.own, settings)) + g.weight;
-    const colour v = { p.own.r + quotient(g.sum.r, whole_weight), p.own.g + quotient(g.sum.g, whole_weight),
-        p.own.b + quotient(g.sum.b, whole_weight) };
     resolved out;
     out.count = g.count + own_samples(p);
-    out.rgb = storable_colour(from_range(v), p.own);
+    out.rgb = storable_colour(from_range(plus(p.own, quotients(g.sum, whole_weight))), p.own);
     out.alpha = p.alpha;
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
         out.alpha = p.alpha + quotient(g.alpha, whole_weight);
@@ -134,8 +124,8 @@ STAGE real present_error(gathered g, pixel_t p, mask valid, frame_t frame, setti
     const real across = one - (SPLAT(frame.left_weight) + SPLAT(frame.right_weight)),
                down = one - (SPLAT(frame.above_weight) + SPLAT(frame.below_weight)), others = one - across * down;
     const colour d = share_difference(p.filtered, p.own, settings);
-    const real size = (d.r * d.r + d.g * d.g) + d.b * d.b;
-    const real error = K(PRESENT_PENALTY) * ((own_samples(p) + g.recent_count) * quotient(size, others * others));
+    const real error
+        = K(PRESENT_PENALTY) * ((own_samples(p) + g.recent_count) * quotient(inner(d, d), others * others));
     return (valid & (others > SPLAT(LEAST_BESIDE))) ? error : SPLAT(DOMAIN_LIMIT);
 }
 
@@ -159,9 +149,7 @@ STAGE void store_window(plane_out windows, int window, resolved r, real error, i
 {
     const size_t plane = plane_size(frame);
     plane_out p = windows + (size_t)window * WINDOW_PLANES * plane + texel_offset(frame, x, y);
-    store(p, r.rgb.r);
-    store(p + plane, r.rgb.g);
-    store(p + 2 * plane, r.rgb.b);
+    store_colour(p, plane, r.rgb);
     store(p + 3 * plane, error);
     store(p + 4 * plane, r.count);
     if (ALPHA)

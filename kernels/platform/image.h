@@ -5,6 +5,9 @@
 // first_row on (and the rows around them), while the history is whole. Coordinates are always those of the image.
 #include "platform/real.h"
 
+// The nearest whole number from 0 to `last`.
+STAGE int limit_index(int v, int last) { return v < 0 ? 0 : (v > last ? last : v); }
+
 STAGE int band_rows(frame_t frame) { return frame.band_rows > 0 ? frame.band_rows : frame.height; }
 
 // Texels from one row to the next: a constant where the kernels are built for one size, or one width of bands.

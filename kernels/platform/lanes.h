@@ -4,11 +4,17 @@
 #error "lanes.h needs LANES, REAL_DOUBLE, STORAGE_HALF and STORAGE_DOUBLE from the prelude"
 #endif
 
-#if defined(__has_warning) && LANES > 1
-#if __has_warning("-Wpsabi")
+// What no compiler but Clang can be asked.
+#ifndef __has_builtin
+#define __has_builtin(name) 0
+#endif
+#ifndef __has_warning
+#define __has_warning(name) 0
+#endif
+
+#if LANES > 1 && __has_warning("-Wpsabi")
 // Vectors wider than the CPU's registers are passed in memory; every function here is inlined, so no ABI is at stake.
 #pragma clang diagnostic ignored "-Wpsabi"
-#endif
 #endif
 
 // Instructions of NVIDIA's GPUs that OpenCL C has no name for: docs/performance.md, A GPU.
@@ -57,7 +63,7 @@ typedef LANED(long) whole;
 #define TO_WHOLE PASTE(PASTE(convert_, LANED(long)), _rtz)
 #define TO_REAL PASTE(convert_, LANED(double))
 #define MAGNITUDE_BITS 0x7fffffffffffffffL
-#define FLOAT_BITS 29 // below those of a float
+#define DOMAIN_BITS as_long(DOMAIN_LIMIT)
 #else
 typedef float scalar;
 typedef int scalar_whole;
@@ -68,7 +74,7 @@ typedef LANED(int) whole;
 #define TO_WHOLE PASTE(PASTE(convert_, LANED(int)), _rtz)
 #define TO_REAL PASTE(convert_, LANED(float))
 #define MAGNITUDE_BITS 0x7fffffff
-#define FLOAT_BITS 0
+#define DOMAIN_BITS as_int(DOMAIN_LIMIT)
 #endif
 typedef whole mask;
 
@@ -93,60 +99,51 @@ typedef __global float* restrict history_out;
 // Results that fill a line of the cache go past it: the line need not be fetched to be overwritten, and the stores
 // behind it do not wait for that. Segments begin on a multiple of 64 bytes: so do rows (ROW_ALIGNMENT, PAD_X), and
 // buffers on 128, the size of the largest type of OpenCL.
-#define STORES_LINES 0
-#if LANES == 16 && defined(__has_builtin)
-#if __has_builtin(__builtin_nontemporal_store)
-#undef STORES_LINES
+#if LANES == 16 && __has_builtin(__builtin_nontemporal_store)
 #define STORES_LINES 1
-#endif
+#else
+#define STORES_LINES 0
 #endif
 
 // Instructions of a CPU that not every compiler has a name for. Rusticl (Mesa 22.3), whose Clang does not tell what it
 // compiles for, ends the process over a reduction, for which its way through SPIR-V has no word.
-#define REDUCES 0
-#define ELEMENTWISE 0
-#if defined(__has_builtin) && LANES > 1
-#if __has_builtin(__builtin_reduce_or) && (defined(__x86_64__) || defined(__aarch64__) || defined(__SPIR__))
-#undef REDUCES
+#if LANES > 1 && __has_builtin(__builtin_reduce_or)                                                                    \
+    && (defined(__x86_64__) || defined(__aarch64__) || defined(__SPIR__))
 #define REDUCES 1
+#else
+#define REDUCES 0
 #endif
-#if __has_builtin(__builtin_elementwise_floor) && __has_builtin(__builtin_elementwise_abs)
-#undef ELEMENTWISE
+#if LANES > 1 && __has_builtin(__builtin_elementwise_floor) && __has_builtin(__builtin_elementwise_abs)
 #define ELEMENTWISE 1
-#endif
+#else
+#define ELEMENTWISE 0
 #endif
 
 // Sixteen floats or words from anywhere by one instruction. Where it was measured it takes half of the time of sixteen
 // loads.
-#define GATHERS 0
-#if LANES == 16 && !REAL_DOUBLE && defined(__AVX512F__) && defined(__has_builtin)
-#if __has_builtin(__builtin_ia32_gathersiv16sf) && __has_builtin(__builtin_ia32_gathersiv16si)
-#undef GATHERS
+#if LANES == 16 && !REAL_DOUBLE && defined(__AVX512F__) && __has_builtin(__builtin_ia32_gathersiv16sf)                 \
+    && __has_builtin(__builtin_ia32_gathersiv16si)
 #define GATHERS 1
-#endif
+#else
+#define GATHERS 0
 #endif
 
 // A vector of halves to floats and back by one instruction each. OpenCL's vload_half and vstore_half are calls on some
 // CPU drivers, around which every register is saved.
-#define CONVERTS_HALVES 0
-#if LANES > 1 && !REAL_DOUBLE && defined(__has_builtin)
-#if LANES == 16 && defined(__AVX512F__)
-#if __has_builtin(__builtin_ia32_vcvtph2ps512_mask) && __has_builtin(__builtin_ia32_vcvtps2ph512_mask)
-#undef CONVERTS_HALVES
+#if LANES == 16 && !REAL_DOUBLE && defined(__AVX512F__) && __has_builtin(__builtin_ia32_vcvtph2ps512_mask)             \
+    && __has_builtin(__builtin_ia32_vcvtps2ph512_mask)
 #define CONVERTS_HALVES 1
 #define FROM_HALVES_BUILTIN(v) __builtin_ia32_vcvtph2ps512_mask(v, SPLAT(0.0), (ushort)0xffff, CURRENT_ROUNDING)
 #define VECTOR_REGISTER "v"
 #define TO_HALVES(v) __builtin_ia32_vcvtps2ph512_mask(v, NEAREST_EVEN, (short16)(0), (ushort)0xffff)
-#endif
-#elif LANES == 8 && defined(__F16C__)
-#if __has_builtin(__builtin_ia32_vcvtph2ps256) && __has_builtin(__builtin_ia32_vcvtps2ph256)
-#undef CONVERTS_HALVES
+#elif LANES == 8 && !REAL_DOUBLE && defined(__F16C__) && __has_builtin(__builtin_ia32_vcvtph2ps256)                    \
+    && __has_builtin(__builtin_ia32_vcvtps2ph256)
 #define CONVERTS_HALVES 1
 #define FROM_HALVES_BUILTIN(v) __builtin_ia32_vcvtph2ps256(v)
 #define VECTOR_REGISTER "x"
 #define TO_HALVES(v) __builtin_ia32_vcvtps2ph256(v, NEAREST_EVEN)
-#endif
-#endif
+#else
+#define CONVERTS_HALVES 0
 #endif
 
 #if LANES == 1

@@ -8,14 +8,12 @@
 // Starts to bring the texels right of the LANES from p on into the cache. On a CPU, where a work-item walks down, those
 // are what the work-items after this one will find there; nothing foresees a step of a whole row. OpenCL's own prefetch
 // does nothing on some CPU drivers, and the compiler's takes no pointer into a GPU's memory.
-#if LANES > 1 && defined(__has_builtin) && (defined(__x86_64__) || defined(__aarch64__))
-#if __has_builtin(__builtin_prefetch)
+#if LANES > 1 && __has_builtin(__builtin_prefetch) && (defined(__x86_64__) || defined(__aarch64__))
 #define FETCH_NEXT(p) __builtin_prefetch((const void*)(size_t)((p) + LANES))
 // The LANES from `far` on into the second cache, or with FAR_FIRST into the first, which leaves them to the second;
 // those from `near` on, and the ones after them, into the first.
 #define FETCH_FAR(far) __builtin_prefetch((const void*)(size_t)(far), 0, FAR_FIRST ? 3 : 2)
 #define FETCH_TWICE(far, near) (FETCH_FAR(far), __builtin_prefetch((const void*)(size_t)(near), 0, 3), FETCH_NEXT(near))
-#endif
 #endif
 // On a GPU the work-items beside this one read those at the same time, so p itself is fetched.
 #if NVIDIA

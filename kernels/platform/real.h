@@ -19,11 +19,13 @@
 // One float a work-item, and no need of the strict build's roundings: the device's own maximum and minimum.
 #define NATIVE ((LANES == 1) & !REAL_DOUBLE & !STRICT)
 
+STAGE whole magnitude_bits(real v) { return AS_WHOLE(v) & MAGNITUDE_BITS; }
+
 #if LANES == 1
 // A GPU's instructions take the magnitude of an operand for nothing.
 STAGE real absolute(real v) { return fabs(v); }
 #else
-STAGE real absolute(real v) { return AS_REAL(AS_WHOLE(v) & MAGNITUDE_BITS); }
+STAGE real absolute(real v) { return AS_REAL(magnitude_bits(v)); }
 #endif
 
 // Greater and lesser of two reals; where b is NaN, a GPU's instruction gives a.
@@ -109,30 +111,14 @@ STAGE real floor_of(real v)
 }
 #endif
 
-// floor_of(v), and the same as a whole number.
-STAGE real floor_and_whole(real v, whole* cut)
-{
-    const real low = floor_of(v);
-    *cut = TO_WHOLE(low);
-    return low;
-}
-
-#if REAL_DOUBLE
-#define DOMAIN_BITS as_long(DOMAIN_LIMIT)
-#else
-#define DOMAIN_BITS as_int(DOMAIN_LIMIT)
-#endif
-
 // Usable input: finite and |v| <= DOMAIN_LIMIT. Tested on the bits where that costs nothing, so that no compiler flag
 // can remove it; a GPU compares in one instruction.
 STAGE mask outside_domain(real v)
 {
 #if LANES == 1 && !RELAXED
     return !(fabs(v) <= K(DOMAIN_LIMIT));
-#elif REAL_DOUBLE
-    return (AS_WHOLE(v) & MAGNITUDE_BITS) > as_long(DOMAIN_LIMIT);
 #else
-    return (AS_WHOLE(v) & MAGNITUDE_BITS) > as_int(DOMAIN_LIMIT);
+    return magnitude_bits(v) > DOMAIN_BITS;
 #endif
 }
 

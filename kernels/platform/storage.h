@@ -95,33 +95,41 @@ STAGE floats stored_half(real v, int x, int y, frame_t frame)
 #if STORAGE_DOUBLE && LANES == 1
 STAGE real load_history(history_in p) { return (real)*p; }
 STAGE void store_again(history_out p, real v) { *p = (double)v; }
-STAGE void store_history(history_out p, real v, int x, int y, frame_t frame) { store_again(p, v); }
 #elif STORAGE_DOUBLE
 STAGE real load_history(history_in p) { return TO_REAL(PASTE(vload, LANES)(0, p)); }
 STAGE void store_again(history_out p, real v) { PASTE(vstore, LANES)(PASTE(convert_, LANED(double))(v), 0, p); }
-STAGE void store_history(history_out p, real v, int x, int y, frame_t frame) { store_again(p, v); }
 #elif !STORAGE_HALF
 STAGE real load_history(history_in p) { return load(p); }
 STAGE void store_again(history_out p, real v) { store(p, v); }
-STAGE void store_history(history_out p, real v, int x, int y, frame_t frame) { store(p, v); }
 #else
 #if LANES == 1
 STAGE real load_history(history_in p) { return vload_half(0, p); }
 #elif CONVERTS_HALVES
-STAGE real load_history(history_in p)
-{
-    const LANED(short) halves = *(__global const loose_halves*)p;
-    return from_halves(halves);
-}
+STAGE real load_history(history_in p) { return from_halves(*(__global const loose_halves*)p); }
 #else
 STAGE real load_history(history_in p) { return TO_REAL(PASTE(vload_half, LANES)(0, p)); }
 #endif
 STAGE void store_again(history_out p, real v) { store_halves(p, TO_FLOATS(v)); }
+#endif
+
 STAGE void store_history(history_out p, real v, int x, int y, frame_t frame)
 {
+#if STORAGE_HALF
     store_halves(p, stored_half(v, x, y, frame));
-}
+#else
+    store_again(p, v);
 #endif
+}
+
+// One number of the history.
+STAGE scalar load_one(history_in p)
+{
+#if STORAGE_HALF
+    return vload_half(0, p);
+#else
+    return (scalar)*p;
+#endif
+}
 
 // The texels of the history that lie `steps` from p.
 #if STORAGE_HALF && CONVERTS_HALVES && LANES == 8
@@ -146,14 +154,8 @@ STAGE real history_apart(history_in p, whole steps)
 {
 #if STORAGE_HALF || STORAGE_DOUBLE
     real v;
-    for (int lane = 0; lane < LANES; ++lane) {
-        history_in q = p + ((const scalar_whole*)&steps)[lane];
-#if STORAGE_HALF
-        ((scalar*)&v)[lane] = vload_half(0, q);
-#else
-        ((scalar*)&v)[lane] = (scalar)*q;
-#endif
-    }
+    for (int lane = 0; lane < LANES; ++lane)
+        ((scalar*)&v)[lane] = load_one(p + ((const scalar_whole*)&steps)[lane]);
     return v;
 #else
     return texels_apart(p, steps);

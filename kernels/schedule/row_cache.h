@@ -4,10 +4,6 @@
 // so that a CPU need not wait for it.
 #include "taa/illumination.h"
 
-#if !defined(CAMERA_MOTION) || !defined(OWN_MOTION)
-#error "row_cache.h needs CAMERA_MOTION and OWN_MOTION from the prelude"
-#endif
-
 // Where nothing moves there is no filter to keep rows for.
 #define ROW_CACHE                                                                                                      \
     ((CAMERA_MOTION | OWN_MOTION) & (HISTORY_RANGE == HISTORY_RANGE_LINEAR)                                            \
@@ -56,8 +52,7 @@ STAGE int same_motion_as_above(const row_cache* cache, real u, real v)
 STAGE footprint footprint_below(const row_cache* cache, uint own, int stride)
 {
     const whole none = (whole)(0), dx = (whole)(cache->dx), dy = (whole)(cache->dy);
-    const footprint f = { dx, dy, cache->fx, cache->fy, none, none, own, cache->at + (uint)stride, LANES_ALIKE };
-    return f;
+    return (footprint) { dx, dy, cache->fx, cache->fy, none, none, own, cache->at + (uint)stride, LANES_ALIKE };
 }
 
 // Whether the segment of footprint f, which u and v give, moves as the one above it. If not, it is what the next one is
@@ -86,8 +81,7 @@ typedef struct
 
 STAGE taps load_taps(history_in p)
 {
-    const taps t = { load_history(p - 1), load_history(p), load_history(p + 1), load_history(p + 2) };
-    return t;
+    return (taps) { load_history(p - 1), load_history(p), load_history(p + 1), load_history(p + 2) };
 }
 
 STAGE column_sums fill_plane(history_in p, uint at, weights wx, weights wy, int stride)
@@ -95,8 +89,7 @@ STAGE column_sums fill_plane(history_in p, uint at, weights wx, weights wy, int 
     const real r0 = row_alike(ROW_BELOW(p, at, -1, stride), wx).middle,
                r1 = row_alike(ROW_BELOW(p, at, 0, stride), wx).middle,
                r2 = row_alike(ROW_BELOW(p, at, 1, stride), wx).middle;
-    const column_sums s = { (r1 + wy.w0 * (r1 - r0)) + wy.w2 * (r2 - r1), r2 + wy.w0 * (r2 - r1), r2 };
-    return s;
+    return (column_sums) { (r1 + wy.w0 * (r1 - r0)) + wy.w2 * (r2 - r1), r2 + wy.w0 * (r2 - r1), r2 };
 }
 
 STAGE real slide_plane(column_sums* s, taps t, weights wx, weights wy)
@@ -120,9 +113,8 @@ STAGE void fill_columns(row_cache* cache, history_in p, uint at, size_t plane, i
 STAGE colour slide_columns(row_cache* cache, taps r, taps g, taps b)
 {
     const weights wx = cache->wx, wy = cache->wy;
-    const colour v = { slide_plane(&cache->plane[0], r, wx, wy), slide_plane(&cache->plane[1], g, wx, wy),
+    return (colour) { slide_plane(&cache->plane[0], r, wx, wy), slide_plane(&cache->plane[1], g, wx, wy),
         slide_plane(&cache->plane[2], b, wx, wy) };
-    return v;
 }
 
 // Colour and count at a footprint. A GPU asks for the row that every pixel needs before the branch, past which its

@@ -4,10 +4,6 @@
 #include "schedule/edges.h"
 #include "taa/neighbourhood.h"
 
-#if !defined(ROWS)
-#error "window.h needs ROWS from the prelude"
-#endif
-
 // The pixels of a work-item: the segment at x in the rows from `first` up to `end`, which is left out; none where they
 // lie beyond the image.
 typedef struct
@@ -20,8 +16,7 @@ STAGE column_t own_column(frame_t frame)
     const int first = frame.first_row + (int)get_global_id(1) * ROWS;
     const int below_band = frame.first_row + band_rows(frame);
     const int end = below_band < frame.height ? below_band : frame.height;
-    const column_t c = { (int)get_global_id(0) * LANES, first, first + ROWS < end ? first + ROWS : end };
-    return c;
+    return (column_t) { (int)get_global_id(0) * LANES, first, first + ROWS < end ? first + ROWS : end };
 }
 
 STAGE int is_empty(column_t c, frame_t frame) { return (c.x >= frame.width) | (c.first >= c.end); }

@@ -2,13 +2,6 @@
 #include "taa/history.h"
 #include "taa/rectify.h"
 
-#if !defined(ACCUMULATE) || !defined(WEIGHTING) || !defined(ANTI_FLICKER) || !defined(NEGATIVES)
-#error "accumulate.h needs ACCUMULATE, WEIGHTING, ANTI_FLICKER and NEGATIVES from the prelude"
-#endif
-#if !defined(ALPHA) || !defined(REACTIVE) || !defined(ALPHA_FROM) || !defined(FILTER_USE) || !defined(FIRST_SAMPLES)
-#error "accumulate.h needs ALPHA, REACTIVE, ALPHA_FROM, FILTER_USE and FIRST_SAMPLES from the prelude"
-#endif
-
 // The count of a pixel with one sample more: of one that moves it begins anew, of one that stands it grows by many,
 // where the preset says so.
 STAGE real grown_count(real count, real blend_boost)
@@ -57,16 +50,6 @@ STAGE real samples_in_mean(real count, settings_t settings)
     // Not by `reciprocal`, which is worked out pixel by pixel: a compiler moves a division by a setting out of the
     // loop.
     return lesser(count, SPLAT(1.0) / SPLAT(settings.blend_weight) - K(1.0));
-}
-
-// The effective sample count of a history, `count_limit` at most: the further rectification moved it, the fewer samples
-// it counts for (clip_penalty).
-STAGE real effective_count(real count, real count_limit, real clip_distance, settings_t settings)
-{
-    real effective = count;
-    if (CLIP_PENALTY)
-        effective = quotient(count, SPLAT(1.0) + K(settings.clip_penalty) * clip_distance);
-    return lesser(effective, count_limit);
 }
 
 // knee + Y, the inverse of a luminance weight (Karis 2014 with knee 1), four times as large. Of four times a luminance.
@@ -120,8 +103,7 @@ STAGE colour share_difference(colour v, colour other, settings_t settings)
 {
     const real knee = WEIGHTING == WEIGHTING_NONE ? SPLAT(1.0) : SPLAT(settings.luminance_knee);
     const real a = knee * sample_share(v, settings), b = knee * sample_share(other, settings);
-    const colour d = { a * v.r - b * other.r, a * v.g - b * other.g, a * v.b - b * other.b };
-    return d;
+    return (colour) { a * v.r - b * other.r, a * v.g - b * other.g, a * v.b - b * other.b };
 }
 
 // Lottes' measure u = 1 - |dY| / max(Y, Y, knee): the weight is scaled by a share that goes with u^2 from that of
@@ -163,8 +145,7 @@ STAGE real storable(real v, real current)
 
 STAGE colour storable_colour(colour v, colour current)
 {
-    const colour stored = { storable(v.r, current.r), storable(v.g, current.g), storable(v.b, current.b) };
-    return stored;
+    return (colour) { storable(v.r, current.r), storable(v.g, current.g), storable(v.b, current.b) };
 }
 
 // A pixel of the current frame: its `own` sample, and the `filtered` one of the current filter, which replaces `own`
@@ -238,18 +219,13 @@ STAGE colour disoccluded_colour(colour current, boxed mean, settings_t settings)
         return current;
     const boxed c = to_box_space(current);
     const boxed offset = { mean.a - c.a, mean.b - c.b, mean.c - c.c };
-    const colour change = from_box_space(offset);
-    const scalar k = K(settings.disocclusion_blur);
-    colour v = { current.r + k * change.r, current.g + k * change.g, current.b + k * change.b };
-    return v;
+    return plus_scaled(current, SPLAT(settings.disocclusion_blur), from_box_space(offset));
 }
 
 // `own` drawn towards `filtered` by a share; equal colours keep their bits.
 STAGE colour drawn_towards(colour own, colour filtered, real share)
 {
-    const colour v = { own.r + share * (filtered.r - own.r), own.g + share * (filtered.g - own.g),
-        own.b + share * (filtered.b - own.b) };
-    return v;
+    return plus_scaled(own, share, minus(filtered, own));
 }
 
 // Share of the filtered sample in the n-th of a history, from its share 1 / n of the mean: the same, but as 1 / n^2
@@ -259,23 +235,25 @@ STAGE real fading_share(real of_mean, settings_t settings)
     return lesser(of_mean, K(settings.filter_samples) * (of_mean * of_mean));
 }
 
-// The effective sample count of a pixel's rectified history.
-STAGE real effective_samples(pixel_t p, history_t h, rectification r, settings_t settings)
+// The effective sample count of a pixel's rectified history, count_limit at most: the further rectification moved it,
+// the fewer samples it counts for (clip_penalty), and the more reactive the pixel is.
+STAGE real effective_count(pixel_t p, history_t h, rectification r, settings_t settings)
 {
-    const real count = effective_count(h.count, h.count_limit, r.clip_distance, settings);
+    real count = h.count;
+    if (CLIP_PENALTY)
+        count = quotient(count, SPLAT(1.0) + K(settings.clip_penalty) * r.clip_distance);
+    count = lesser(count, h.count_limit);
     return REACTIVE ? count * (SPLAT(1.0) - p.reactivity) : count;
 }
 
 // The history of a pixel after rectification.
 STAGE colour rectified(history_t h, rectification r, settings_t settings)
 {
-    const colour past = { h.rgb.r + r.change.r, h.rgb.g + r.change.g, h.rgb.b + r.change.b };
-    if (BOX_LEAK) {
-        const mask full = h.count >= SPLAT(settings.sample_limit);
-        const real share = SPLAT(1.0) - (full ? SPLAT(settings.box_leak) : SPLAT(0.0));
-        return (colour) { h.rgb.r + share * r.change.r, h.rgb.g + share * r.change.g, h.rgb.b + share * r.change.b };
-    }
-    return past;
+    if (!BOX_LEAK)
+        return plus(h.rgb, r.change);
+    const mask full = h.count >= SPLAT(settings.sample_limit);
+    const real share = SPLAT(1.0) - (full ? SPLAT(settings.box_leak) : SPLAT(0.0));
+    return plus_scaled(h.rgb, share, r.change);
 }
 
 // The sample to blend with a history of `count` samples: the pixel's own, or the filtered one.
@@ -287,11 +265,11 @@ STAGE colour sample_beside(pixel_t p, mask valid, real count, settings_t setting
     return drawn_towards(p.own, p.filtered, filtered_share(share, p.filtered, settings));
 }
 
-// The pixel's sample `current` blended with its rectified history `past` of `count` samples, or begun anew where there
-// is none.
-STAGE resolved blend_pixel(
-    pixel_t p, history_t h, rectification r, colour past, colour current, real count, settings_t settings)
+// The pixel's sample blended with its rectified history, or begun anew where there is none.
+STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t settings)
 {
+    const real count = effective_count(p, h, r, settings);
+    const colour past = rectified(h, r, settings), current = sample_beside(p, h.valid, count, settings);
     const real y = FILTER_USE == FILTER_USE_FEW_SAMPLES ? luminance_4(current) : p.luminance,
                past_y = luminance_4(past);
     real weight = weight_of_sample(count, y, past_y, p.reactivity, r.blend_boost, settings);
@@ -320,18 +298,12 @@ STAGE resolved blend_pixel(
     return out;
 }
 
-STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t settings)
-{
-    const real count = effective_samples(p, h, r, settings);
-    return blend_pixel(p, h, r, rectified(h, r, settings), sample_beside(p, h.valid, count, settings), count, settings);
-}
-
 // The result of a segment in which samples are missing. A missing sample is none: the pixel keeps its history as it is,
 // with its count, where one sample or more is in that; elsewhere it is filled, which counts for nothing.
 STAGE resolved without_missing(resolved out, history_t h, plane_in current, int x, int y, frame_t frame)
 {
     const mask missing = sample_is_missing(current, x, y, frame), kept = h.valid & (h.count >= SPLAT(1.0));
-    const colour nothing = { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) };
+    const colour nothing = { 0 };
     colour v = storable_colour(from_range(h.rgb), nothing);
     if (any_of(missing & !kept)) {
         const colour filled = filled_colour(current, plane_size(frame), x, y, frame);

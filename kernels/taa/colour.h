@@ -1,10 +1,6 @@
 // Colour: three reals, as RGB, or in the space in which history is compared with the neighbourhood (the box space).
 #include "platform/image.h"
 
-#if !defined(BOX_SPACE) || !defined(TONEMAP)
-#error "colour.h needs BOX_SPACE and TONEMAP from the prelude"
-#endif
-
 typedef struct
 {
     real r, g, b;
@@ -57,11 +53,20 @@ STAGE real luminance_4(colour v) { return (v.r + v.b) + K(2.0) * v.g; }
 // Greatest of the three and 0.
 STAGE real peak(colour v) { return greater(greater(greater(v.r, v.g), v.b), SPLAT(0.0)); }
 
-STAGE colour scaled(colour v, real k)
+STAGE colour plus(colour a, colour b) { return (colour) { a.r + b.r, a.g + b.g, a.b + b.b }; }
+STAGE colour minus(colour a, colour b) { return (colour) { a.r - b.r, a.g - b.g, a.b - b.b }; }
+STAGE colour scaled(colour v, real k) { return (colour) { v.r * k, v.g * k, v.b * k }; }
+// v + k d.
+STAGE colour plus_scaled(colour v, real k, colour d)
 {
-    const colour out = { v.r * k, v.g * k, v.b * k };
-    return out;
+    return (colour) { v.r + k * d.r, v.g + k * d.g, v.b + k * d.b };
 }
+STAGE colour quotients(colour v, real by)
+{
+    return (colour) { quotient(v.r, by), quotient(v.g, by), quotient(v.b, by) };
+}
+// Sum of the products, channel by channel.
+STAGE real inner(colour a, colour b) { return (a.r * b.r + a.g * b.g) + a.b * b.b; }
 
 // c / (1 + max(r, g, b)).
 STAGE colour peak_range(colour v) { return scaled(v, SPLAT(1.0) / (SPLAT(1.0) + peak(v))); }
@@ -98,7 +103,6 @@ STAGE mask colour_outside_domain(colour v) { return outside_domain(v.r) | outsid
 // The bits of the largest magnitude of the three, which are in the order of the magnitudes; what is NaN is larger
 // than any.
 STAGE whole larger_bits(whole a, whole b) { return a > b ? a : b; }
-STAGE whole magnitude_bits(real v) { return AS_WHOLE(v) & MAGNITUDE_BITS; }
 STAGE whole largest_bits(colour v)
 {
     return larger_bits(larger_bits(magnitude_bits(v.r), magnitude_bits(v.g)), magnitude_bits(v.b));
@@ -115,11 +119,7 @@ STAGE int any_outside_domain(colour left, colour own, colour right)
 
 STAGE colour load_colour(plane_in p, size_t plane)
 {
-    colour v;
-    v.r = load(p);
-    v.g = load(p + plane);
-    v.b = load(p + 2 * plane);
-    return v;
+    return (colour) { load(p), load(p + plane), load(p + 2 * plane) };
 }
 
 STAGE void store_colour(plane_out p, size_t plane, colour v)
@@ -131,11 +131,7 @@ STAGE void store_colour(plane_out p, size_t plane, colour v)
 
 STAGE colour choose_colour(mask m, colour a, colour b)
 {
-    colour v;
-    v.r = m ? a.r : b.r;
-    v.g = m ? a.g : b.g;
-    v.b = m ? a.b : b.b;
-    return v;
+    return (colour) { m ? a.r : b.r, m ? a.g : b.g, m ? a.b : b.b };
 }
 
 // Repair: a texel outside the domain (NaN, infinite, beyond DOMAIN_LIMIT) becomes the mean of the usable texels of its
@@ -151,9 +147,7 @@ STAGE int texel_outside_domain(plane_in p, size_t plane)
 // The repaired channel of the texel at (x, y); coordinates outside the image mean its edge.
 STAGE float repaired_texel(plane_in image, size_t plane, int channel, int x, int y, frame_t frame)
 {
-    x = x < 0 ? 0 : (x >= frame.width ? frame.width - 1 : x);
-    y = y < 0 ? 0 : (y >= frame.height ? frame.height - 1 : y);
-    plane_in p = image + texel_offset(frame, x, y);
+    plane_in p = image + texel_offset(frame, limit_index(x, frame.width - 1), limit_index(y, frame.height - 1));
     if (!texel_outside_domain(p, plane))
         return p[(size_t)channel * plane];
     float sum = 0.0f;

@@ -2,10 +2,6 @@
 // them.
 #include "taa/accumulate.h"
 
-#if !defined(FIREFLIES)
-#error "fireflies.h needs FIREFLIES from the prelude"
-#endif
-
 // Four times the luminance of a texel in the box space.
 STAGE real boxed_luminance_4(boxed v) { return BOX_SPACE == BOX_SPACE_YCOCG ? v.a : (v.a + v.c) + K(2.0) * v.b; }
 

@@ -3,13 +3,6 @@
 #include "schedule/row_cache.h"
 #include "taa/disocclusion.h"
 
-#if !defined(ALPHA) || !defined(REJECT) || !defined(ILLUMINATION) || !defined(HISTORY_RANGE) || !defined(FIRST_SAMPLES)
-#error "history.h needs ALPHA, REJECT, ILLUMINATION, HISTORY_RANGE and FIRST_SAMPLES from the prelude"
-#endif
-#if !defined(COVERED_SHARE)
-#error "history.h needs COVERED_SHARE from the prelude"
-#endif
-
 typedef struct
 {
     colour rgb;
@@ -31,15 +24,13 @@ STAGE colour load_colour_apart(history_in p, footprint f, size_t plane, int stri
 
 STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, size_t plane, int stride)
 {
-    colour v;
     if (f.lanes == LANES_ON_TEXELS) // tested here too, once for the three: faster than a test a plane
         return load_history_colour(p + f.at, plane);
     real sample[3];
     NO_UNROLL
     for (int i = 0; i < 3; ++i)
         sample[i] = sample_plane(p + (size_t)i * plane, f, wx, wy, stride);
-    v.r = sample[0], v.g = sample[1], v.b = sample[2];
-    return v;
+    return (colour) { sample[0], sample[1], sample[2] };
 }
 
 // The same of texels that are brought into the range of comparison before they are weighed, as where tonemapped colour
@@ -66,13 +57,11 @@ STAGE colour sample_in_range(history_in p, footprint f, weights wx, weights wy, 
     return (colour) { v[0], v[1], v[2] };
 }
 
-// The planes of the previous frame at a footprint.
+// The history at a footprint, and the four texels of the inverse depth around it.
 typedef struct
 {
-    colour rgb;
-    real alpha, count;
+    history_t h;
     quad inverse_depth;
-    real fx, fy, count_limit;
 } sampled;
 
 STAGE real sample_count(plane_in count, footprint f, int stride) { return bilinear(sample_quad(count, f, stride), f); }
@@ -81,16 +70,16 @@ STAGE sampled sample_planes(history_in history, plane_in previous_inverse_depth,
     colour rgb, real count, real count_limit, frame_t frame)
 {
     sampled v;
-    v.rgb = rgb;
-    v.alpha = SPLAT(1.0);
+    v.h.rgb = rgb;
+    v.h.alpha = SPLAT(1.0);
     if (ALPHA)
-        v.alpha = sample_plane(history + 3 * history_plane_size(frame), f, wx, wy, row_stride(frame));
-    v.count = count;
+        v.h.alpha = sample_plane(history + 3 * history_plane_size(frame), f, wx, wy, row_stride(frame));
+    v.h.count = count;
     if (REJECT == REJECT_DEPTH)
         v.inverse_depth = sample_quad(previous_inverse_depth, f, row_stride(frame));
-    v.fx = f.fx;
-    v.fy = f.fy;
-    v.count_limit = count_limit;
+    v.h.fx = f.fx;
+    v.h.fy = f.fy;
+    v.h.count_limit = count_limit;
     return v;
 }
 
@@ -156,8 +145,7 @@ typedef struct
 STAGE covering covering_of(plane_in previous_inverse_depth, quad previous, footprint f, surface s, motion_t m, int x,
     int y, frame_t frame, settings_t settings)
 {
-    const mask no = (whole)(0);
-    covering c = { no, no, no, no };
+    covering c = { 0 };
     // Where nothing moves the jitter alone shows something nearer now and then.
     if ((REJECT != REJECT_DEPTH) | !(CAMERA_MOTION | OWN_MOTION))
         return c;
@@ -197,17 +185,15 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
     row_cache* cache)
 {
     const uint at = history_offset(frame, x, y);
-    history_t h;
     if (LANES > 1) // not beside the frame's: more would be asked for at a time than can be under way
         fetch_history(history, count, previous_inverse_depth, at, frame);
     const motion_t seen = motion_to_edge(m, LANE_INDEX + K(x), SPLAT(y), frame);
-    h.valid = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
+    const mask shown = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
     int alike;
-    const footprint f = find_footprint(seen, h.valid, at, frame, cache, &alike);
+    const footprint f = find_footprint(seen, shown, at, frame, cache, &alike);
     const sampled v = sample_at(history, count, previous_inverse_depth, f, alike, frame, settings, cache);
-    h.rgb = v.rgb;
-    h.count = v.count;
-    h.valid = h.valid & !colour_outside_domain(h.rgb);
+    history_t h = v.h;
+    h.valid = shown & !colour_outside_domain(h.rgb);
     const covering c = covering_of(previous_inverse_depth, v.inverse_depth, f, s, m, x, y, frame, settings);
     if (REJECT == REJECT_DEPTH) {
         mask same = same_surface(v.inverse_depth, s, m, settings) & ~c.instead;
@@ -218,20 +204,18 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
     }
     h.change = SPLAT(0.0);
     if (TESTS_LIGHT) {
-        lit_t l = illumination_test(v.count, least_change(c, settings), current, next, history, count, f, x, y, frame,
+        lit_t l = illumination_test(h.count, least_change(c, settings), current, next, history, count, f, x, y, frame,
             settings, &cache->illumination);
         if (lacks)
-            l = tested_by_drawn(l, v.count, current, x, y, frame);
+            l = tested_by_drawn(l, h.count, current, x, y, frame);
         h.count = l.count;
         h.change = l.change;
     }
     if (HISTORY_RANGE == HISTORY_RANGE_LINEAR)
         h.rgb = history_in_range(h.rgb, frame);
-    h.alpha = ALPHA ? limit(v.alpha, SPLAT(0.0), SPLAT(1.0)) : v.alpha;
+    if (ALPHA)
+        h.alpha = limit(h.alpha, SPLAT(0.0), SPLAT(1.0));
     if (FIRST_SAMPLES) // what a pixel without history begins with
         h.count = h.valid ? h.count : SPLAT(frame.reset ? settings.first_samples : K(1.0));
-    h.fx = v.fx;
-    h.fy = v.fy;
-    h.count_limit = v.count_limit;
     return h;
 }

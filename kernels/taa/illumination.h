@@ -3,59 +3,28 @@
 #include "taa/neighbourhood.h"
 #include "taa/sampling.h"
 
-#if !defined(EXPOSURE)
-#error "illumination.h needs EXPOSURE from the prelude"
-#endif
-
 STAGE colour load_history_colour(history_in p, size_t plane)
 {
-    const colour v = { load_history(p), load_history(p + plane), load_history(p + 2 * plane) };
-    return v;
+    return (colour) { load_history(p), load_history(p + plane), load_history(p + 2 * plane) };
 }
 
 // History as the current exposure would show it, in the range that everything is compared in.
 STAGE colour history_in_range(colour v, frame_t frame)
 {
-    if (EXPOSURE) {
-        v.r *= K(frame.exposure_ratio);
-        v.g *= K(frame.exposure_ratio);
-        v.b *= K(frame.exposure_ratio);
-    }
-    return to_range(v);
+    return to_range(EXPOSURE ? scaled(v, SPLAT(frame.exposure_ratio)) : v);
 }
 
-// The texels of the history nearest to the footprint: their whole displacement, a lane, and where the first lane's is.
-typedef struct
-{
-    whole dx, dy;
-    uint own, at;
-    int alike; // whether the lanes' lie side by side
-    scalar_whole x, y; // the displacement that `at` is of
-    int close; // whether each lane's is that or one texel more an axis
-} nearest_t;
-
-STAGE nearest_t nearest_texels(footprint f, int stride)
+// The footprint whose whole parts are the texels nearest to it.
+STAGE footprint nearest_texels(footprint f, int stride)
 {
     const mask right = f.fx >= SPLAT(0.5), down = f.fy >= SPLAT(0.5);
-    nearest_t n;
-    n.own = f.own;
-    n.dx = f.dx + (right ? (whole)(1) : (whole)(0));
-    n.dy = f.dy + (down ? (whole)(1) : (whole)(0));
-    if (LANES == 1) {
-        n.at = f.at + (any_of(right) ? 1u : 0u) + (any_of(down) ? (uint)stride : 0u);
-        n.alike = 1;
-        return n;
+    if (LANES == 1) { // from where it is: a GPU need not keep the whole parts until then
+        f.at += (any_of(right) ? 1u : 0u) + (any_of(down) ? (uint)stride : 0u);
+        return f;
     }
-    n.x = first_lane(n.dx), n.y = first_lane(n.dy);
-    n.alike = !any_of((n.dx ^ n.x) | (n.dy ^ n.y));
-    n.close = 1;
-    if (!n.alike) {
-        n.x -= any_of(n.dx < n.x) ? 1 : 0;
-        n.y -= any_of(n.dy < n.y) ? 1 : 0;
-        n.close = !any_of(((n.dx - n.x) | (n.dy - n.y)) & ~(whole)(1));
-    }
-    n.at = f.own + (uint)((int)n.y * stride + (int)n.x);
-    return n;
+    f.dx += right ? (whole)(1) : (whole)(0);
+    f.dy += down ? (whole)(1) : (whole)(0);
+    return lying(f, stride);
 }
 
 // Three texels of the history side by side.
@@ -71,10 +40,10 @@ STAGE texel_row texels_of(const real v[9])
 }
 
 // They, j rows below, with their neighbours.
-STAGE texel_row nearest_row(history_in p, nearest_t n, int j, size_t plane, int stride)
+STAGE texel_row nearest_row(history_in p, footprint n, int j, size_t plane, int stride)
 {
-    if (LANES > 1 && (n.close & !n.alike)) {
-        const mask right = n.dx != n.x, down = n.dy != n.y;
+    if (LANES > 1 && n.lanes == LANES_CLOSE) {
+        const mask right = n.step_x != 0, down = n.step_y != 0;
         real line[9];
         NO_UNROLL
         for (int i = 0; i < 3; ++i) {
@@ -90,7 +59,7 @@ STAGE texel_row nearest_row(history_in p, nearest_t n, int j, size_t plane, int 
         }
         return texels_of(line);
     }
-    if (LANES > 1 && !n.alike) {
+    if (LANES > 1 && n.lanes == LANES_APART) {
         const whole steps = steps_apart(n.dx, n.dy, stride);
         history_in q = p + n.own + j * (ptrdiff_t)stride;
         real line[9];
@@ -106,14 +75,6 @@ STAGE texel_row nearest_row(history_in p, nearest_t n, int j, size_t plane, int 
 
 // Whether the frame is tested for it. The count's buffer then has a second plane, which holds how light changed.
 #define TESTS_LIGHT (ILLUMINATION != ILLUMINATION_STATIC)
-
-// The illumination change that the frame before left at the nearest texel.
-STAGE real nearest_change(plane_in change, nearest_t n, int stride)
-{
-    if (LANES > 1 && !n.alike)
-        return texels_apart(change + n.own, steps_apart(n.dx, n.dy, stride));
-    return load(change + n.at);
-}
 
 // An illumination change as it is stored: MOST_CHANGE at most, so that it ends some frames later, and no denormal.
 STAGE real stored_change(real change)
@@ -133,8 +94,7 @@ typedef struct
 STAGE paired pair_row(real left, real centre, real right)
 {
     const real dl = left - centre, dr = right - centre;
-    const paired row = { centre + (dl + dr) * K(ONE_THIRD), spread_of_three(dl, dr), SPLAT(0.0) };
-    return row;
+    return (paired) { centre + (dl + dr) * K(ONE_THIRD), spread_of_three(dl, dr), SPLAT(0.0) };
 }
 
 // A third of Student's t of nine differences: their mean over three standard errors, their deviation. Its sign is that
@@ -174,7 +134,7 @@ STAGE boxed illumination_difference(boxed now, colour past, frame_t frame)
 }
 
 // The row of `now`, j below that of the nearest texels.
-STAGE illumination_row illumination_of_row(boxed_row now, history_in history, nearest_t n, int j, frame_t frame)
+STAGE illumination_row illumination_of_row(boxed_row now, history_in history, footprint n, int j, frame_t frame)
 {
     const size_t plane = history_plane_size(frame);
     illumination_row row;
@@ -185,7 +145,7 @@ STAGE illumination_row illumination_of_row(boxed_row now, history_in history, ne
     row.a = pair_row(left.a, own.a, right.a);
     row.b = pair_row(left.b, own.b, right.b);
     row.c = pair_row(left.c, own.c, right.c);
-    row.step = (boxed) { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) };
+    row.step = (boxed) { 0 };
     row.level = (absolute(now.left.a) + absolute(now.own.a)) + absolute(now.right.a);
     row.levels = SPLAT(0.0);
     return row;
@@ -204,7 +164,7 @@ STAGE illumination_row illumination_below(illumination_row above, illumination_r
 
 // The row of the pixel's, below the one above it.
 STAGE illumination_row illumination_above(
-    plane_in current, history_in history, nearest_t n, int x, int y, frame_t frame)
+    plane_in current, history_in history, footprint n, int x, int y, frame_t frame)
 {
     if (LANES == 1) {
         const illumination_row above = illumination_of_row(read_boxed(current, x, y - 1, frame), history, n, -1, frame);
@@ -233,13 +193,14 @@ typedef struct
 STAGE lit_t illumination_test(real held, real least_t, plane_in current, boxed_row next, history_in history,
     plane_in count, footprint f, int x, int y, frame_t frame, settings_t settings, illumination_cache* cache)
 {
-    const nearest_t n = nearest_texels(f, row_stride(frame));
-    if (!n.alike | (n.at != cache->nearest))
+    const footprint n = nearest_texels(f, row_stride(frame));
+    const int alike = (LANES == 1) | (n.lanes == LANES_ALIKE);
+    if (!alike | (n.at != cache->nearest))
         cache->row = illumination_above(current, history, n, x, y, frame);
     const illumination_row centre = cache->row;
     const illumination_row below = illumination_below(centre, illumination_of_row(next, history, n, 1, frame));
     cache->row = below;
-    cache->nearest = n.alike ? n.at + (uint)row_stride(frame) : 0;
+    cache->nearest = alike ? n.at + (uint)row_stride(frame) : 0;
     const real level = centre.levels + below.level;
     const real least = K(settings.illumination_floor) * (level * K(ONE_THIRD)) + K(BOX_A * TINY);
     const boxed up = centre.step, down = below.step; // the step to the row above is -up, to the bit
@@ -248,7 +209,7 @@ STAGE lit_t illumination_test(real held, real least_t, plane_in current, boxed_r
                tc = paired_t(centre.c, below.c, -up.c, down.c, least);
     const real largest = K(3.0) * greater(absolute(ta), greater(absolute(tb), absolute(tc)));
     const real t = lesser(largest, SPLAT(DOMAIN_LIMIT)); // or that, where it is NaN
-    const real before = nearest_change(count + history_plane_size(frame), n, row_stride(frame));
+    const real before = texel_at(count + history_plane_size(frame), n, row_stride(frame));
     const real change = (ta < SPLAT(0.0) ? -t : t) + K(settings.illumination_decay) * before;
     const real from = change < SPLAT(0.0) ? SPLAT(settings.falling_t) * least_t : least_t;
     const real by = greater(quotient(absolute(change), from), SPLAT(1.0));

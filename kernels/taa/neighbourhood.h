@@ -1,11 +1,6 @@
 // The 3x3 neighbourhood, gathered row by row so that a window sliding down a column reads and converts each row once.
 #include "taa/colour.h"
 
-#if !defined(BOX) || !defined(NEIGHBOURHOOD) || !defined(VARIANCE) || !defined(DILATION) || !defined(OWN_MOTION)       \
-    || !defined(CURRENT_FILTER)
-#error "neighbourhood.h needs BOX, NEIGHBOURHOOD, VARIANCE, DILATION, OWN_MOTION and CURRENT_FILTER from the prelude"
-#endif
-
 // Shifted first and second moments: mean = shift + offset, spread = sum of squared distances from the mean; 3/2 of it
 // in a row of three and in the 3x3.
 typedef struct
@@ -40,9 +35,8 @@ typedef struct
 
 STAGE joined joined_rows(moments above, moments row)
 {
-    const joined both = { (row.shift - above.shift) + (row.offset - above.offset), above.spread + row.spread,
+    return (joined) { (row.shift - above.shift) + (row.offset - above.offset), above.spread + row.spread,
         lesser(above.low, row.low), greater(above.high, row.high) };
-    return both;
 }
 
 // Three rows of three (Chan, Golub and LeVeque 1983, pairwise update for equal counts): the spread of the whole is the
@@ -190,8 +184,6 @@ STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below
 // Inverse depth outside the domain (no depth, infinite) is the sky's.
 STAGE real inverse_depth_or_sky(real v, frame_t frame) { return in_domain_or(v, SPLAT(frame.sky_inverse_depth)); }
 
-STAGE colour colour_step(colour from, colour to) { return (colour) { to.r - from.r, to.g - from.g, to.b - from.b }; }
-
 // Three colours weighed as the middle one plus the weighted steps to it and from it: equal colours keep their bits.
 STAGE colour weigh_line(colour to, colour middle, colour from, scalar first, scalar last)
 {
@@ -230,7 +222,7 @@ STAGE row_t read_row(plane_in image, plane_in inverse_depth, plane_in motion, in
     row.c = chosen_row(bl.c, bc.c, br.c);
     row.texels = (boxed_row) { bl, bc, br };
     row.centre = c;
-    row.across = weigh_line(colour_step(l, c), c, colour_step(c, r), K(frame.left_weight), K(frame.right_weight));
+    row.across = weigh_line(minus(c, l), c, minus(r, c), K(frame.left_weight), K(frame.right_weight));
 
     const mask left = zl > zc;
     row.inverse_depth = zc;
@@ -274,7 +266,7 @@ STAGE row_t read_next_row(
     row.a_above = joined_rows(above.a, row.a);
     row.b_above = joined_rows(above.b, row.b);
     row.c_above = joined_rows(above.c, row.c);
-    row.across_step = colour_step(above.across, row.across);
+    row.across_step = minus(row.across, above.across);
     return row;
 }
 
@@ -325,8 +317,7 @@ STAGE colour current_sample(row_t above, row_t centre, row_t below, statistics n
         const boxed b = to_box_space(v);
         const boxed over = { limit(b.a, near.low.a, near.high.a) - b.a, limit(b.b, near.low.b, near.high.b) - b.b,
             limit(b.c, near.low.c, near.high.c) - b.c };
-        const colour change = from_box_space(over);
-        v.r += change.r, v.g += change.g, v.b += change.b;
+        v = plus(v, from_box_space(over));
     }
     return v;
 }

@@ -1,14 +1,6 @@
 // Rectification: history that the current neighbourhood makes implausible is moved into its box.
 #include "taa/reprojection.h"
 
-#if !defined(RECTIFY) || !defined(BOX) || !defined(ACCUMULATE) || !defined(ANTI_FLICKER)
-#error "rectify.h needs RECTIFY, BOX, ACCUMULATE and ANTI_FLICKER from the prelude"
-#endif
-#if RECTIFY != RECTIFY_NONE && RECTIFY != RECTIFY_CLAMP && RECTIFY != RECTIFY_CLIP                                     \
-    && RECTIFY != RECTIFY_CLIP_UNGUARDED && RECTIFY != RECTIFY_CLIP_CURRENT && RECTIFY != RECTIFY_ELLIPSOID
-#error "rectify_history knows no such RECTIFY"
-#endif
-
 // Scale of the box, gamma: of its deviations (BOX_VARIANCE, BOX_BOTH) or of its extremes (BOX_EXTREMES). Wide where
 // nothing moves, narrow from motion_px pixels a frame on.
 STAGE real box_scale_of(motion_t m, settings_t settings)
@@ -125,11 +117,8 @@ STAGE real entry(real h, real way, real low, real high)
 
 STAGE boxed clamp_to_box(boxed v, box_t box)
 {
-    boxed out;
-    out.a = limit(v.a, box.low.a, box.high.a);
-    out.b = limit(v.b, box.low.b, box.high.b);
-    out.c = limit(v.c, box.low.c, box.high.c);
-    return out;
+    return (boxed) { limit(v.a, box.low.a, box.high.a), limit(v.b, box.low.b, box.high.b),
+        limit(v.c, box.low.c, box.high.c) };
 }
 
 STAGE boxed clip_towards(boxed history, boxed target, box_t box)
@@ -138,8 +127,7 @@ STAGE boxed clip_towards(boxed history, boxed target, box_t box)
     const real first
         = greater(entry(history.a, way.a, box.low.a, box.high.a), entry(history.b, way.b, box.low.b, box.high.b));
     const real t = limit(greater(first, entry(history.c, way.c, box.low.c, box.high.c)), SPLAT(0.0), SPLAT(1.0));
-    const boxed out = { history.a + t * way.a, history.b + t * way.b, history.c + t * way.c };
-    return out;
+    return (boxed) { history.a + t * way.a, history.b + t * way.b, history.c + t * way.c };
 }
 
 STAGE boxed rectify_history(boxed history, boxed current, box_t box)
@@ -199,8 +187,7 @@ STAGE rectification rectify(
     if ((RECTIFY == RECTIFY_NONE) & (ACCUMULATE != ACCUMULATE_ADAPTIVE) & (ACCUMULATE != ACCUMULATE_STANDING)
         & (ACCUMULATE != ACCUMULATE_CAPPED) & (ANTI_FLICKER != ANTI_FLICKER_CLAMP_DISTANCE)) {
         // The code below gives the same; no compiler may assume that h - h is 0.
-        const rectification nothing = { { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) }, SPLAT(0.0), SPLAT(0.0), SPLAT(1.0) };
-        return nothing;
+        return (rectification) { { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) }, SPLAT(0.0), SPLAT(0.0), SPLAT(1.0) };
     }
     const boxed h = to_box_space(history);
     const box_t box = neighbourhood_box(s, gamma, settings);

@@ -1,10 +1,6 @@
 // Where a surface was in the previous frame.
 #include "taa/dilation.h"
 
-#if !defined(CAMERA_MOTION) || !defined(OWN_MOTION) || !defined(ORTHOGRAPHIC) || !defined(OFF_SCREEN)
-#error "reprojection.h needs CAMERA_MOTION, OWN_MOTION, ORTHOGRAPHIC and OFF_SCREEN from the prelude"
-#endif
-
 // Displacement to the previous frame in pixels, x right, y down; visible = 0 where the previous frame did not see the
 // point; inverse depth then = inverse depth now * scale + shift (shift is 0 for a perspective camera).
 typedef struct

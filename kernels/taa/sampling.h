@@ -2,10 +2,6 @@
 #include "taa/reprojection.h"
 #include "platform/storage.h"
 
-#if !defined(HISTORY_FILTER) || !defined(RESAMPLING_PENALTY)
-#error "sampling.h needs HISTORY_FILTER and RESAMPLING_PENALTY from the prelude"
-#endif
-
 // The history's filters: what the taps around a position weigh. Taps 0 to 3 surround it, tap 1 is the texel at its
 // whole part; a filter of six has one more before them and one behind. Equal taps give exactly their value, and a
 // fraction of 0 gives exactly tap 1: filters are applied to differences from a tap, and the cross is limited.
@@ -31,8 +27,6 @@ typedef struct
 {
     real middle, right, sides;
 } row_taps;
-
-#define NO_TAPS { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) }
 
 // Catmull and Rom 1974, tension 1/2, at fraction t.
 STAGE weights catmull_rom(real t)
@@ -156,18 +150,12 @@ typedef struct
     int lanes;
 } footprint;
 
-STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
+// A footprint with how its lanes lie, by their whole parts and from its own texel.
+STAGE footprint lying(footprint f, int stride)
 {
-    footprint f;
-    const real u = valid ? m.u : SPLAT(0.0), v = valid ? m.v : SPLAT(0.0);
-    f.fx = u - floor_and_whole(u, &f.dx);
-    f.fy = v - floor_and_whole(v, &f.dy);
     scalar_whole x = first_lane(f.dx), y = first_lane(f.dy);
     f.lanes = LANES_ALIKE;
     f.step_x = f.step_y = (whole)(0);
-    // Not on a GPU, which waits for each load behind a branch, but reads what lies before the first all at once.
-    if (LANES > 1 && !any_of((f.fx != SPLAT(0.0)) | (f.fy != SPLAT(0.0))))
-        f.lanes = LANES_ON_TEXELS;
     if (LANES > 1 && any_of((f.dx ^ x) | (f.dy ^ y))) {
         x -= any_of(f.dx < x) ? 1 : 0;
         y -= any_of(f.dy < y) ? 1 : 0;
@@ -175,8 +163,21 @@ STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
         f.step_y = f.dy - y;
         f.lanes = any_of((f.step_x | f.step_y) & ~(whole)(1)) ? LANES_APART : LANES_CLOSE;
     }
+    f.at = f.own + (uint)((int)y * stride + (int)x);
+    return f;
+}
+
+STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
+{
+    footprint f;
+    const real u = valid ? m.u : SPLAT(0.0), v = valid ? m.v : SPLAT(0.0), left = floor_of(u), top = floor_of(v);
+    f.dx = TO_WHOLE(left), f.dy = TO_WHOLE(top);
+    f.fx = u - left, f.fy = v - top;
     f.own = at;
-    f.at = at + (uint)((int)y * row_stride(frame) + (int)x);
+    f = lying(f, row_stride(frame));
+    // Not on a GPU, which waits for each load behind a branch, but reads what lies before the first all at once.
+    if (LANES > 1 && f.lanes == LANES_ALIKE && !any_of((f.fx != SPLAT(0.0)) | (f.fy != SPLAT(0.0))))
+        f.lanes = LANES_ON_TEXELS;
     return f;
 }
 
@@ -184,8 +185,7 @@ STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
 STAGE footprint own_texel(uint at)
 {
     const whole no = (whole)(0);
-    const footprint f = { no, no, SPLAT(0.0), SPLAT(0.0), no, no, at, at, LANES_ON_TEXELS };
-    return f;
+    return (footprint) { no, no, SPLAT(0.0), SPLAT(0.0), no, no, at, at, LANES_ON_TEXELS };
 }
 
 // One row of taps around p, weighed along x. p points at tap 1 of the segment.
@@ -229,8 +229,7 @@ STAGE row_taps row_apart(history_in p, weights w, whole steps, int j)
 
 STAGE row_taps choose_row(mask m, row_taps a, row_taps b)
 {
-    const row_taps v = { m ? a.middle : b.middle, m ? a.right : b.right, m ? a.sides : b.sides };
-    return v;
+    return (row_taps) { m ? a.middle : b.middle, m ? a.right : b.right, m ? a.sides : b.sides };
 }
 
 // The history plane at the footprint. What was stored is finite and never -0: taps
@@ -239,7 +238,7 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
 {
     history_in q = p + f.at;
     const uint line = (uint)stride;
-    row_taps first = NO_TAPS, last = NO_TAPS;
+    row_taps first = { 0 }, last = { 0 };
     if (f.lanes == LANES_ON_TEXELS)
         return load_history(q);
     if (LANES > 1 && f.lanes == LANES_CLOSE) {
@@ -280,7 +279,6 @@ typedef struct
 STAGE quad sample_quad(plane_in p, footprint f, int stride)
 {
     plane_in q = p + f.at;
-    quad t;
     if (LANES > 1 && f.lanes == LANES_CLOSE) {
         const mask right = f.step_x != 0, down = f.step_y != 0;
         real a = load(q), b = load(q + 1), c = load(q + 2);
@@ -290,9 +288,7 @@ STAGE quad sample_quad(plane_in p, footprint f, int stride)
         q += 2 * (ptrdiff_t)stride;
         a = load(q), b = load(q + 1), c = load(q + 2);
         const real a2 = right ? b : a, b2 = right ? c : b;
-        t.p00 = down ? a1 : a0, t.p10 = down ? b1 : b0;
-        t.p01 = down ? a2 : a1, t.p11 = down ? b2 : b1;
-        return t;
+        return (quad) { down ? a1 : a0, down ? b1 : b0, down ? a2 : a1, down ? b2 : b1 };
     }
     if (LANES > 1 && f.lanes == LANES_APART) {
         const whole steps = steps_apart(f.dx, f.dy, stride);
@@ -300,26 +296,22 @@ STAGE quad sample_quad(plane_in p, footprint f, int stride)
         NO_UNROLL
         for (int i = 0; i < 4; ++i)
             texel[i] = texels_apart(p + f.own + (i & 1) + (i >> 1) * (ptrdiff_t)stride, steps);
-        const quad apart = { texel[0], texel[1], texel[2], texel[3] };
-        return apart;
+        return (quad) { texel[0], texel[1], texel[2], texel[3] };
     }
-    t.p00 = load(q), t.p10 = load(q + 1);
-    t.p01 = load(q + stride), t.p11 = load(q + stride + 1);
-    return t;
+    return (quad) { load(q), load(q + 1), load(q + stride), load(q + stride + 1) };
 }
 
-// The texel that lies i columns to the right of the footprint's whole part and j rows below it.
-STAGE real texel_beside(plane_in p, footprint f, int i, int j, int stride)
+// The texel at the whole part of a footprint.
+STAGE real texel_at(plane_in p, footprint f, int stride)
 {
-    const ptrdiff_t way = j * (ptrdiff_t)stride + i;
-    if (LANES > 1 && f.lanes == LANES_APART)
-        return texels_apart(p + f.own + way, steps_apart(f.dx, f.dy, stride));
-    plane_in q = p + f.at + way;
+    plane_in q = p + f.at;
     if (LANES > 1 && f.lanes == LANES_CLOSE) {
         const mask right = f.step_x != 0, down = f.step_y != 0;
-        const real above = right ? load(q + 1) : load(q), below = right ? load(q + stride + 1) : load(q + stride);
-        return down ? below : above;
+        const real a = right ? load(q + 1) : load(q), b = right ? load(q + stride + 1) : load(q + stride);
+        return down ? b : a;
     }
+    if (LANES > 1 && f.lanes == LANES_APART)
+        return texels_apart(p + f.own, steps_apart(f.dx, f.dy, stride));
     return load(q);
 }
 
@@ -327,8 +319,9 @@ STAGE real texel_beside(plane_in p, footprint f, int i, int j, int stride)
 // middle.
 STAGE quad sample_corners(plane_in p, footprint f, int stride)
 {
-    return (quad) { texel_beside(p, f, -1, -1, stride), texel_beside(p, f, 2, -1, stride),
-        texel_beside(p, f, -1, 2, stride), texel_beside(p, f, 2, 2, stride) };
+    plane_in above = p - stride, below = p + 2 * (ptrdiff_t)stride;
+    return (quad) { texel_at(above - 1, f, stride), texel_at(above + 2, f, stride), texel_at(below - 1, f, stride),
+        texel_at(below + 2, f, stride) };
 }
 
 STAGE real bilinear(quad t, footprint f)

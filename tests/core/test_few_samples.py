@@ -119,10 +119,10 @@ def test_the_box_of_extremes_is_widened_by_gamma(gamma: float, moved: float) -> 
     layout = Layout(1, 1)
     one = np.ones((1, 1), np.float32)
     zero = 0 * one
-    near = Statistics(*(((v * one,) * 3) for v in (0.0, 1.0, -1.0, 1.0)))
+    near = Statistics(*(np.stack([v * one] * 3) for v in (0.0, 1.0, -1.0, 1.0)))
     build = Build(choices=Choices(box_space=BoxSpace.RGB))
     still = Motion(zero, zero, one, zero, one > 0)
-    history = (3 * one, zero, -3 * one)
-    found = rectify(history, (zero,) * 3, near, still, gamma * one, build, layout, settings_record(Settings()))
+    history = np.stack((3 * one, zero, -3 * one))
+    found = rectify(history, 0 * history, near, still, gamma * one, build, layout, settings_record(Settings()))
     assert [float(v[0, 0]) for v in found.change] == [-moved, 0.0, moved]
     assert float(found.clip_distance[0, 0]) == moved / gamma

@@ -117,7 +117,7 @@ def test_weights_whose_squares_are_0_are_fitted_without_a_warning() -> None:
     weight = np.full((1, 1), 1e-30, np.float32)  # of a sample of luminance 1e30
     place = np.full_like(weight, 0.25)
     gathered = Gathered(np.zeros_like(weight))
-    gathered.add([place] * 3, weight, place, place, np.ones((1, 1), bool), GatherFit.LAYERS)
+    gathered.add(np.stack([place] * 3), weight, place, place, np.ones((1, 1), bool), GatherFit.LAYERS)
     settings = np.array([(0.1,)], [("fit_ridge", np.float32)])[0]
     with quiet:  # as all that gathers is called; a warning would fail the test
         fit = fit_at_centre(gathered, np.ones_like(weight), settings)

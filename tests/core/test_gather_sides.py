@@ -71,7 +71,7 @@ def test_a_side_of_an_edge_is_the_plane_of_its_own_samples() -> None:
     layers = layers_of(*rows, s, settings)
     assert layers.edge[1:-1, 3:5].all()
     inside, none = slice(1, -1), np.zeros_like(near)
-    black = (none, none, none)
+    black = np.stack((none, none, none))
     for is_far, own, beside, slope in ((False, 3, 4, (0.01, 0.02)), (True, 4, 3, (-0.004, 0.001))):
         side = side_of(s, layers, black, current, inverse_depth, None, build, layout, frame, settings, far=is_far)
         for column in (own, beside):

@@ -42,7 +42,7 @@ CODE: dict[str, tuple[str, dict[str, bool], dict[str, object]]] = {
     "own motion": ("outside_domain(s.u)", {"own_motion": True}, {}),
     # Where nothing moves the history is read at its texels: no filter is left.
     "history filter": ("load_history(p + 2)", {"camera_motion": True}, {}),
-    "exposure": ("K(frame.exposure_ratio)", {"exposure": True}, {}),
+    "exposure": ("SPLAT(frame.exposure_ratio)", {"exposure": True}, {}),
     "alpha": ("load_share(alpha + at, SPLAT(1.0))", {"alpha": True}, {}),
     "reactive": ("load_share(reactive + at, SPLAT(0.0))", {"reactive": True}, {}),
     "rejection": ("K(settings.depth_tolerance)", {}, {"reject": Reject.DEPTH}),
@@ -62,7 +62,7 @@ TERMS = {
     "resampling_penalty": "K(settings.resampling_penalty)",
     "clip_penalty": "K(settings.clip_penalty)",
     "box_scale_by_motion": "K(settings.box_scale_static)",
-    "disocclusion_blur": "K(settings.disocclusion_blur)",
+    "disocclusion_blur": "SPLAT(settings.disocclusion_blur)",
     "first_samples": "settings.first_samples",
     "luma_scale": "K(settings.luma_scale)",
     "box_leak": "SPLAT(settings.box_leak)",

@@ -217,4 +217,5 @@ _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.full_like: lambda like, given: bounded(given).broadcast(like.shape),
     np.ones_like: lambda like: Bounded.exact(np.ones(like.shape)),
     np.broadcast_to: lambda given, shape: given.broadcast(shape),
+    np.stack: lambda parts: Bounded(np.stack([part.value for part in parts]), np.stack([part.error for part in parts])),
 }

@@ -47,14 +47,9 @@ EDITS = [
         "return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0;",
         "return any(m != 0);",
     ),
-    Mutation("no reading ahead", "kernels/platform/prefetch.h", "#if __has_builtin(__builtin_prefetch)", "#if 0"),
-    Mutation("no reductions", "kernels/platform/lanes.h", "#if __has_builtin(__builtin_reduce_or)", "#if 0"),
-    Mutation(
-        "no floor",
-        "kernels/platform/lanes.h",
-        "#if __has_builtin(__builtin_elementwise_floor)",
-        "#if 0 && __has_builtin(__builtin_elementwise_floor)",
-    ),
+    Mutation("no reading ahead", "kernels/platform/prefetch.h", "__has_builtin(__builtin_prefetch)", "0"),
+    Mutation("no reductions", "kernels/platform/lanes.h", "__has_builtin(__builtin_reduce_or)", "0"),
+    Mutation("no floor", "kernels/platform/lanes.h", "__has_builtin(__builtin_elementwise_floor)", "0"),
 ]
 STORED = "store_colour(repaired + texel_offset(frame, x, y), plane, v);"
 # Fault and the simulator's word for it.

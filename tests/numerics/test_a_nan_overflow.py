@@ -160,7 +160,7 @@ def test_a2_no_box_is_inside_out(box: Box, neighbourhood: Neighbourhood) -> None
     work = hard_work(160, 120)
     written = run_stage("neighbourhood_statistics", build, work, NumpyLauncher())["statistics_out"]
     s = work.layout.inside(written)
-    near = Statistics((s[0], s[1], s[2]), (s[3], s[4], s[5]), (s[6], s[7], s[8]), (s[9], s[10], s[11]))
+    near = Statistics(s[0:3], s[3:6], s[6:9], s[9:12])
     for gamma in (0.0, 1e-6, 1.0):
         made = neighbourhood_box(near, np.full_like(s[0], gamma), build, settings_record(Settings(box_floor=0.0)))
         assert all((extent >= 0).all() for extent in made.extent)

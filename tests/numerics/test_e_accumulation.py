@@ -71,9 +71,7 @@ def test_e2_luminance_weights_are_exact_at_any_level(level: float) -> None:
 
     def mixed(kind: Any) -> NDArray[Any]:
         now, then = x.astype(kind), h.astype(kind)
-        colours = (now[0], now[1], now[2]), (then[0], then[1], then[2])
-        weight = luminance_weight(share.astype(kind), *colours, build, settings)
-        return np.array([blend(b, a, weight) for a, b in zip(now, then, strict=True)])
+        return blend(then, now, luminance_weight(share.astype(kind), now, then, build, settings))
 
     largest = np.maximum(np.abs(x), np.abs(h))
     assert (np.abs(mixed(np.float32) - mixed(np.float64)) <= 12 * UNIT_ROUNDOFF * largest).all()

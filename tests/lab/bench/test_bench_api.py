@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 import numpy as np
 import pyopencl as cl
@@ -11,9 +10,11 @@ import pytest
 from click.testing import CliRunner
 
 from cltaa.cli import root
+from cltaa.core import resolver
+from cltaa.core.frame_checks import check_frame
 from cltaa.core.presets import load_preset
-from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
+from cltaa.frame import Frame
 from cltaa.lab.bench.api import CALLS, bench_api
 from cltaa.opencl.exchange import PlainCopies
 from cltaa.opencl.launcher import DeviceLauncher
@@ -24,13 +25,12 @@ WAYS = ("kernels", "device_arrays", "host_arrays", "pinned_arrays", "copies", "p
 def test_each_way_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     """In each of three rounds, and once before them, ``CALLS`` calls of each way; one is with arrays of the device."""
     kinds = list[str]()
-    resolve = Resolver._check
 
-    def noted(self: Resolver, frame: Any, out: Any) -> Any:
+    def noted(frame: Frame) -> None:
         kinds.append(type(frame.colour).__name__)
-        return resolve(self, frame, out)
+        check_frame(frame)
 
-    monkeypatch.setattr(Resolver, "_check", noted)
+    monkeypatch.setattr(resolver, "check_frame", noted)
     done = CliRunner().invoke(root, ["bench", "api", "--size", "32x18", "--rounds", "3", "--json"])
     assert done.exit_code == 0, done.output
     (row,) = json.loads(done.stdout)["rows"]
