@@ -69,6 +69,8 @@ def neighbourhood_box(s: Statistics, gamma: Array, build: Build, settings: Recor
         size = greater(np.abs(centre[0]), greater(np.abs(centre[1]), np.abs(centre[2])))
         least = number(settings["box_floor"], size) * size + constant("TINY", size)
         box = box._replace(extent=_three([greater(e, least) for e in extent]))
+    if build.choices.rectify is Rectify.CLIP_UNGUARDED:
+        box = box._replace(extent=_three([e + constant("ADDED_EXTENT", e) for e in extent]))
     return box
 
 
@@ -114,16 +116,13 @@ def rectify_history(history: Colour, current: Colour, box: BoxOf, build: Build) 
     if build.choices.rectify is Rectify.CLIP_CURRENT:
         return _clip_towards(history, _clamp_to_box(current, box), box)
     d = [h - m for h, m in zip(history, box.centre, strict=True)]
-    with np.errstate(
-        divide="ignore", invalid="ignore"
-    ):  # the unguarded clip divides by flat extents, as it is known for
-        t = _outsideness(d, box.extent, build)
-        one = number(1.0, t)
-        out = t > one
-        if build.choices.rectify is Rectify.CLIP and build.choices.box is not Box.VARIANCE:
-            out = out & _outside_ends(history, box)
-        safe = np.where(out, t, one)
-        a, b, c = (np.where(out, m + k / safe, h) for h, m, k in zip(history, box.centre, d, strict=True))
+    t = _outsideness(d, box.extent, build)
+    one = number(1.0, t)
+    out = t > one
+    if build.choices.rectify is Rectify.CLIP and build.choices.box is not Box.VARIANCE:
+        out = out & _outside_ends(history, box)
+    safe = np.where(out, t, one)
+    a, b, c = (np.where(out, m + k / safe, h) for h, m, k in zip(history, box.centre, d, strict=True))
     return a, b, c
 
 
