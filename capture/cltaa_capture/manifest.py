@@ -132,12 +132,14 @@ class Manifest:
             raise DataError(
                 f"cannot be resumed from ({error})", path=path, cure="use --restart to begin anew"
             ) from error
-        for key in sorted(settings.keys() | self._settings.keys()):
+        for key in dict.fromkeys([*self._settings, *settings]):  # what was asked for first, the scene above all
             asked, begun = self._settings.get(key), settings.get(key)
             if asked != begun:
                 if key == "code_sha256":  # 64 digits tell nobody anything
                     what = "was begun by another version of capture or scenes, which may draw other pixels"
                     raise UsageError(what, path=path, cure=RESTART_CURE)
+                if key == "model_sha256":
+                    raise UsageError("was begun with another content of the model", path=path, cure=RESTART_CURE)
                 raise UsageError(
                     f"was begun with another {key}", path=path, expected=asked, found=begun, cure=RESTART_CURE
                 )

@@ -11,6 +11,7 @@ import pyrender
 from numpy.typing import NDArray
 from OpenGL import GL
 
+from cltaa.errors import DataError
 from cltaa.frame import Matrix
 from cltaa_datasets.meshes import texture_coordinates
 from cltaa_datasets.scene import AlphaMode, Material, Part, Scene, Texture
@@ -150,9 +151,20 @@ def _drawable(part: Part, shared: dict[int, Texels]) -> Drawable:
 
 
 def upload(scene: Scene) -> tuple[Any, list[Drawable]]:
-    """Prepare a scene's parts: the pyrender scene that holds them, and what to draw; textures are shared."""
+    """Prepare a scene's parts: the pyrender scene that holds them, and what to draw; textures are shared.
+
+    Raises DataError for a texture that is larger than OpenGL takes.
+    """
     shared: dict[int, Texels] = {}
     drawables = [_drawable(part, shared) for part in scene.parts]
+    largest = int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))
+    for drawable in drawables:
+        for texels in drawable.textures:
+            height, width = texels.source.shape[:2]
+            if max(width, height) > largest:
+                expected, found = f"at most {largest} texels a side", f"{width} x {height}"
+                what = f"a texture of {drawable.part.name} is too large"
+                raise DataError(what, expected=expected, found=found, cure="make it smaller")
     holder = pyrender.Scene()
     for drawable in drawables:
         holder.add(pyrender.Mesh([drawable.primitive], name=drawable.part.name))

@@ -104,9 +104,9 @@ def outcome_lines(tuned: Tuned) -> list[str]:
     if tuned.gain_elsewhere is None:
         lines.append("not checked on any other sequence: it may over-fit this one; name one with --check")
     elif not unchanged:
-        verdict = "it over-fits" if tuned.overfits else "it holds there"
+        verdict = ": it over-fits" if tuned.overfits else ": it holds there" if tuned.gain > 1.0 else ""
         lines.append(
             f"error {tuned.gain:.3f} times smaller where it was searched, {tuned.gain_elsewhere:.3f} times on "
-            f"{', '.join(tuned.checked_on)}: {verdict}"
+            f"{', '.join(tuned.checked_on)}{verdict}"
         )
     return lines

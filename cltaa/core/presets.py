@@ -69,7 +69,7 @@ def allowed(key: str) -> str:
         return ", ".join(words_of(key))
     hint: Any = get_type_hints(Settings, include_extras=True)[key]
     (meta,) = hint.__metadata__
-    return f"{meta.ge:g} to {meta.le:g}" + (" (whole)" if hint.__origin__ is int else "")
+    return f"{meta.ge:.10g} to {meta.le:.10g}" + (" (whole)" if hint.__origin__ is int else "")
 
 
 def renamed(values: Mapping[str, object]) -> dict[str, object]:

@@ -297,6 +297,8 @@ def preset_text(tuned: Tuned, preset: Preset) -> str:
     limit = f"{tuned.goal.budget_ms:g} ms" if tuned.goal.budget_ms is not None else f"{tuned.goal.target:g}"
     searched, trials = ", ".join(tuned.searched_on), counted(tuned.trials, "trial")
     about = f"Tuned for {tuned.goal.metric} within {limit} on {searched}, {trials}"
+    if not tuned.reached:
+        about += "; the goal was not reached"
     if tuned.overfits:
         about += f"; over-fits: not borne out on {', '.join(tuned.checked_on)}"
     base = load_preset(preset.name if preset.name in preset_names() else "default")

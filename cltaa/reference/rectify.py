@@ -56,6 +56,8 @@ def neighbourhood_box(s: Statistics, gamma: Array, build: Build, settings: Recor
         a, b, c = np.abs(centre)
         size = greater(a, greater(b, c))
         extent = greater(extent, number(settings["box_floor"], size) * size + constant("TINY", size))
+    if build.choices.rectify is Rectify.CLIP_UNGUARDED:
+        extent = extent + constant("ADDED_EXTENT", extent)
     return BoxOf(centre, extent, low, high)
 
 
@@ -94,15 +96,12 @@ def rectify_history(history: Colour, current: Colour, box: BoxOf, build: Build) 
     if build.choices.rectify is Rectify.CLIP_CURRENT:
         return _clip_towards(history, limit(current, box.low, box.high), box)
     d = history - box.centre
-    with np.errstate(
-        divide="ignore", invalid="ignore"
-    ):  # the unguarded clip divides by flat extents, as it is known for
-        t = _outsideness(d, box.extent, build)
-        one = number(1.0, t)
-        out = t > one
-        if build.choices.rectify is Rectify.CLIP and build.choices.box is not Box.VARIANCE:
-            out = out & _outside_ends(history, box)
-        return np.where(out, box.centre + d / np.where(out, t, one), history)
+    t = _outsideness(d, box.extent, build)
+    one = number(1.0, t)
+    out = t > one
+    if build.choices.rectify is Rectify.CLIP and build.choices.box is not Box.VARIANCE:
+        out = out & _outside_ends(history, box)
+    return np.where(out, box.centre + d / np.where(out, t, one), history)
 
 
 def blend_boost_of(m: Motion, moved: Colour, build: Build, layout: Layout, settings: Record) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.errors import DataError
+from cltaa.printable import counted
 from cltaa_datasets.gltf_file import MALFORMED, GltfFile
 from cltaa_datasets.scene import Matrix
 
@@ -18,6 +19,7 @@ REST: dict[str, tuple[float, ...]] = {
     "rotation": (0.0, 0.0, 0.0, 1.0),
     "scale": (1.0, 1.0, 1.0),
 }
+INTERPOLATIONS = ("LINEAR", "STEP", "CUBICSPLINE")
 NEARLY_PARALLEL = 1.0 - 1e-9  # cosine between quaternions from which a straight line is as good as an arc
 
 
@@ -107,10 +109,16 @@ class NodeTree:
         values = np.asarray(file.array(sampler["output"]), np.float64)
         if not (times.size and np.isfinite(times).all() and np.isfinite(values).all()):
             raise ValueError("its keys are none, or not finite")
+        if (np.diff(times) < 0.0).any():
+            raise ValueError("its keys are not in order")
+        if interpolation not in INTERPOLATIONS:
+            raise ValueError(f"no interpolation {interpolation}")
         shape = (len(times), 3, -1) if interpolation == "CUBICSPLINE" else (len(times), -1)
         path = target["path"]
-        channel = Channel(times, values.reshape(shape), interpolation, turns=path == "rotation")
-        self._channels[target["node"], path] = channel
+        keys = values.reshape(shape)
+        if path in REST and keys.shape[-1] != len(REST[path]):
+            raise ValueError(f"{path} of {counted(keys.shape[-1], 'number')} a key")
+        self._channels[target["node"], path] = Channel(times, keys, interpolation, turns=path == "rotation")
 
     def property(self, node: int, path: str, time: float) -> Floats | None:
         """What the animation says of a node's ``path`` at a time; None where it says nothing."""

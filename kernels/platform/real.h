@@ -36,8 +36,6 @@ STAGE real lesser(real a, real b) { return fmin(a, b); }
 STAGE real greater(real a, real b) { return a > b ? a : b; }
 STAGE real lesser(real a, real b) { return a < b ? a : b; }
 #endif
-// The same, and b where that is NaN.
-STAGE real greater_or_nan(real a, real b) { return a > b ? a : b; }
 // v limited to [lo, hi]; the caller makes sure that lo <= hi.
 STAGE real limit(real v, real lo, real hi) { return lesser(greater(v, lo), hi); }
 

@@ -82,6 +82,11 @@ STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
         box.extent.b = greater(box.extent.b, K(BOX_B / BOX_A) * least);
         box.extent.c = greater(box.extent.c, least);
     }
+    if (RECTIFY == RECTIFY_CLIP_UNGUARDED) {
+        box.extent.a += SPLAT(BOX_A * ADDED_EXTENT);
+        box.extent.b += SPLAT(BOX_B * ADDED_EXTENT);
+        box.extent.c += SPLAT(BOX_A * ADDED_EXTENT);
+    }
     return box;
 }
 
@@ -93,7 +98,7 @@ STAGE real outsideness(boxed d, boxed extent)
                c = quotient(absolute(d.c), extent.c);
     if (RECTIFY == RECTIFY_ELLIPSOID)
         return square_root((a * a + b * b) + c * c);
-    return greater_or_nan(a, greater_or_nan(b, c));
+    return greater(a, greater(b, c));
 }
 
 // Whether history lies beyond an end of the box. Yes everywhere for a variance box: its ends are centre -+ extent,
@@ -170,7 +175,7 @@ STAGE real blend_boost_of(motion_t m, boxed moved, frame_t frame, settings_t set
     const real speed = square_root(across * across + down * down);
     const real distance = square_root((moved.a * moved.a + moved.b * moved.b) + moved.c * moved.c);
     const real by_motion = K(settings.motion_rate) * speed, by_distance = K(settings.clip_rate) * distance;
-    return lesser(greater_or_nan(by_motion, by_distance), SPLAT(1.0));
+    return lesser(greater(by_motion, by_distance), SPLAT(1.0));
 }
 
 // d / (d + range) with d the distance of the history's first coordinate from the nearer end of the box: history that

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from cltaa.errors import DataError
 from cltaa.io.sequence import open_sequence
@@ -41,11 +42,11 @@ def standing(**node: Any) -> Callable[[Path], None]:
     return gltf(nodes=[{"mesh": 0, **node}])
 
 
-def played(path: str, times: Any, values: Any) -> Callable[[Path], None]:
+def played(path: str, times: Any, values: Any, interpolation: str = "LINEAR") -> Callable[[Path], None]:
     def write(to: Path) -> None:
         writer = Writer(nodes=[{"mesh": 0}])
         writer.json["meshes"] = [{"primitives": [writer.square()]}]
-        writer.animate(0, path, times, values)
+        writer.animate(0, path, times, values, interpolation)
         writer.write(to)
 
     return write
@@ -94,6 +95,10 @@ MODELS: dict[str, tuple[Any, str | None]] = {
     "no-turn-played.glb": (played("rotation", [0.0, 1.0], np.zeros((2, 4))), None),
     "shrinks-to-nothing.glb": (played("scale", [0.0, 0.05], [(1, 1, 1), (0, 0, 0)]), None),
     "nan-keys.glb": (played("translation", [0.0, 1.0], [(0, 0, 0), (NAN, 0, 0)]), "keys are none, or not finite"),
+    "keys-back.glb": (played("translation", [1.0, 0.0], SQUARE[:2]), "its keys are not in order"),
+    "no-tangents.glb": (played("translation", [0.0, 1.0], SQUARE[:2], "CUBICSPLINE"), "translation of 1 number a key"),
+    "three-turns.glb": (played("rotation", [0.0, 1.0], SQUARE[:2]), "rotation of 3 numbers a key"),
+    "wobbles.glb": (played("translation", [0.0, 1.0], SQUARE[:2], "WOBBLE"), "no interpolation WOBBLE"),
     "nan-base.glb": (material(pbrMetallicRoughness={"baseColorFactor": [NAN] * 4}), "nan in a material"),
     "three-of-four.glb": (material(pbrMetallicRoughness={"baseColorFactor": [1] * 3}), "cannot be read"),
     "rough.glb": (material(pbrMetallicRoughness={"roughnessFactor": 1e20, "metallicFactor": -5}), None),
@@ -129,3 +134,13 @@ def test_what_is_drawn_is_finite_and_what_is_not_is_named(name: str, tmp_path: P
         assert not np.isnan(frame.depth).any()
         assert (frame.depth > 0.0).all()
         assert frame.motion is None or not np.isinf(frame.motion).any()
+
+
+def test_a_texture_beyond_opengl_is_named(tmp_path: Path) -> None:
+    Image.new("RGB", (70_000, 1)).save(tmp_path / "wide.png")
+    (tmp_path / "wide.mtl").write_text("newmtl wide\nmap_Kd wide.png\n")
+    square = f"mtllib wide.mtl\nusemtl wide\n{SHEET}vt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+    (tmp_path / "wide.obj").write_text(square)
+    drawn = Request(f"file:{tmp_path / 'wide.obj'}", tmp_path / "out", frames=1, width=32, height=18)
+    with pytest.raises(DataError, match=r"a texture of wide.obj is too large .*found 70000 x 1\); make it smaller"):
+        capture_sequence(drawn)

@@ -136,7 +136,13 @@ def test_frames_may_be_added(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("change", "named"),
-    [({"seed": 2}, "seed"), ({"width": 50}, "width"), ({"jitter": "none"}, "jitter"), ({"reference": 8}, "reference")],
+    [
+        ({"seed": 2}, "seed"),
+        ({"width": 50}, "width"),
+        ({"jitter": "none"}, "jitter"),
+        ({"reference": 8}, "reference"),
+        ({"scene": "still", "reference": 0}, "scene"),
+    ],
 )
 def test_another_setting_is_refused_by_name(captured: Path, change: dict[str, object], named: str) -> None:
     before = digests(captured)
@@ -149,6 +155,17 @@ def test_other_code_is_another_setting(captured: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(sequence, "code_sha256", lambda: "0" * 64)
     with pytest.raises(UsageError, match=r"by another version of capture or scenes, .*; use --restart"):
         capture_sequence(request(captured))
+
+
+def test_a_model_that_changed_is_named(tmp_path: Path) -> None:
+    model = tmp_path / "sheet.obj"
+    drawn = Request(f"file:{model}", tmp_path / "out", frames=1, width=16, height=9)
+    sheet = "v 0 0 0\nv {} 0 0\nv 0 1 0\nf 1 2 3\n"
+    model.write_text(sheet.format(1))
+    capture_sequence(drawn)
+    model.write_text(sheet.format(2))
+    with pytest.raises(UsageError, match="was begun with another content of the model; use --restart"):
+        capture_sequence(drawn)
 
 
 def test_what_does_not_run_is_no_other_code() -> None:

@@ -87,6 +87,7 @@ def test_half_output_saturates(tmp_path: Path) -> None:
             r"unknown preset mine\.toml; cltaa resolve, .* take a file by --config, and cltaa\.load_preset",
         ),
         (["--set", "nonsense=1"], 64, "--set: unknown key nonsense; known keys: .*box_scale_static"),
+        (["--set", "sample_limit=0"], 64, r"sample_limit has no such value \(expected 1 to 1048576, found 0\)"),
         (["--set", "box_scale_static=-1"], 64, r"box_scale_static has no such value \(expected 0 to 64, found -1\)"),
         (["--set", "history_frames=7.5"], 64, r"history_frames has .*\(expected 1 to 64 \(whole\), found 7.5\)"),
         (["--set", "rectify=maybe"], 64, r"rectify has .*\(expected none, clamp, .*, found maybe\)"),

@@ -62,6 +62,12 @@ def declared_still(index: int) -> Frame:
     return replace(noise(index, own=False), effects=frozenset({Effect.SKY}))
 
 
+def grey(index: int) -> Frame:
+    """Chroma is exactly 0 there, so that a box is flat in two channels."""
+    frame = moving_camera(index)
+    return replace(frame, colour=np.repeat(frame.colour[..., :1], 3, axis=2))
+
+
 def cut_in_the_middle(index: int) -> Frame:
     return replace(noise(index, own=True), cut=index == FRAMES // 2)
 
@@ -71,6 +77,7 @@ CASES: dict[str, Callable[[int], Frame]] = {
     "alpha": partial(noise, own=True, alpha=True),
     "camera and own motion": moving_camera,
     "declared still": declared_still,
+    "grey": grey,
     "cut": cut_in_the_middle,
 }
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cltaa.core.backend import Launcher
 from cltaa.core.build import Build, Steps, settings_record
+from cltaa.core.constants import value
 from cltaa.core.parameters import Box, BoxSpace, Choices, Rectify, Settings
 from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset, override
@@ -120,7 +121,7 @@ def test_d2_clip_moves_within_its_bound(launcher: DeviceLauncher, kind: Rectify,
 
 def test_d2_the_popular_clip_jumps(launcher: DeviceLauncher) -> None:
     # A box that is flat in one channel: one ulp in that channel, and the whole history is thrown away.
-    mean, deviation = (np.array(v, np.float32)[:, None, None] for v in ((1.0, 0.2, 0.1), (0.5, 0.3, 0.0)))
+    mean, deviation = (np.array(v, np.float32)[:, None, None] for v in ((1.0, 0.2, 4.0), (0.5, 0.3, 0.0)))
     inside = mean + np.array((0.4, 0.2, 0.0), np.float32)[:, None, None]
     beside = inside.copy()
     beside[2] = np.nextafter(inside[2], np.float32(1.0))
@@ -129,11 +130,12 @@ def test_d2_the_popular_clip_jumps(launcher: DeviceLauncher) -> None:
         result = rectified(launcher, history, mean, deviation, kind, BoxSpace.RGB)
         return [float(v) for v in result.ravel()]
 
-    assert clipped(inside, Rectify.CLIP_UNGUARDED) == pytest.approx([1.4, 0.4, 0.1])
-    assert clipped(beside, Rectify.CLIP_UNGUARDED) == pytest.approx([1.0, 0.2, 0.1])  # a jump of 0.4 for 7e-9
+    left = value("ADDED_EXTENT") / 2.0**-22  # of the way from the centre: 4 %, for a step of 2e-7
+    assert clipped(inside, Rectify.CLIP_UNGUARDED) == pytest.approx([1.4, 0.4, 4.0])
+    assert clipped(beside, Rectify.CLIP_UNGUARDED) == pytest.approx([1.0 + 0.4 * left, 0.2 + 0.2 * left, 4.0])
     for kind in (Rectify.CLIP, Rectify.CLAMP):
-        assert clipped(inside, kind) == pytest.approx([1.4, 0.4, 0.1])
-        assert clipped(beside, kind) == pytest.approx([1.4, 0.4, 0.1])
+        assert clipped(inside, kind) == pytest.approx([1.4, 0.4, 4.0])
+        assert clipped(beside, kind) == pytest.approx([1.4, 0.4, 4.0])
 
 
 def test_d2_the_popular_clip_jumps_for_many_boxes(launcher: DeviceLauncher) -> None:

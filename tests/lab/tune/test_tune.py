@@ -188,7 +188,7 @@ def test_it_is_said_where_nothing_better_was_found() -> None:
         gain_elsewhere=1.0,
         overfits=False,
     )
-    better = msgspec.structs.replace(found, best=msgspec.structs.replace(start, values={"rectify": "none"}))
+    better = msgspec.structs.replace(found, best=msgspec.structs.replace(start, values={"rectify": "none"}), gain=1.1)
     for tuned, words in ((found, "nothing better"), (better, "it holds there")):
         assert sum(words in line for line in outcome_lines(tuned)) == 1
     assert not any("holds" in line for line in outcome_lines(found))
@@ -213,10 +213,19 @@ def test_what_is_said_of_the_outcome() -> None:
     gained = "error 2.000 times smaller where it was searched, 1.500 times on c, d: "
     assert outcome_lines(FOUND) == [began, gained + "it holds there"]
     assert outcome_lines(msgspec.structs.replace(FOUND, overfits=True)) == [began, gained + "it over-fits"]
+    faster = msgspec.structs.replace(FOUND, gain=1.0, gain_elsewhere=0.9)
+    assert outcome_lines(faster)[1] == "error 1.000 times smaller where it was searched, 0.900 times on c, d"
     once = msgspec.structs.replace(FOUND, trials=1, searched_on=["a"], checked_on=[], gain_elsewhere=None)
     first, second = outcome_lines(once)
     assert first.endswith("(1 trial on a)")
     assert "not checked" in second
+
+
+def test_the_file_says_that_its_goal_was_not_reached() -> None:
+    missed = preset_text(msgspec.structs.replace(FOUND, reached=False), load_preset("fast"))
+    about = "Tuned for flip within 5 ms on a, b, 7 trials; the goal was not reached"
+    assert tomllib.loads(missed)["description"] == about
+    assert "reached" not in preset_text(FOUND, load_preset("fast"))
 
 
 def test_what_is_asked_for_is_searched(
