@@ -195,6 +195,10 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
         float,
         _number("share of its place that a nearer thing covered, from which history is its", 0.0, 1.0, "1", "measured"),
     ] = 0.25
+    edge_samples: Annotated[
+        float,
+        _number("most samples of an edge past which what is behind it moved", 0.0, 2.0**20, "samples", "measured"),
+    ] = 2.0
     edge_tolerance: Annotated[
         float, _number("relative skew of inverse depth in the 3x3 that makes a depth edge", 0.0, 1.0, "1", "measured")
     ] = 0.03

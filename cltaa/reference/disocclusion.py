@@ -8,8 +8,8 @@ import numpy as np
 
 from cltaa.core.build import Build, Record
 from cltaa.core.planes import Layout
-from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.real import Array, Mask, constant, greater, number
+from cltaa.reference.neighbourhood import Surface, has_edge
+from cltaa.reference.real import Array, Mask, constant, greater, limit, number
 from cltaa.reference.reprojection import Motion, motion_from_depth, pixel_grid
 from cltaa.reference.sampling import Footprint, Quad, bilinear
 
@@ -54,16 +54,21 @@ def nearest_of(q: Quad) -> Array:
     return greater(greater(q.p00, q.p10), greater(q.p01, q.p11))
 
 
-def moved_against(other: Array, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
-    """True where the camera's motion has moved a point of the inverse depth ``other`` by PASSES pixels against the
-    surface, whatever moves on its own."""
+def distance_against(other: Array, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Array:
+    """By how many pixels the camera's motion has moved a point of the inverse depth ``other`` against the surface,
+    whatever moves on its own."""
     here = np.zeros_like(s.nearest)
     point = Surface(here, here, other, here, here, here, here, here)
     its = motion_from_depth(point, build, layout, frame)
     if build.steps.own_motion and frame["own_vectors"]:
         m = motion_from_depth(point._replace(inverse_depth=s.nearest), build, layout, frame)
-    least = constant("PASSES", m.u)
-    return (np.abs(its.u - m.u) >= least) | (np.abs(its.v - m.v) >= least)
+    return greater(np.abs(its.u - m.u), np.abs(its.v - m.v))
+
+
+def moved_against(other: Array, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
+    """True where that is enough to have passed by."""
+    moved: Mask = distance_against(other, s, m, build, layout, frame) >= constant("PASSES", m.u)
+    return moved
 
 
 def has_passed(
@@ -76,13 +81,31 @@ def has_passed(
     return (nearest > high) & moved
 
 
+def between_both(s: Surface, m: Motion) -> Array:
+    """An inverse depth between the nearest and the farthest of the 3x3, seen from the previous camera."""
+    between: Array = number(0.5, m.u) * (s.nearest + s.farthest) * m.scale + m.shift
+    return between
+
+
 def shows_behind(previous: Quad, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
     """True where a pixel follows a nearer surface past what it shows itself, and three of the four texels at the place
     of the history did not show that surface either."""
-    nearer = nearer_than(previous, number(0.5, m.u) * (s.nearest + s.farthest) * m.scale + m.shift)
+    nearer = nearer_than(previous, between_both(s, m))
     shown, none = (nearer.p00 + nearer.p10) + (nearer.p01 + nearer.p11), number(0, m.u)
     moved = moved_against(s.centre, s, m, build, layout, frame)
     return ((s.x != none) | (s.y != none)) & (shown <= number(1, m.u)) & moved
+
+
+def samples_of_edge(
+    previous: Quad, corners: Quad, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record, settings: Record
+) -> Array:
+    """How many samples the history counts for at most: few on the edge of something nearer, and no wire, past which the
+    camera's motion has moved what lies behind."""
+    between = between_both(s, m)
+    edge = has_edge(s, settings["edge_tolerance"]) & any_nearer(previous, between) & any_nearer(corners, between)
+    by, least = distance_against(s.farthest, s, m, build, layout, frame), constant("PASSES", m.u)
+    most = number(settings["edge_samples"], m.u) / limit(by, least, number(1, m.u))
+    return np.where(edge & (by >= least), most, constant("DOMAIN_LIMIT", m.u))
 
 
 def stood_instead(previous: Quad, corners: Quad, high: Array, f: Footprint, covered_share: Any) -> Mask:

@@ -17,13 +17,14 @@ from cltaa.reference.disocclusion import (
     nearest_of,
     on_screen,
     same_surface,
+    samples_of_edge,
     shows_behind,
     stood_instead,
     surface_range,
 )
 from cltaa.reference.illumination import history_in_range, illumination_test, tests_light
 from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.real import Array, Mask, greater, lesser, limit, number
+from cltaa.reference.real import Array, Mask, constant, greater, lesser, limit, number
 from cltaa.reference.reprojection import Motion, motion_to_edge
 from cltaa.reference.sampling import (
     Footprint,
@@ -53,12 +54,14 @@ class History:
 
 class Covering(NamedTuple):
     """What stands and stood between the camera and what a history is of, masks [H, W]: nearer things beside its place,
-    moved away since, over so much of it that it holds their colour; and pixels behind the surface that they follow."""
+    moved away since, over so much of it that it holds their colour; pixels behind the surface that they follow. And the
+    samples [H, W] that it counts for at most, since pixel and history show both sides of an edge."""
 
     beside: Mask
     passed: Mask
     instead: Mask
     behind: Mask
+    most: Array
 
 
 def covering_of(
@@ -73,10 +76,10 @@ def covering_of(
     settings: Record,
 ) -> Covering:
     """What the previous inverse depth [rows, stride] says of each pixel's history."""
-    no = np.zeros(m.u.shape, np.bool_)
+    no, most = np.zeros(m.u.shape, np.bool_), np.full_like(m.u, constant("DOMAIN_LIMIT", m.u))
     steps, tolerance = build.steps, settings["depth_tolerance"]
     if build.choices.reject is not Reject.DEPTH or not (steps.camera_motion or steps.own_motion):
-        return Covering(no, no, no, no)
+        return Covering(no, no, no, no, most)
     _, high = surface_range(s, m, tolerance)
     beside, passed, instead, behind = any_nearer(previous, high), no, no, no
     corners = sample_corners(previous_inverse_depth, f, m.u.dtype)
@@ -84,10 +87,11 @@ def covering_of(
         nearest = greater(nearest_of(previous), nearest_of(corners))
         passed = has_passed(nearest, s, m, tolerance, build, layout, frame)
         behind = shows_behind(previous, s, m, build, layout, frame)
+        most = samples_of_edge(previous, corners, s, m, build, layout, frame, settings)
     if build.terms.covered_share:
         instead = stood_instead(previous, corners, high, f, settings["covered_share"])
         instead &= passed | bool(steps.own_motion and frame["own_vectors"])
-    return Covering(beside, passed, instead, behind)
+    return Covering(beside, passed, instead, behind, most)
 
 
 def least_change(c: Covering, settings: Record, like: Array) -> Array:
@@ -134,6 +138,7 @@ def sample_history(
         count, change = illumination_test(
             count, least_t, current, history, history_count[1], f, build, layout, frame, settings
         )
+        count = lesser(count, c.most)
     rgb = rgb if in_range else history_in_range(rgb, build, frame)
     alpha = np.ones_like(count)
     if build.steps.alpha:

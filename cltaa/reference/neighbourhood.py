@@ -11,7 +11,7 @@ from cltaa.core.build import Build, Record
 from cltaa.core.parameters import Box, BoxSpace, CurrentFilter, Dilation, Neighbourhood, Variance
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, from_box_space, in_units, luminance, to_box_space, to_boxed, to_range
-from cltaa.reference.real import Array, beside, constant, greater, lesser, limit, number, outside_domain
+from cltaa.reference.real import Array, Mask, beside, constant, greater, lesser, limit, number, outside_domain
 
 
 class Moments(NamedTuple):
@@ -233,6 +233,13 @@ def read_row(
     )
 
 
+def has_edge(s: Surface, edge_tolerance: Any) -> Mask:
+    """True where a depth edge runs through the 3x3 of a surface."""
+    skew = (s.nearest - s.centre) - (s.centre - s.farthest)
+    edge: Mask = np.abs(skew) > number(edge_tolerance, skew) * np.abs(s.nearest)
+    return edge
+
+
 def nearest_surface(above: Row, centre: Row, below: Row, build: Build, edge_tolerance: Any) -> Surface:
     """The nearest surface of the 3x3, or the pixel's own, as the build's dilation says."""
     zero = np.zeros_like(centre.inverse_depth)
@@ -246,10 +253,7 @@ def nearest_surface(above: Row, centre: Row, below: Row, build: Build, edge_tole
         return own
     up = above.nearest > centre.nearest
     down = below.nearest > nearer
-    across = np.ones_like(up)
-    if build.choices.dilation is Dilation.EDGE:
-        skew = (nearest - centre.inverse_depth) - (centre.inverse_depth - farthest)
-        across = np.abs(skew) > number(edge_tolerance, zero) * np.abs(nearest)
+    across = has_edge(own, edge_tolerance) if build.choices.dilation is Dilation.EDGE else np.ones_like(up)
 
     def pick(a: Array, c: Array, b: Array, otherwise: Array) -> Array:
         return np.where(across, np.where(down, b, np.where(up, a, c)), otherwise)

@@ -49,9 +49,9 @@ STAGE mask any_nearer(quad q, real than) { return (q.p00 > than) | (q.p10 > than
 
 STAGE real nearest_of(quad q) { return greater(greater(q.p00, q.p10), greater(q.p01, q.p11)); }
 
-// Whether the camera's motion has moved a point of the inverse depth `other`, at the pixel, by PASSES pixels against
-// the surface. Vectors of their own count for neither: what moves with the surface by such has not moved against it.
-STAGE mask moved_against(real other, surface s, motion_t m, real x, real y, frame_t frame)
+// By how many pixels the camera's motion has moved a point of the inverse depth `other`, at the pixel, against the
+// surface. Vectors of their own count for neither: what moves with the surface by such has not moved against it.
+STAGE real distance_against(real other, surface s, motion_t m, real x, real y, frame_t frame)
 {
     surface point = s;
     point.x = point.y = SPLAT(0.0);
@@ -62,7 +62,13 @@ STAGE mask moved_against(real other, surface s, motion_t m, real x, real y, fram
     }
     point.inverse_depth = other;
     const motion_t its = motion_from_depth(point, x, y, frame);
-    return (absolute(its.u - m.u) >= SPLAT(PASSES)) | (absolute(its.v - m.v) >= SPLAT(PASSES));
+    return greater(absolute(its.u - m.u), absolute(its.v - m.v));
+}
+
+// Whether that is enough to have passed by.
+STAGE mask moved_against(real other, surface s, motion_t m, real x, real y, frame_t frame)
+{
+    return distance_against(other, s, m, x, y, frame) >= SPLAT(PASSES);
 }
 
 // Whether what was `nearest` around the place of the history, and nearer than the surface, has moved against it since:
@@ -75,6 +81,9 @@ STAGE mask has_passed(real nearest, surface s, motion_t m, real x, real y, frame
     return nearer & moved_against(quotient(nearest - m.shift, m.scale), s, m, x, y, frame);
 }
 
+// An inverse depth between the nearest and the farthest of the 3x3, seen from the previous camera.
+STAGE real between_both(surface s, motion_t m) { return K(0.5) * (s.nearest + s.farthest) * m.scale + m.shift; }
+
 // Whether the pixel follows a nearer surface past what it shows itself, and three of the four texels did not show that
 // surface either: the history holds what lay behind it at another place.
 STAGE mask shows_behind(quad previous, surface s, motion_t m, real x, real y, frame_t frame)
@@ -82,9 +91,25 @@ STAGE mask shows_behind(quad previous, surface s, motion_t m, real x, real y, fr
     const mask borrowed = (s.x != SPLAT(0.0)) | (s.y != SPLAT(0.0));
     if (!any_of(borrowed))
         return borrowed;
-    const quad nearer = nearer_than(previous, K(0.5) * (s.nearest + s.farthest) * m.scale + m.shift);
+    const quad nearer = nearer_than(previous, between_both(s, m));
     const real shown = (nearer.p00 + nearer.p10) + (nearer.p01 + nearer.p11);
     return borrowed & (shown <= SPLAT(1.0)) & moved_against(s.centre, s, m, x, y, frame);
+}
+
+// How many samples the history counts for at most. On the edge of something nearer a pixel mixes it with what lies
+// behind, and the history mixes it with what lay there before: by as many pixels as the camera's motion has moved the
+// one against the other, settings.edge_samples become fewer, from that many at one pixel a frame on. Not of a wire,
+// which is seen by the four texels or by the corners of the 4x4, not by both.
+STAGE real samples_of_edge(
+    quad previous, quad corners, surface s, motion_t m, real x, real y, frame_t frame, settings_t settings)
+{
+    const real between = between_both(s, m), any = SPLAT(DOMAIN_LIMIT);
+    const mask edge = has_edge(s, settings) & any_nearer(previous, between) & any_nearer(corners, between);
+    if (LANES > 1 && !any_of(edge))
+        return any;
+    const real by = distance_against(s.farthest, s, m, x, y, frame);
+    const real most = quotient(SPLAT(settings.edge_samples), limit(by, SPLAT(PASSES), SPLAT(1.0)));
+    return (edge & (by >= SPLAT(PASSES))) ? most : any;
 }
 
 // Whether something nearer than `high` stood there instead of the surface: it covered more than covered_share of the

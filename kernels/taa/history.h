@@ -140,12 +140,14 @@ typedef struct
     mask passed; // there or at a corner of the 4x4, and a camera's motion has moved it away since
     mask instead; // over so much of the place that the history holds its colour, and it has left
     mask behind; // the pixel lies behind what it follows, and so does what the history holds, but elsewhere
+    real most; // samples that the history counts for, where pixel and history show both sides of an edge
 } covering;
 
 STAGE covering covering_of(plane_in previous_inverse_depth, quad previous, footprint f, surface s, motion_t m, int x,
     int y, frame_t frame, settings_t settings)
 {
     covering c = { 0 };
+    c.most = SPLAT(DOMAIN_LIMIT);
     // Where nothing moves the jitter alone shows something nearer now and then.
     if ((REJECT != REJECT_DEPTH) | !(CAMERA_MOTION | OWN_MOTION))
         return c;
@@ -161,8 +163,10 @@ STAGE covering covering_of(plane_in previous_inverse_depth, quad previous, footp
     if (CAMERA_MOTION) {
         const real nearest = greater(nearest_of(previous), nearest_of(corners));
         c.passed = has_passed(nearest, s, m, LANE_INDEX + K(x), SPLAT(y), frame, settings);
-        if (TESTS_LIGHT)
+        if (TESTS_LIGHT) {
             c.behind = shows_behind(previous, s, m, LANE_INDEX + K(x), SPLAT(y), frame);
+            c.most = samples_of_edge(previous, corners, s, m, LANE_INDEX + K(x), SPLAT(y), frame, settings);
+        }
     }
     // Among vectors it may have left where the camera's motion alone would not have moved it.
     if (COVERED_SHARE)
@@ -208,7 +212,7 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
             settings, &cache->illumination);
         if (lacks)
             l = tested_by_drawn(l, h.count, current, x, y, frame);
-        h.count = l.count;
+        h.count = lesser(l.count, c.most);
         h.change = l.change;
     }
     if (HISTORY_RANGE == HISTORY_RANGE_LINEAR)

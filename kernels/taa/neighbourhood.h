@@ -280,6 +280,14 @@ typedef struct
 // Where the motion is that of a texel which may lie beyond the 3x3 (dilation.h).
 #define BORROWS_BEYOND ((DILATION == DILATION_CORNERS) | (DILATION == DILATION_BESIDE))
 
+// Whether a depth edge runs through the 3x3 of a surface. Inverse depth is linear in the pixel coordinates on every
+// plane, so there the window is symmetric about its centre: nearest + farthest = 2 centre.
+STAGE mask has_edge(surface s, settings_t settings)
+{
+    const real skew = (s.nearest - s.centre) - (s.centre - s.farthest);
+    return absolute(skew) > K(settings.edge_tolerance) * absolute(s.nearest);
+}
+
 STAGE surface nearest_surface(row_t above, row_t centre, row_t below, settings_t settings)
 {
     const real nearer = greater(above.nearest, centre.nearest);
@@ -289,14 +297,8 @@ STAGE surface nearest_surface(row_t above, row_t centre, row_t below, settings_t
         return s;
     const mask up = above.nearest > centre.nearest;
     const mask down = below.nearest > nearer;
-    mask across = (mask)(-1);
-    if (DILATION == DILATION_EDGE) {
-        // Inverse depth is linear in the pixel coordinates on every plane, so there the window is symmetric about its
-        // centre: nearest + farthest = 2 centre. Only where it is not does an edge pass through, and only there is the
-        // motion of the nearer side borrowed; on a smooth receding surface it would be wrong by the slope.
-        const real skew = (s.nearest - s.centre) - (s.centre - s.farthest);
-        across = absolute(skew) > K(settings.edge_tolerance) * absolute(s.nearest);
-    }
+    // On a smooth receding surface a borrowed motion would be wrong by the slope.
+    const mask across = DILATION == DILATION_EDGE ? has_edge(s, settings) : (mask)(-1);
     s.inverse_depth = across ? s.nearest : s.inverse_depth;
     s.x = across ? (down ? below.nearest_x : (up ? above.nearest_x : centre.nearest_x)) : s.x;
     s.y = across ? (down ? SPLAT(1.0) : (up ? SPLAT(-1.0) : SPLAT(0.0))) : s.y;

@@ -33,9 +33,12 @@ def frames(step: float, box_step: float, half: float = 4.0) -> tuple[list[Frame]
     return made, boxes
 
 
-def counts(made: list[Frame], passing_t: float, covered_share: float = 1.0) -> np.ndarray:
+def counts(
+    made: list[Frame], passing_t: float = 1e6, covered_share: float = 1.0, edge_samples: float = 1e6
+) -> np.ndarray:
     """The counts that the last frame leaves, [H, W]."""
-    settings = {"passing_t": passing_t, "disocclusion_t": 1e6, "illumination_t": 1e6, "covered_share": covered_share}
+    tests = {"passing_t": passing_t, "disocclusion_t": 1e6, "illumination_t": 1e6, "behind_t": 1e6}
+    settings = {**tests, "covered_share": covered_share, "edge_samples": edge_samples}
     resolver = Resolver(override(load_preset(), settings))
     for frame in made:
         resolver.resolve(frame)
@@ -106,6 +109,24 @@ def test_what_the_box_stood_instead_of_has_no_history(step: float, box_step: flo
         expected[y, x] = instead and seen and not now[y + 11 : y + 14, x + 11 : x + 14].any()
     assert expected.sum() > 3
     assert np.array_equal(begun, expected)
+
+
+@pytest.mark.parametrize("step", [0.3, -1.6, 2.75, 0.08])
+def test_an_edge_counts_for_few_samples_where_what_is_behind_it_moved(step: float) -> None:
+    """Of a box, not of a wire; by less than a quarter pixel it has not."""
+    made, boxes = frames(step, step * WALL / BOX)
+    before, now = (np.pad(box, 16, mode="edge") for box in boxes)
+    few, expected = counts(made, edge_samples=0.5) < counts(made), np.zeros((HEIGHT, WIDTH), bool)
+    for y, x in np.ndindex(HEIGHT, WIDTH):
+        place, around = x - step * WALL / BOX, now[y + 15 : y + 18, x + 15 : x + 18]  # moved as the box
+        row, column = y + 16, int(np.floor(place)) + 16
+        there = before[row - 1 : row + 3, column - 1 : column + 3]
+        edge = around.any() and not around.all() and -0.5 <= place <= WIDTH - 0.5
+        expected[y, x] = edge and there[1:3, 1:3].any() and there[[0, 0, 3, 3], [0, 3, 0, 3]].any()
+    assert expected.sum() > 10
+    assert np.array_equal(few, expected & (abs(step) * (WALL / BOX - 1) >= 0.25))
+    wire, _ = frames(step, step * WALL / BOX, half=0.5)
+    assert np.array_equal(counts(wire, edge_samples=0.5), counts(wire))
 
 
 def test_a_wire_takes_no_history_away() -> None:

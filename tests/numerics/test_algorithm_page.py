@@ -28,7 +28,7 @@ HEIGHT, WIDTH, FRAMES = 24, 40, 6
 TOLERANCE = 1e-6
 KNEE, FALLOFF, FILTER_SAMPLES, SAMPLE_LIMIT = 4.0, 1.5, 8.0, 24.0
 LIGHT_T, COVERED_T, PASSED_T, LIGHT_DECAY, LIGHT_FLOOR, MOST_CHANGE = 2.6, 0.8, 0.4, 0.72, 0.03, 8.0
-COVERED_SHARE, BEHIND_T = 0.25, 1.0
+COVERED_SHARE, BEHIND_T, EDGE_SAMPLES = 0.25, 1.0, 2.0
 EDGE, PASSED, DEPTH, CLIP_PENALTY, RESAMPLING_PENALTY, BOX_FLOOR = 0.03, 0.25, 0.05, 0.5, 0.8, 2.0**-10
 AROUND = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
 Y, X = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
@@ -210,6 +210,11 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
         passed = (nearest > near * scale + slack) & against
         least_t = np.where(passed, PASSED_T, least_t)
         covered = np.sum([w * (t > near * scale + slack) for w, t in zip(weights, four, strict=True)], 0)
+        far_u, far_v, _ = reproject(far, none, none, frame, left.camera)
+        edge = np.abs((near - q) - (q - far)) > EDGE * np.abs(near)
+        mixed = edge & (np.minimum(np.max(four, 0), np.max(corners, 0)) > (near + far) * scale / 2)
+        apart = np.maximum(np.abs(far_u - u), np.abs(far_v - v))
+        most = np.where(mixed & (apart >= PASSED), EDGE_SAMPLES / np.clip(apart, PASSED, 1), np.inf)
         valid &= ~(passed & (covered > COVERED_SHARE) & (np.max(corners, 0) > near * scale + slack))
     history = sampled(lambda dx, dy: past(left.colour, dx, dy), fx, fy)
     past_colour = history
@@ -229,6 +234,7 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
         signed = np.where(t[..., 0] < 0, -1, 1) * np.abs(t).max(-1)
         change = signed + LIGHT_DECAY * past(left.change, across, below)
         n = count / np.maximum(1, np.abs(change) / least_t) ** 2
+        n = np.minimum(n, most)
     clipped = np.zeros_like(q)
     gamma = MOVING + np.maximum(0, 1 - np.maximum(np.abs(u), np.abs(v))) * (STATIC - MOVING)
     low, high = (pick(list(box.values()), 0) for pick in (np.min, np.max))
