@@ -31,6 +31,13 @@ def surface_range(s: Surface, m: Motion, tolerance: Any) -> tuple[Array, Array]:
     return far - slack, near + slack
 
 
+def texels_read(q: Quad, f: Footprint) -> Quad:
+    """Of four texels those that a place between them reads: where it is exactly at one, the others have no weight."""
+    one_column, one_row = f.fx == number(0, f.fx), f.fy == number(0, f.fy)
+    p10, p11 = np.where(one_column, q.p00, q.p10), np.where(one_column, q.p01, q.p11)
+    return Quad(q.p00, p10, np.where(one_row, q.p00, q.p01), np.where(one_row, p10, p11))
+
+
 def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
     """True where one of four texels of the previous inverse depth lies in the range of the current 3x3."""
     low, high = surface_range(s, m, tolerance)

@@ -21,6 +21,7 @@ from cltaa.reference.disocclusion import (
     shows_behind,
     stood_instead,
     surface_range,
+    texels_read,
 )
 from cltaa.reference.illumination import history_in_range, illumination_test, tests_light
 from cltaa.reference.neighbourhood import Surface
@@ -131,7 +132,8 @@ def sample_history(
     c = covering_of(previous_inverse_depth[0], previous, f, s, m, build, layout, frame, settings)
     if build.choices.reject is Reject.DEPTH:
         no_depth = sample_is_missing(current, layout) & (s.nearest <= number(frame["sky_inverse_depth"], s.nearest))
-        valid &= (same_surface(previous, s, m, settings["depth_tolerance"]) & ~c.instead) | no_depth
+        read = texels_read(previous, f) if build.steps.own_motion and frame["own_vectors"] else previous
+        valid &= (same_surface(read, s, m, settings["depth_tolerance"]) & ~c.instead) | no_depth
     change = np.zeros_like(count)
     if tests_light(build):
         least_t = least_change(c, settings, count)

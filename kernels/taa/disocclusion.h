@@ -27,6 +27,17 @@ STAGE depth_range surface_range(surface s, motion_t m, settings_t settings)
     return (depth_range) { far - slack, near + slack };
 }
 
+// Of four texels those that a place between them reads: where it is exactly at one, the others have no weight.
+STAGE quad texels_read(quad q, real fx, real fy)
+{
+    const mask one_column = fx == SPLAT(0.0), one_row = fy == SPLAT(0.0);
+    q.p10 = one_column ? q.p00 : q.p10;
+    q.p11 = one_column ? q.p01 : q.p11;
+    q.p01 = one_row ? q.p00 : q.p01;
+    q.p11 = one_row ? q.p10 : q.p11;
+    return q;
+}
+
 // The previous frame saw this surface if one of the four texels around the history position lies within its range. One
 // matching texel is enough: along silhouettes, and where a feature narrower than a pixel comes and goes with the
 // jitter, some texel matches.

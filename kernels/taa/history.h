@@ -200,7 +200,11 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
     h.valid = shown & !colour_outside_domain(h.rgb);
     const covering c = covering_of(previous_inverse_depth, v.inverse_depth, f, s, m, x, y, frame, settings);
     if (REJECT == REJECT_DEPTH) {
-        mask same = same_surface(v.inverse_depth, s, m, settings) & ~c.instead;
+        // Without vectors what comes and goes at a neighbour does so by the jitter, and tells of thin things.
+        quad previous = v.inverse_depth;
+        if (OWN_MOTION & frame.own_vectors)
+            previous = texels_read(previous, h.fx, h.fy);
+        mask same = same_surface(previous, s, m, settings) & ~c.instead;
         // A sample without depth either does not say that another surface is seen.
         if (lacks)
             same = same | (sample_is_missing(current, x, y, frame) & (s.nearest <= SPLAT(frame.sky_inverse_depth)));
