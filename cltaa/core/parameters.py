@@ -358,7 +358,7 @@ class Rectify(Choice):
     NONE = "none"
     CLAMP = "clamp", "each channel on its own; moves no further than the history moved"
     CLIP = "clip", "along the line to the centre, extents floored"
-    CLIP_UNGUARDED = "clip-unguarded", "the popular form, with a floor of 1e-8: discontinuous for flat boxes"
+    CLIP_UNGUARDED = "clip-unguarded", "the popular form, 1e-8 added to its extents: discontinuous for flat boxes"
     CLIP_CURRENT = "clip-current", "along the line to the current sample, itself clamped"
     ELLIPSOID = "ellipsoid", "along the line to the centre, onto the ellipsoid inside the box"
 

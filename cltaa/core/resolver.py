@@ -25,7 +25,7 @@ from cltaa.core.plan import JittersBefore, Plan, channel_steps, from_ring_alone,
 from cltaa.core.planes import Layout, checked_out, empty_result, result_shape
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.record import Coarse, Past, coarse_colours, frame_record, looks_cut
-from cltaa.errors import UsageError
+from cltaa.errors import ResourceError, UsageError
 from cltaa.frame import Array, Frame, on_device, outline
 from cltaa.process import OneProcess, no_copy
 
@@ -201,9 +201,15 @@ class Resolver:
         """An array, not filled, for what frames hold or for ``out``: in pinned memory, which a GPU reads and writes at
         the speed of its bus. Elsewhere as ``np.empty`` gives it.
 
-        Pinned memory is scarce and slow to get: take as many arrays as are in work, once. Raises ResourceError.
+        Of float32 or float16. Pinned memory is scarce and slow to get: take as many arrays as are in work, once. Raises
+        UsageError for other numbers, and ResourceError.
         """
-        wanted = np.empty(shape, dtype)  # untouched, it takes no memory
+        if np.dtype(dtype) not in (np.float32, np.float16):
+            raise UsageError("frames hold no such numbers", expected="float32 or float16", found=np.dtype(dtype))
+        try:
+            wanted = np.empty(shape, dtype)  # untouched, it takes no memory
+        except MemoryError as error:
+            raise ResourceError(f"not enough memory for an array: {error}") from None
         return self.launcher.pinned(wanted.nbytes).view(wanted.dtype).reshape(wanted.shape)
 
     @overload

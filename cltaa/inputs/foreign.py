@@ -263,9 +263,9 @@ class ForeignSequence(FrameSequence):
         camera = declared.camera or of_region(still_camera(*layout.display_size), layout)
         jitter, exposure = self._jitter(number, number), 1.0 if declared.exposure is None else declared.exposure
         if self._strict:
-            matrices, numbers = declared.matrices_from, declared.numbers_from
+            matrices, source = declared.matrices_from, declared.jitter_from
             check_camera(camera, path=matrices.path, frame=number, names=matrices.names)
-            check_numbers(jitter, exposure, path=numbers.path, frame=number, names=numbers.names)
+            check_numbers(jitter, exposure, path=source.path, frame=number, names=source.names)
             if "depth" in self._roles:
                 check_depth(self.intake.profile.depth, camera, self.path(number), number)
         empty: dict[str, Any] = dict.fromkeys(self.holds, NO_PIXELS)

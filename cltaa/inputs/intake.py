@@ -39,7 +39,7 @@ from cltaa.inputs.roles import (
     whole_numbers,
     with_usual_names,
 )
-from cltaa.inputs.side_file import MATRIX_KEYS, NUMBER_KEYS, Side, read_side_file
+from cltaa.inputs.side_file import JITTER_KEYS, MATRIX_KEYS, Side, read_side_file
 from cltaa.io.exr_frame import read_cut, read_number, wrong_attribute
 from cltaa.io.exr_layout import Layout, of_region
 from cltaa.io.exr_read import ImageHeader, read_any_header
@@ -84,10 +84,15 @@ Attributes = Mapping[str, object]
 
 
 class Source(NamedTuple):
-    """The file that something was read from, and what it is called there."""
+    """The file that matrices or a jitter were read from, and what they are called there."""
 
     path: Path
     names: tuple[str, str]
+
+    @property
+    def jitter(self) -> Source:
+        """That of a jitter which the projection holds."""
+        return Source(self.path, (f"the jitter in {self.names[1]}", NUMBERS[1]))
 
 
 class Declared(NamedTuple):
@@ -98,7 +103,7 @@ class Declared(NamedTuple):
     exposure: float | None
     cut: bool
     matrices_from: Source
-    numbers_from: Source  # jitter and exposure
+    jitter_from: Source
 
 
 def declared_frames(
@@ -116,20 +121,27 @@ def declared_frames(
     jitters: dict[int, Offset | None] = dict.fromkeys(attributes)
     matrices: dict[int, tuple[Matrix, Matrix] | None] = dict.fromkeys(attributes)
 
-    def source(number: int, beside: str, names: tuple[str, str], there: tuple[str, str]) -> Source:
+    def source(number: int, delay: int, beside: str, names: tuple[str, str], there: tuple[str, str]) -> Source:
+        number = number + delay * step if number + delay * step in attributes else number
         if side_file is not None and number in side and getattr(side[number], beside) is not None:
             return Source(side_file, names)
         return Source(layouts[number].path, there)
 
     rule, attribute = profile.camera, f"attribute {profile.jitter.attribute}"
     in_header = f"matrix {rule.view}", f"matrix {rule.projection}"
-    matrices_from = {number: source(number, "view_to_clip", MATRIX_KEYS, in_header) for number in attributes}
-    numbers_from = {number: source(number, "jitter_px", NUMBER_KEYS, (attribute, NUMBERS[1])) for number in attributes}
+    own = {number: source(number, 0, "view_to_clip", MATRIX_KEYS, in_header) for number in attributes}
+    matrices_from = {
+        number: source(number, rule.delay, "view_to_clip", MATRIX_KEYS, in_header) for number in attributes
+    }
+    jitter_from = {
+        number: source(number, profile.jitter.delay, "jitter_px", JITTER_KEYS, (attribute, NUMBERS[1]))
+        for number in attributes
+    }
     for number, given in attributes.items():
         if profile.jitter.source == "declared":
             jitters[number] = _jitter(profile, given, side.get(number), layouts[number].path, number)
         if profile.camera.source != "none":
-            with _converted(matrices_from[number].path, number):
+            with _converted(own[number].path, number):
                 matrices[number] = _matrices(profile.camera, given, side.get(number), layouts[number].path)
 
     def jitter_of(number: int) -> Offset | None:
@@ -147,12 +159,13 @@ def declared_frames(
     if profile.jitter.source == "projection" and cameras:
         steady, held = without_jitter([*cameras.values()], [layouts[number].display_size for number in cameras])
         jitters |= dict(zip(cameras, held, strict=True))
+        jitter_from |= {number: matrices_from[number].jitter for number in cameras}
         cameras = dict(zip(cameras, steady, strict=True))
     frames = {}
     for number in attributes:
         camera = of_region(cameras[number], layouts[number]) if number in cameras else None
         exposure_and_cut = _exposure_and_cut(attributes[number], side.get(number), layouts[number].path, number)
-        sources = matrices_from[number], numbers_from[number]
+        sources = matrices_from[number], jitter_from[number]
         frames[number] = Declared(camera, jitter_of(number), *exposure_and_cut, *sources)
     return frames
 

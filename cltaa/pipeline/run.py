@@ -288,7 +288,7 @@ def _write_film(
         write_video(path, results, rate=rate)
         return
     frames = (sequence.frame(number).colour for number in results.numbers)
-    before = (np.nan_to_num(colour, posinf=0.0) for colour in frames)
+    before = (np.nan_to_num(colour, posinf=0.0, neginf=0.0) for colour in frames)
     write_pairs(path, before, results, labels=("input", "resolved"), rate=rate, swept=compare == "wipe")
 
 

@@ -13,7 +13,7 @@ from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.gather_track import MOTION, RING_INVERSE_DEPTH, no_motion_vector, texel_at
-from cltaa.reference.neighbourhood import Row, Surface, inverse_depth_or_sky
+from cltaa.reference.neighbourhood import Row, Surface, has_edge, inverse_depth_or_sky
 from cltaa.reference.real import NEIGHBOURS, Array, Mask, beside, constant, greater, number
 from cltaa.reference.reprojection import motion_from_depth
 from cltaa.reference.sampling import footprint_of
@@ -47,8 +47,7 @@ def layers_of(above: Row, centre: Row, below: Row, s: Surface, settings: Record)
     """Where a depth edge runs through the 3x3, the inverse depth that parts its sides, and the slope where none
     does."""
     zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
-    skew = (s.nearest - s.centre) - (s.centre - s.farthest)
-    edge = np.abs(skew) > number(settings["edge_tolerance"], zero) * np.abs(s.nearest)
+    edge = has_edge(s, settings["edge_tolerance"])
     slopes = (half * centre.rise, half * (below.inverse_depth - above.inverse_depth))
     x, y = (np.where(edge, zero, slope) for slope in slopes)
     return Layers(edge, half * (s.nearest + s.farthest), (x, y))

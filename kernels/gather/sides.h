@@ -13,8 +13,7 @@ STAGE layers_t layers_of(row_t above, row_t centre, row_t below, surface s, sett
 {
     layers_t l;
     const real zero = SPLAT(0.0);
-    l.edge
-        = absolute((s.nearest - s.centre) - (s.centre - s.farthest)) > K(settings.edge_tolerance) * absolute(s.nearest);
+    l.edge = has_edge(s, settings);
     l.cut = K(0.5) * (s.nearest + s.farthest);
     l.slope_x = l.edge ? zero : K(0.5) * centre.rise;
     l.slope_y = l.edge ? zero : K(0.5) * (below.inverse_depth - above.inverse_depth);

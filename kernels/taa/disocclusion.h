@@ -108,9 +108,9 @@ STAGE mask shows_behind(quad previous, surface s, motion_t m, real x, real y, fr
 }
 
 // How many samples the history counts for at most. On the edge of something nearer a pixel mixes it with what lies
-// behind, and the history mixes it with what lay there before: by as many pixels as the camera's motion has moved the
-// one against the other, settings.edge_samples become fewer, from that many at one pixel a frame on. Not of a wire,
-// which is seen by the four texels or by the corners of the 4x4, not by both.
+// behind, and the history mixes it with what lay there before. Where the camera's motion moves the one past the other
+// by a pixel a frame or more, it counts for settings.edge_samples; where slower, for as many times more. A wire is left
+// its history: the four texels see it or the corners of the 4x4 do, not both.
 STAGE real samples_of_edge(
     quad previous, quad corners, surface s, motion_t m, real x, real y, frame_t frame, settings_t settings)
 {

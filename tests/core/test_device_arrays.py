@@ -16,7 +16,7 @@ import pytest
 from cltaa.core import planes
 from cltaa.core.presets import Preset, load_preset
 from cltaa.core.resolver import Resolver
-from cltaa.errors import UsageError
+from cltaa.errors import ResourceError, UsageError
 from cltaa.frame import Frame
 from cltaa.opencl import exchange
 from cltaa.opencl.device import Memory, choose_device
@@ -159,6 +159,14 @@ def test_an_empty_array_is_as_asked_for(device: str | None, shape: tuple[int, ..
     assert given.dtype == np.float16
     given[...] = 1
     assert (given == 1).all()
+
+
+def test_an_array_that_nothing_can_hold_is_refused() -> None:
+    resolver = Resolver(device="numpy")
+    with pytest.raises(UsageError, match=r"frames hold no such numbers \(expected float32 or float16, found int32\)"):
+        resolver.empty((4, 5), np.int32)
+    with pytest.raises(ResourceError, match="not enough memory for an array: Unable to allocate"):
+        resolver.empty((2**30, 2**30))
 
 
 def noted(order: list[str], name: str, method: Callable[..., None]) -> Callable[..., None]:

@@ -147,6 +147,28 @@ def test_what_no_frame_can_have_is_told_by_its_name_in_the_side_file(
         list(sequence)
 
 
+def test_matrices_that_are_late_are_told_of_the_file_that_they_stand_in(tmp_path: Path) -> None:
+    made = frames()
+    wrong = replace(made[1], camera=Camera(np.zeros((4, 4)), made[1].camera.view_to_clip))
+    write_own(tmp_path, [made[0], wrong, *made[2:]])
+    sequence = open_input(tmp_path, assignments=["camera.delay=1"], effects="all")
+    with pytest.raises(DataError, match=r"own\.0001\.exr frame 0: matrix cltaa:worldToView cannot be inverted"):
+        list(sequence)
+
+
+def test_a_jitter_of_the_projection_is_told_of_the_projection(tmp_path: Path) -> None:
+    made, side = frames(), tmp_path / "camera.txt"
+    shifted = made[0].camera.view_to_clip.copy()
+    shifted[0, 2] += 1.0  # half of the picture
+    camera = Camera(made[0].camera.world_to_view, shifted)
+    side.write_text(side_text([replace(made[0], camera=camera), *made[1:]]))
+    sequence = open_input(
+        write_blender(tmp_path / "shot", made), side_file=side, assignments=["jitter.source=projection"]
+    )
+    with pytest.raises(DataError, match=r"camera\.txt frame 0: the jitter in view_to_clip is no jitter"):
+        list(sequence)
+
+
 @pytest.mark.parametrize(
     ("numbered", "message"),
     [

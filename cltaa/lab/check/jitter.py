@@ -307,7 +307,7 @@ def check_size(shot: Shot) -> list[Finding]:
         return []
     x, y = worst.jitter_px
     evidence = f"frame {worst.index}: {x:g} {y:g} pixels from the centre, and a sample lies within its pixel"
-    what = "the jitter is in another unit than pixels, or from another place than the pixel's centre"
+    what = "the jitter is no place in a pixel: mend it by jitter.scale or jitter.offset (docs/inputs.md)"
     return [mistake("jitter-size", what, evidence, 0.95)]
 
 
