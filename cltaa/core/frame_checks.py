@@ -166,7 +166,7 @@ def _check_effects(frame: Frame) -> None:
 
 
 def check_camera(
-    camera: Camera, *, path: Path | None = None, frame: int | None = None, names: tuple[str, str] | None = None
+    camera: Camera, *, path: Path | None = None, frame: int | None = None, names: tuple[str, ...] | None = None
 ) -> None:
     """Raise DataError unless both matrices, of those ``names``, are finite, invertible, right-handed and look along -z.
 
@@ -187,7 +187,7 @@ def _check_again(view: bytes, clip: bytes) -> None:
     _check_camera(Camera(*(np.frombuffer(matrix).reshape(4, 4) for matrix in (view, clip))), MATRICES, None, None)
 
 
-def _check_camera(camera: Camera, names: tuple[str, str], path: Path | None, frame: int | None) -> None:
+def _check_camera(camera: Camera, names: tuple[str, ...], path: Path | None, frame: int | None) -> None:
     wrong = partial(DataError, path=path, frame=frame)
     for name, matrix in zip(names, (camera.world_to_view, camera.view_to_clip), strict=True):
         if not isinstance(matrix, np.ndarray) or matrix.shape != (4, 4) or not _is_real(matrix):
@@ -245,11 +245,11 @@ def check_numbers(
     *,
     path: Path | None,
     frame: int | None,
-    names: tuple[str, str] | None = None,
+    jitter_name: str | None = None,
 ) -> None:
-    """Raise DataError unless the jitter is two numbers of a pixel or so and the exposure one that light can have; these
-    are their ``names``."""
-    jitter_name, exposure_name = names or (NUMBERS if path else NUMBER_ARGUMENTS)
+    """Raise DataError unless the jitter, of that name, is two numbers of a pixel or so and the exposure one that light
+    can have."""
+    usual_name, exposure_name = NUMBERS if path else NUMBER_ARGUMENTS
     wrong = partial(DataError, path=path, frame=frame)
     if type(jitter_px) is tuple and [type(number) for number in jitter_px] == [float, float]:  # nearly always, and fast
         sound = all(abs(number) < LARGEST_JITTER for number in jitter_px)
@@ -257,7 +257,7 @@ def check_numbers(
         sound = _is_real(jitter_px) and np.shape(jitter_px) == (2,) and np.abs(jitter_px).max() < LARGEST_JITTER
     if not sound:  # NaN too
         expected = f"two numbers of less than {LARGEST_JITTER:g} pixels"
-        raise wrong(f"{jitter_name} is no jitter", expected=expected, found=jitter_px)
+        raise wrong(f"{jitter_name or usual_name} is no jitter", expected=expected, found=jitter_px)
     factor = exposure if isinstance(exposure, int) else float(exposure)  # an integer may be beyond every float
     if not 2.0**-EXPOSURE_STOPS <= factor <= 2.0**EXPOSURE_STOPS:  # which a half cannot hold
         expected = f"a positive factor within {EXPOSURE_STOPS:g} stops of 1"

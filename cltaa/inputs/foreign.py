@@ -265,7 +265,7 @@ class ForeignSequence(FrameSequence):
         if self._strict:
             matrices, source = declared.matrices_from, declared.jitter_from
             check_camera(camera, path=matrices.path, frame=number, names=matrices.names)
-            check_numbers(jitter, exposure, path=source.path, frame=number, names=source.names)
+            check_numbers(jitter, exposure, path=source.path, frame=number, jitter_name=source.names[0])
             if "depth" in self._roles:
                 check_depth(self.intake.profile.depth, camera, self.path(number), number)
         empty: dict[str, Any] = dict.fromkeys(self.holds, NO_PIXELS)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.core.frame_checks import NUMBERS, check_numbers
+from cltaa.core.frame_checks import check_numbers
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.frame import Camera, Matrix
 from cltaa.inputs.convert import Offset, jitter_px, mended_camera, standard_camera, without_jitter
@@ -39,7 +39,7 @@ from cltaa.inputs.roles import (
     whole_numbers,
     with_usual_names,
 )
-from cltaa.inputs.side_file import JITTER_KEYS, MATRIX_KEYS, Side, read_side_file
+from cltaa.inputs.side_file import Side, read_side_file
 from cltaa.io.exr_frame import read_cut, read_number, wrong_attribute
 from cltaa.io.exr_layout import Layout, of_region
 from cltaa.io.exr_read import ImageHeader, read_any_header
@@ -87,12 +87,7 @@ class Source(NamedTuple):
     """The file that matrices or a jitter were read from, and what they are called there."""
 
     path: Path
-    names: tuple[str, str]
-
-    @property
-    def jitter(self) -> Source:
-        """That of a jitter which the projection holds."""
-        return Source(self.path, (f"the jitter in {self.names[1]}", NUMBERS[1]))
+    names: tuple[str, ...]
 
 
 class Declared(NamedTuple):
@@ -121,22 +116,17 @@ def declared_frames(
     jitters: dict[int, Offset | None] = dict.fromkeys(attributes)
     matrices: dict[int, tuple[Matrix, Matrix] | None] = dict.fromkeys(attributes)
 
-    def source(number: int, delay: int, beside: str, names: tuple[str, str], there: tuple[str, str]) -> Source:
+    def source(number: int, delay: int, keys: tuple[str, ...], there: tuple[str, ...]) -> Source:
         number = number + delay * step if number + delay * step in attributes else number
-        if side_file is not None and number in side and getattr(side[number], beside) is not None:
-            return Source(side_file, names)
+        if side_file is not None and number in side and getattr(side[number], keys[0]) is not None:
+            return Source(side_file, keys)
         return Source(layouts[number].path, there)
 
-    rule, attribute = profile.camera, f"attribute {profile.jitter.attribute}"
-    in_header = f"matrix {rule.view}", f"matrix {rule.projection}"
-    own = {number: source(number, 0, "view_to_clip", MATRIX_KEYS, in_header) for number in attributes}
-    matrices_from = {
-        number: source(number, rule.delay, "view_to_clip", MATRIX_KEYS, in_header) for number in attributes
-    }
-    jitter_from = {
-        number: source(number, profile.jitter.delay, "jitter_px", JITTER_KEYS, (attribute, NUMBERS[1]))
-        for number in attributes
-    }
+    rule, keys, jitter_key = profile.camera, ("world_to_view", "view_to_clip"), ("jitter_px",)
+    in_header, attribute = (f"matrix {rule.view}", f"matrix {rule.projection}"), f"attribute {profile.jitter.attribute}"
+    own = {number: source(number, 0, keys, in_header) for number in attributes}
+    matrices_from = {number: source(number, rule.delay, keys, in_header) for number in attributes}
+    jitter_from = {number: source(number, profile.jitter.delay, jitter_key, (attribute,)) for number in attributes}
     for number, given in attributes.items():
         if profile.jitter.source == "declared":
             jitters[number] = _jitter(profile, given, side.get(number), layouts[number].path, number)
@@ -159,7 +149,8 @@ def declared_frames(
     if profile.jitter.source == "projection" and cameras:
         steady, held = without_jitter([*cameras.values()], [layouts[number].display_size for number in cameras])
         jitters |= dict(zip(cameras, held, strict=True))
-        jitter_from |= {number: matrices_from[number].jitter for number in cameras}
+        for number, (path, (_, projection)) in matrices_from.items():
+            jitter_from[number] = Source(path, (f"the jitter in {projection}",))
         cameras = dict(zip(cameras, steady, strict=True))
     frames = {}
     for number in attributes:

@@ -23,8 +23,7 @@ from cltaa.io.content import read_text
 from cltaa.printable import counted
 
 LARGEST = 1 << 28  # bytes; a frame takes less than 2000, so that a hundred thousand fit
-MATRIX_KEYS, JITTER_KEYS = ("world_to_view", "view_to_clip"), ("jitter_px", "exposure")
-KEYS = {**dict.fromkeys(MATRIX_KEYS, 16), "jitter_px": 2, "exposure": 1, "cut": 1}
+KEYS = {"world_to_view": 16, "view_to_clip": 16, "jitter_px": 2, "exposure": 1, "cut": 1}
 
 
 class Side(NamedTuple):
