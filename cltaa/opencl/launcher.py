@@ -118,7 +118,8 @@ class DeviceLauncher(OneProcess):
         """
         shape, rows = self.device.shape, build.rows
         if kernel in GATHERING and shape.gather_rows and rows == shape.rows:
-            return msgspec.structs.replace(build, rows=shape.gather_rows)
+            registers = shape.gather_registers or build.registers
+            return msgspec.structs.replace(build, rows=shape.gather_rows, registers=registers)
         if kernel != "resolve" or not shape.one_size:
             return build
         if _banded(kernel, arguments):

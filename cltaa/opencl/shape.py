@@ -44,6 +44,7 @@ class Shape(NamedTuple):
     most_rows: int = 0  # up to which a resolve of whole images takes as many rows as fill the device; 0: ``rows``
     gather_rows: int = 0  # rows of a work-item that gathers; 0: ``rows``
     gather_group: tuple[int, int] | None = None  # work-items a group of those; None: ``group``
+    gather_registers: int = 0  # the most registers of one of those; 0: as of others
 
     def registers_of(self, build: Build) -> int:
         """The most registers that a work-item of a kernel with this build may have; with more of them fewer work-items
@@ -99,7 +100,8 @@ NVIDIA = Shape(
     registers_for_few=72,
     most_rows=36,
     gather_rows=1,
-    gather_group=(32, 8),
+    gather_group=(64, 4),
+    gather_registers=80,
 )
 
 SHAPES = {
