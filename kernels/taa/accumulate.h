@@ -11,8 +11,8 @@ STAGE real grown_count(real count, real blend_boost)
     return count + K(1.0);
 }
 
-// Weight for `capped`: the sample has the odds of blend_weight, the history weighs count / sample_limit, at most 1, and
-// in motion at most what gives the sample moving_weight.
+// Weight for `capped`: the sample has the odds of blend_weight, the history a weight of count / sample_limit, at most
+// 1, and in motion at most what gives the sample moving_weight.
 STAGE real capped_weight(real count, real blend_boost, settings_t settings)
 {
     const real one = SPLAT(1.0), least = SPLAT(settings.blend_weight), most = SPLAT(settings.moving_weight);
