@@ -75,8 +75,8 @@ STAGE floats beyond_halves(floats v)
     return ((v >= most) | (v <= -most)) ? v + v : v;
 }
 
-// Writes the result to an array. Halves are rounded to nearest; from the largest half on they become infinite, by which
-// the host finds clipped values and limits them (cltaa/pipeline/output.py).
+// Writes the result to an array. Halves are rounded to nearest; from the largest half on they become infinite, so that
+// the host finds such values and limits them (cltaa/pipeline/output.py).
 __kernel void pack_kernel(history_in image, __global float* restrict target, const int width, const int height,
     const int stride, const int rows, const int planes, const int first, const int row_step, const int column_step,
     const int plane_step, const int halves)

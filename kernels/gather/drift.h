@@ -117,9 +117,9 @@ STAGE real error_around(const row_sums* rows, int window, int y)
     return sum;
 }
 
-// Joins all rows around a pixel. A sum of squares minus the square of a mean would leave its rounding where light
-// drifts evenly; instead the deviation of a row's mean from that of all adds to those of its texels from its own (Chan,
-// Golub and LeVeque).
+// Joins all rows around a pixel. A sum of squares minus the square of a mean would leave only rounding errors where
+// light drifts evenly; instead each row sums squares about its own mean, and the squared distance of that mean from the
+// mean of all is added (Chan, Golub and LeVeque).
 STAGE drift_sums drift_around(const row_sums* rows, int window, int y)
 {
     drift_sums all = { 0 };

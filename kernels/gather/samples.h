@@ -82,7 +82,7 @@ typedef struct
     footprint f;
     real column, row; // of that texel
     places_t places;
-    real reach; // from which samples have no weight
+    real reach; // distance from which samples have no weight
     int recent; // 1: its samples are also summed separately
     mask stands; // the surface has no own motion, and the frame is a later one
 } view_t;

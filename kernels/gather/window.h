@@ -19,9 +19,9 @@ STAGE int window_end(int window, int frames)
     return end < frames ? end : frames;
 }
 
-// Squared distances of the latest samples, the current one among them, from a window's result, over all channels. They
-// have luminance weights: else the edge of a highlight would outweigh all displayable light around it. A window
-// contains these samples and lies the nearer to them the fewer others it has; a division by the others' share corrects
+// Squared distances of the latest samples, the current one among them, from a window's result, over all channels.
+// Colours have luminance weights: else the edge of a highlight would outweigh all displayable light around it. A window
+// contains these samples and lies the nearer to them the fewer others it has; dividing by (1 - 1 / count)^2 corrects
 // that (leave one out).
 STAGE real window_error(gathered g, pixel_t now, resolved window, settings_t settings)
 {

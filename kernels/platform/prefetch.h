@@ -10,8 +10,8 @@
 // and the compiler's takes no pointer into a GPU's memory.
 #if LANES > 1 && __has_builtin(__builtin_prefetch) && (defined(__x86_64__) || defined(__aarch64__))
 #define FETCH_NEXT(p) __builtin_prefetch((const void*)(size_t)((p) + LANES))
-// Prefetches the LANES from `far` on into the second cache, or with FAR_FIRST into the first, which evicts them to the
-// second; those from `near` on, and the ones after them, into the first.
+// Prefetches the LANES from `far` on into the second-level cache, or with FAR_FIRST into the first, which evicts them
+// to the second; those from `near` on, and the ones after them, into the first.
 #define FETCH_FAR(far) __builtin_prefetch((const void*)(size_t)(far), 0, FAR_FIRST ? 3 : 2)
 #define FETCH_TWICE(far, near) (FETCH_FAR(far), __builtin_prefetch((const void*)(size_t)(near), 0, 3), FETCH_NEXT(near))
 #endif
@@ -29,7 +29,7 @@
 #define FETCH_TWICE(far, near) (void)(far)
 #endif
 
-#define ROWS_NEAR (FAR_FIRST ? 1 : 2) // rows by which `near`, from the second cache, lies less far below
+#define ROWS_NEAR (FAR_FIRST ? 1 : 2) // rows by which `near`, from the second-level cache, lies less far below
 
 // Prefetches the texel of plane p that lies `rows` rows below the one at `at`. With a constant stride the step is part
 // of NVIDIA's instruction, which then shares the address of the loads around it.

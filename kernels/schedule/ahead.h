@@ -1,14 +1,14 @@
 // Software prefetch. Work-items walk down their columns, and no CPU predicts steps of a whole row: without this, half
 // of the time would be spent waiting for memory. In each row a work-item prefetches what lies right of its own texels
 // ROWS_AHEAD rows below. Its own filters read some of that, and the next work-item all of it. An address beyond the
-// image is harmless: nothing is read, nothing fails. On a GPU it is the next row that the work-item itself has not read
-// yet.
+// image is harmless: nothing is read, nothing fails. A GPU prefetches the next row that the work-item itself has not
+// read yet.
 //
-// COLUMNS_AHEAD: a core has few slots for lines in flight to its first cache, a line from memory keeps its slot for
-// long, and a load from the second cache needs one too. So a CPU's work-item prefetches texels so many work-items right
-// of it into the second cache alone, and its own next texels and those right of them from there into the first.
-// FAR_FIRST: the far ones into the first as well. On a Zen 5, texels prefetched into the second alone arrived too late
-// once a walk had fallen behind, and it did not catch up.
+// COLUMNS_AHEAD: a core has few slots for lines in flight to its first-level cache, a line from memory keeps its slot
+// for long, and a load from the second level needs one too. So a CPU's work-item prefetches texels COLUMNS_AHEAD
+// work-items right of it into the second level alone, and its own next texels and those right of them from there into
+// the first. FAR_FIRST: the far ones into the first as well. On a Zen 5, texels prefetched into the second level alone
+// arrived too late once a walk had fallen behind, and it did not catch up.
 #include "platform/prefetch.h"
 
 #define ROWS_AHEAD (LANES > 1 ? (FAR_FIRST ? 3 : 4) : 2)

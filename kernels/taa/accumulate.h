@@ -69,8 +69,8 @@ STAGE real luminance_weight(real weight, real current, real history, settings_t 
 }
 
 // Weight of the current sample against a history of `count`, before anti-flicker. In a running mean with luminance
-// weights it is h / (h + count x), x and h the inertias of sample and history: not a share 1 / (count + 1) that is
-// weighted afterwards. A reactive sample gains as many samples as the history loses. `current` and `history` are 4 Y.
+// weights it is h / (h + count x), x and h the inertias of sample and history, without the step over 1 / (count + 1). A
+// reactive sample gains as many samples as the history loses. `current` and `history` are 4 Y.
 STAGE real weight_of_sample(
     real count, real current, real history, real reactivity, real blend_boost, settings_t settings)
 {

@@ -77,7 +77,7 @@ STAGE texel_row nearest_row(history_in p, footprint n, int j, size_t plane, int 
 // 1 if the test runs. The count's buffer then has a second plane, which holds the illumination change.
 #define TESTS_LIGHT (ILLUMINATION != ILLUMINATION_STATIC)
 
-// Clamps the stored illumination change to MOST_CHANGE, so that it decays within some frames, and flushes denormals.
+// Clamps the stored illumination change to +-MOST_CHANGE, so that it decays within some frames, and flushes denormals.
 STAGE real stored_change(real change)
 {
     const real cache = limit(change, SPLAT(-MOST_CHANGE), SPLAT(MOST_CHANGE));

@@ -143,7 +143,7 @@ STAGE void weighted_channel(real* mean, real* deviation, const real* v, const re
     *deviation = square_root(spread / total);
 }
 
-// Weights the nine texels by luminance, or by the distance of their samples from the pixel's centre.
+// Replaces mean and deviation by weighted ones: by luminance, or by the distance of samples from the pixel's centre.
 STAGE void weighed_texels(statistics* s, boxed_row above, boxed_row centre, boxed_row below, frame_t frame)
 {
     const boxed texels[9] = { above.left, above.own, above.right, centre.left, centre.own, centre.right, below.left,

@@ -160,12 +160,12 @@ typedef struct
 {
     colour change;
     real clip_distance; // how far the first coordinate (luminance) was moved, in half extents of the box
-    real blend_boost; // 0 to 1: motion, or the distance that the history was moved, whichever is more (adaptive,
-                      // capped); 1 where it moves at all (standing)
+    real blend_boost; // 0 to 1: the larger of motion and the distance that the history moved (adaptive,
+                      // capped); 1 in motion (standing)
     real anti_flicker_factor; // factor of the current sample's weight (clamp-distance)
 } rectification;
 
-// True where a pixel moves less than STANDS pixels along either axis: too little to be seen.
+// True where a pixel moves less than STANDS pixels along each axis: too little to be seen.
 STAGE mask stands(motion_t m) { return (absolute(m.u) < K(STANDS)) & (absolute(m.v) < K(STANDS)); }
 
 // The larger of two shares, 1 at most: motion in screens a frame times motion_rate, and the distance moved in the box

@@ -13,7 +13,7 @@
 #define FIVE_PAIRS                                                                                                     \
     (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5 || HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5_RAW)
 
-// Weights of all taps but tap 1, which has the rest of 1. For Catmull-Rom's 16 taps they are weights of the steps
+// Weights of all taps but tap 1, which has 1 minus their sum. For Catmull-Rom's 16 taps they are weights of the steps
 // between taps instead: w0 from tap 0 to 1, w2 from tap 1 to 2, w3 from tap 2 to 3. For the cross they are what the six
 // taps, tap 1 among them, add to a linear filter, and `linear` is tap 2's weight in that filter.
 typedef struct
