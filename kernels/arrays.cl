@@ -1,12 +1,12 @@
-// Between planes and the arrays of a program: [H, W, C] in any order of their axes in memory, floats or halves.
+// Converts between planes and a program's arrays: [H, W, C] in any order of their axes in memory, floats or halves.
 #include "platform/image.h"
 #include "platform/storage.h"
 
 #define AS_IT_IS 0
 #define PERSPECTIVE 1
 
-// What a number of an array becomes: itself, or of a planar distance the inverse depth (cltaa/camera.py), in which all
-// up to `below` is at `at`.
+// Converts a number of an array: unchanged, or from planar distance to inverse depth (cltaa/camera.py), where values up
+// to `below` become `at`.
 STAGE float taken(float v, int kind, float below, float at)
 {
     if (kind == AS_IT_IS)
@@ -22,8 +22,8 @@ STAGE float element(__global const float* array, size_t at, int halves)
     return halves ? vload_half(at, (__global const half*)array) : array[at];
 }
 
-// Planes with their halo from an array that shows `height` rows from row `top` of the planes on; a work-item takes
-// every so many texels of a row as there are work-items to it, on a CPU all of them.
+// Fills planes and their halo from an array that holds `height` rows from row `top` of the planes on. The work-items of
+// a row take its texels in turn; on a CPU one takes all.
 __kernel void unpack_kernel(__global const float* restrict source, __global float* restrict target, const int width,
     const int height, const int stride, const int rows, const int top, const int planes, const int first,
     const int row_step, const int column_step, const int plane_step, const int halves, const int kind,
@@ -43,7 +43,7 @@ __kernel void unpack_kernel(__global const float* restrict source, __global floa
                     kind, below, at);
             continue;
         }
-        // Each way by itself, so that it is compiled to vectors.
+        // One loop for each case, so that it is vectorised.
         if (halves)
             for (int x = 0; x < width; ++x)
                 to[PAD_X + x] = taken(element(source, from + (size_t)x * (size_t)column_step, 1), kind, below, at);
@@ -66,7 +66,7 @@ __kernel void unpack_kernel(__global const float* restrict source, __global floa
     }
 }
 
-// Twice as much from the largest half on, which is beyond all of them.
+// Doubles a value from the largest half on, so that it exceeds all halves.
 STAGE float beyond_half(float v) { return fabs(v) >= (float)HALF_LIMIT ? v + v : v; }
 
 STAGE floats beyond_halves(floats v)
@@ -75,8 +75,8 @@ STAGE floats beyond_halves(floats v)
     return ((v >= most) | (v <= -most)) ? v + v : v;
 }
 
-// The result as an array. In halves each number is rounded to the nearest; from the largest half on it becomes
-// infinite, by which the host finds what is cut and limits it (cltaa/pipeline/output.py).
+// Writes the result to an array. Halves are rounded to nearest; from the largest half on they become infinite, so that
+// the host finds such values and limits them (cltaa/pipeline/output.py).
 __kernel void pack_kernel(history_in image, __global float* restrict target, const int width, const int height,
     const int stride, const int rows, const int planes, const int first, const int row_step, const int column_step,
     const int plane_step, const int halves)

@@ -1,4 +1,4 @@
-// The temporal resolve from a ring of frames: each pixel gathers the samples that the last frames drew inside it.
+// The temporal resolve from a ring of frames: each pixel gathers the samples that the last frames rendered inside it.
 #include "gather/samples.h"
 #include "gather/subpixel.h"
 #include "schedule/window.h"

@@ -1,5 +1,5 @@
-// As gather.cl, but where light may change: the pixel from several windows of its past, and the error of each.
-// weigh_windows.cl mixes the windows.
+// As gather.cl, but where light may change: resolves the pixel from several windows of its past, with the error of
+// each. weigh_windows.cl mixes the windows.
 #include "gather/subpixel.h"
 #include "gather/window.h"
 #include "schedule/window.h"
@@ -41,7 +41,7 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
                 error = window_error(near.sums, p, out, settings);
             }
             if (RECURSION == RECURSION_STANDING && window == ALL_FRAMES) {
-                // A recursive history does not tell samples by their reactivity, as those of the ring are.
+                // A recursive history does not weight samples by their reactivity, as gathering does.
                 out = longer_history(out, p.most_reactive <= SPLAT(0.0), recursive, recursive_count, x, y, frame);
                 error = window_error(near.sums, p, out, settings);
             }
@@ -52,8 +52,8 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
         if (REACTIVE)
             stand_in(windows, near.sums, out, error, x, y, frame);
 
-        // The window without motion. It is valid where enough of the latest samples can contradict it. Its history is
-        // that of a surface that stands.
+        // The window without motion. It is valid where enough of the latest samples can contradict it. Where the
+        // surface is at rest, a longer recursive history replaces it.
         if (!repeats(UNMOVED, frames, standing)) {
             gathered unmoved_sums;
             resolved unmoved = resolve_unmoved(&unmoved_sums, ring, past, standing, p, x, y, frame, settings);

@@ -1,14 +1,14 @@
 // The temporal resolve. A work-item walks down a column of the image, a segment of LANES pixels at a time.
 //
-// `real` is one float on a GPU, and a vector of LANES neighbouring pixels on a CPU. K(v) is a number of its lanes'
-// type, SPLAT(v) that number in each lane, LANE_INDEX the lanes counted from 0 (platform/lanes.h). plane_in and
-// plane_out are planes of floats with a halo, history_in and history_out such planes in the format that the history is
-// stored in.
+// `real` is one float on a GPU and a vector of LANES neighbouring pixels on a CPU. K(v) is v in the type of a lane,
+// SPLAT(v) a `real` with v in every lane, LANE_INDEX the lane numbers from 0 (platform/lanes.h). plane_in and plane_out
+// point to planes of floats with a halo, history_in and history_out to such planes in the storage format of the
+// history.
 //
-// The prelude defines what is in capitals, frame_t (the numbers of this frame) and settings_t (those of the preset).
+// The prelude defines the names in capitals, frame_t (the numbers of this frame) and settings_t (those of the preset).
 // cltaa/core/build.py writes it in front of this text; `cltaa kernels --show resolve` prints it.
 //
-// sample_history runs the illumination-change test and the disocclusion test too, hence its arguments `current` and
+// sample_history also runs the illumination-change test and the disocclusion test, hence its arguments `current` and
 // `rows.below.texels`. extend_stored does nothing on a GPU, where extend_edges_kernel of store.cl repeats the edges.
 #include "taa/fireflies.h"
 #include "schedule/window.h"
@@ -33,7 +33,7 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
             nearest_surface(rows.above, rows.centre, rows.below, settings), inverse_depth, motion, x, y, frame);
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
 
-        // Sample the history there. It is not valid where the previous frame did not show that surface.
+        // Sample the history there. It is invalid where the previous frame did not show that surface.
         history_t h = sample_history(current, rows.below.texels, rows.centre.lacks, history, history_count,
             previous_inverse_depth, m, s, x, y, frame, settings, &cache);
 
@@ -41,7 +41,7 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
         h.alpha = rectified_alpha(alpha, h.alpha, x, y, frame);
         const rectification r = rectify(h.rgb, p.filtered, p.stats, m, box_scale_of(m, settings), frame, settings);
 
-        // Dim fireflies, where that is asked for.
+        // Dim fireflies, if the preset does so.
         p = without_firefly(p, rows.above.texels, rows.centre.texels, rows.below.texels, h, settings);
 
         // Accumulate: blend the sample with the history, by the history's effective sample count.

@@ -48,8 +48,8 @@ __kernel void neighbourhood_statistics_kernel(
     store_colour(p + 12 * plane, plane, sample);
 }
 
-// Motion: what each pixel follows. 10 planes: u, v, scale, shift, visible (1 or 0), the nearest and farthest inverse
-// depth of the 3x3, the pixel's own, and where what it follows lies relative to it.
+// Motion of the surface that each pixel follows. 10 planes: u, v, scale, shift, visible (1 or 0), the nearest and
+// farthest inverse depth of the 3x3, the pixel's own, and the surface's offset from the pixel.
 __kernel void surface_motion_kernel(plane_in current, plane_in inverse_depth, plane_in motion, plane_out motion_out,
     const frame_t frame, const settings_t settings)
 {
@@ -75,8 +75,8 @@ __kernel void surface_motion_kernel(plane_in current, plane_in inverse_depth, pl
     store(p + 9 * plane, s.y);
 }
 
-// History at that motion. 9 planes: r, g, b, alpha, count, fx, fy, valid (1 or 0), and how light changes, where that is
-// tested for.
+// History at that motion. 9 planes: r, g, b, alpha, count, fx, fy, valid (1 or 0), and the illumination change, where
+// it is tested.
 __kernel void sample_history_kernel(plane_in current, plane_in motion_in, history_in history, plane_in history_count,
     plane_in previous_inverse_depth, plane_out history_at, const frame_t frame, const settings_t settings)
 {
@@ -154,7 +154,7 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
     h.change = load(q + 8 * plane);
     const rectification r = { load_colour(c, plane), load(c + 3 * plane), load(c + 4 * plane), load(c + 5 * plane) };
     h.alpha = rectified_alpha(alpha, h.alpha, x, y, frame);
-    pixel_t p; // of it only what is looked at after rectification
+    pixel_t p; // only the fields that are read after rectification
     p.stats.mean = load_boxed(statistics_in + at, plane);
     p.alpha = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
     p.reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);

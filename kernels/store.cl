@@ -25,10 +25,10 @@ STAGE void copy_texel(history_out image, plane_out floats, int plane, int planes
     }
 }
 
-// Repeats the edge of planes into their halo, so that filters may read past the image: of `planes` planes of the
-// history's numbers and of `more` planes of floats, at once, since to start a kernel costs a GPU more than this work.
-// For each plane first a work-item a column of the rows above, and one of those below; then ROW_ITEMS a row, between
-// which its texels left and right of the image are dealt out. A CPU's kernels do it themselves (edges.h).
+// Repeats the edges of `planes` planes in the history's format and of `more` planes of floats into their halo, so that
+// filters may read past the image. One launch does all, since it costs a GPU more than this work. Each plane has a
+// work-item a column for the rows above, and one for those below; then ROW_ITEMS a row, which share its texels left and
+// right of the image. A CPU's kernels do it themselves (edges.h).
 __kernel void extend_edges_kernel(
     history_out image, plane_out floats, const frame_t frame, const int planes, const int more)
 {

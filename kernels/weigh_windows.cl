@@ -1,4 +1,4 @@
-// The pixel from the windows of its past that gather_windows.cl found, each as far as the texels around it bear it out.
+// Mixes the windows of a pixel's past that gather_windows.cl resolved, each weighted by its error in the texels around.
 #include "gather/drift.h"
 #include "schedule/window.h"
 

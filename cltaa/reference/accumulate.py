@@ -1,4 +1,4 @@
-"""Twin of ``taa/accumulate.h``: one output pixel from its sample, its neighbourhood and its history."""
+"""Twin of ``taa/accumulate.h``: blends each pixel's sample with its history."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from cltaa.reference.sampling import count_limit_of
 
 
 def grown_count(count: Array, blend_boost: Array, build: Build) -> Array:
-    """The count with one sample more; of ``standing`` anew where a pixel moves, and ten more where it does not."""
+    """Sample count after one more sample; with ``standing`` 1 where a pixel moves, and ten more where it does not."""
     one = number(1.0, count)
     if build.choices.accumulate is Accumulate.STANDING:
         return np.where(blend_boost > number(0.0, count), np.ones_like(count), count + constant("STANDING_GAIN", count))
@@ -56,8 +56,8 @@ def grown_count(count: Array, blend_boost: Array, build: Build) -> Array:
 
 
 def capped_weight(count: Array, blend_boost: Array, settings: Record) -> Array:
-    """Weight beside a history that weighs ``count / sample_limit``, 1 at most, and in motion no more than makes
-    ``moving_weight`` of it."""
+    """Weight of the sample against a history of weight ``count / sample_limit``, at most 1, and in motion at most what
+    gives the sample ``moving_weight``."""
     one, least, most = (number(v, count) for v in (1.0, settings["blend_weight"], settings["moving_weight"]))
     odds = least / (one - least)
     cap = odds * (one - most) / most
@@ -67,7 +67,7 @@ def capped_weight(count: Array, blend_boost: Array, settings: Record) -> Array:
 
 
 def sample_weight(count: Array, blend_boost: Array, build: Build, settings: Record) -> Array:
-    """Weight of the current sample beside ``count`` earlier ones."""
+    """Weight of the current sample against ``count`` earlier ones."""
     least = number(settings["blend_weight"], count)
     if build.choices.accumulate is Accumulate.CONSTANT:
         return np.full_like(count, least)
@@ -85,7 +85,7 @@ def sample_weight(count: Array, blend_boost: Array, build: Build, settings: Reco
 
 
 def samples_in_mean(count: Array, build: Build, settings: Record) -> Array:
-    """What ``count`` samples count as in the mean that is taken: with the new one 1 / blend_weight at most."""
+    """Samples that the mean counts in a history of ``count``: with the new one 1 / blend_weight at most."""
     if build.choices.accumulate is Accumulate.COUNT:
         return count
     one = number(1.0, count)
@@ -98,7 +98,7 @@ def luminance_inertia(v: Colour, settings: Record) -> Array:
 
 
 def luminance_weight(weight: Array, current: Colour, history: Colour, build: Build, settings: Record) -> Array:
-    """Weights 1 / (knee + Y) as one weight of the current sample."""
+    """Fold the luminance weights 1 / (knee + Y) of both into one weight of the current sample."""
     if build.choices.weighting is Weighting.NONE:
         return weight
     x, h = luminance_inertia(current, settings), luminance_inertia(history, settings)
@@ -115,8 +115,8 @@ def weight_of_sample(
     build: Build,
     settings: Record,
 ) -> Array:
-    """Weight of the current sample beside a history of ``count``, before what stills flicker: in a mean of all with
-    luminance weights h / (h + count x), where a reactive sample counts for as many more as are then missing."""
+    """Weight of the current sample against a history of ``count``, before anti-flicker: in a running mean with
+    luminance weights h / (h + count x), where a reactive sample gains as many samples as the history loses."""
     one = number(1.0, count)
     in_mean = build.choices.accumulate in (Accumulate.COUNT, Accumulate.EXPONENTIAL)
     if in_mean and build.choices.weighting is not Weighting.NONE:
@@ -140,15 +140,14 @@ def sample_share(v: Colour, build: Build, settings: Record) -> Array:
 
 
 def share_difference(v: Colour, other: Colour, build: Build, settings: Record) -> Colour:
-    """How far two colours differ, each as much as it counts: dim light as it is, highlights no more than
-    ``luminance_knee``."""
+    """Difference of two colours, each scaled by knee / (knee + Y): no highlight exceeds ``luminance_knee``."""
     knee = number(1.0 if build.choices.weighting is Weighting.NONE else settings["luminance_knee"], v[0])
     a, b = (knee * sample_share(c, build, settings) for c in (v, other))
     return a * v - b * other
 
 
 def filtered_share(share: Array, filtered: Colour, build: Build, settings: Record) -> Array:
-    """Share of the filtered sample where ``filter_use`` says few-samples; bright ones weigh less, twice."""
+    """Share of the filtered sample (``filter_use`` = few-samples); bright ones are weighted down twice."""
     if build.choices.weighting is Weighting.NONE:
         return share
     knee = number(settings["luminance_knee"], share)
@@ -157,7 +156,7 @@ def filtered_share(share: Array, filtered: Colour, build: Build, settings: Recor
 
 
 def difference_share(current: Colour, history: Colour, settings: Record) -> Array:
-    """Factor of the weight by how much the luminances differ (Lottes)."""
+    """Factor of the weight by the difference of the luminances (Lottes)."""
     x, h = luminance(current), luminance(history)
     size = greater(greater(x, h), number(settings["difference_knee"], x))
     u = number(1.0, x) - np.abs(x - h) / size
@@ -171,7 +170,7 @@ def blend(history: Array, current: Array, weight: Array) -> Array:
 
 
 def storable(v: Colour, current: Colour, build: Build) -> Colour:
-    """Inside the domain, no denormal, no -0, not below the least of 0 and the current sample."""
+    """Make values storable: inside the domain, no denormal, no -0, not below the lesser of 0 and the current sample."""
     floor_value = lesser(current, number(0.0, current))
     raised = greater(v, floor_value) if build.choices.negatives is Negatives.RAISE else v
     bad = outside_domain(raised) | (np.abs(raised) < constant("TINY", v))
@@ -179,32 +178,32 @@ def storable(v: Colour, current: Colour, build: Build) -> Colour:
 
 
 class Pixel(NamedTuple):
-    """What the current frame says of each pixel; ``own`` is its sample, ``filtered`` what the current filter makes of
-    it, which takes the place of ``own`` but where ``filter_use`` says few-samples."""
+    """Current frame at each pixel: its sample ``own``, and ``filtered``, the current filter's, which also replaces
+    ``own`` unless ``filter_use`` is few-samples."""
 
     own: Colour
     filtered: Colour
     alpha: Array
     reactivity: Array
     stats: Statistics  # of the 3x3
-    least_reactive: Array  # of the 3x3, where temporal windows are weighed
+    least_reactive: Array  # of the 3x3, where temporal windows are weighted
     most_reactive: Array
-    missing: Mask | None = None  # whether its own sample is, where frames are gathered from
-    filled: Colour | None = None  # and what stands in for it without any other sample
+    missing: Mask | None = None  # its own sample is missing; set where frames are gathered
+    filled: Colour | None = None  # the fill that replaces it without any other sample
 
 
 @dataclass(frozen=True, slots=True)
 class Resolved:
-    """What one frame leaves at each pixel."""
+    """Result of one frame at each pixel."""
 
     rgb: Colour
     alpha: Array
     count: Array
-    change: Array | None = None  # of light, where that is tested for
+    change: Array | None = None  # illumination change, where the build tests light
 
 
 def share_in_domain(v: Array, otherwise: float) -> Array:
-    """Alpha or reactivity limited to [0, 1]; NaN or what else is outside the domain means ``otherwise``."""
+    """Clamp alpha or reactivity to [0, 1]; outside the domain it is ``otherwise``."""
     return np.where(outside_domain(v), number(otherwise, v), limit(v, number(0, v), number(1, v)))
 
 
@@ -239,14 +238,14 @@ def current_pixel(
 
 
 def as_reactive(r: Array, now: Pixel) -> Array:
-    """How much counts of samples [H, W] that were drawn with reactivity ``r``."""
+    """Weights of samples [H, W] that were rendered with reactivity ``r``."""
     off = greater(greater(now.least_reactive - r, r - now.most_reactive), np.zeros_like(r))
     far = off * constant("REACTIVE_FALL", r)
     return greater(number(1.0, r) - far * far, np.zeros_like(r))
 
 
 def rectified_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> Array:
-    """The history's alpha; where colour is moved into a box, held in the extremes of the current 3x3 of ``plane``."""
+    """The history's alpha, clamped to the extremes of the current 3x3 of ``plane`` where colour is rectified."""
     if build.choices.rectify is Rectify.NONE:
         return past
     share = share_in_domain(plane[0].astype(past.dtype), 1.0)
@@ -258,18 +257,18 @@ def rectified_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> 
 
 
 def disoccluded_colour(current: Colour, mean: Colour, build: Build, settings: Record) -> Colour:
-    """The sample of a pixel without history, drawn towards the mean of its neighbourhood."""
+    """Sample of a pixel without history, moved towards its neighbourhood's mean."""
     change = from_box_space(mean - to_box_space(current, build), build)
     return current + number(settings["disocclusion_blur"], current) * change
 
 
 def drawn_towards(own: Colour, filtered: Colour, share: Array) -> Colour:
-    """``own`` drawn towards ``filtered`` by a share."""
+    """Move ``own`` towards ``filtered`` by a share."""
     return own + share * (filtered - own)
 
 
 def effective_count(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Array:
-    """The effective sample count of a pixel's rectified history: what it still stands for after resampling."""
+    """Effective sample count of the rectified history, after resampling, clipping and reactivity."""
     count, one = h.count, number(1.0, h.count)
     if build.terms.clip_penalty:
         count = count / (one + number(settings["clip_penalty"], count) * r.clip_distance)
@@ -293,7 +292,7 @@ def rectified(h: History, r: Rectification, build: Build, settings: Record) -> C
 
 
 def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Resolved:
-    """The pixel blended with its rectified history, or begun anew where there is none."""
+    """Blend the pixel with its rectified history; without history the result begins anew."""
     count, current = effective_count(p, h, r, build, settings), p.filtered
     one = number(1.0, h.count)
     past = rectified(h, r, build, settings)
@@ -321,7 +320,7 @@ def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings
 def without_missing(
     out: Resolved, h: History, current: Array, build: Build, layout: Layout, settings: Record
 ) -> Resolved:
-    """The result where samples are missing: the history as it is, where one sample or more is in it, else filled."""
+    """Result where samples are missing: the history unchanged if its count is at least 1, else a fill."""
     zero, one = np.zeros_like(h.count), number(1.0, h.count)
     missing, kept = sample_is_missing(current, layout), h.valid & (h.count >= one)
     filled = filled_colour(current, build, layout)

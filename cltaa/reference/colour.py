@@ -16,15 +16,15 @@ Colour = Array  # [3, H, W]
 
 
 def box_units(build: Build) -> tuple[float, float, float]:
-    """How many of each of the kernels' coordinates make one of the box space's own: ``BOX_A``, ``BOX_B`` and it again.
+    """Scale of the kernels' coordinates against the box space's own: ``BOX_A``, ``BOX_B`` and ``BOX_A`` again.
 
-    Powers of two change no digit, but where numbers or their squares end, they end sooner or later.
+    Powers of two change no digit, but shift where numbers or their squares overflow or underflow.
     """
     return (4.0, 2.0, 4.0) if build.choices.box_space is BoxSpace.YCOCG else (1.0, 1.0, 1.0)
 
 
 def a_channel(factors: Sequence[float]) -> Array:
-    """Three factors, one a channel of a colour; exact in float32."""
+    """Three factors, one for each channel of a colour; exact in float32."""
     return np.array(factors, np.float32)[:, None, None]
 
 
@@ -43,7 +43,7 @@ def to_boxed(v: Colour, build: Build) -> Colour:
 
 
 def in_units(v: Colour, build: Build) -> Colour:
-    """What the kernels hold, in the box space's own coordinates."""
+    """The kernels' coordinates in the box space's own."""
     return a_channel([1.0 / each for each in box_units(build)]) * v
 
 
@@ -68,12 +68,12 @@ def luminance(v: Colour) -> Array:
 
 
 def peak(v: Colour) -> Array:
-    """Greatest of the three and 0."""
+    """max(r, g, b, 0)."""
     return greater(greater(greater(v[0], v[1]), v[2]), number(0.0, v))
 
 
 def to_range(v: Colour, build: Build) -> Colour:
-    """Scene-referred colour in the range in which it is compared and blended."""
+    """Tonemap scene-referred colour to the range in which it is compared and blended."""
     if build.choices.tonemap in (Tonemap.NONE, Tonemap.BLEND):
         return v
     if build.choices.tonemap is Tonemap.CHANNEL:
@@ -88,12 +88,12 @@ def peak_range(v: Colour) -> Colour:
 
 
 def to_blend_range(v: Colour, build: Build) -> Colour:
-    """The same where the blend alone is tonemapped."""
+    """Tonemap for the blend alone."""
     return peak_range(v) if build.choices.tonemap is Tonemap.BLEND else v
 
 
 def from_range(v: Colour, build: Build) -> Colour:
-    """The inverse of ``to_range``, its headroom limited."""
+    """The inverse of ``to_range``, with at least LEAST_HEADROOM of headroom."""
     if build.choices.tonemap is Tonemap.NONE:
         return v
     one, least = number(1.0, v), constant("LEAST_HEADROOM", v)
@@ -131,14 +131,14 @@ def repaired_planes(planes: Array, layout: Layout) -> Array:
 
 
 def sample_is_missing(current: Array, layout: Layout) -> Mask:
-    """Where a pixel's own texel is outside the domain, [H, W]."""
+    """True where a pixel's own texel is outside the domain, [H, W]."""
     return colour_outside_domain(layout.inside(current[:3]))
 
 
 @quiet
 def filled_colour(current: Array, build: Build, layout: Layout) -> Colour:
-    """Each pixel's own colour [H, W] where that is usable, elsewhere the mean of the nearest usable texel along each of
-    eight rays by one over its squared distance, in the range that everything is compared in."""
+    """Each pixel's own colour [H, W] if usable, else the mean of the nearest usable texel along each of eight rays,
+    weighted by one over its squared distance; tonemapped to the range of comparison."""
     planes = layout.inside(current)[:3]
     usable = ~sample_is_missing(current, layout)
     rows, columns = np.nonzero(~usable)
@@ -164,5 +164,5 @@ def filled_colour(current: Array, build: Build, layout: Layout) -> Colour:
 
 
 def colour_in_domain(current: Array, build: Build, layout: Layout) -> Colour:
-    """Each pixel's own colour [H, W], repaired where need be, in the range that everything is compared in."""
+    """Each pixel's own colour [H, W], repaired where necessary and tonemapped to the range of comparison."""
     return to_range(layout.inside(repaired_planes(current, layout)[:3]).astype(real_type(build)), build)

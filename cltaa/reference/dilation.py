@@ -1,4 +1,4 @@
-"""Twin of ``taa/dilation.h``: motion of texels beyond the 3x3, as two engines take it."""
+"""Twin of ``taa/dilation.h``: dilation beyond the 3x3, as in two engines."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ CORNERS = [(-2, 2), (2, 2), (-2, -2), (2, -2)]
 def borrowed_surface(
     s: Surface, inverse_depth: Array, motion: Array | None, build: Build, layout: Layout, frame: Record
 ) -> Surface:
-    """The surface ``s`` of each pixel itself, or of the texel whose motion it borrows, from padded planes
-    [1, rows, stride] and [2, rows, stride]."""
+    """The surface of each pixel itself, ``s``, or of the texel whose motion it borrows, from padded planes [1, rows,
+    stride] and [2, rows, stride]."""
     kind = build.choices.dilation
     if kind not in (Dilation.CORNERS, Dilation.BESIDE):
         return s

@@ -1,4 +1,4 @@
-"""Twin of ``taa/disocclusion.h``: where the previous frame did not show the surface, there is no history of it."""
+"""Twin of ``taa/disocclusion.h``: rejects history where the previous frame did not show the surface."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cltaa.reference.sampling import Footprint, Quad, bilinear
 
 
 def on_screen(m: Motion, layout: Layout) -> Mask:
-    """True where the previous position lies inside the image and is closer than MOTION_LIMIT."""
+    """True where the reprojected position lies inside the image and nearer than MOTION_LIMIT."""
     x, y = pixel_grid(layout, m.u)
     half, far = number(0.5, m.u), constant("MOTION_LIMIT", m.u)
     hx, hy = x + m.u, y + m.v
@@ -32,7 +32,7 @@ def surface_range(s: Surface, m: Motion, tolerance: Any) -> tuple[Array, Array]:
 
 
 def texels_read(q: Quad, f: Footprint) -> Quad:
-    """Of four texels those that a place between them reads: where it is exactly at one, the others have no weight."""
+    """Replace texels of no bilinear weight (a fraction is 0) by the neighbour that has the weight."""
     one_column, one_row = f.fx == number(0, f.fx), f.fy == number(0, f.fy)
     p10, p11 = np.where(one_column, q.p00, q.p10), np.where(one_column, q.p01, q.p11)
     return Quad(q.p00, p10, np.where(one_row, q.p00, q.p01), np.where(one_row, p10, p11))
@@ -46,7 +46,7 @@ def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
 
 
 def nearer_than(q: Quad, than: Array) -> Quad:
-    """1 where a texel is nearer than that, 0 elsewhere."""
+    """1 for each texel nearer than ``than``, 0 for others."""
     one, none = number(1, than), number(0, than)
     return Quad(*(np.where(p > than, one, none) for p in q))
 
@@ -62,8 +62,7 @@ def nearest_of(q: Quad) -> Array:
 
 
 def distance_against(other: Array, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Array:
-    """By how many pixels the camera's motion has moved a point of the inverse depth ``other`` against the surface,
-    whatever moves on its own."""
+    """Parallax in pixels, by camera motion alone, between the surface and a point of inverse depth ``other``."""
     here = np.zeros_like(s.nearest)
     point = Surface(here, here, other, here, here, here, here, here)
     its = motion_from_depth(point, build, layout, frame)
@@ -73,7 +72,7 @@ def distance_against(other: Array, s: Surface, m: Motion, build: Build, layout: 
 
 
 def moved_against(other: Array, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
-    """True where that is enough to have passed by."""
+    """True where that parallax is large enough for one to have passed the other."""
     moved: Mask = distance_against(other, s, m, build, layout, frame) >= constant("PASSES", m.u)
     return moved
 
@@ -81,22 +80,22 @@ def moved_against(other: Array, s: Surface, m: Motion, build: Build, layout: Lay
 def has_passed(
     nearest: Array, s: Surface, m: Motion, tolerance: Any, build: Build, layout: Layout, frame: Record
 ) -> Mask:
-    """True where the ``nearest`` inverse depth around the place of the history is nearer than the surface, and has
-    moved against it since."""
+    """True where the ``nearest`` inverse depth around the history position is nearer than the surface, and has moved
+    against it since."""
     _, high = surface_range(s, m, tolerance)
     moved = moved_against((nearest - m.shift) / m.scale, s, m, build, layout, frame)
     return (nearest > high) & moved
 
 
 def between_both(s: Surface, m: Motion) -> Array:
-    """An inverse depth between the nearest and the farthest of the 3x3, seen from the previous camera."""
+    """Middle of the nearest and the farthest inverse depth of the 3x3, seen from the previous camera."""
     between: Array = number(0.5, m.u) * (s.nearest + s.farthest) * m.scale + m.shift
     return between
 
 
 def shows_behind(previous: Quad, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
-    """True where a pixel follows a nearer surface past what it shows itself, and three of the four texels at the place
-    of the history did not show that surface either."""
+    """True where a pixel follows a nearer surface past its own, and three of the four texels at the history position
+    did not show that surface either."""
     nearer = nearer_than(previous, between_both(s, m))
     shown, none = (nearer.p00 + nearer.p10) + (nearer.p01 + nearer.p11), number(0, m.u)
     moved = moved_against(s.centre, s, m, build, layout, frame)
@@ -106,8 +105,8 @@ def shows_behind(previous: Quad, s: Surface, m: Motion, build: Build, layout: La
 def samples_of_edge(
     previous: Quad, corners: Quad, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record, settings: Record
 ) -> Array:
-    """How many samples the history counts for at most: few on the edge of something nearer, and no wire, past which the
-    camera's motion has moved what lies behind."""
+    """Upper limit of the sample count: low at the edge of a nearer surface, not of a wire, where camera motion has
+    moved the background past it."""
     between = between_both(s, m)
     edge = has_edge(s, settings["edge_tolerance"]) & any_nearer(previous, between) & any_nearer(corners, between)
     by, least = distance_against(s.farthest, s, m, build, layout, frame), constant("PASSES", m.u)
@@ -116,7 +115,7 @@ def samples_of_edge(
 
 
 def stood_instead(previous: Quad, corners: Quad, high: Array, f: Footprint, covered_share: Any) -> Mask:
-    """True where what is nearer than ``high`` covered more than ``covered_share`` of the place of the history, and a
-    corner of the 4x4 around it."""
+    """True where an occluder nearer than ``high`` covered more than ``covered_share`` of the footprint, and a corner of
+    the 4x4 around it."""
     share = bilinear(nearer_than(previous, high), f)
     return (share > number(covered_share, high)) & any_nearer(corners, high)

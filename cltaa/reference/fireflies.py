@@ -1,4 +1,4 @@
-"""Twin of ``taa/fireflies.h``: isolated samples far above what lies around them, now and in the history."""
+"""Twin of ``taa/fireflies.h``: isolated samples far brighter than their neighbours and their history."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ def luminance_4(v: Colour) -> Array:
 
 
 def borne_out_sample(v: Colour, borne_out: Array, h: History, settings: Record) -> Colour:
-    """Samples, or what stands for those of more than ``firefly_threshold`` times the luminance ``borne_out``, of four
-    times which that is given: the history, or without that themselves, as bright as that."""
+    """Replace samples of more than ``firefly_threshold`` times the luminance ``borne_out`` (4 Y): by the history, or
+    without it by themselves dimmed to that luminance."""
     y, one = luminance_4(v), number(1.0, borne_out)
     fly = y > number(settings["firefly_threshold"], y) * borne_out
     return np.where(fly & h.valid, h.rgb, v * np.where(fly, borne_out / y, one))
 
 
 def without_firefly(p: Pixel, current: Array, h: History, build: Build, layout: Layout, settings: Record) -> Pixel:
-    """The pixels without fireflies: samples far above both the second greatest of the eight texels around them and
-    their history; ``current`` are padded planes [3, rows, stride]."""
+    """Remove fireflies: samples far above both the second greatest of the eight texels around them and their history;
+    ``current`` are padded planes [3, rows, stride]."""
     if build.choices.fireflies is Fireflies.KEEP:
         return p
     first = second = np.zeros_like(h.count)

@@ -1,4 +1,4 @@
-"""Twin of ``gather.cl``: each pixel from the samples that the frames of the ring drew inside it."""
+"""Twin of ``gather.cl``: each pixel from the samples that the frames of the ring rendered inside it."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from cltaa.reference.reprojection import Motion, surface_motion
 
 @dataclass(slots=True)
 class Gathering:
-    """Pixels on their way back through the frames in the ring: the nearer layer of each and, at depth edges, the
-    farther."""
+    """Pixels while they are followed back through the frames in the ring: the nearer layer of each and, at depth edges,
+    the farther."""
 
     pixel: Pixel
     motion: Motion
     layers: Layers
     slots: Array
     sides: list[tuple[Surface, Layers, Gathered, Track]]
-    far: Gathered  # the sums of the farther side, or none
+    far: Gathered  # sums of the farther side; empty without edges
 
     @classmethod
     def begin(cls, build: Build, layout: Layout, given: Mapping[str, Any]) -> Gathering:
-        """Before the first frame of the ring, as ``given`` to the kernel."""
+        """State before the first frame of the ring, from the arguments ``given`` to the kernel."""
         current, inverse_depth, motion, frame, settings = (
             given[name] for name in ("current", "inverse_depth", "motion", "frame", "settings")
         )
@@ -74,7 +74,7 @@ class Gathering:
         before: int = 0,
         recent: int = 0,
     ) -> None:
-        """The samples of some frames in the ring, those that follow on what was gathered."""
+        """Add the samples of further frames in the ring, which follow those gathered so far."""
         for place, (s, layers, sums, track) in enumerate(self.sides):
             gather_samples(
                 self.slots,
@@ -99,7 +99,7 @@ class Gathering:
 
     @property
     def near(self) -> Gathered:
-        """The sums of the nearer side, or of the only one."""
+        """Sums of the nearer side, or of the only one."""
         return self.sides[0][2]
 
 
@@ -121,7 +121,7 @@ def gather(
     frame: Record,
     settings: Record,
 ) -> None:
-    """Resolve one frame from padded planes and ``frames`` kept ones into ``output`` and ``output_count``."""
+    """Resolve one frame from padded planes and ``frames`` ring frames into ``output`` and ``output_count``."""
     gathering = Gathering.begin(build, layout, locals())
     gathering.add(past[:frames], build, layout, frame, settings)
     store_resolved(gathering.resolved(build, layout, settings), build, layout, frame, output, output_count)

@@ -1,4 +1,4 @@
-"""Twin of ``gather/fit.h``: from the samples that lie in a pixel to its colour."""
+"""Twin of ``gather/fit.h``: from the samples in a pixel to its colour."""
 
 from __future__ import annotations
 
@@ -30,15 +30,16 @@ class Gathered:
     """Sums over the samples of a pixel: of differences from the current one, of weights, and of both times offsets."""
 
     def __init__(self, zero: Array) -> None:
-        """No samples."""
+        """Sums of no samples."""
         self.zero = zero
         self.sum = self.along = self.down = self.recent = np.stack([zero] * 3)
         self.alpha = self.weight = self.count = self.recent_squares = self.recent_count = zero
         self.x = self.y = self.xx = self.xy = self.yy = self.near = self.near_x = self.near_y = zero
-        self.unlike = zero  # of the recent samples, what was drawn with another reactivity
+        self.unlike = zero  # weight that recent samples lose because they were rendered with another reactivity
 
     def add(self, d: Colour, w: Array, dx: Array, dy: Array, near: Mask, fit: GatherFit) -> None:
-        """One sample that differs by ``d`` and lies at (dx, dy) from the centre; of a farther one only the place."""
+        """Add a sample that differs by ``d`` and lies at (dx, dy) from the centre; a farther one adds its position
+        only."""
         n = np.where(near, w, self.zero) if fit is GatherFit.LAYERS else w
         self.sum = self.sum + n * d
         self.weight = self.weight + w
@@ -51,14 +52,14 @@ class Gathered:
         self.near, self.near_x, self.near_y = self.near + n, self.near_x + nx, self.near_y + ny
 
     def add_recent(self, d: Colour, counted: Array) -> None:
-        """A recent sample that differs by ``d`` from the current one, of which ``counted`` counts."""
+        """Add a recent sample that differs by ``d`` from the current one, with weight ``counted``."""
         self.recent = self.recent + counted * d
         self.recent_squares = self.recent_squares + counted * inner(d, d)
         self.recent_count = self.recent_count + counted
 
 
 def first_sample(w: Array, counted: Mask, near: Mask, build: Build, frame: Record) -> Gathered:
-    """The sums with the current sample alone, where it is ``counted``; none for a mean of the others."""
+    """Sums of the current sample alone, where it is ``counted``; empty for a mean of the others."""
     zero = np.zeros_like(w)
     g = Gathered(zero)
     if build.choices.gather_fit is not GatherFit.MEAN:
@@ -68,7 +69,7 @@ def first_sample(w: Array, counted: Mask, near: Mask, build: Build, frame: Recor
 
 
 class Fit(NamedTuple):
-    """What the value at the pixel's centre takes of the sums: one * sum - (x * along + y * down)."""
+    """Factors of the sums that give the value at the pixel's centre: one * sum - (x * along + y * down)."""
 
     one: Array
     x: Array
@@ -80,7 +81,7 @@ class Fit(NamedTuple):
 
 
 def fit_at_centre(g: Gathered, samples: Array, settings: Record) -> Fit:
-    """Weighted least squares of a plane, its slope held back by a ridge."""
+    """Weighted least squares of a plane, its slope damped by a ridge."""
     mean = number(1.0, samples) / g.weight
     mx, my = g.x * mean, g.y * mean
     ridge = number(settings["fit_ridge"], samples) * (g.weight / samples)
@@ -91,7 +92,7 @@ def fit_at_centre(g: Gathered, samples: Array, settings: Record) -> Fit:
 
 
 def gathered_change(g: Gathered, far: Gathered, layers: Layers, samples: Array, settings: Record) -> Colour:
-    """What the ``samples`` of a pixel [H, W] come to, less the current one."""
+    """Colour of the ``samples`` of a pixel [H, W] minus the current one."""
     zero, one = np.zeros_like(g.count), np.ones_like(g.count)
     f = fit_at_centre(g, samples, settings)
     v = f.value(g.sum, g.along, g.down)
@@ -103,7 +104,7 @@ def gathered_change(g: Gathered, far: Gathered, layers: Layers, samples: Array, 
 
 
 def gathered_filter_share(of_mean: Array, g: Gathered, layers: Layers, build: Build, settings: Record) -> Array:
-    """Share of the filtered sample beside the n of a pixel, from their share 1 / n, ``of_mean``."""
+    """Share of the filtered sample beside a pixel's n samples, given ``of_mean`` = 1 / n."""
     if build.choices.illumination is Illumination.WINDOW:
         return np.where(layers.edge, of_mean, fading_share(of_mean, settings))
     one = np.ones_like(of_mean)
@@ -112,13 +113,13 @@ def gathered_filter_share(of_mean: Array, g: Gathered, layers: Layers, build: Bu
 
 
 def own_samples(p: Pixel) -> Array:
-    """How many samples the current frame has of each pixel [H, W]: one, or none."""
+    """Samples of each pixel in the current frame [H, W]: one, or none."""
     one = np.ones_like(p.alpha)
     return one if p.missing is None else np.where(p.missing, number(0.0, one), one)
 
 
 def distrust(reactivity: Array, build: Build) -> Array:
-    """How much of its samples a reactive pixel [H, W] gives up for the current one."""
+    """Share of its samples that a reactive pixel [H, W] gives up for the current one."""
     square: Array = reactivity * reactivity
     return square * square if build.choices.illumination is Illumination.WINDOW else reactivity
 
@@ -126,7 +127,7 @@ def distrust(reactivity: Array, build: Build) -> Array:
 def resolve_gathered(
     g: Gathered, far: Gathered, layers: Layers, p: Pixel, m: Motion, build: Build, layout: Layout, settings: Record
 ) -> Resolved:
-    """The pixel from its samples, the current one among them where it is not missing; filled where there are none."""
+    """Resolve the pixel from its samples and the current one if not missing; a pixel without any is filled."""
     current, alpha = p.own, p.alpha
     zero, one, samples = np.zeros_like(alpha), np.ones_like(alpha), g.count + own_samples(p)
     any_of = g.count > zero

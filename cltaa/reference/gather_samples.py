@@ -1,4 +1,4 @@
-"""Twin of ``gather/samples.h``: the samples that earlier frames drew inside a pixel."""
+"""Twin of ``gather/samples.h``: the samples that other frames rendered inside a pixel."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from cltaa.reference.sampling import Footprint, footprint_of
 
 
 class Stretch(NamedTuple):
-    """How one pixel step here is seen in an earlier frame, less the step itself."""
+    """Jacobian of the motion to another frame."""
 
     xx: Array
     xy: Array
@@ -61,8 +61,8 @@ def stretch_of(
 
 
 class Places(NamedTuple):
-    """Where the samples of an earlier frame lie, seen from now: the nearest one, and the steps from it to the next to
-    the right (xx, yx) and below (xy, yy)."""
+    """Positions of another frame's samples, seen from the current one: the nearest one, and the steps from it to the
+    next to the right (xx, yx) and below (xy, yy)."""
 
     x: Array
     y: Array
@@ -73,13 +73,13 @@ class Places(NamedTuple):
     visible: Mask
 
     def beside(self, right: int, down: int) -> tuple[Array, Array]:
-        """Offset of the sample ``right`` and ``down`` texels beside the nearest one from the pixel's centre."""
+        """Offset from the pixel's centre of the sample ``right`` and ``down`` texels beside the nearest one."""
         r, d = number(right, self.x), number(down, self.x)
         return self.x + (self.xx * r + self.xy * d), self.y + (self.yx * r + self.yy * d)
 
 
 def places_now(dx: Array, dy: Array, t: Stretch) -> Places:
-    """The places of samples of which the nearest lies at (dx, dy) in its own frame."""
+    """Positions of samples of which the nearest lies at (dx, dy) in its own frame."""
     one = number(1.0, dx)
     xx, yy = one + t.xx, one + t.yy
     det = xx * yy - t.xy * t.yx
@@ -90,20 +90,20 @@ def places_now(dx: Array, dy: Array, t: Stretch) -> Places:
 
 
 def reach_of(n: int, settings: Record, like: Array) -> Array:
-    """Where the samples of ``n`` frames no longer count, from the pixel's centre along an axis."""
+    """Distance from the pixel's centre along an axis from which samples of ``n`` frames have no weight."""
     half, most = number(0.5, like), number(settings["fit_reach"], like)
     return lesser(most, half + number(1.0, like) / np.sqrt(number(n, like)))
 
 
 def window(off: Array, reach: Array) -> Array:
-    """What counts of a sample ``off`` the centre along an axis; those a pixel apart count for one together."""
+    """Weight of a sample ``off`` the centre along an axis; samples a pixel apart have weight 1 together."""
     zero, one = number(0.0, off), number(1.0, off)
     return limit((reach - np.abs(off)) * (one / ((reach + reach) - one)), zero, one)
 
 
 class View(NamedTuple):
-    """A frame of the ring as pixels see it: its planes and facts, the way there, the texels whose samples lie nearest
-    to the centres, and where its samples lie and where they no longer count."""
+    """A frame of the ring seen from pixels: its planes and record, the motion to it, the texels whose samples lie
+    nearest to the centres, the positions of its samples, and the distance from which they have no weight."""
 
     planes: Array
     then: Record
@@ -114,11 +114,11 @@ class View(NamedTuple):
     row: Array
     places: Places
     reach: Array
-    recent: bool = False  # its samples are summed on their own too
-    stands: Mask | None = None  # the surfaces that do not move on their own, in a frame ahead
+    recent: bool = False  # its samples are also summed separately
+    stands: Mask | None = None  # the surfaces without own motion, in a later frame
 
     def weight_beside(self, right: int, down: int, fit: GatherFit, layout: Layout) -> tuple[Array, Array, Array]:
-        """How much counts of the sample beside the nearest one, and its offset from the centre."""
+        """Weight of the sample beside the nearest one, and its offset from the centre."""
         dx, dy = self.places.beside(right, down)
         half, zero = number(0.5, dx), np.zeros_like(dx)
         if fit is GatherFit.MEAN:
@@ -144,7 +144,7 @@ def gather_sample(
     *,
     far_only: bool,
 ) -> None:
-    """One sample of a frame of the ring, ``right`` and ``down`` texels beside the nearest one."""
+    """Add one sample of a frame of the ring, ``right`` and ``down`` texels beside the nearest one."""
     current, fit = now.own, build.choices.gather_fit
     zero = np.zeros_like(current[0])
     share, dx, dy = v.weight_beside(right, down, fit, layout)
@@ -186,7 +186,7 @@ def gather_sample(
 def _way_back(
     track: Track, s: Surface, layers: Layers, build: Build, layout: Layout, frame: Record, then: Record
 ) -> tuple[Motion, Stretch]:
-    """The motion of the pixel's centre to a frame of the ring, and how pixels are stretched on the way."""
+    """The motion of the pixel's centre to a frame of the ring, and its Jacobian."""
     zero = np.zeros_like(s.centre)
     m = motion_from_depth(s, build, layout, then)
     stretch = Stretch(zero, zero, zero, zero)
@@ -203,7 +203,7 @@ def _way_back(
 def _view(
     planes: Array, m: Motion, seen: Mask, stretch: Stretch, reach: Array, layout: Layout, then: Record
 ) -> tuple[Motion, View]:
-    """The way to the texels whose samples lie nearest, and the frame seen from there."""
+    """The motion to the texels whose samples lie nearest, and the frame seen from there."""
     half = number(0.5, m.u)
     u, v = m.u + (half - number(then["jitter_x"], m.u)), m.v + (half - number(then["jitter_y"], m.u))
     nearest = m._replace(u=u, v=v)
@@ -216,14 +216,14 @@ def _view(
 def begin_layer(
     s: Surface, layers: Layers, p: Pixel, build: Build, frame: Record, settings: Record, *, far: bool
 ) -> Gathered:
-    """The sums of a layer before its way back: of the nearer one with the current sample whatever it shows, of the
-    farther one if it shows that, of neither where it is missing."""
+    """Sums of a layer before it is followed: the nearer one holds the current sample whatever that shows, the farther
+    one only if it shows the farther side; neither holds a missing one."""
     front, drawn, w = ~layers.edge | (s.centre > layers.cut), own_samples(p) > 0, sample_share(p.own, build, settings)
     return first_sample(w, ~front & drawn if far else drawn, ~front if far else front, build, frame)
 
 
 def add_side(g: Gathered, side: Side, current: Colour, build: Build, settings: Record) -> None:
-    """What the current frame shows of a side around the pixel, as one sample."""
+    """Add the mean of a side's texels in the current 3x3 as one sample."""
     zero = np.zeros_like(side.count)
     some = side.count > zero
     w = np.where(some, sample_share(side.mean, build, settings), zero)
@@ -247,11 +247,11 @@ def gather_samples(
     before: int,
     recent: int,
 ) -> Gathered:
-    """``g`` and the samples of ``now`` on ``s`` in the frames in the ring [slots, planes, rows, stride] of ``past``,
-    latest first, the next ones in turn with them.
+    """Add the samples of ``now`` on ``s`` in the ring frames [slots, planes, rows, stride] of ``past``, latest first,
+    the next ones in turn with them, to ``g``.
 
-    ``track`` is where own motion had led in the ``before`` frames before them, and is led on; samples of the first
-    ``recent`` frames are summed on their own too.
+    ``track`` holds the own motion over the ``before`` frames before them, and is continued; samples of the first
+    ``recent`` frames are also summed separately.
     """
     zero = np.zeros_like(now.own[0])
     fit, own_motion = build.choices.gather_fit, build.steps.own_motion

@@ -1,5 +1,5 @@
-"""Twin of ``gather/sides.h`` and ``gather/subpixel.h``: the two sides of a depth edge through the 3x3, and what it
-misses in front of them, which the samples of one frame hit here and miss there."""
+"""Twin of ``gather/sides.h`` and ``gather/subpixel.h``: the two sides of a depth edge through the 3x3, and sub-pixel
+features in front of it, which the samples of one frame hit and those of another miss."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from cltaa.reference.sampling import footprint_of
 
 @dataclass(frozen=True, slots=True)
 class Layers:
-    """Where an edge runs, the inverse depth that parts its sides, and how inverse depth changes on the surface
-    followed."""
+    """Where an edge runs, the inverse depth that separates its sides, and the slope of inverse depth on the followed
+    surface."""
 
     edge: Mask
     cut: Array
     slope: tuple[Array, Array]
 
     def on_side(self, inverse_depth: Array, *, far: bool) -> Mask:
-        """Samples of one side of the edge."""
+        """True for samples of one side of the edge."""
         return self.edge & ((inverse_depth <= self.cut) if far else (inverse_depth > self.cut))
 
 
@@ -44,8 +44,8 @@ class Side:
 
 
 def layers_of(above: Row, centre: Row, below: Row, s: Surface, settings: Record) -> Layers:
-    """Where a depth edge runs through the 3x3, the inverse depth that parts its sides, and the slope where none
-    does."""
+    """Where a depth edge runs through the 3x3, the inverse depth that separates its sides, and the slope where no edge
+    runs."""
     zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
     edge = has_edge(s, settings["edge_tolerance"])
     slopes = (half * centre.rise, half * (below.inverse_depth - above.inverse_depth))
@@ -64,7 +64,7 @@ def side_surface(
     *,
     far: bool,
 ) -> Surface:
-    """The surface of one side at its sample nearest to the pixel; of those as far away, that of the pixel's own row."""
+    """The surface at the side's sample nearest to the pixel; of equally near ones the pixel's own row wins."""
     real: Any = s.centre.dtype
     least = np.full_like(s.centre, constant("DOMAIN_LIMIT", s.centre))
     x, y, q, u, v = s.x, s.y, s.inverse_depth, s.u, s.v
@@ -94,7 +94,7 @@ def side_of(
     *,
     far: bool,
 ) -> Side:
-    """One side of each pixel that an edge runs through, elsewhere what was there; its slope by least squares."""
+    """One side of each pixel that an edge runs through, elsewhere ``s`` unchanged; its slope by least squares."""
     at = side_surface(s, layers, inverse_depth, motion, build, layout, frame, far=far)
     real: Any = s.centre.dtype
     zero, one = np.zeros_like(s.centre), np.ones_like(s.centre)
@@ -120,14 +120,14 @@ def side_of(
 
 
 def range_of_side(s: Surface, layers: Layers, *, far: bool) -> Surface:
-    """The surface with the range of inverse depth of its own side alone."""
+    """Narrow the surface's range of inverse depth to its own side."""
     if far:
         return s._replace(nearest=np.where(layers.edge, layers.cut, s.nearest))
     return s._replace(farthest=np.where(layers.edge, layers.cut, s.farthest))
 
 
 class SubpixelFeature(NamedTuple):
-    """What was found of things that the 3x3 of now misses: whether, how far off the centre, and how close it is."""
+    """A feature that the current 3x3 misses: where one was found, its distance from the centre, its inverse depth."""
 
     found: Mask
     off: Array
@@ -137,8 +137,8 @@ class SubpixelFeature(NamedTuple):
 def find_subpixel_feature(
     s: Surface, layers: Layers, ring: Array, past: Any, build: Build, layout: Layout, settings: Record
 ) -> tuple[Surface, Layers]:
-    """``s`` and ``layers`` with the surface that the latest frames in the ring show in front of all that the 3x3 shows
-    now, where it now lies near the pixel's centre and the camera alone moves it."""
+    """Replace ``s`` and ``layers`` by the surface that the latest frames in the ring show in front of all that the 3x3
+    shows now, where it now lies near the pixel's centre and has no own motion."""
     zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
     open_here = ~layers.edge & no_motion_vector(s.u, s.v) if build.steps.own_motion else ~layers.edge
     wanted = int(settings["subpixel_frames"])
@@ -156,7 +156,7 @@ def find_subpixel_feature(
 def search_subpixel_feature(
     open_here: Mask, s: Surface, ring: Array, past: Any, build: Build, layout: Layout, settings: Record
 ) -> SubpixelFeature:
-    """What the frames in the ring ``past`` show near the pixel in front of all that the 3x3 shows now of ``s``."""
+    """Search the ring frames ``past`` near the pixel for surfaces in front of all that the 3x3 now shows of ``s``."""
     zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
     found, least, inverse_depth = (
         np.zeros(zero.shape, bool),

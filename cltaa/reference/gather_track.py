@@ -1,4 +1,4 @@
-"""Twin of ``gather/track.h``: surfaces that move on their own, on their ways through the frame ring."""
+"""Twin of ``gather/track.h``: tracks surfaces with own motion through the frame ring."""
 
 from __future__ import annotations
 
@@ -22,27 +22,28 @@ MOTION = slice(RING_MOTION, RING_MOTION + 2)
 
 
 def ring_alpha(steps: Steps) -> int:
-    """Which plane of a frame of the ring holds alpha, where one does."""
+    """Index of a ring frame's plane of alpha, where there is one."""
     return RING_MOTION + 2 * steps.own_motion
 
 
 def ring_reactive(steps: Steps) -> int:
-    """Which plane holds reactivity, where one does."""
+    """Index of the plane of reactivity, where there is one."""
     return ring_alpha(steps) + steps.alpha
 
 
 def texel_at(plane: Array, f: Footprint, real: Any) -> Array:
-    """The texel at the whole part of a footprint, of a plane [rows, stride] or of several."""
+    """The texel at the footprint's integer position, of a plane [rows, stride] or of several."""
     return plane[..., f.row, f.column].astype(real)
 
 
 def no_motion_vector(u: Array, v: Array) -> Mask:
-    """Where a motion is no vector."""
+    """True where a motion is no vector."""
     return outside_domain(u) | outside_domain(v)
 
 
 def matches_surface(inverse_depth: Array, s: Surface, m: Motion, build: Build, settings: Record) -> Mask:
-    """Where a texel of the ring lies in the range of inverse depth that the current 3x3 has, as that frame saw it."""
+    """True where a texel of the ring lies in the range of inverse depth of the current 3x3, reprojected to its
+    frame."""
     if build.choices.reject is Reject.NONE:
         return inverse_depth == inverse_depth
     return same_surface(
@@ -52,7 +53,8 @@ def matches_surface(inverse_depth: Array, s: Surface, m: Motion, build: Build, s
 
 @dataclass(slots=True)
 class Track:
-    """Where surfaces that move on their own were, how much closer, and which of them were lost on the way."""
+    """Tracks of surfaces with own motion: their displacement, their change of inverse depth, and where they were
+    lost."""
 
     own: Mask
     u: Array
@@ -60,18 +62,18 @@ class Track:
     shift: Array
     lost: Mask
     step: tuple[Array, Array]  # the latest one
-    ahead: Track | None = None  # the way to the frames ahead, once it has begun
+    ahead: Track | None = None  # the track to later frames, once it has begun
 
     @classmethod
     def of(cls, s: Surface, build: Build) -> Track:
-        """The way of surface ``s`` before its first step."""
+        """Start the track of surface ``s`` with its motion vector to the previous frame."""
         zero = np.zeros_like(s.centre)
         none = np.zeros(zero.shape, bool)
         own = ~no_motion_vector(s.u, s.v) if build.steps.own_motion else none
         return cls(own, s.u, s.v, zero, none, (zero, zero))
 
     def ahead_of(self, s: Surface, build: Build) -> Track:
-        """The way ahead, whose first step will be as long as that on which the surface came."""
+        """The track ahead, whose first step is expected to equal the step that led to the surface."""
         if self.ahead is None:
             zero = np.zeros_like(s.centre)
             self.ahead = Track.of(s, build)
@@ -79,7 +81,7 @@ class Track:
         return self.ahead
 
     def motion(self, m: Motion) -> Motion:
-        """``m`` where the camera alone moves a surface, the track elsewhere."""
+        """``m`` where a surface has no own motion, the track elsewhere."""
         one = np.ones_like(m.scale)
         return Motion(
             np.where(self.own, self.u, m.u),
@@ -100,8 +102,8 @@ class Track:
         then: Record,
         settings: Record,
     ) -> None:
-        """Take the step that the sample at the surface's place tells, or the nearest of its neighbours that tells one;
-        where none does the surface is lost, and where the sample tells another thing's, by its inverse depth."""
+        """Step back by the motion vector at the surface's position, or that of the nearest neighbour with one; the
+        surface is lost without any, and where another surface, by its inverse depth, occludes it."""
         real: Any = self.u.dtype
         u, v = texel_at(planes[MOTION], there, real)
         z = inverse_depth_or_sky(texel_at(planes[RING_INVERSE_DEPTH], there, real), then)
@@ -114,8 +116,8 @@ class Track:
         self.u, self.v = self.u + u, self.v + v
 
     def lead(self, s: Surface, planes: Array, build: Build, layout: Layout, then: Record, settings: Record) -> None:
-        """Take one step ahead, to the place from which the motion drawn there leads back to where the surface was; it
-        is lost where no such place is found, and as on a step back."""
+        """Step ahead to the position whose motion vector leads back to where the surface was; it is lost where the
+        search does not converge, and as on a step back."""
         real: Any = self.u.dtype
         half = number(0.5, self.u)
         u, v = self.u + self.step[0], self.v + self.step[1]
@@ -144,7 +146,8 @@ class Track:
 
 
 def _nearest_motion(u: Array, v: Array, missing: Mask, planes: Array, there: Footprint) -> tuple[Array, Array]:
-    """``u`` and ``v``, and where they are ``missing`` those of the nearest of their neighbours that has a vector."""
+    """``u`` and ``v``, where they are ``missing`` replaced by those of the neighbour nearest to the camera with a
+    vector."""
     real: Any = u.dtype
     best = np.full_like(u, -constant("DOMAIN_LIMIT", u))
     for dx, dy in NEIGHBOURS:

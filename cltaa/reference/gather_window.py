@@ -1,6 +1,6 @@
 """Twin of ``gather/window.h``, ``gather_windows.cl`` and ``weigh_windows.cl``: the adaptive temporal window.
 
-Each pixel is resolved from several windows of its past, each as far as the texels around it bear that out.
+Each pixel is mixed from several windows of its past, each weighted by its error in the texels around.
 """
 
 from __future__ import annotations
@@ -33,25 +33,25 @@ TEXELS = (2 * WINDOW_REACH + 1) ** 2
 
 
 def window_ends(frames: int) -> list[int]:
-    """How many of the frames in the ring each window has: the latest, a few more, all."""
+    """Number of ring frames in each window: the latest, a few more, all."""
     return [min(SHORT_WINDOW, frames), min(MIDDLE_WINDOW, frames), frames]
 
 
 def has_more_frames(window: int, frames: int) -> bool:
-    """Whether one of the windows of the ring has more of its ``frames`` than the one before it."""
+    """True if one of the windows of the ring has more of its ``frames`` than the one before it."""
     ends = window_ends(frames)
     return window == 0 or ends[window] > ends[window - 1]
 
 
 def repeats(window: int, frames: int, standing: int, build: Build) -> bool:
-    """Whether a window says what the one before it does, and is not stored."""
+    """True if a window equals the one before it, and is not stored."""
     if window >= (UNMOVED - 1 if build.choices.recursion is Recursion.STANDING else UNMOVED + 1):
         return False
     return standing < SHORT_WINDOW if window == UNMOVED else not has_more_frames(window, frames)
 
 
 def window_error(g: Gathered, now: Pixel, window: Resolved, build: Build, settings: Record) -> Array:
-    """Squared distances of the latest samples, the current one among them, from what a window says."""
+    """Squared distances of the latest samples, the current one among them, from a window's result."""
     one, two = number(1.0, g.zero), number(2.0, g.zero)
     d = share_difference(to_range(window.rgb, build), now.own, build, settings)
     squares = (g.recent_squares - two * inner(d, g.recent)) + (own_samples(now) + g.recent_count) * inner(d, d)
@@ -62,7 +62,7 @@ def window_error(g: Gathered, now: Pixel, window: Resolved, build: Build, settin
 def resolve_unmoved(
     slots: Array, past: Any, p: Pixel, build: Build, layout: Layout, settings: Record
 ) -> tuple[Resolved, Gathered]:
-    """The plain mean of what was drawn at each pixel's own place, and the sums of its samples."""
+    """Mean of the samples at each pixel's own position, and the sums of these samples."""
     one = np.ones_like(p.own[0])
     g = Gathered(np.zeros_like(one))
     for place, then in enumerate(past):
@@ -110,8 +110,8 @@ def gather_windows(
     frame: Record,
     settings: Record,
 ) -> None:
-    """Resolve one frame from each window of ``frames`` kept ones into ``windows`` [WINDOWS * WINDOW_PLANES, rows,
-    stride]; the latest ``standing`` of them were seen by the camera of now."""
+    """Resolve one frame from each window of ``frames`` ring frames into ``windows`` [WINDOWS * WINDOW_PLANES, rows,
+    stride]; the latest ``standing`` of them share the current camera."""
     gathering = Gathering.begin(build, layout, locals())
     own, planes, begun = gathering.pixel, window_planes(build.steps), 0
     count = window_count(build.choices)
@@ -151,18 +151,18 @@ def gather_windows(
 
 
 def frames_before(past: Any, build: Build) -> int:
-    """How many frames in the ring lie before this one."""
+    """Number of earlier frames in the ring."""
     return int(np.count_nonzero(past["ahead"] <= 0)) if build.steps.look_ahead else len(past)
 
 
 def past_is_doubtful(stands: Mask, p: Pixel, recursive_count: Array) -> Mask:
-    """Where a surface stands, but light has left the recursive resolve few of its samples."""
+    """True where a surface is at rest, but the recursive resolve holds few of its samples."""
     few: Mask = recursive_count < constant("DOUBTFUL_SAMPLES", recursive_count)
     return stands & few & (p.most_reactive <= number(0.0, recursive_count))
 
 
 def present_error(g: Gathered, p: Pixel, valid: Mask, build: Build, frame: Record, settings: Record) -> Array:
-    """How far each pixel's own sample lies from the others that the current filter weighs."""
+    """Distance of each pixel's own sample from the others in the current filter."""
     beyond = np.full_like(g.zero, constant("DOMAIN_LIMIT", g.zero))
     choices = build.choices
     if choices.filter_use is not FilterUse.FEW or choices.current_filter is CurrentFilter.NONE:
@@ -178,20 +178,21 @@ def present_error(g: Gathered, p: Pixel, valid: Mask, build: Build, frame: Recor
 def _longer_history(
     window: Resolved, where: Mask, recursive: Array, recursive_count: Array, layout: Layout
 ) -> Resolved:
-    """A window, or ``where`` the recursive resolve holds more samples than it, that: it knows all frames before."""
+    """A window, or, ``where`` the recursive resolve holds more samples, its history, which contains all frames
+    before."""
     count, held = (layout.inside(planes).astype(window.count.dtype) for planes in (recursive_count[0], recursive))
     longer = (count > window.count) & where
     return _chosen(longer, Resolved(held[:3], held[3] if len(held) > 3 else window.alpha, count), window)
 
 
 def _chosen(where: Mask, one: Resolved, other: Resolved) -> Resolved:
-    """What the one says ``where`` that is asked for, elsewhere the other."""
+    """``one`` where ``where`` is true, ``other`` elsewhere."""
     pairs = (one.rgb, other.rgb), (one.alpha, other.alpha), (one.count, other.count)
     return Resolved(*(np.where(where, *pair) for pair in pairs))
 
 
 def _store(planes: Array, said: Resolved, error: Array, where: Array | None = None) -> None:
-    """Write what a window says, everywhere or ``where`` it is asked for, and alpha where there is a plane for it."""
+    """Write a window's result, everywhere or only ``where``, and alpha if there is a plane for it."""
     for plane, values in zip(planes, [*said.rgb, error, said.count, said.alpha], strict=False):
         plane[...] = values if where is None else np.where(where, values, plane)
 
@@ -218,7 +219,7 @@ def sum_around(plane: Array, layout: Layout) -> Array:
 
 
 def trust(error: Array, least: Array) -> Array:
-    """How much a window is believed beside that of the least error."""
+    """Weight of a window relative to that of the least error."""
     tiny = constant("TINY", error)
     ratio = greater((least + tiny) / (error + tiny), constant("LEAST_TRUST", error))
     second = ratio * ratio
@@ -228,8 +229,8 @@ def trust(error: Array, least: Array) -> Array:
 
 
 class Drift(NamedTuple):
-    """How far light has moved since a window: the mean over the texels around [..., H, W], its variance, and what they
-    show."""
+    """Drift of light since a window: the mean over the texels around [..., H, W], its variance, and the window's
+    light."""
 
     mean: Array
     variance: Array
@@ -237,7 +238,8 @@ class Drift(NamedTuple):
 
 
 def drift_of(then: Array, now: Array, weights: Array, layout: Layout) -> Drift:
-    """The drift from planes [..., rows, stride] of a window then and now, each texel by its weight [rows, stride].
+    """The drift between planes [..., rows, stride] of a window ``then`` and ``now``, each texel by its weight [rows,
+    stride].
 
     Squares are summed about the mean of a row, then those of the rows' means about that of all (Chan, Golub and LeVeque
     1979).
@@ -261,12 +263,12 @@ def drift_of(then: Array, now: Array, weights: Array, layout: Layout) -> Drift:
 
 
 def shared_weights(window: Array, shortest: Array, build: Build, settings: Record) -> Array:
-    """How much each texel [rows, stride] counts: as its light does in a mean, then and now."""
+    """Weight of each texel [rows, stride]: the luminance weights of both windows."""
     return sample_share(window[:3], build, settings) * sample_share(shortest[:3], build, settings)
 
 
 def t_of(drift: Drift) -> Array:
-    """Student's t of a drift, to whose deviation comes as little of the light as nobody sees."""
+    """Student's t of a drift; DRIFT_FLOOR of the light is added to its standard error."""
     floor = constant("DRIFT_FLOOR", drift.mean) * drift.level + constant("TINY", drift.mean)
     return np.abs(drift.mean) / (np.sqrt(drift.variance) + floor)
 
@@ -274,7 +276,7 @@ def t_of(drift: Drift) -> Array:
 def drift_to_shortest(
     window: Array, shortest: Array, build: Build, layout: Layout, settings: Record
 ) -> tuple[Colour, Array]:
-    """As much of the drift of light and alpha between padded planes [WINDOW_PLANES, rows, stride] as is not chance.
+    """Drift of light and alpha between padded planes [WINDOW_PLANES, rows, stride], as far as it is not chance.
 
     The channel of light that drifted most decides that.
     """
@@ -303,8 +305,8 @@ def weigh_windows(
     frame: Record,
     settings: Record,
 ) -> None:
-    """Write each pixel from the windows of its past, padded planes [WINDOWS * WINDOW_PLANES, rows, stride], of a ring
-    of ``frames``, of which the latest ``standing`` were seen by the camera of now."""
+    """Mix each pixel from the windows of its past, padded planes [WINDOWS * WINDOW_PLANES, rows, stride], of a ring of
+    ``frames``, of which the latest ``standing`` share the current camera."""
     real: Any = real_type(build)
     shape = window_count(build.choices), window_planes(build.steps)
     parts = windows[: shape[0] * shape[1]].astype(real).reshape(*shape, layout.rows, layout.stride)
@@ -317,7 +319,7 @@ def weigh_windows(
     zero, first, weight = np.zeros_like(least), layout.inside(parts[0]), trust(errors[0], least)
     alpha, darkest = first[5] if build.steps.alpha else np.ones_like(least), first[:3]
     sums, alphas, counts = np.zeros_like(darkest), zero, zero
-    light, opacity = sums, zero  # what they have moved by
+    light, opacity = sums, zero  # their drift
     for window, (k, error) in enumerate(zip(said[1:], errors[1:], strict=True), start=1):
         w, own = trust(error, least), layout.inside(parts[k])
         if window > UNMOVED:

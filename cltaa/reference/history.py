@@ -1,4 +1,4 @@
-"""Twin of ``taa/history.h``: the history of each pixel, and whether it can be used."""
+"""Twin of ``taa/history.h``: the history of each pixel, and whether it is valid."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ from cltaa.reference.sampling import (
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """Colour, alpha and sample count at the history position, its fractions, whether it can be used, and how light
-    changes (0 where that is not tested for)."""
+    """Colour, alpha and sample count at the history position, its fractions, whether it is valid, and the illumination
+    change (0 where the build does not test light)."""
 
     rgb: Colour
     alpha: Array
@@ -54,9 +54,9 @@ class History:
 
 
 class Covering(NamedTuple):
-    """What stands and stood between the camera and what a history is of, masks [H, W]: nearer things beside its place,
-    moved away since, over so much of it that it holds their colour; pixels behind the surface that they follow. And the
-    samples [H, W] that it counts for at most, since pixel and history show both sides of an edge."""
+    """How occluders, now or in the previous frame, affect each history, masks [H, W]: something nearer beside its
+    position, moved away since, over so much of it that the history holds its colour; pixels behind the surface that
+    they follow. ``most`` [H, W] limits the sample count where pixel and history mix both sides of an edge."""
 
     beside: Mask
     passed: Mask
@@ -76,7 +76,7 @@ def covering_of(
     frame: Record,
     settings: Record,
 ) -> Covering:
-    """What the previous inverse depth [rows, stride] says of each pixel's history."""
+    """Find from the previous inverse depth [rows, stride] how occluders affect each pixel's history."""
     no, most = np.zeros(m.u.shape, np.bool_), np.full_like(m.u, constant("DOMAIN_LIMIT", m.u))
     steps, tolerance = build.steps, settings["depth_tolerance"]
     if build.choices.reject is not Reject.DEPTH or not (steps.camera_motion or steps.own_motion):
@@ -96,7 +96,7 @@ def covering_of(
 
 
 def least_change(c: Covering, settings: Record, like: Array) -> Array:
-    """The t from which a change of light counts, [H, W] of the numbers of ``like``."""
+    """The |t| above which an illumination change reduces the sample count, [H, W] in the type of ``like``."""
     behind = np.where(c.behind, number(settings["behind_t"], like), number(settings["illumination_t"], like))
     beside: Array = np.where(c.beside, number(settings["disocclusion_t"], like), behind)
     return np.where(c.passed, lesser(number(settings["passing_t"], like), beside), beside)
@@ -114,8 +114,8 @@ def sample_history(
     frame: Record,
     settings: Record,
 ) -> History:
-    """History planes [3 or 4, rows, stride], count and illumination change [1 or 2, ...], the previous inverse depth
-    [1, ...] at the motion; ``current`` [3, ...] is looked at where an illumination change is tested for."""
+    """Sample history planes [3 or 4, rows, stride], count and illumination change [1 or 2, ...] and the previous
+    inverse depth [1, ...] at the motion; only the illumination-change test reads ``current`` [3, ...]."""
     real: Any = m.u.dtype
     seen = motion_to_edge(m, build, layout)
     valid = on_screen(seen, layout) & np.bool_(frame["reset"] == 0)

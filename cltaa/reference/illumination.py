@@ -1,4 +1,4 @@
-"""Twin of ``taa/illumination.h``: nine samples of now paired with what the history holds at their places."""
+"""Twin of ``taa/illumination.h``: pairs nine current samples with the history at their positions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from cltaa.reference.sampling import Footprint
 
 
 def history_in_range(colour: Colour, build: Build, frame: Record) -> Colour:
-    """History as the current exposure would show it, in the range that everything is compared in."""
+    """Scale history to the current exposure and tonemap it to the range of comparison."""
     if build.steps.exposure:
         colour = colour * number(frame["exposure_ratio"], colour)
     return to_range(colour, build)
@@ -46,7 +46,8 @@ def pair_row(left: Array, centre: Array, right: Array) -> Paired:
 
 
 def paired_t(above: Paired, centre: Paired, below: Paired, least: Array) -> Array:
-    """A third of Student's t of nine differences with the sign of their mean, ``least`` added to their deviation."""
+    """A third of Student's t of nine differences, with the sign of their mean; ``least`` is added to their
+    deviation."""
     da, db = above.mean - centre.mean, below.mean - centre.mean
     mean = centre.mean + (da + db) * constant("ONE_THIRD", da)
     spread = ((above.spread + centre.spread) + below.spread) + number(3.0, da) * spread_of_three(da, db)
@@ -54,7 +55,7 @@ def paired_t(above: Paired, centre: Paired, below: Paired, least: Array) -> Arra
 
 
 def illumination_difference(now: Colour, past: Colour, build: Build, frame: Record) -> Colour:
-    """What is in the box space now, less the history's colour there, both as ``to_boxed`` has them."""
+    """Current minus history in the kernels' coordinates (``to_boxed``)."""
     was = history_in_range(past, build, frame)
     if build.choices.box_space is not BoxSpace.YCOCG:
         return now - was
@@ -64,19 +65,19 @@ def illumination_difference(now: Colour, past: Colour, build: Build, frame: Reco
 
 
 def tests_light(build: Build) -> bool:
-    """Whether the frame is tested for changing light; the planes of the count then hold the change too."""
+    """Whether the build tests light; the count's planes then hold the illumination change too."""
     return build.choices.illumination is not Illumination.STATIC
 
 
 def stored_change(change: Array) -> Array:
-    """What is kept of a change: MOST_CHANGE at most, and no denormal."""
+    """Clamp the stored change to MOST_CHANGE, and flush denormals."""
     most = constant("MOST_CHANGE", change)
     kept = limit(change, -most, most)
     return np.where(np.abs(kept) < constant("TINY", kept), number(0.0, kept), kept)
 
 
 class IlluminationResult(NamedTuple):
-    """What nine texels say of a history: the samples that it counts for, and how light changes."""
+    """The history's reduced sample count, and the illumination change."""
 
     samples: Array
     change: Array
@@ -94,13 +95,12 @@ def illumination_test(
     frame: Record,
     settings: Record,
 ) -> IlluminationResult:
-    """``held`` [H, W] samples of a history, divided by how much light changes.
+    """Divide the history's ``held`` [H, W] samples by max(1, |change| / ``least_t``)^2.
 
-    The change is Student's t of the channel that changed most, negative where luminance falls, and
-    ``illumination_decay`` of the change that the frame before left; the square of its size over ``least_t`` [H, W]
-    divides, where it is more than 1; where light falls, over ``falling_t`` of that.
-    ``current`` [3, rows, stride], ``history`` [3 or 4, rows, stride] and
-    ``history_change`` [rows, stride], which that frame left, are padded planes.
+    The change is Student's t of the channel that changed most, negative where luminance falls, plus
+    ``illumination_decay`` times the stored change of the previous frame. Where light falls, ``falling_t * least_t``
+    replaces ``least_t`` [H, W]. ``current`` [3, rows, stride], ``history`` [3 or 4, rows, stride] and
+    ``history_change`` [rows, stride], of the previous frame, are padded planes.
     """
     real: Any = f.fx.dtype
     colour = repaired_planes(current, layout).astype(real)
@@ -141,6 +141,6 @@ def illumination_test(
 
 
 def _drawn(current: Array, layout: Layout, zero: Array) -> Array:
-    """How many of the 3x3 of each pixel are usable, the edge of the image repeated."""
+    """Number of usable texels in the 3x3 of each pixel, with the image's edge repeated."""
     usable = ~colour_outside_domain(current[:3])
     return zero + sum(beside(usable, *step, layout) for step in NEIGHBOURS)

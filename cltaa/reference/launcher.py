@@ -1,4 +1,4 @@
-"""The NumPy twins of the kernels in their place: the float32 oracle, which is also the fallback without OpenCL."""
+"""Launcher of the kernels' NumPy twins: the float32 oracle, which is also the fallback without OpenCL."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class _Array:
     @contextmanager
     def mapped(self, *, write: bool) -> Iterator[NDArray[Any]]:
         planes = self.array.view()
-        planes.flags.writeable = write  # a device forgets what is written where it was mapped for reading
+        planes.flags.writeable = write  # a device discards writes to memory that was mapped for reading
         yield planes
 
 
@@ -36,36 +36,36 @@ def _lent(array: Any) -> _Array:
 
 
 class _Exchange:
-    """Arrays of a program, where they are."""
+    """A program's arrays, used in place."""
 
     def lend(self, name: str, array: Any) -> Any:
         """The array's own memory."""
         return _lent(array)
 
     def receive(self, out: Any) -> Any:
-        """The same."""
+        """The output array's own memory."""
         return _lent(out)
 
     def hand_over(self, out: Any, received: Any, done: Any) -> None:
-        """It is there already."""
+        """Nothing to copy."""
 
     def give_back(self) -> None:
-        """Nothing is held."""
+        """Nothing to release."""
 
     def close(self) -> None:
-        """There are no threads."""
+        """No threads to end."""
 
 
 class NumpyLauncher:
-    """Runs the NumPy twins of the kernels, float32 in the same order."""
+    """Runs the NumPy twins of the kernels, in float32 and in the kernels' order."""
 
     description = "NumPy (float32 oracle)"
-    shares_memory = False  # so that a twin in other numbers than those of files has its own
+    shares_memory = False  # so that a twin in another type than that of files has its own memory
     takes_bands = False
     stages = False
 
     def build(self, plan_build: Build) -> Build:
-        """The build as it is: the oracle has no lanes."""
+        """The build unchanged: the oracle has no lanes."""
         return plan_build
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
@@ -77,19 +77,19 @@ class NumpyLauncher:
         return _Array(planes)
 
     def pinned(self, size: int) -> NDArray[np.uint8]:
-        """Bytes like any others."""
+        """Ordinary memory."""
         return np.empty(size, np.uint8)
 
     def exchange(self) -> Exchange:
-        """Arrays are where they are."""
+        """An exchange that uses arrays in place."""
         return _Exchange()
 
     def empty(self, like: Any, shape: tuple[int, ...], dtype: Any) -> Any:
-        """Refuse an array of a device."""
+        """Refuse a device's array."""
         return _lent(like)
 
     def prepare(self, kernel: str, build: Build) -> None:
-        """Nothing is built."""
+        """Nothing to build."""
 
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
         """Run the twin of a kernel at once."""

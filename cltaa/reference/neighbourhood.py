@@ -15,9 +15,9 @@ from cltaa.reference.real import Array, Mask, beside, constant, greater, lesser,
 
 
 class Moments(NamedTuple):
-    """Shifted moments: mean = shift + offset, spread = sum of squared distances from the mean; of three, 3/2 of it.
+    """Shifted moments: mean = shift + offset, spread = 3/2 of the sum of squared distances from the mean.
 
-    Each [3, H, W], a channel by itself.
+    Each [3, H, W], by channel.
     """
 
     shift: Array
@@ -41,7 +41,7 @@ def row_moments(left: Array, centre: Array, right: Array) -> Moments:
 
 
 def window_moments(above: Moments, centre: Moments, below: Moments) -> Moments:
-    """Three rows of three (Chan, Golub and LeVeque 1983); the kernels keep what two rows have in common."""
+    """Join three rows of three (Chan, Golub and LeVeque 1983); the kernels keep what two rows have in common."""
     da = (above.shift - centre.shift) + (above.offset - centre.offset)
     db = (below.shift - centre.shift) + (below.offset - centre.offset)
     return Moments(
@@ -67,20 +67,20 @@ def naive_window(m: Moments, above: Moments, centre: Moments, below: Moments) ->
 
 
 def chosen_row(left: Array, centre: Array, right: Array, build: Build) -> Moments:
-    """The moments of a row as the chosen variance needs them."""
+    """Moments of a row, in the form that the chosen variance needs."""
     m = row_moments(left, centre, right)
     return naive_row(m, left, centre, right) if build.choices.variance is Variance.NAIVE else m
 
 
 def deviation_of(m: Moments, build: Build) -> Array:
-    """The root of the variance; of 0, where rounding made the naive one less."""
+    """The root of the variance; 0 where rounding made the naive one negative."""
     naive = build.choices.variance is Variance.NAIVE
     variance = greater(m.spread, number(0.0, m.spread)) if naive else m.spread * constant("TWO_27THS", m.spread)
     return np.sqrt(variance)
 
 
 def neighbourhood_moments(above: Moments, centre: Moments, below: Moments, build: Build) -> Moments:
-    """Of the 3x3."""
+    """Moments of the 3x3."""
     m = window_moments(above, centre, below)
     if build.choices.box is Box.ROUNDED:
         m = _rounded(m, above, centre, below)
@@ -114,7 +114,7 @@ class Row(NamedTuple):
 
 
 class Statistics(NamedTuple):
-    """Of the neighbourhood, in the box space."""
+    """Statistics of the neighbourhood, in the box space."""
 
     mean: Colour
     deviation: Colour
@@ -148,7 +148,7 @@ def texel_weights(texels: Sequence[Colour], build: Build, frame: Record) -> list
 
 
 def weighed_texels(texels: Sequence[Colour], build: Build, frame: Record) -> tuple[Colour, Colour]:
-    """Mean and deviation of nine texels in the kernels' coordinates, each with its weight."""
+    """Weighted mean and deviation of nine texels, in the kernels' coordinates."""
     weights = texel_weights(texels, build, frame)
     shift = spread = np.zeros_like(texels[0])
     total = shift[0]
@@ -171,7 +171,7 @@ def neighbourhood_statistics(above: Row, centre: Row, below: Row, build: Build, 
 
 
 def weigh_line(before: Colour, middle: Colour, after: Colour, first: Any, last: Any, build: Build) -> Colour:
-    """Three colours weighed as the middle one plus weighted differences from it."""
+    """Weight three colours as the middle one plus weighted differences from it."""
     if build.choices.current_filter is CurrentFilter.NONE:
         return middle
     k, n = number(first, middle), number(last, middle)
@@ -179,7 +179,7 @@ def weigh_line(before: Colour, middle: Colour, after: Colour, first: Any, last: 
 
 
 def current_sample(above: Row, centre: Row, below: Row, near: Statistics, build: Build, frame: Record) -> Colour:
-    """The pixel's own sample, or the one that the current filter rebuilds at its centre."""
+    """The pixel's own sample, or the one that the current filter reconstructs at its centre."""
     if build.choices.current_filter is CurrentFilter.NONE:
         return centre.centre
     v = weigh_line(above.across, centre.across, below.across, frame["above_weight"], frame["below_weight"], build)
@@ -190,7 +190,7 @@ def current_sample(above: Row, centre: Row, below: Row, near: Statistics, build:
 
 
 def inverse_depth_or_sky(v: Array, frame: Record) -> Array:
-    """Inverse depth outside the domain is the sky's."""
+    """Replace inverse depth outside the domain by the sky's."""
     return np.where(outside_domain(v), number(frame["sky_inverse_depth"], v), v)
 
 
@@ -234,14 +234,14 @@ def read_row(
 
 
 def has_edge(s: Surface, edge_tolerance: Any) -> Mask:
-    """True where a depth edge runs through the 3x3 of a surface."""
+    """True where a depth edge runs through the 3x3."""
     skew = (s.nearest - s.centre) - (s.centre - s.farthest)
     edge: Mask = np.abs(skew) > number(edge_tolerance, skew) * np.abs(s.nearest)
     return edge
 
 
 def nearest_surface(above: Row, centre: Row, below: Row, build: Build, edge_tolerance: Any) -> Surface:
-    """The nearest surface of the 3x3, or the pixel's own, as the build's dilation says."""
+    """The nearest surface of the 3x3, or the pixel's own, by the build's dilation."""
     zero = np.zeros_like(centre.inverse_depth)
     nearer = greater(above.nearest, centre.nearest)
     nearest = greater(below.nearest, nearer)

@@ -1,6 +1,6 @@
-"""How twins read padded planes and write into them: twin of ``platform/storage.h``, ``store.cl`` and ``arrays.cl``.
+"""Read and write padded planes for the twins: twin of ``platform/storage.h``, ``store.cl`` and ``arrays.cl``.
 
-``store_recurrent`` is that of ``taa/accumulate.h``, ``extend_stored`` that of ``schedule/edges.h``.
+``store_recurrent`` is the twin of that in ``taa/accumulate.h``, ``extend_stored`` of that in ``schedule/edges.h``.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ Words = NDArray[np.uint32]
 
 
 def half_storable(v: Array) -> Array:
-    """Within the range of halves, and +0 rather than what would round to -0."""
+    """Clamp ``v`` to the range of halves; what would round to -0 becomes +0."""
     most, tiny = constant("HALF_LIMIT", v), constant("HALF_TINY", v)
     limited = np.where(v > most, most, np.where(v < -most, -most, v))
     return np.where(np.abs(limited) <= tiny, v.dtype.type(0.0), limited)
 
 
 def spread_bits(v: Words) -> Words:
-    """32 well spread bits from a number (the integer hash "lowbias32", Wellons 2018)."""
+    """Hash numbers to 32 bits (the integer hash "lowbias32", Wellons 2018)."""
     v = (v ^ (v >> np.uint32(16))) * np.uint32(0x7FEB352D)
     v = (v ^ (v >> np.uint32(15))) * np.uint32(0x846CA68B)
     return v ^ (v >> np.uint32(16))
 
 
 def storage_dither(layout: Layout, frame: Record) -> Array:
-    """A number in [0, 1) that is new for every pixel and frame and the same for every run, [H, W] float32."""
+    """Pseudo-random numbers in [0, 1), new for every pixel and frame and the same in every run, [H, W] float32."""
     x, y = np.arange(layout.width, dtype=np.uint32), np.arange(layout.height, dtype=np.uint32)
     row = spread_bits(y + spread_bits(np.array([frame["number"]], np.uint32)))
     bits = spread_bits(x[None, :] ^ row[:, None])
@@ -56,7 +56,7 @@ def stochastic_half(v: Array, dither: Array) -> Array:
 
 
 def stored_history(v: Array, build: Build, layout: Layout, frame: Record) -> NDArray[Any]:
-    """``v`` [..., H, W] in the numbers of the history."""
+    """``v`` [..., H, W] in the storage format of the history."""
     if build.storage in (Storage.FLOAT, Storage.DOUBLE):
         return v
     rounded = half_storable(v.astype(np.float32))
@@ -76,7 +76,7 @@ def pack(
     halves: int,
     **places: int,
 ) -> None:
-    """Twin of ``arrays.cl``: the result as an array, rounded to ``halves``, infinite from the largest half on."""
+    """Twin of ``arrays.cl``: write the result to an array, rounded to ``halves``, infinite from the largest half on."""
     v = layout.inside(image)[:planes].astype(np.float32)
     if halves:
         v = np.where(np.abs(v) >= constant("HALF_LIMIT", v), v + v, v)
@@ -95,7 +95,7 @@ def unpack(
     at: float,
     **places: int,
 ) -> None:
-    """Twin of ``arrays.cl``: planes with their halo from an array, of distances the inverse depth."""
+    """Twin of ``arrays.cl``: fill planes and their halo from an array, distances as inverse depth."""
     inside = layout.inside(target)[:planes]
     taken = strided(source, inside.shape, **places)
     if kind == Kind.AS_IT_IS:
@@ -107,7 +107,7 @@ def unpack(
 
 
 def strided(array: Array, shape: tuple[int, ...], **places: int) -> Array:
-    """The planes of that ``shape`` that lie in a flat ``array`` where kernels are told so."""
+    """View of a flat ``array`` as planes of ``shape``, by the first element and the steps that the kernel gets."""
     steps = (places[f"{axis}_step"] * array.itemsize for axis in ("plane", "row", "column"))
     return as_strided(array[places["first"] :], shape, tuple(steps))
 
@@ -143,7 +143,7 @@ def read_rows(
 def store_resolved(
     resolved: Resolved, build: Build, layout: Layout, frame: Record, output: Array, output_count: Array
 ) -> None:
-    """Write a resolved frame into padded planes, in the numbers of the build's storage."""
+    """Write a resolved frame into padded planes, in the build's storage format."""
     target = layout.inside(output)
     target[:3] = stored_history(resolved.rgb, build, layout, frame)
     if build.steps.alpha:
@@ -155,7 +155,7 @@ def store_resolved(
 def store_recurrent(
     resolved: Resolved, build: Build, layout: Layout, frame: Record, output: Array, output_count: Array
 ) -> None:
-    """The same, and how light changes in the plane after the count's, where that is tested for."""
+    """As ``store_resolved``; where the build tests light, also the illumination change after the count's plane."""
     store_resolved(resolved, build, layout, frame, output, output_count)
     if tests_light(build):
         layout.inside(output_count)[1] = resolved.change

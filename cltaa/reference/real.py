@@ -16,7 +16,7 @@ Mask = NDArray[np.bool_]  # [H, W]
 
 NEIGHBOURS = [(dx, dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]  # of the 3x3, row by row
 
-# Values that are then not selected may overflow, and be divided by weights whose squares are 0, as on a device.
+# Values that are not selected may overflow, and be divided by weights whose squares are 0, as on a device.
 quiet = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 
 
@@ -36,7 +36,7 @@ def number(v: Any, like: Array) -> Any:
 
 
 def beside(planes: Array, dx: int, dy: int, layout: Layout) -> Array:
-    """Of every pixel the texel ``dx`` columns and ``dy`` rows beside it, of padded planes [..., rows, stride]."""
+    """For every pixel the texel ``dx`` columns and ``dy`` rows beside it, from padded planes [..., rows, stride]."""
     top, left = PAD_Y + dy, PAD_X + dx
     return planes[..., top : top + layout.height, left : left + layout.width]
 
@@ -52,11 +52,11 @@ def lesser(a: Array, b: Any) -> Array:
 
 
 def limit(v: Array, lo: Any, hi: Any) -> Array:
-    """``v`` limited to [lo, hi]."""
+    """Clamp ``v`` to [lo, hi]."""
     return lesser(greater(v, lo), hi)
 
 
 def outside_domain(v: Array) -> Mask:
-    """NaN, infinite or beyond DOMAIN_LIMIT."""
+    """True where ``v`` is NaN, infinite or beyond DOMAIN_LIMIT."""
     inside: Mask = np.abs(v) <= constant("DOMAIN_LIMIT", v)
     return ~inside

@@ -1,4 +1,4 @@
-"""Twin of ``taa/rectify.h``: history that the current neighbourhood makes implausible, moved into its box."""
+"""Twin of ``taa/rectify.h``: moves implausible history into the box of the current neighbourhood."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cltaa.reference.reprojection import Motion
 
 
 class BoxOf(NamedTuple):
-    """Centre, half extents and ends of the box, a channel; unscaled ends are the 3x3's extremes, to the bit."""
+    """Centre, half extents and ends of the box by channel; unscaled ends are the 3x3's extremes, to the bit."""
 
     centre: Colour
     extent: Colour
@@ -25,8 +25,8 @@ class BoxOf(NamedTuple):
 
 
 class Rectification(NamedTuple):
-    """The change to the history in RGB; how far its first coordinate was moved, in half extents; boost and factor of
-    the current sample's weight."""
+    """The change to the history in RGB; how far its first coordinate moved, in half extents; boost and factor of the
+    current sample's weight."""
 
     change: Colour
     clip_distance: Array
@@ -35,7 +35,7 @@ class Rectification(NamedTuple):
 
 
 def neighbourhood_box(s: Statistics, gamma: Array, build: Build, settings: Record) -> BoxOf:
-    """The box of the build's kind; its extents floored where the way into it divides by them."""
+    """The box of the build's kind; extents are floored where rectification divides by them."""
     wide = gamma * s.deviation
     if build.choices.box is Box.VARIANCE:
         if build.terms.luma_scale:
@@ -88,7 +88,7 @@ def _clip_towards(history: Colour, target: Colour, box: BoxOf) -> Colour:
 
 
 def rectify_history(history: Colour, current: Colour, box: BoxOf, build: Build) -> Colour:
-    """The history moved into the box."""
+    """Move the history into the box."""
     if build.choices.rectify is Rectify.NONE:
         return history
     if build.choices.rectify is Rectify.CLAMP:
@@ -105,7 +105,8 @@ def rectify_history(history: Colour, current: Colour, box: BoxOf, build: Build) 
 
 
 def blend_boost_of(m: Motion, moved: Colour, build: Build, layout: Layout, settings: Record) -> Array:
-    """The larger of two shares: motion in screens a frame, and the distance that the history was moved."""
+    """0 to 1: the larger of motion in screens a frame and the distance moved in the box space; 1 in motion
+    (standing)."""
     if build.choices.accumulate is Accumulate.STANDING:
         least = constant("STANDS", m.u)
         stands = (np.abs(m.u) < least) & (np.abs(m.v) < least)
@@ -161,7 +162,7 @@ def rectify(
 
 
 def box_scale_of(m: Motion, settings: Record) -> Array:
-    """Scale of the box, of its deviations or of its extremes: wide where nothing moves."""
+    """Box scale, factor of the deviations or of the extremes: wide without motion."""
     k = m.u.dtype.type
     speed = greater(np.abs(m.u), np.abs(m.v)) / k(settings["motion_px"])
     still = greater(k(1.0) - speed, k(0.0))

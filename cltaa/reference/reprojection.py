@@ -14,8 +14,8 @@ from cltaa.reference.real import Array, Mask, constant, number, outside_domain
 
 
 class Motion(NamedTuple):
-    """Displacement in pixels; inverse depth then = inverse depth now * scale + shift; visible: the previous frame saw
-    it."""
+    """Displacement in pixels; previous inverse depth = inverse depth * scale + shift; ``visible`` where the previous
+    frame saw the point."""
 
     u: Array
     v: Array
@@ -52,7 +52,7 @@ def motion_from_depth(s: Surface, build: Build, layout: Layout, frame: Record) -
 
 
 def surface_motion(s: Surface, build: Build, layout: Layout, frame: Record) -> Motion:
-    """The motion channel where it holds a vector, the camera's motion elsewhere."""
+    """The vector of the motion channel where it holds one, the camera's motion elsewhere."""
     m = motion_from_depth(s, build, layout, frame)
     if build.steps.own_motion:
         camera_only = outside_domain(s.u) | outside_domain(s.v)
@@ -77,7 +77,7 @@ def _to_edge(position: Array, by: Array, last: Any) -> Array:
 
 
 def motion_to_edge(m: Motion, build: Build, layout: Layout) -> Motion:
-    """Displacements that end outside the image shortened to its edge, where the build says that it goes on there."""
+    """Shorten displacements that end outside the image to its edge, if the build reads history at the edge there."""
     if build.choices.off_screen is OffScreen.FRESH:
         return m
     x, y = pixel_grid(layout, m.u)

@@ -1,4 +1,4 @@
-"""Twin of ``taa/sampling.h``: reading the previous frame between its texels."""
+"""Twin of ``taa/sampling.h``: reads the previous frame between its texels."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ FIVE_PAIRS: Final = (HistoryFilter.CATMULL_ROM_5, HistoryFilter.CATMULL_ROM_5_RA
 
 
 class Weights(NamedTuple):
-    """Of all taps but tap 1; of Catmull-Rom's 16 taps those of the steps from tap to tap; of the cross what
-    the six weigh beyond a linear filter, tap 1 among them, and ``linear`` is what tap 2 weighs in that."""
+    """Weights of all taps but tap 1; for Catmull-Rom's 16 taps of the steps between taps; for the cross what the six
+    taps, tap 1 among them, add to a linear filter, and ``linear`` is tap 2's weight in that filter."""
 
     first: Array
     w0: Array
@@ -32,8 +32,8 @@ class Weights(NamedTuple):
 
 
 class RowTaps(NamedTuple):
-    """What the taps of a row come to: their mean, or a pair in the middle and what the sides add to it; of the cross
-    taps 1 and 2, and what the six add to a linear filter between them."""
+    """A filtered row: its mean, or a pair in the middle and what the sides add to it; for the cross taps 1 and 2, and
+    what the six add to a linear filter between them."""
 
     middle: Array
     right: Array
@@ -56,7 +56,7 @@ def catmull_rom(t: Array, build: Build) -> Weights:
 
 def least_squares(t: Array) -> Weights:
     """Six taps at fraction ``t`` whose response is nearest to a displacement by ``t`` up to 0.3 cycles a texel, of all
-    weights t (1 - t) (a + b t) that keep ramps and parabolas (Laakso et al. 1996)."""
+    weights t (1 - t) (a + b t) that preserve ramps and parabolas (Laakso et al. 1996)."""
     k = t.dtype.type
     u = k(1.0) - t
     both = t * u
@@ -85,12 +85,12 @@ def six_taps(p: Sequence[Array], w: Weights) -> Array:
 
 
 def between(a: Array, b: Array, t: Array) -> Array:
-    """Linearly from ``a`` to ``b``."""
+    """Interpolate linearly from ``a`` to ``b``."""
     return a + t * (b - a)
 
 
 def weigh(p: Sequence[Array], w: Weights, build: Build) -> RowTaps:
-    """The taps of a line as one of them, or their pair in the middle, plus weighted differences from it."""
+    """Filter the taps of a line: one of them, or their pair in the middle, plus weighted differences from it."""
     kind = build.choices.history_filter
     if kind is HistoryFilter.CROSS_20:
         return RowTaps(p[2], p[3], six_taps(p, w))
@@ -105,7 +105,7 @@ def weigh(p: Sequence[Array], w: Weights, build: Build) -> RowTaps:
 
 
 def cross(rows: Sequence[RowTaps], wx: Weights, wy: Weights) -> Array:
-    """Both arms of the cross, held within a quarter of the range of the four texels in the middle beyond it."""
+    """Both arms of the cross, clamped to the range of the four middle texels plus a quarter of it at either end."""
     r1, r2 = rows[2], rows[3]
     left = between(r1.middle, r2.middle, wy.linear) + six_taps([row.middle for row in rows], wy)
     right = between(r1.right, r2.right, wy.linear) + six_taps([row.right for row in rows], wy)
@@ -116,7 +116,7 @@ def cross(rows: Sequence[RowTaps], wx: Weights, wy: Weights) -> Array:
 
 
 def without_corners(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Build) -> Array:
-    """Five of the nine pairs of Catmull-Rom, made to sum to 1 (Jimenez 2016), or left as they are."""
+    """Five of the nine pairs of Catmull-Rom, normalised to sum to 1 (Jimenez 2016), or left raw."""
     r0, r1, r2, r3 = rows
     one = number(1.0, wx.w0)
     pair_x, pair_y = one - (wx.w0 + wx.w3), one - (wy.w0 + wy.w3)
@@ -129,7 +129,7 @@ def without_corners(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Bu
 
 
 def weigh_rows(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Build) -> Array:
-    """Rows weighed along y."""
+    """Filter rows along y."""
     if build.choices.history_filter is HistoryFilter.CROSS_20:
         return cross(rows, wx, wy)
     if build.choices.history_filter in FIVE_PAIRS:
@@ -138,7 +138,7 @@ def weigh_rows(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Build) 
 
 
 class Footprint(NamedTuple):
-    """Whole texel (row, column in the padded plane) and fraction of each pixel's history position."""
+    """Integer texel (row, column in the padded plane) and fraction of each pixel's history position."""
 
     row: NDArray[np.int64]
     column: NDArray[np.int64]
@@ -156,7 +156,7 @@ class Quad(NamedTuple):
 
 
 def footprint_of(m: Motion, valid: Mask, layout: Layout) -> Footprint:
-    """Where the history of each valid pixel lies; others look at their own texel."""
+    """Footprint of each valid pixel's history position; others get their own texel."""
     zero = np.zeros_like(m.u)
     u, v = np.where(valid, m.u, zero), np.where(valid, m.v, zero)
     dx, dy = np.floor(u), np.floor(v)
@@ -165,7 +165,7 @@ def footprint_of(m: Motion, valid: Mask, layout: Layout) -> Footprint:
 
 
 def sample_plane(plane: Array, f: Footprint, wx: Weights, wy: Weights, build: Build, real: Any) -> Array:
-    """The padded plane [rows, stride] filtered at the footprint, along x first."""
+    """Filter the padded plane [rows, stride] at the footprint, along x first."""
     reach = range(-2, 4) if build.choices.history_filter is HistoryFilter.CROSS_20 else range(-1, 3)
     rows: list[RowTaps] = []
     for j in reach:
@@ -185,13 +185,13 @@ def sample_corners(plane: Array, f: Footprint, real: Any) -> Quad:
 
 
 def bilinear(q: Quad, f: Footprint) -> Array:
-    """The quad interpolated at the footprint's fraction."""
+    """Interpolate the quad at the footprint's fraction."""
     top, bottom = q.p00 + f.fx * (q.p10 - q.p00), q.p01 + f.fx * (q.p11 - q.p01)
     return top + f.fy * (bottom - top)
 
 
 def count_limit_of(fx: Array, fy: Array, build: Build, settings: Record) -> Array:
-    """The most samples that a history resampled at fraction ``fx``, ``fy`` may stand for."""
+    """Upper limit of the sample count of a history resampled at fraction ``fx``, ``fy``."""
     one = number(1.0, fx)
     least = one / number(settings["sample_limit"], fx)
     if build.terms.resampling_penalty:

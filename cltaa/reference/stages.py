@@ -57,7 +57,7 @@ def surface_motion_kernel(
     settings: Record,
 ) -> None:
     """``motion_out`` [10, rows, stride]: u, v, scale, shift, visible, nearest, farthest and the pixel's own inverse
-    depth, and where the surface lies."""
+    depth, and the surface's offset from the pixel."""
     rows = read_rows(current, inverse_depth, motion, build, layout, frame)
     s = nearest_surface(*rows, build, settings["edge_tolerance"])
     s = borrowed_surface(s, inverse_depth, motion, build, layout, frame)
@@ -84,7 +84,7 @@ def sample_history_kernel(
     """``history_at`` [9, rows, stride]: r, g, b, alpha, count, fx, fy, valid, illumination change."""
     u, v, scale, shift, visible, nearest, farthest, centre, at_x, at_y = _load(motion_in, build, layout)
     m = Motion(u, v, scale, shift, visible > number(0.5, u))
-    s = Surface(at_x, at_y, u, u, u, centre, nearest, farthest)  # nothing else of the surface is looked at
+    s = Surface(at_x, at_y, u, u, u, centre, nearest, farthest)  # sample_history reads nothing else
     h = sample_history(current, history, history_count, previous_inverse_depth, m, s, build, layout, frame, settings)
     valid = np.where(h.valid, number(1.0, u), number(0.0, u))
     _store(history_at, layout, (*h.rgb, h.alpha, h.count, h.fx, h.fy, valid, h.change))
@@ -127,7 +127,7 @@ def blend_kernel(
     frame: Record,
     settings: Record,
 ) -> None:
-    """``output`` [3 or 4, rows, stride] and ``output_count``: what the frame leaves."""
+    """``output`` [3 or 4, rows, stride] and ``output_count``: the result of the frame."""
     past = _load(history_at, build, layout)
     opacity, count, fx, fy, valid, light = past[3:]
     if build.steps.alpha and alpha is not None:

@@ -1,6 +1,6 @@
-// What one would write first, to measure against: the temporal resolve ported from a shader, one pixel a work-item,
-// interleaved float4 pixels, coordinates clamped at the border, the library's max, clamp and sqrt. The same algorithm
-// as `resolve.cl` with the choices of cltaa/lab/bench/kernels.py, without its repair of bad texels.
+// A baseline to measure against: the temporal resolve ported from a shader, one pixel a work-item, interleaved float4
+// pixels, coordinates clamped at the border, the library's max, clamp and sqrt. The same algorithm as `resolve.cl` with
+// the choices of cltaa/lab/bench/kernels.py, without its repair of bad texels.
 inline float3 to_ycocg(float3 c)
 {
     return (float3)(0.25f * c.x + 0.5f * c.y + 0.25f * c.z, 0.5f * c.x - 0.5f * c.z,

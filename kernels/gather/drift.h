@@ -1,5 +1,5 @@
-// How well the texels around a pixel support each window, and how far light has moved since: sums over the texels,
-// which weigh the windows and move the longer ones to the shortest.
+// Error and drift of each window around a pixel: sums over the texels, which weight the windows and shift the longer
+// ones to the shortest.
 #include "gather/window.h"
 
 #define SIDE (2 * WINDOW_REACH + 1)
@@ -9,9 +9,9 @@ STAGE plane_in window_plane(plane_in windows, int window, int plane, frame_t fra
     return windows + ((size_t)window * WINDOW_PLANES + (size_t)plane) * plane_size(frame);
 }
 
-// Texels of a window against those of the shortest: the mean of their differences, the squares of what differs from
-// that, and the light that the window shows, each by the weight that the texel's light has in a mean of samples, then
-// and now: a highlight that comes or goes is no change of the light around it. Alpha and level are sums.
+// Texels of a window against those of the shortest: the mean of their differences, the squared deviations from it, and
+// the window's light. Each has the luminance weights of both texels: a highlight that comes or goes is no change of the
+// light around it. Alpha and level are sums.
 typedef struct
 {
     colour mean, squares, level;
@@ -73,8 +73,8 @@ STAGE real error_of_row(plane_in window, frame_t frame)
     return sum;
 }
 
-// Whether light is asked how far it drifted since a window: that of the current frame has no past, and one that has no
-// more frames of the ring than the one before is moved as far.
+// 1 if a window's drift of light is computed. The window of the current frame has no past, and one with no more frames
+// of the ring than the one before has the same drift.
 STAGE int drifts(int window, int frames, int standing)
 {
     if (window == UNMOVED)
@@ -82,14 +82,14 @@ STAGE int drifts(int window, int frames, int standing)
     return window > 0 && window < UNMOVED && has_more_frames(window, frames);
 }
 
-// What a row of texels comes to at a pixel. A work-item keeps the SIDE latest rows while it slides down.
+// Sums of a row of texels around a pixel. A work-item keeps the SIDE latest rows while it slides down.
 typedef struct
 {
     real error[WINDOWS];
     drift_sums drift[UNMOVED]; // of all windows from the second to UNMOVED
 } row_sums;
 
-// The kept row that has the texel in row y in its middle.
+// Index of the sums of row y.
 STAGE int kept_row(int y) { return (y + WINDOW_REACH) % SIDE; }
 
 STAGE void keep_row(
@@ -117,8 +117,9 @@ STAGE real error_around(const row_sums* rows, int window, int y)
     return sum;
 }
 
-// All rows around a pixel as one. Squares less the square of a mean would leave their rounding where light drifts
-// evenly: what a row's mean is off that of all comes to what its texels are off its own (Chan, Golub and LeVeque).
+// Joins all rows around a pixel. A sum of squares minus the square of a mean would leave only rounding errors where
+// light drifts evenly; instead each row sums squares about its own mean, and the squared distance of that mean from the
+// mean of all is added (Chan, Golub and LeVeque).
 STAGE drift_sums drift_around(const row_sums* rows, int window, int y)
 {
     drift_sums all = { 0 };
@@ -141,8 +142,8 @@ STAGE drift_sums drift_around(const row_sums* rows, int window, int y)
     return all;
 }
 
-// The weight of a window relative to that of the least error: the ratio of errors to the 16th power, since a likelihood
-// goes with half the number of recent samples.
+// Weight of a window relative to that of the least error: the ratio of errors to the 16th power, since the exponent of
+// a likelihood is half the number of recent samples.
 STAGE real trust(real error, real least)
 {
     const real ratio = greater(quotient(least + K(TINY), error + K(TINY)), SPLAT(LEAST_TRUST));
@@ -150,7 +151,8 @@ STAGE real trust(real error, real least)
     return eighth * eighth;
 }
 
-// Student's t of a mean difference, to whose deviation comes as little of the light as nobody sees.
+// Student's t of a mean difference. DRIFT_FLOOR of the light is added to the standard error, so that an invisible
+// difference counts for little.
 STAGE real t_of(real mean, real squares, real level, real weight)
 {
     const real variance = quotient(squares, weight * SPLAT(SIDE * SIDE - 1));
@@ -158,15 +160,15 @@ STAGE real t_of(real mean, real squares, real level, real weight)
     return quotient(absolute(mean), error);
 }
 
-// What light and alpha drifted by.
+// Drift of light and alpha.
 typedef struct
 {
     colour light;
     real alpha;
 } drifted;
 
-// The drift from a window to the shortest, the mean difference of the texels around, as far as it is not chance:
-// 1 - (drift_t / t)^2 (James and Stein), of the channel of light that drifted most.
+// Drift from a window to the shortest: the mean difference of the texels around, as far as it is not chance, 1 -
+// (drift_t / t)^2 (James and Stein), by the channel of light that drifted most.
 STAGE drifted drift_to_shortest(drift_sums s, settings_t settings)
 {
     const real r = t_of(s.mean.r, s.squares.r, s.level.r, s.weight),

@@ -1,22 +1,22 @@
-// From the samples that lie in a pixel to its colour. What a supersampler gets by placing its samples evenly has to be
-// made good here, since they lie wherever jitter and motion have put them.
+// Fit: from the samples in a pixel to its colour. A supersampler places its samples evenly; here jitter and motion
+// place them, and the fit corrects for that.
 #include "gather/sides.h"
 #include "taa/accumulate.h"
 
-// Sums over the samples of a pixel, of differences from the current one, so that equal samples leave it as it is, to
-// the bit: along and down are weighted by the offset from the pixel's centre too. x to yy are sums of the weights times
-// offsets and their products; near, near_x and near_y are those of the samples of the nearer of two surfaces.
+// Sums over the samples of a pixel, of differences from the current one, so that equal samples keep its bits. along and
+// down are weighted by the offset from the pixel's centre too. x to yy sum the weights times offsets and their
+// products; near, near_x and near_y are the sums of the nearer of two surfaces' samples.
 typedef struct
 {
     colour sum, along, down;
     real alpha, weight, count, x, y, xx, xy, yy, near, near_x, near_y;
-    // Of the latest frames alone, whichever side their samples show; only where light may change. What does not count
-    // of them, since it was drawn with another reactivity, is unlike.
+    // Of the latest frames alone, whichever side their samples show; only where light may change. `unlike` is the
+    // weight that they lose because they were rendered with another reactivity.
     colour recent;
     real recent_squares, recent_count, unlike;
 } gathered;
 
-// A recent sample that differs by d from the current one, of which `counted` counts.
+// Adds a recent sample that differs by d from the current one, with weight `counted`.
 STAGE void add_recent(gathered* g, colour d, real counted)
 {
     g->recent = plus_scaled(g->recent, counted, d);
@@ -24,8 +24,8 @@ STAGE void add_recent(gathered* g, colour d, real counted)
     g->recent_count += counted;
 }
 
-// One sample that differs by d from the current one and lies at (dx, dy), in pixels from the centre. Of a sample of the
-// farther surface only the place counts here.
+// Adds a sample that differs by d from the current one and lies at (dx, dy), in pixels from the centre. A sample of the
+// farther surface adds its position only.
 STAGE void add_sample(gathered* g, colour d, real w, real dx, real dy, mask near)
 {
     const real n = GATHER_FIT == GATHER_FIT_LAYERS ? (near ? w : SPLAT(0.0)) : w;
@@ -46,7 +46,7 @@ STAGE void add_sample(gathered* g, colour d, real w, real dx, real dy, mask near
     }
 }
 
-// The sums with the current sample alone, where it is `counted`. A mean of the others has its own place for it.
+// Sums of the current sample alone, where it is `counted`. To a mean of the others, resolve_gathered adds it.
 STAGE gathered first_sample(real w, mask counted, mask near, frame_t frame)
 {
     gathered g = { 0 };
@@ -56,9 +56,9 @@ STAGE gathered first_sample(real w, mask counted, mask near, frame_t frame)
     return g;
 }
 
-// Weighted least squares of the plane value = a + b dx + c dy, as what a takes of the sums: a = one * sum - x * along
-// - y * down. The mean of unevenly placed samples errs by slope times mean offset; this does not. The slope is held
-// back by fit_ridge samples' worth of evenly placed ones, so that few samples give nearly their mean.
+// Weighted least squares of the plane value = a + b dx + c dy, as factors of the sums: a = one * sum - x * along - y *
+// down. The mean of unevenly placed samples errs by slope times mean offset; this does not. The slope is damped as by
+// fit_ridge evenly placed samples, so that few samples give nearly their mean.
 typedef struct
 {
     real one, x, y;
@@ -79,9 +79,8 @@ STAGE fit_t fit_at_centre(gathered g, real samples, settings_t settings)
 
 STAGE real fitted(fit_t f, real sum, real along, real down) { return f.one * sum - (f.x * along + f.y * down); }
 
-// The colour that a pixel's samples give, less the current one. Across a depth edge the nearer surface's share and
-// colour are fitted to the samples along its way, and behind it is the mean of the samples along the farther one's own
-// way.
+// Colour of a pixel's samples minus the current one. At a depth edge the nearer surface's coverage and colour are
+// fitted to the samples along its track; behind it lies the mean of the samples along the farther surface's own track.
 STAGE colour gathered_change(gathered g, gathered far, layers_t l, real samples, settings_t settings)
 {
     const fit_t f = fit_at_centre(g, samples, settings);
@@ -95,10 +94,9 @@ STAGE colour gathered_change(gathered g, gathered far, layers_t l, real samples,
     return plus_scaled(v, mean, choose_colour(any, far.sum, g.sum));
 }
 
-// Share of the filtered sample beside the n of a pixel, from their share 1 / n: as 1 / (n^2 - 1), at most 1, since a
-// fit leaves little for it to do but between two samples or three; where light may change as 1 / n, beyond
-// filter_samples as 1 / n^2. At a depth edge, where samples miss their surface and are worth fewer than they are,
-// 1 / n.
+// Share of the filtered sample beside a pixel's n samples, given 1 / n: 1 / (n^2 - 1), at most 1, since a fit needs it
+// only with two or three samples; where light may change 1 / n, and as 1 / n^2 beyond filter_samples. At a depth edge,
+// where samples miss their surface and so count for less, 1 / n.
 STAGE real gathered_filter_share(real of_mean, gathered g, layers_t l, settings_t settings)
 {
     if (ILLUMINATION == ILLUMINATION_WINDOW)
@@ -107,19 +105,19 @@ STAGE real gathered_filter_share(real of_mean, gathered g, layers_t l, settings_
     return l.edge ? of_mean : quotient(one, greater(n * n - one, one));
 }
 
-// How many samples the current frame has of a pixel: one, or none.
+// Samples of a pixel in the current frame: one, or none.
 STAGE real own_samples(pixel_t p) { return p.missing ? SPLAT(0.0) : SPLAT(1.0); }
 
-// How much of its samples a reactive pixel gives up for the current one. Temporal windows are each judged by the
-// latest samples, so that there little of what is half to be trusted is.
+// Share of its samples that a reactive pixel gives up for the current one. The latest samples already judge each
+// temporal window, so there a pixel of medium reactivity gives up little.
 STAGE real distrust(real reactivity)
 {
     const real square = reactivity * reactivity;
     return ILLUMINATION == ILLUMINATION_WINDOW ? square * square : reactivity;
 }
 
-// The pixel from its samples, the current one among them. Where that is missing it is the others' alone, and where
-// there are none it is filled, which counts for nothing.
+// Resolves the pixel from its samples and the current one. Where that is missing the others alone count, and where
+// there are none the pixel is filled, with count 0.
 STAGE resolved resolve_gathered(gathered g, gathered far, layers_t l, pixel_t p, motion_t m, plane_in image, int x,
     int y, frame_t frame, settings_t settings)
 {

@@ -1,12 +1,12 @@
-// The samples that earlier frames drew inside a pixel, each read where it was drawn. Nothing is ever read between
-// texels, so nothing blurs, however far and however long things move.
+// Gathers the samples that other frames rendered inside a pixel, each read at its own texel. Nothing is ever read
+// between texels, so nothing blurs, however far and however long things move.
 #include "gather/fit.h"
 #include "gather/track.h"
 #include "schedule/ahead.h"
 
-// How one pixel step here is seen in an earlier frame, less the step itself: the derivative of motion_from_depth on a
-// plane whose inverse depth changes by (slope_x, slope_y) a pixel. Samples drawn from farther off cover several pixels
-// of now, and lie that much farther apart.
+// Jacobian of the motion to another frame: the derivative of motion_from_depth on a plane whose inverse depth changes
+// by (slope_x, slope_y) a pixel. Samples rendered from farther away cover several current pixels, and lie that much
+// farther apart.
 typedef struct
 {
     real xx, xy, yx, yy;
@@ -29,9 +29,9 @@ STAGE stretch_t stretch_of(surface s, real slope_x, real slope_y, motion_t m, re
     return t;
 }
 
-// Where the samples of an earlier frame lie, seen from now: the one nearest to the pixel's centre, and the steps from
-// it to the next to the right (xx, yx) and below (xy, yy). `visible` false where the surface was seen edge on, or from
-// behind.
+// Positions of another frame's samples, seen from the current one: the one nearest to the pixel's centre, and the steps
+// from it to the next to the right (xx, yx) and below (xy, yy). `visible` is false where that frame saw the surface
+// edge on, or from behind.
 typedef struct
 {
     real x, y, xx, xy, yx, yy;
@@ -50,8 +50,8 @@ STAGE places_t places_now(real dx, real dy, stretch_t t)
     return p;
 }
 
-// Where the samples of n frames no longer count, from the pixel's centre along an axis. One of n samples stands for a
-// square of 1 / n of the pixel, of whose side this is the border's distance; few reach as far as fit_reach.
+// Distance from the pixel's centre along an axis from which samples of n frames have no weight: half a pixel, and the
+// side of the square of 1 / n pixel that each represents; at most fit_reach, which limits it for few frames.
 STAGE real reach_of(int n, settings_t settings)
 {
     const real side = reciprocal(square_root(SPLAT(n)));
@@ -72,8 +72,8 @@ STAGE colour colour_at(plane_in p, footprint f, size_t plane, int stride)
     return (colour) { texel_at(p, f, stride), texel_at(p + plane, f, stride), texel_at(p + 2 * plane, f, stride) };
 }
 
-// A frame of the ring as a pixel sees it: its planes, the way there, the texel whose sample lies nearest to the pixel's
-// centre, and where its samples lie.
+// A frame of the ring seen from a pixel: its planes, the motion to it, the texel whose sample lies nearest to the
+// pixel's centre, and the positions of its samples.
 typedef struct
 {
     plane_in planes;
@@ -82,13 +82,13 @@ typedef struct
     footprint f;
     real column, row; // of that texel
     places_t places;
-    real reach; // where they no longer count
-    int recent; // 1: its samples are summed on their own too
-    mask stands; // the surface does not move on its own, and the frame is one ahead
+    real reach; // distance from which samples have no weight
+    int recent; // 1: its samples are also summed separately
+    mask stands; // the surface has no own motion, and the frame is a later one
 } view_t;
 
-// The weight of the sample `right` and `down` texels from the nearest one, and its place. Most of the eight weigh
-// nothing, which is tested first. The halo of an image has no samples. A mean takes the nearest one alone.
+// Returns the weight of the sample `right` and `down` texels from the nearest one, and its offset. Most of the eight
+// have weight 0, which is tested first. The halo of an image has no samples. A mean takes the nearest one alone.
 STAGE real weight_beside(view_t v, int right, int down, real* dx, real* dy, frame_t frame)
 {
     const real zero = SPLAT(0.0), reach = v.reach;
@@ -107,7 +107,7 @@ STAGE real weight_beside(view_t v, int right, int down, real* dx, real* dy, fram
 }
 
 // The columns and rows around the nearest sample outside of which none lies within reach: at most two each, or three
-// where the surface goes away, so that its samples lie closer together now than then.
+// where the surface recedes, so that its samples lie closer together now than then.
 typedef struct
 {
     int left, right, top, bottom;
@@ -118,7 +118,7 @@ STAGE neighbours_t neighbours_within(view_t v)
     if (GATHER_FIT == GATHER_FIT_MEAN)
         return (neighbours_t) { 0, 0, 0, 0 };
     const places_t p = v.places;
-    const real beyond = v.reach + SPLAT(1.0 / 1024); // a place of a few pixels is rounded by 2^-21
+    const real beyond = v.reach + SPLAT(1.0 / 1024); // an offset of a few pixels is rounded by 2^-21
     const real by_x = p.xx - absolute(p.xy), by_y = p.yy - absolute(p.yx);
     const mask seen = v.seen & p.visible;
     const int left = any_of(seen & !(p.x - by_x <= -beyond)), right = any_of(seen & !(p.x + by_x >= beyond)),
@@ -126,8 +126,8 @@ STAGE neighbours_t neighbours_within(view_t v)
     return (neighbours_t) { -left, right, -top, bottom };
 }
 
-// One sample of a frame of the ring. It counts if it shows one of the pixel's surfaces; with `far_only` true, if it
-// shows the farther one.
+// Adds one sample of a frame of the ring, if it shows one of the pixel's surfaces; with `far_only`, if it shows the
+// farther one.
 STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now, surface s, layers_t l, int far_only,
     frame_t then, frame_t frame, settings_t settings)
 {
@@ -145,7 +145,7 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
     const real q = inverse_depth_or_sky(texel_at(p + RING_INVERSE_DEPTH * plane, v.f, stride), then);
     good = good & matches_surface(q, s, v.m, settings);
     if (OWN_MOTION & LOOK_AHEAD) {
-        // What has set out since, or has come before the surface.
+        // The object there has set out since, or occludes the surface.
         plane_in moved = p + RING_MOTION * plane;
         const mask moves = !no_motion_vector(texel_at(moved, v.f, stride), texel_at(moved + plane, v.f, stride));
         good = good & !(v.stands & moves);
@@ -176,8 +176,8 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
     }
 }
 
-// The motion of the pixel's centre to a frame of the ring, by the sample that gives the depth or by the track, and the
-// stretch.
+// Returns the motion of the pixel's centre to a frame of the ring, by the sample that gives the depth or by the track,
+// and the stretch.
 STAGE motion_t motion_to_frame(
     stretch_t* stretch, track_t t, surface s, layers_t l, real px, real py, frame_t frame, frame_t then)
 {
@@ -202,8 +202,8 @@ STAGE motion_t motion_to_frame(
     return m;
 }
 
-// The sums of a layer before its way back. Those of the nearer one hold the current sample whatever it shows, those of
-// the farther one if it shows that; neither holds one that is missing.
+// Sums of a layer before it is followed. The nearer layer holds the current sample whatever that shows, the farther one
+// only if it shows the farther side; neither holds a missing sample.
 STAGE gathered begin_layer(surface s, layers_t l, int far, pixel_t p, frame_t frame, settings_t settings)
 {
     const mask front = !l.edge | (s.centre > l.cut);
@@ -213,7 +213,7 @@ STAGE gathered begin_layer(surface s, layers_t l, int far, pixel_t p, frame_t fr
     return first_sample(w, !p.missing, front, frame);
 }
 
-// The mean of a side's texels in the current 3x3, as one sample: a disoccluded side has hardly another.
+// Adds the mean of a side's texels in the current 3x3 as one sample: a disoccluded side has hardly another.
 STAGE void add_side(gathered* g, side_t side, colour current, settings_t settings)
 {
     const real zero = SPLAT(0.0);
@@ -221,14 +221,14 @@ STAGE void add_side(gathered* g, side_t side, colour current, settings_t setting
     add_sample(g, minus(side.mean, current), any ? sample_share(side.mean, settings) : zero, zero, zero, any);
 }
 
-// Whether a pixel of the segment has a farther side to follow on its own.
+// 1 if a pixel of the segment has a farther side, which is followed separately.
 STAGE int has_edges(layers_t l) { return GATHER_FIT == GATHER_FIT_LAYERS && any_of(l.edge); }
 
 #define NEARER 0
 #define FARTHER 1
 
-// The nearer or the farther surface of a pixel on its way through the frames in the ring: where it is now, where its
-// own motion has led so far, and the sums of the samples on it.
+// The nearer or the farther surface of a pixel while it is followed through the ring: the surface now, its tracks by
+// own motion back and ahead, and the sums of its samples.
 typedef struct
 {
     side_t side;
@@ -252,10 +252,10 @@ STAGE way_t begin_way(surface s, layers_t l, int far, pixel_t p, plane_in curren
 }
 
 // Follows a surface of the pixel `now` through the frames in the ring `from` to `to` - 1, the latest being 0, and adds
-// their samples; those of the first `recent` frames are summed on their own too. past[k] says how to come from this
-// frame to the k-th, where its samples lie in their pixels (jitter) and in which slot of `ring` it is. The place of the
-// pixel's centre in frame k falls into the area of exactly one sample there: the one whose position rounds to it. It
-// and the eight around it count by where they lie, seen from now.
+// their samples; those of the first `recent` frames are also summed separately. past[k] holds the matrix from this
+// frame to the k-th, its jitter, and its slot in `ring`. The pixel's centre, reprojected to frame k, falls into the
+// area of exactly one sample there: the one whose position rounds to it. That sample and the eight around it are
+// weighted by their positions in the current frame.
 STAGE void gather_samples(way_t* way, plane_in ring, frame_records past, int from, int to, int recent, pixel_t now,
     int x, int y, frame_t frame, settings_t settings)
 {

@@ -1,11 +1,11 @@
-// The surfaces of a pixel that a depth edge runs through: a nearer and a farther side.
+// The two surfaces of a pixel that a depth edge runs through: a nearer and a farther side.
 #include "taa/neighbourhood.h"
 
-// Where an edge runs, and how inverse depth changes on the surface that is followed.
+// Where an edge runs, and the slope of inverse depth on the followed surface.
 typedef struct
 {
     mask edge;
-    real cut; // inverse depth that parts the nearer from the farther one
+    real cut; // inverse depth that separates the nearer from the farther side
     real slope_x, slope_y; // of inverse depth, a pixel
 } layers_t;
 
@@ -20,8 +20,8 @@ STAGE layers_t layers_of(row_t above, row_t centre, row_t below, surface s, sett
     return l;
 }
 
-// One side of the edge: the surface at its sample that lies nearest to the pixel, how inverse depth changes from there,
-// and the mean colour of its samples in the 3x3, of which there are `count`.
+// One side of the edge: the surface at its sample nearest to the pixel, the slope of inverse depth there, and the mean
+// colour of its `count` samples in the 3x3.
 typedef struct
 {
     surface s;
@@ -35,8 +35,8 @@ STAGE mask on_side(real inverse_depth, layers_t l, int far)
     return l.edge & (far ? inverse_depth <= l.cut : inverse_depth > l.cut);
 }
 
-// Of samples as far away as each other that of the pixel's own row: floors, the most slanted of surfaces, change from
-// row to row.
+// The surface at the side's sample nearest to the pixel. Of equally near ones the pixel's own row wins: floors, the
+// most slanted of surfaces, change from row to row.
 STAGE surface side_surface(
     surface s, layers_t l, int far, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
 {
@@ -60,10 +60,9 @@ STAGE surface side_surface(
     return s;
 }
 
-// The side of each pixel that an edge runs through; elsewhere what was there. The slope is fitted by least squares to
-// the side's samples, through the one that lies nearest, and held back as that of a gathered pixel is. The mean is
-// summed up as differences from the pixel's `own` colour, so that equal samples have that colour for their mean, to the
-// bit.
+// Returns one side of each pixel that an edge runs through; elsewhere `s` and `l` unchanged. The slope is fitted by
+// least squares to the side's samples, through the nearest one, and damped by fit_ridge as that of a gathered pixel.
+// The mean sums differences from the pixel's `own` colour, so that equal samples have that mean, to the bit.
 STAGE side_t side_of(surface s, layers_t l, int far, colour own, plane_in image, plane_in inverse_depth,
     plane_in motion, int x, int y, frame_t frame, settings_t settings)
 {
@@ -93,7 +92,7 @@ STAGE side_t side_of(surface s, layers_t l, int far, colour own, plane_in image,
     return side;
 }
 
-// The surface with the range of inverse depth of its own side alone.
+// Narrows the surface's range of inverse depth to its own side.
 STAGE surface range_of_side(surface s, layers_t l, int far)
 {
     s.nearest = far ? (l.edge ? l.cut : s.nearest) : s.nearest;

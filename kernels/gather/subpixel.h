@@ -1,4 +1,4 @@
-// Sub-pixel features, which the samples of one frame hit here and miss there.
+// Sub-pixel features, which the samples of one frame hit and those of another miss.
 #include "gather/sides.h"
 #include "gather/track.h"
 
@@ -9,9 +9,9 @@ typedef struct
     real off, inverse_depth;
 } subpixel_feature;
 
-// Of the surfaces that the 3x3 of the latest frames in the ring, and of the next ones, show in front of all that the
-// 3x3 of now shows of `s`, the one that now lies nearest to the pixel's centre, if that is within SUBPIXEL_REACH. What
-// filled more of that 3x3 than a line does is not missed now but gone.
+// Searches the 3x3 of the latest frames in the ring, and of the next ones, for surfaces in front of all that the
+// current 3x3 shows of `s`. Returns the one that now lies nearest to the pixel's centre, if within SUBPIXEL_REACH. A
+// surface that filled more of that 3x3 than a line does is not missed now but gone.
 STAGE subpixel_feature search_subpixel_feature(mask open, surface s, plane_in ring, frame_records past, int frames,
     int x, int y, frame_t frame, settings_t settings)
 {
@@ -45,7 +45,7 @@ STAGE subpixel_feature search_subpixel_feature(mask open, surface s, plane_in ri
                 surface hit = s;
                 hit.inverse_depth = (q - m.shift) / m.scale;
                 const motion_t way = motion_from_depth(hit, px, py, then);
-                // From where such a surface was seen at the pixel's place to where the sample is.
+                // Offset of the sample from this pixel, reprojected at the depth of the hit.
                 const real ox = ((K(0.5) - f.fx) + K(dx)) + (m.u - way.u),
                            oy = ((K(0.5) - f.fy) + K(dy)) + (m.v - way.v);
                 const real off = greater(absolute(ox), absolute(oy));
@@ -65,10 +65,9 @@ STAGE subpixel_feature search_subpixel_feature(mask open, surface s, plane_in ri
     return feature;
 }
 
-// A surface that frames in the ring show and the current 3x3 misses, if it lies within SUBPIXEL_REACH of the pixel's
-// centre. It is taken for the nearer side of a depth edge, and the samples along its way give its share of the pixel,
-// which may be none. Only features that the camera alone moves are searched for: an earlier frame does not show where
-// an object with its own motion is now.
+// Makes a surface that frames in the ring show and the current 3x3 misses the nearer side of a depth edge, if it lies
+// within SUBPIXEL_REACH of the pixel's centre. The samples along its track give its coverage, which may be none.
+// Features with own motion are not searched for: an earlier frame does not show where such an object is now.
 STAGE void find_subpixel_feature(surface* s, layers_t* l, plane_in ring, frame_records past, int frames, int x, int y,
     frame_t frame, settings_t settings)
 {

@@ -1,19 +1,19 @@
-// Surfaces on their ways through the frames in the ring: back to those before, and ahead to those after.
+// Tracks surfaces through the frames in the ring: back to earlier ones, and ahead to later ones.
 #include "taa/disocclusion.h"
 
-// Planes of a frame of the ring, as it was drawn: r, g, b, inverse depth, then own motion and alpha where there are
-// such.
+// Planes of a frame of the ring, as it was rendered: r, g, b, inverse depth, then own motion, alpha and reactivity
+// where there are such.
 #define RING_INVERSE_DEPTH 3
 #define RING_MOTION 4
 #define RING_ALPHA (4 + 2 * OWN_MOTION)
 #define RING_REACTIVE (RING_ALPHA + ALPHA)
 #define RING_PLANES (RING_REACTIVE + REACTIVE)
 
-// Of the frames of the ring: the latest first, and the next ones in turn with them.
+// One record a frame of the ring: the latest first, in turn with the next ones.
 typedef __global const frame_t* restrict frame_records;
 
-// A surface that moves on its own, on its way from frame to frame: where it was, how much closer, and its latest step
-// ahead.
+// Track of a surface with own motion from frame to frame: its displacement, its change of inverse depth, and its latest
+// step ahead.
 typedef struct
 {
     mask own, lost;
@@ -22,7 +22,7 @@ typedef struct
 
 STAGE mask no_motion_vector(real u, real v) { return outside_domain(u) | outside_domain(v); }
 
-// The way of surface s before its first step.
+// Starts the track of surface s with its motion vector to the previous frame.
 STAGE track_t first_step(surface s)
 {
     const real zero = SPLAT(0.0);
@@ -32,7 +32,7 @@ STAGE track_t first_step(surface s)
     return t;
 }
 
-// The way ahead before its first step, which will be as long as that on which the surface came.
+// Starts the track ahead at the surface itself; its first step is expected to equal the step that led to the surface.
 STAGE track_t first_step_ahead(surface s)
 {
     track_t t = first_step(s);
@@ -41,14 +41,14 @@ STAGE track_t first_step_ahead(surface s)
     return t;
 }
 
-// True where a texel of the ring lies in the range of inverse depth that the current 3x3 has, as `then` saw it.
+// True where a texel of the ring lies in the range of inverse depth of the current 3x3, reprojected to its frame.
 STAGE mask matches_surface(real inverse_depth, surface s, motion_t m, settings_t settings)
 {
     const quad alone = { inverse_depth, inverse_depth, inverse_depth, inverse_depth };
     return REJECT == REJECT_NONE ? (inverse_depth == inverse_depth) : same_surface(alone, s, m, settings);
 }
 
-// Where the sample at a footprint has no motion vector, that of the nearest of its neighbours with one.
+// Where the sample at a footprint has no motion vector, takes that of its neighbour nearest to the camera with one.
 STAGE void nearest_motion(real* u, real* v, mask missing, plane_in p, footprint there, size_t plane, int stride)
 {
     if (GATHER_FIT != GATHER_FIT_LAYERS || !any_of(missing))
@@ -67,10 +67,10 @@ STAGE void nearest_motion(real* u, real* v, mask missing, plane_in p, footprint 
         }
 }
 
-// One step back, by the motion of the sample at the surface's own place (which is not the pixel's where the motion is a
-// neighbour's). Where that sample has no motion vector, the nearest of its neighbours with one replaces it, since the
-// edge of an object covers a sample in one frame and misses it in the next. Without any the surface is lost in this
-// frame and all before it. So is a surface that another one covers there, by its inverse depth. From frame to frame a
+// One step back, by the motion of the sample at the surface's own position (not the pixel's where the motion is
+// borrowed). Where that sample has no motion vector, the nearest of its neighbours with one replaces it, since the edge
+// of an object covers a sample in one frame and misses it in the next. Without any the surface is lost in this frame
+// and all before it. So is a surface that another one occludes there, by its inverse depth. From frame to frame a
 // surface may come closer by as much as the range of `s` and the slack of the depth test allow.
 STAGE void follow(track_t* t, surface s, motion_t m, plane_in p, footprint there, mask seen, size_t plane, frame_t then,
     settings_t settings)
@@ -88,10 +88,10 @@ STAGE void follow(track_t* t, surface s, motion_t m, plane_in p, footprint there
     t->v += v;
 }
 
-// One step ahead, to the place in frame `then` from which the motion drawn there leads back to where the surface was.
-// That is a fixed point: no vector of a frame says where its samples go. The search begins where the surface would be
-// if it went on as before; with a step's change of d pixels a pixel it errs by d times as much after each round. A
-// surface is lost in this frame and all behind it where that place does not close, and as on a step back.
+// One step ahead, to the position in frame `then` from which the motion vector there leads back to where the surface
+// was. That is a fixed point, since the vectors of a frame lead back only. The search begins where the surface would be
+// if it went on as before; where vectors change by d pixels a pixel, each round multiplies its error by d. A surface is
+// lost in this frame and all beyond it where the search does not converge, and as on a step back.
 STAGE void lead(track_t* t, surface s, plane_in p, real x, real y, uint at, size_t plane, frame_t then, frame_t frame,
     settings_t settings)
 {

@@ -1,28 +1,28 @@
-// The adaptive temporal window. Where light may change, how far back should a pixel look? It is resolved from several
-// windows of its past, and each leaves an error: how far its latest samples lie from what the window says. A window
-// that is too short errs by their noise, one that is too long by what has changed since. The errors summed over the
-// texels around weigh the windows, and the texels' mean difference from the shortest moves the longer ones. What no
-// motion vector tells of, such as water, has changed within the shortest: the filtered sample of now is a window too.
+// The adaptive temporal window: how far back a pixel looks where light may change. It is resolved from several windows
+// of its past, and each has an error: the distance of the latest samples from its result. A window that is too short
+// errs by their noise, one that is too long by what has changed since. The errors summed over the texels around weight
+// the windows, and the texels' mean difference from the shortest shifts the longer ones. Changes without a motion
+// vector, such as water's, happen within the shortest: the current filtered sample is a window too.
 #include "gather/samples.h"
 
-// Planes of a window: r, g, b, error, count, alpha. The windows stand one behind the other: the latest frames, a few
-// more, all, without motion all since the camera came to stand (UNMOVED), and beside a recursive resolve the frame of
-// now alone.
+// Planes of a window: r, g, b, error, count, alpha. The windows in order: the latest frames, a few more, all, all at
+// the pixel's own position since the camera stopped (UNMOVED), and beside a recursive resolve the current frame alone.
 #define WINDOW_PLANES (5 + ALPHA)
 #define ALL_FRAMES (UNMOVED - 1)
 #define PRESENT (UNMOVED + 1)
 #define WINDOWS (PRESENT + (RECURSION == RECURSION_STANDING))
 
-// How many of the frames in the ring a window has.
+// Number of frames of the ring in a window.
 STAGE int window_end(int window, int frames)
 {
     const int end = window == 0 ? SHORT_WINDOW : (window < ALL_FRAMES ? MIDDLE_WINDOW : frames);
     return end < frames ? end : frames;
 }
 
-// Squared distances of the latest samples, the current one among them, from what a window says, all channels, of light
-// as much as it counts in a mean: the edge of a highlight would outweigh all around it that a screen can show. A window
-// holds these samples itself and lies the nearer to them the fewer others it has, which is made good (leave one out).
+// Squared distances of the latest samples, the current one among them, from a window's result, over all channels.
+// Colours have luminance weights: else the edge of a highlight would outweigh all displayable light around it. A window
+// contains these samples and lies the nearer to them the fewer others it has; dividing by (1 - 1 / count)^2 corrects
+// that (leave one out).
 STAGE real window_error(gathered g, pixel_t now, resolved window, settings_t settings)
 {
     const real one = SPLAT(1.0), two = SPLAT(2.0);
@@ -33,9 +33,9 @@ STAGE real window_error(gathered g, pixel_t now, resolved window, settings_t set
     return quotient(greater(squares, SPLAT(0.0)), left * left);
 }
 
-// The plain mean of what was drawn at the pixel's own place in the `frames` latest frames, those from the camera of
-// now: right for what only moves along itself, as a wheel does, and for light that stands on what moves. `sums` are
-// those of its samples.
+// Mean of the samples at the pixel's own position in the `frames` latest frames, which share the current camera: right
+// for a surface that moves along itself, such as a wheel, and for light that rests on a moving one. `sums` are those of
+// its samples.
 STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past, int frames, pixel_t p, int x, int y,
     frame_t frame, settings_t settings)
 {
@@ -75,7 +75,8 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
 
 STAGE mask in_place(motion_t m) { return (m.u == SPLAT(0.0)) & (m.v == SPLAT(0.0)); }
 
-// A window, or `where` the recursive resolve holds more samples than it, that: it knows all frames before.
+// Returns a window, or, `where` the recursive resolve holds more samples, its history, which contains all frames
+// before.
 STAGE resolved longer_history(
     resolved window, mask where, history_in recursive, plane_in recursive_count, int x, int y, frame_t frame)
 {
@@ -92,7 +93,7 @@ STAGE resolved longer_history(
     return out;
 }
 
-// How many of the nearest `standing` frames in the ring lie before this one.
+// Number of earlier frames among the nearest `standing` frames in the ring.
 STAGE int frames_before(frame_records past, int standing)
 {
     int before = standing;
@@ -101,8 +102,8 @@ STAGE int frames_before(frame_records past, int standing)
     return before;
 }
 
-// Where all of the past is doubtful: the camera and the surface have stood for `before` frames, but the recursive
-// resolve has fewer of their samples left. A reactive mask tells of such places by itself.
+// True where all of the past is doubtful: the camera and the surface were at rest for `before` frames, but the
+// recursive resolve holds too few of their samples. A reactive mask marks such pixels by itself.
 STAGE mask past_is_doubtful(motion_t m, pixel_t p, plane_in recursive_count, int before, uint at)
 {
     if (K(before) < K(DOUBTFUL_SAMPLES))
@@ -112,10 +113,10 @@ STAGE mask past_is_doubtful(motion_t m, pixel_t p, plane_in recursive_count, int
     return p.missing ? (mask)(0) : doubtful;
 }
 
-// The error of the filtered sample, as that of a window: how far the pixel's own sample lies from the others that the
-// filter weighs, as if that were so of each of the latest samples. Neighbours that agree say less than samples of the
-// pixel itself, hence PRESENT_PENALTY. Where it is not `valid`, or the filter weighs little beside its centre, an error
-// beyond any other.
+// Error of the filtered sample as a window: the distance of the pixel's own sample from the others in the filter, as if
+// each of the latest samples had it. Neighbours that agree prove less than samples of the pixel itself, hence
+// PRESENT_PENALTY. Where it is not `valid`, or the filter has little weight beside its centre, an error beyond any
+// other.
 STAGE real present_error(gathered g, pixel_t p, mask valid, frame_t frame, settings_t settings)
 {
     if ((FILTER_USE != FILTER_USE_FEW_SAMPLES) | (CURRENT_FILTER == CURRENT_FILTER_NONE))
@@ -134,9 +135,8 @@ STAGE int has_more_frames(int window, int frames)
     return window == 0 || window_end(window, frames) > window_end(window - 1, frames);
 }
 
-// Whether a window says what the one before it does, and is not stored: it has no more frames, or is that without
-// motion and the camera has not stood for enough of them to contradict it. Beside a recursive resolve both may hold its
-// history.
+// 1 if a window equals the one before it, and is not stored: it has no more frames, or it is UNMOVED and the camera has
+// been at rest for too few frames to contradict it. Beside a recursive resolve both may hold its history.
 STAGE int repeats(int window, int frames, int standing)
 {
     const int longer = RECURSION == RECURSION_STANDING ? ALL_FRAMES : PRESENT;
@@ -156,8 +156,8 @@ STAGE void store_window(plane_out windows, int window, resolved r, real error, i
         store(p + 5 * plane, r.alpha);
 }
 
-// All windows but that without motion say what that of all frames does where most of the latest samples are unlike: of
-// a surface that a veil has just covered or disoccluded they say next to nothing.
+// Where most of the latest samples are unlike, replaces the shorter windows by that of all frames: they hold next to
+// nothing of a surface that a veil has just covered or disoccluded.
 STAGE void stand_in(plane_out windows, gathered latest, resolved all, real error, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);

@@ -1,10 +1,10 @@
-// lanes: how many pixels a work-item computes at once. One on GPUs, a vector of LANES neighbouring pixels on CPUs, and
-// what there is in each case to load, to store and to ask several lanes at once.
+// lanes: how many pixels a work-item computes at once. One on GPUs, a vector of LANES neighbouring pixels on CPUs; and
+// the loads, stores and tests across lanes for each case.
 #if !defined(LANES) || !defined(REAL_DOUBLE) || !defined(STORAGE_HALF) || !defined(STORAGE_DOUBLE)
 #error "lanes.h needs LANES, REAL_DOUBLE, STORAGE_HALF and STORAGE_DOUBLE from the prelude"
 #endif
 
-// What no compiler but Clang can be asked.
+// Only Clang has these tests.
 #ifndef __has_builtin
 #define __has_builtin(name) 0
 #endif
@@ -27,15 +27,15 @@
 // Every stage function is inlined: a call would pass whole rows of vectors through memory.
 #define STAGE static inline __attribute__((always_inline))
 
-// Before a loop that stays one on a CPU, around what is rare or long: written out it is what a compiler takes its time
-// over. A GPU keeps in registers only what it has written out.
+// Before a loop that stays rolled on a CPU, where its body is rare or long: unrolled it takes most of the compile time.
+// A GPU keeps in registers only what is unrolled.
 #if LANES > 1 && defined(__clang__)
 #define NO_UNROLL _Pragma("clang loop unroll(disable)")
 #else
 #define NO_UNROLL
 #endif
 
-// Before a loop over single texels that is rare and long: one texel after the other.
+// Before a loop over single texels that is rare and long: neither unrolled nor vectorised.
 #ifdef __clang__
 #define ONE_BY_ONE _Pragma("clang loop unroll(disable) vectorize(disable)")
 #else
@@ -96,17 +96,17 @@ typedef __global const float* restrict history_in;
 typedef __global float* restrict history_out;
 #endif
 
-// Results that fill a line of the cache go past it: the line need not be fetched to be overwritten, and the stores
-// behind it do not wait for that. Segments begin on a multiple of 64 bytes: so do rows (ROW_ALIGNMENT, PAD_X), and
-// buffers on 128, the size of the largest type of OpenCL.
+// Results that fill a cache line bypass the cache: the line need not be fetched to be overwritten, and later stores do
+// not wait for it. Segments begin on a multiple of 64 bytes: so do rows (ROW_ALIGNMENT, PAD_X), and buffers on 128, the
+// size of the largest type of OpenCL.
 #if LANES == 16 && __has_builtin(__builtin_nontemporal_store)
 #define STORES_LINES 1
 #else
 #define STORES_LINES 0
 #endif
 
-// Instructions of a CPU that not every compiler has a name for. Rusticl (Mesa 22.3), whose Clang does not tell what it
-// compiles for, ends the process over a reduction, for which its way through SPIR-V has no word.
+// CPU instructions that not every compiler has a name for. Rusticl (Mesa 22.3), whose Clang does not tell its target,
+// aborts the process at a reduction, which its path through SPIR-V cannot express.
 #if LANES > 1 && __has_builtin(__builtin_reduce_or)                                                                    \
     && (defined(__x86_64__) || defined(__aarch64__) || defined(__SPIR__))
 #define REDUCES 1
@@ -119,8 +119,7 @@ typedef __global float* restrict history_out;
 #define ELEMENTWISE 0
 #endif
 
-// Sixteen floats or words from anywhere by one instruction. Where it was measured it takes half of the time of sixteen
-// loads.
+// Gathers sixteen floats or words by one instruction: half of the time of sixteen loads, where measured.
 #if LANES == 16 && !REAL_DOUBLE && defined(__AVX512F__) && __has_builtin(__builtin_ia32_gathersiv16sf)                 \
     && __has_builtin(__builtin_ia32_gathersiv16si)
 #define GATHERS 1
@@ -128,8 +127,8 @@ typedef __global float* restrict history_out;
 #define GATHERS 0
 #endif
 
-// A vector of halves to floats and back by one instruction each. OpenCL's vload_half and vstore_half are calls on some
-// CPU drivers, around which every register is saved.
+// Converts a vector of halves to floats and back by one instruction each. OpenCL's vload_half and vstore_half are calls
+// on some CPU drivers, and spill every register.
 #if LANES == 16 && !REAL_DOUBLE && defined(__AVX512F__) && __has_builtin(__builtin_ia32_vcvtph2ps512_mask)             \
     && __has_builtin(__builtin_ia32_vcvtps2ph512_mask)
 #define CONVERTS_HALVES 1
@@ -159,7 +158,7 @@ STAGE real first_lanes(real v) { return v; }
 STAGE real load(plane_in p) { return PASTE(convert_, LANED(double))(PASTE(vload, LANES)(0, p)); }
 STAGE void store(plane_out p, real v) { PASTE(vstore, LANES)(PASTE(convert_, LANED(float))(v), 0, p); }
 #else
-// A vector at any float's address; vloadn and vstoren are calls on some CPU drivers.
+// A vector at any float's address: vloadn and vstoren are calls on some CPU drivers.
 typedef real loose_real __attribute__((aligned(4)));
 STAGE real load(plane_in p) { return *(__global const loose_real*)p; }
 #if STORES_LINES
@@ -182,20 +181,20 @@ STAGE void store(plane_out p, real v) { *(__global loose_real*)p = v; }
 #endif
 #define LANE_INDEX ((real)(LANE_NUMBERS))
 #if REDUCES
-// Straight from the register of masks, where there is one.
+// Reads the mask register directly, where there is one.
 STAGE int any_of(mask m) { return __builtin_reduce_or(m != 0) != 0; }
 #else
 STAGE int any_of(mask m) { return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0; }
 #endif
 STAGE scalar_whole first_lane(whole v) { return v.s0; }
-// The first lane's number in all lanes.
+// Broadcasts the first lane.
 STAGE real first_lanes(real v) { return (real)(v.s0); }
 #endif
 
-// Texels from the segment's own to each lane's; a plane has less than 2^31.
+// Offset from the segment's own texel to each lane's; a plane has less than 2^31 texels.
 STAGE whole steps_apart(whole dx, whole dy, int stride) { return dy * stride + dx + (whole)(LANE_NUMBERS); }
 
-// The texels of a plane of floats that lie `steps` from p.
+// Loads the texels of a plane of floats at p + steps, lane by lane.
 STAGE real texels_apart(plane_in p, whole steps)
 {
 #if GATHERS

@@ -5,17 +5,17 @@
 #error "prefetch.h needs COLUMNS_AHEAD and FAR_FIRST from the prelude"
 #endif
 
-// Starts to bring the texels right of the LANES from p on into the cache. On a CPU, where a work-item walks down, those
-// are what the work-items after this one will find there; nothing foresees a step of a whole row. OpenCL's own prefetch
-// does nothing on some CPU drivers, and the compiler's takes no pointer into a GPU's memory.
+// Prefetches the texels right of the LANES from p on. On a CPU, where a work-item walks down, the work-items after this
+// one read those; no hardware predicts a step of a whole row. OpenCL's own prefetch does nothing on some CPU drivers,
+// and the compiler's takes no pointer into a GPU's memory.
 #if LANES > 1 && __has_builtin(__builtin_prefetch) && (defined(__x86_64__) || defined(__aarch64__))
 #define FETCH_NEXT(p) __builtin_prefetch((const void*)(size_t)((p) + LANES))
-// The LANES from `far` on into the second cache, or with FAR_FIRST into the first, which leaves them to the second;
-// those from `near` on, and the ones after them, into the first.
+// Prefetches the LANES from `far` on into the second-level cache, or with FAR_FIRST into the first, which evicts them
+// to the second; those from `near` on, and the ones after them, into the first.
 #define FETCH_FAR(far) __builtin_prefetch((const void*)(size_t)(far), 0, FAR_FIRST ? 3 : 2)
 #define FETCH_TWICE(far, near) (FETCH_FAR(far), __builtin_prefetch((const void*)(size_t)(near), 0, 3), FETCH_NEXT(near))
 #endif
-// On a GPU the work-items beside this one read those at the same time, so p itself is fetched.
+// On a GPU neighbouring work-items read those at the same time, so p itself is prefetched.
 #if NVIDIA
 #define FETCH_NEXT(p) __asm volatile("prefetch.global.L1 [%0];" ::"l"(p))
 #endif
@@ -29,10 +29,10 @@
 #define FETCH_TWICE(far, near) (void)(far)
 #endif
 
-#define ROWS_NEAR (FAR_FIRST ? 1 : 2) // fewer rows below, of what comes from the second cache
+#define ROWS_NEAR (FAR_FIRST ? 1 : 2) // rows by which `near`, from the second-level cache, lies less far below
 
-// The texel of plane p that lies `rows` rows below the one at `at`. Where a row's length is a constant the step is part
-// of NVIDIA's instruction, so that it takes the address that the loads around it have.
+// Prefetches the texel of plane p that lies `rows` rows below the one at `at`. With a constant stride the step is part
+// of NVIDIA's instruction, which then shares the address of the loads around it.
 #if NVIDIA && STRIDE > 0
 #define FETCH_BELOW(p, at, rows, stride)                                                                               \
     __asm volatile("prefetch.global.L1 [%0+%1];" ::"l"((p) + (at)), "n"((rows) * STRIDE * (int)sizeof(*(p))))

@@ -16,13 +16,13 @@
 #endif
 #include "platform/lanes.h"
 
-// One float a work-item, and no need of the strict build's roundings: the device's own maximum and minimum.
+// One float a work-item, without the strict build's roundings: the device's own maximum, minimum and root.
 #define NATIVE ((LANES == 1) & !REAL_DOUBLE & !STRICT)
 
 STAGE whole magnitude_bits(real v) { return AS_WHOLE(v) & MAGNITUDE_BITS; }
 
 #if LANES == 1
-// A GPU's instructions take the magnitude of an operand for nothing.
+// A GPU's instructions take the magnitude of an operand for free.
 STAGE real absolute(real v) { return fabs(v); }
 #else
 STAGE real absolute(real v) { return AS_REAL(magnitude_bits(v)); }
@@ -36,13 +36,13 @@ STAGE real lesser(real a, real b) { return fmin(a, b); }
 STAGE real greater(real a, real b) { return a > b ? a : b; }
 STAGE real lesser(real a, real b) { return a < b ? a : b; }
 #endif
-// v limited to [lo, hi]; the caller makes sure that lo <= hi.
+// Clamps v to [lo, hi]; the caller ensures that lo <= hi.
 STAGE real limit(real v, real lo, real hi) { return lesser(greater(v, lo), hi); }
 
-// A lane's root. The compiler's own is one instruction; the library's is a call on some CPU drivers.
+// Square root of one lane. The compiler's builtin is one instruction; the library's is a call on some CPU drivers.
 #if NATIVE && NVIDIA
-// The errors of these instructions are stated, and less than OpenCL allows a root and a division. Those of native_sqrt
-// and native_recip it leaves open, so that other GPUs take root and division. What is nearly 0 counts as 0.
+// NVIDIA states the errors of these instructions: less than OpenCL allows a root and a division. OpenCL leaves those of
+// native_sqrt and native_recip open, so other GPUs take root and division. Denormals are flushed to 0.
 STAGE float SCALAR_ROOT(float v)
 {
     float root;
@@ -87,7 +87,7 @@ STAGE real quotient(real a, real b) { return a / b; }
 #endif
 STAGE real reciprocal(real v) { return quotient(SPLAT(1.0), v); }
 
-// Several quotients by one b: `over(a, divisor(b))` is what quotient(a, b) promises, for one division in all.
+// Several quotients by one b: `over(a, divisor(b))` keeps the bounds of quotient(a, b), with one division in all.
 #if STRICT
 STAGE real divisor(real b) { return b; }
 STAGE real over(real a, real by) { return a / by; }
@@ -105,12 +105,12 @@ STAGE real floor_of(real v) { return __builtin_elementwise_floor(v); }
 STAGE real floor_of(real v)
 {
     const real cut = TO_REAL(TO_WHOLE(v));
-    return cut > v ? cut - K(1.0) : (cut < v ? cut : v); // v itself where it is whole: -0 is
+    return cut > v ? cut - K(1.0) : (cut < v ? cut : v); // v itself where it is an integer: keeps -0
 }
 #endif
 
-// Usable input: finite and |v| <= DOMAIN_LIMIT. Tested on the bits where that costs nothing, so that no compiler flag
-// can remove it; a GPU compares in one instruction.
+// True where input is unusable: not finite, or |v| > DOMAIN_LIMIT. Tests the bits where that costs nothing, so that no
+// compiler flag can remove it; a GPU compares in one instruction.
 STAGE mask outside_domain(real v)
 {
 #if LANES == 1 && !RELAXED
@@ -120,8 +120,8 @@ STAGE mask outside_domain(real v)
 #endif
 }
 
-// v, or `otherwise` where v is outside the domain. Compared as a number where no flag removes that: among numbers that
-// were chosen by their bits a CPU's compiler sees no maximum, and a comparison and a choice take longer.
+// v, or `otherwise` where v is outside the domain. Compares numbers where no flag removes that: if bits select the
+// number, a CPU's compiler no longer recognises a maximum, and emits a slower comparison and selection.
 STAGE real in_domain_or(real v, real otherwise)
 {
 #if ELEMENTWISE && !RELAXED

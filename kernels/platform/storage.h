@@ -1,5 +1,5 @@
-// The numbers that the history is kept in: floats, doubles, halves rounded to the nearest, or halves rounded at random;
-// and halves as a file holds them.
+// Storage formats of the history: floats, doubles, halves rounded to nearest, or halves rounded stochastically; and
+// halves in files.
 #include "platform/real.h"
 
 #if !defined(STORAGE_HALF) || !defined(STORAGE_STOCHASTIC) || !defined(STORAGE_DOUBLE) || !defined(ILLUMINATION)
@@ -9,15 +9,14 @@
 typedef LANED(float) floats;
 #define TO_FLOATS PASTE(convert_, LANED(float))
 
-// Floats anywhere, as they are, and as halves, rounded to the nearest, to the even one of two; what is 65520 or more
-// becomes infinite.
+// Store floats at any address, unchanged, or as halves rounded to nearest even; 65520 or more becomes infinite.
 #if LANES == 1
 STAGE void store_floats(__global float* p, floats v) { *p = v; }
 STAGE void store_halves(__global half* p, floats v) { vstore_half_rte(v, 0, p); }
 #else
 STAGE void store_floats(__global float* p, floats v) { PASTE(vstore, LANES)(v, 0, p); }
 #if CONVERTS_HALVES
-// The roundings of these instructions: of the current one nothing is seen, since each half is a float.
+// Rounding modes of these instructions. The current mode has no effect on halves to floats, which is exact.
 enum { NEAREST_EVEN = 0, CURRENT_ROUNDING = 4 };
 typedef LANED(short) loose_halves __attribute__((aligned(2)));
 STAGE void store_halves(__global half* p, floats v) { *(__global loose_halves*)p = TO_HALVES(v); }
@@ -26,8 +25,8 @@ STAGE real from_halves(LANED(short) halves)
 #if ILLUMINATION == ILLUMINATION_STATIC
     return FROM_HALVES_BUILTIN(halves);
 #else
-    // Light is tested behind branches. A conversion that LLVM 14 knows it moves there, away from its load, and since it
-    // has no vectors of halves it then converts them one by one.
+    // The illumination test lies behind branches. LLVM 14 moves a conversion that it recognises there, away from its
+    // load, and since it has no vectors of halves it then converts them one by one.
     real v;
     __asm("vcvtph2ps %1, %0" : "=" VECTOR_REGISTER(v) : VECTOR_REGISTER(halves));
     return v;
@@ -46,7 +45,7 @@ typedef LANED(uint) words;
 #define TO_INTS PASTE(PASTE(convert_, LANED(int)), _rtz)
 #define TO_WORDS PASTE(convert_, LANED(uint))
 
-// Within the range of halves, and +0 rather than what would round to -0.
+// Clamps to the range of halves; what would round to -0 becomes +0.
 STAGE floats half_storable(floats v)
 {
     const floats most = (floats)((float)HALF_LIMIT), tiny = (floats)((float)HALF_TINY);
@@ -54,7 +53,7 @@ STAGE floats half_storable(floats v)
     return ((limited <= tiny) & (limited >= -tiny)) ? (floats)(0.0f) : limited;
 }
 
-// 32 well spread bits from a number (the integer hash "lowbias32", Wellons 2018).
+// Hashes a number to 32 bits (the integer hash "lowbias32", Wellons 2018).
 STAGE words spread_bits(words v)
 {
     v = (v ^ (v >> 16)) * (words)(0x7feb352du);
@@ -62,8 +61,8 @@ STAGE words spread_bits(words v)
     return v ^ (v >> 16);
 }
 
-// A number in [0, 1) that is new for every pixel and frame and the same for every run. The channels of a pixel share
-// it, so that greys stay grey.
+// A pseudo-random number in [0, 1), new for every pixel and frame and the same in every run. The channels of a pixel
+// share it, so that greys stay grey.
 STAGE floats storage_dither(int x, int y, frame_t frame)
 {
     const words row = spread_bits((words)((uint)y) + spread_bits((words)((uint)frame.number)));
@@ -121,7 +120,7 @@ STAGE void store_history(history_out p, real v, int x, int y, frame_t frame)
 #endif
 }
 
-// One number of the history.
+// Loads one number of the history.
 STAGE scalar load_one(history_in p)
 {
 #if STORAGE_HALF
@@ -131,10 +130,10 @@ STAGE scalar load_one(history_in p)
 #endif
 }
 
-// The texels of the history that lie `steps` from p.
+// Loads the texels of the history at p + steps, lane by lane.
 #if STORAGE_HALF && CONVERTS_HALVES && LANES == 8
-// Halves read as bits, all converted by one instruction. What is rare is called: written out it took registers from the
-// rest, as long as the calls of eight conversions had not.
+// Reads halves as bits and converts all by one instruction. It runs rarely, so it is a call: inlined it took registers
+// from the rest.
 static __attribute__((noinline)) real history_apart(history_in p, whole steps)
 {
     LANED(short) halves;
@@ -143,7 +142,7 @@ static __attribute__((noinline)) real history_apart(history_in p, whole steps)
     return from_halves(halves);
 }
 #elif STORAGE_HALF && CONVERTS_HALVES && GATHERS
-// A gather takes words: of each the lower half is the lane's, the upper one the texel right of it.
+// A gather loads 32-bit words: the lower half of each is the lane's texel, the upper half the texel right of it.
 STAGE real history_apart(history_in p, whole steps)
 {
     const whole words = __builtin_ia32_gathersiv16si((whole)(0), (const void*)(size_t)p, steps, (ushort)0xffff, 2);

@@ -1,14 +1,14 @@
-// Reading ahead. Work-items walk down their columns, and nothing in a CPU foresees steps of a whole row: without this,
-// half of the time would pass in waiting for memory. In each row a work-item starts to fetch what lies right of its own
-// texels ROWS_AHEAD rows below. Its own filters read some of that, and the next work-item all of it. An address beyond
-// the image is harmless: nothing is read, nothing fails. On a GPU it is the next row that the work-item itself has not
+// Software prefetch. Work-items walk down their columns, and no CPU predicts steps of a whole row: without this, half
+// of the time would be spent waiting for memory. In each row a work-item prefetches what lies right of its own texels
+// ROWS_AHEAD rows below. Its own filters read some of that, and the next work-item all of it. An address beyond the
+// image is harmless: nothing is read, nothing fails. A GPU prefetches the next row that the work-item itself has not
 // read yet.
 //
-// COLUMNS_AHEAD: a core has few places for lines that are under way to its first cache, one that comes from memory
-// keeps its place for long, and a load from the second cache waits for one too. So a CPU's work-item fetches what lies
-// so many work-items right of it into the second cache alone, and its own next texels and those right of them from
-// there into the first. FAR_FIRST: the far ones into the first as well. On a Zen 5 those that were asked for into the
-// second alone were not there in time once a walk had fallen behind, and it did not catch up.
+// COLUMNS_AHEAD: a core has few slots for lines in flight to its first-level cache, a line from memory keeps its slot
+// for long, and a load from the second level needs one too. So a CPU's work-item prefetches texels COLUMNS_AHEAD
+// work-items right of it into the second level alone, and its own next texels and those right of them from there into
+// the first. FAR_FIRST: the far ones into the first as well. On a Zen 5, texels prefetched into the second level alone
+// arrived too late once a walk had fallen behind, and it did not catch up.
 #include "platform/prefetch.h"
 
 #define ROWS_AHEAD (LANES > 1 ? (FAR_FIRST ? 3 : 4) : 2)
@@ -16,7 +16,7 @@
 STAGE void fetch_frame(plane_in current, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);
-    // From the row that is read next: a GPU has worked out where that is.
+    // From the row that is read next, whose address a GPU has already computed.
     const uint at = texel_offset(frame, x, y + 1);
     enum { ROWS_BELOW = ROWS_AHEAD - 1 };
     const int stride = row_stride(frame);
@@ -30,8 +30,8 @@ STAGE void fetch_frame(plane_in current, plane_in inverse_depth, plane_in motion
     }
 }
 
-// Below the texel at `at`: on a GPU the one that the pixel came from, on a CPU the pixel's own, as if nothing moved,
-// for what moves was fetched that many rows earlier or later, still ahead of its use as a rule.
+// Prefetches below the texel at `at`: on a GPU the reprojected one, on a CPU the pixel's own, as if nothing moved: with
+// motion a line arrives some rows earlier or later, as a rule still ahead of its use.
 STAGE void fetch_history(history_in history, plane_in count, plane_in previous_inverse_depth, uint at, frame_t frame)
 {
     const size_t plane = history_plane_size(frame);
@@ -45,8 +45,8 @@ STAGE void fetch_history(history_in history, plane_in count, plane_in previous_i
         FETCH_BELOW(previous_inverse_depth, at, ROWS_BELOW, stride);
 }
 
-// Below the texel at `at`, of each of `count` planes: what the next row will read of frames in the ring, unless motion
-// varies wildly, and of temporal windows.
+// Prefetches below the texel at `at` in each of `count` planes: what the next row will read of frames in the ring,
+// unless motion varies wildly, and of temporal windows.
 STAGE void fetch_planes(plane_in first, int count, uint at, frame_t frame)
 {
     enum { ROWS_BELOW = 2 };

@@ -1,6 +1,6 @@
-// Edges: what is stored of an image is repeated into its halo, so that filters may read past the image. On a CPU each
-// work-item repeats, at its end, the edge that it has stored itself: to start a kernel for that takes longer than the
-// work does. On a GPU the groups at the edges would end last; there extend_edges of store.cl does it.
+// Edges: repeats the edge of a stored image into its halo, so that filters may read past the image. On a CPU each
+// work-item, at its end, repeats the edge that it has stored itself: starting a kernel for that takes longer than the
+// work. On a GPU the groups at the edges would end last; there extend_edges_kernel of store.cl does it.
 #include "platform/storage.h"
 
 // The block that a work-item has stored: columns x to `end` - 1, rows y to `below` - 1.
@@ -9,13 +9,13 @@ typedef struct
     int x, end, y, below;
 } block_t;
 
-// A segment of a plane of the history's numbers, or of one of floats.
+// Loads a segment of a plane in the history's format, or of one of floats.
 STAGE real load_stored(history_out halves, plane_out floats, int is_float, uint at)
 {
     return is_float ? load(floats + at) : load_history(halves + at);
 }
 
-// The same, stored to the same bits.
+// Stores such a segment back, to the same bits.
 STAGE void store_stored(history_out halves, plane_out floats, int is_float, uint at, real v)
 {
     if (is_float)
@@ -46,7 +46,7 @@ STAGE void extend_plane(history_out halves, plane_out floats, int is_float, bloc
             const uint row = texel_offset(frame, 0, y);
             const real v = load_stored(halves, floats, is_float, row + (uint)x);
             const real last = (real)(((const scalar*)&v)[lane]);
-            if (lane < LANES - 1) // its other lanes have stored something beyond the image
+            if (lane < LANES - 1) // its other lanes have stored values beyond the image
                 store_stored(halves, floats, is_float, row + (uint)x, (whole)(LANE_NUMBERS) > (whole)(lane) ? last : v);
             NO_UNROLL
             for (int i = x + LANES; i < end; i += LANES)
@@ -67,8 +67,8 @@ STAGE void extend_plane(history_out halves, plane_out floats, int is_float, bloc
     }
 }
 
-// Repeats what a work-item of a CPU has stored of the image's edges, in `planes` planes of the history's numbers and in
-// `more` planes of floats.
+// Repeats the image's edges that a CPU's work-item has stored, in `planes` planes of the history's format and in `more`
+// planes of floats.
 STAGE void extend_stored(history_out halves, int planes, plane_out floats, int more, block_t b, frame_t frame)
 {
     if (LANES == 1 || ((b.x > 0) & (b.end < frame.width) & (b.y > 0) & (b.below < frame.height)))

@@ -1,16 +1,16 @@
-// Rows of the history that a work-item keeps while it slides down. Where a segment moves as the one above it did, by
-// the same fraction of a texel and as many whole ones, three of the four rows of taps around it have been weighed along
-// x already. Its place, fractions and weights are known too, before the motion that says the same has been worked out,
-// so that a CPU need not wait for it.
+// Row cache: filtered rows of the history that a work-item keeps while it slides down. Where a segment moves as the one
+// above it, by the same fraction of a texel and as many whole ones, three of the four rows of taps around it are
+// already filtered along x. Its position, fractions and weights are known too, before its motion is computed, so that a
+// CPU need not wait for it.
 #include "taa/illumination.h"
 
-// Where nothing moves there is no filter to keep rows for.
+// Without motion there is no filter to keep rows for.
 #define ROW_CACHE                                                                                                      \
     ((CAMERA_MOTION | OWN_MOTION) & (HISTORY_RANGE == HISTORY_RANGE_LINEAR)                                            \
         & (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM))
 
-// A plane's rows, weighed along y as far as they are known, in the order of `weigh`: what the next pixel and the one
-// below it have of theirs, and the last row. Kept as rows they would move from register to register.
+// Partial sums of a plane's rows along y, in the order of `weigh`: those of the next pixel and of the one below it, and
+// the last row. Rows themselves would move from register to register.
 typedef struct
 {
     real next, second, last;
@@ -24,12 +24,12 @@ typedef struct
     weights wx, wy;
     column_sums plane[3];
     // On a GPU.
-    real count; // between two texels of the upper row of the next pixel
+    real count; // interpolated along x in the upper row of the next pixel
     // On a CPU.
-    real u, v; // what these come from, where it is the same whole texels for all lanes
-    scalar_whole dx, dy; // whose
-    int filled; // whether there are sums: only from the second segment on that moves alike
-    real count_limit; // samples that history at this fraction may stand for
+    real u, v; // the motion that gives them, if all lanes have one integer displacement
+    scalar_whole dx, dy; // that displacement
+    int filled; // 1 if there are sums: from the second segment on that moves alike
+    real count_limit; // upper limit of the sample count at this fraction
 } row_cache;
 
 STAGE row_cache empty_row_cache(void)
@@ -37,12 +37,12 @@ STAGE row_cache empty_row_cache(void)
     row_cache cache;
     cache.fx = cache.fy = SPLAT(-1.0); // no fraction
     cache.at = cache.illumination.nearest = 0;
-    cache.u = cache.v = SPLAT(DOMAIN_LIMIT); // nothing moves as far
+    cache.u = cache.v = SPLAT(DOMAIN_LIMIT); // no motion is as large
     cache.filled = 0;
     return cache;
 }
 
-// Whether a segment moves as the one above it to the last bit, so that its footprint need not be worked out.
+// 1 if a segment moves as the one above it, to the last bit, so that its footprint need not be computed.
 STAGE int same_motion_as_above(const row_cache* cache, real u, real v)
 {
     return !any_of((u != cache->u) | (v != cache->v));
@@ -55,8 +55,7 @@ STAGE footprint footprint_below(const row_cache* cache, uint own, int stride)
     return (footprint) { dx, dy, cache->fx, cache->fy, none, none, own, cache->at + (uint)stride, LANES_ALIKE };
 }
 
-// Whether the segment of footprint f, which u and v give, moves as the one above it. If not, it is what the next one is
-// compared with.
+// 1 if the segment of footprint f and motion (u, v) moves as the one above it. The next one is compared with it.
 STAGE int continues_row_cache(row_cache* cache, footprint f, real u, real v, int stride)
 {
     const uint next = cache->at + (uint)stride;
@@ -117,8 +116,8 @@ STAGE colour slide_columns(row_cache* cache, taps r, taps g, taps b)
         slide_plane(&cache->plane[2], b, wx, wy) };
 }
 
-// Colour and count at a footprint. A GPU asks for the row that every pixel needs before the branch, past which its
-// compiler moves no load.
+// Samples colour and count at a footprint. The row that every pixel needs is loaded before the branch: a GPU's compiler
+// moves no load past it.
 STAGE colour slide_history(
     row_cache* cache, history_in p, plane_in counts, footprint f, size_t plane, int stride, real* count)
 {
@@ -138,7 +137,7 @@ STAGE colour slide_history(
     return slide_columns(cache, r, g, b);
 }
 
-// Colour at the footprint of a segment of a CPU that moves as the one above it.
+// Samples colour at the footprint of a CPU's segment that moves as the one above it.
 STAGE colour sample_cached_colour(
     row_cache* cache, history_in p, uint at, size_t plane, int stride, settings_t settings)
 {

@@ -4,8 +4,7 @@
 #include "schedule/edges.h"
 #include "taa/neighbourhood.h"
 
-// The pixels of a work-item: the segment at x in the rows from `first` up to `end`, which is left out; none where they
-// lie beyond the image.
+// The pixels of a work-item: the segment at x in rows `first` to `end` - 1; none where they lie beyond the image.
 typedef struct
 {
     int x, first, end;

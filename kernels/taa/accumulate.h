@@ -1,9 +1,9 @@
-// Accumulation: how much the current sample counts against the history, and the pixel that comes of both.
+// Accumulation: weights the current sample against the history, and blends the two.
 #include "taa/history.h"
 #include "taa/rectify.h"
 
-// The count of a pixel with one sample more: of one that moves it begins anew, of one that stands it grows by many,
-// where the preset says so.
+// Sample count after one more sample. With `standing`, a pixel that moves begins anew with 1, and one at rest gains
+// STANDING_GAIN.
 STAGE real grown_count(real count, real blend_boost)
 {
     if (ACCUMULATE == ACCUMULATE_STANDING)
@@ -11,8 +11,8 @@ STAGE real grown_count(real count, real blend_boost)
     return count + K(1.0);
 }
 
-// Beside a sample's odds o of blend_weight a history weighs count / sample_limit, 1 at most, and in motion no more than
-// where those odds make moving_weight.
+// Weight for `capped`: the sample has the odds of blend_weight, the history a weight of count / sample_limit, at most
+// 1, and in motion at most what gives the sample moving_weight.
 STAGE real capped_weight(real count, real blend_boost, settings_t settings)
 {
     const real one = SPLAT(1.0), least = SPLAT(settings.blend_weight), most = SPLAT(settings.moving_weight);
@@ -22,9 +22,9 @@ STAGE real capped_weight(real count, real blend_boost, settings_t settings)
     return odds / (odds + history);
 }
 
-// Weight of the current sample when the history already holds `count` samples: 1 / (count + 1) for the running mean;
-// never below blend_weight for the exponential one, always that for the constant one, and between it and moving_weight
-// for the adaptive one.
+// Weight of the current sample when the history already holds `count` samples: 1 / (count + 1) for the running mean; at
+// least blend_weight for the exponential one, always blend_weight for the constant one, and between it and
+// moving_weight for the adaptive one.
 STAGE real sample_weight(real count, real blend_boost, settings_t settings)
 {
     if (ACCUMULATE == ACCUMULATE_CONSTANT)
@@ -42,24 +42,23 @@ STAGE real sample_weight(real count, real blend_boost, settings_t settings)
     return greater(mean, SPLAT(settings.blend_weight));
 }
 
-// The samples that the mean of `accumulate` takes a history of `count` for: with the new one 1 / blend_weight at most.
+// Samples that the mean of `accumulate` counts in a history of `count`: with the new one 1 / blend_weight at most.
 STAGE real samples_in_mean(real count, settings_t settings)
 {
     if (ACCUMULATE == ACCUMULATE_COUNT)
         return count;
-    // Not by `reciprocal`, which is worked out pixel by pixel: a compiler moves a division by a setting out of the
-    // loop.
+    // Not `reciprocal`, which runs for every pixel: a compiler hoists a plain division by a setting out of the loop.
     return lesser(count, SPLAT(1.0) / SPLAT(settings.blend_weight) - K(1.0));
 }
 
-// knee + Y, the inverse of a luminance weight (Karis 2014 with knee 1), four times as large. Of four times a luminance.
+// 4 (knee + Y) from 4 Y: four times the inverse of a luminance weight (Karis 2014 with knee 1).
 STAGE real luminance_inertia(real luminance, settings_t settings)
 {
     return K(4.0) * SPLAT(settings.luminance_knee) + greater(luminance, SPLAT(0.0));
 }
 
-// Luminance weights 1 / (knee + Y) as one weight of the current sample, so that blending stays a single step from the
-// history: w_x / (w_x + w_h). Of four times the luminances of the sample and of the history.
+// Folds the luminance weights 1 / (knee + Y) of both into one weight of the current sample, w_x / (w_x + w_h), so that
+// blending stays a single step from the history. `current` and `history` are 4 Y.
 STAGE real luminance_weight(real weight, real current, real history, settings_t settings)
 {
     if (WEIGHTING == WEIGHTING_NONE)
@@ -69,9 +68,9 @@ STAGE real luminance_weight(real weight, real current, real history, settings_t 
     return quotient(for_current, for_current + for_history);
 }
 
-// Weight of the current sample beside a history of `count`, before what stills flicker. In a mean of all of them the
-// share 1 / (count + 1) is left to be worked out: with luminance weights it is h / (h + count x), and a reactive sample
-// counts for as many more as are then missing among the count. Four times the luminances again.
+// Weight of the current sample against a history of `count`, before anti-flicker. In a running mean with luminance
+// weights it is h / (h + count x), x and h the inertias of sample and history, without the step over 1 / (count + 1). A
+// reactive sample gains as many samples as the history loses. `current` and `history` are 4 Y.
 STAGE real weight_of_sample(
     real count, real current, real history, real reactivity, real blend_boost, settings_t settings)
 {
@@ -79,7 +78,7 @@ STAGE real weight_of_sample(
     if (in_mean & (WEIGHTING != WEIGHTING_NONE)) {
         const real x = luminance_inertia(current, settings), h = luminance_inertia(history, settings);
         const real samples = samples_in_mean(count, settings);
-        // Nothing reactive gives the bits of a frame without a mask.
+        // Reactivity 0 gives the bits of a frame without a mask.
         const real now = REACTIVE ? (SPLAT(1.0) + reactivity * samples) * h : h;
         const real before = REACTIVE ? samples * (SPLAT(1.0) - reactivity) * x : samples * x;
         return quotient(now, now + before);
@@ -98,7 +97,8 @@ STAGE real sample_share(colour v, settings_t settings)
     return reciprocal(SPLAT(settings.luminance_knee) + greater(luminance(v), SPLAT(0.0)));
 }
 
-// How far two colours differ, each as much as it counts: dim light as it is, highlights no more than luminance_knee.
+// Difference of two colours, each scaled by knee / (knee + Y): dim light hardly changes, and no highlight exceeds
+// luminance_knee.
 STAGE colour share_difference(colour v, colour other, settings_t settings)
 {
     const real knee = WEIGHTING == WEIGHTING_NONE ? SPLAT(1.0) : SPLAT(settings.luminance_knee);
@@ -106,8 +106,8 @@ STAGE colour share_difference(colour v, colour other, settings_t settings)
     return (colour) { a * v.r - b * other.r, a * v.g - b * other.g, a * v.b - b * other.b };
 }
 
-// Lottes' measure u = 1 - |dY| / max(Y, Y, knee): the weight is scaled by a share that goes with u^2 from that of
-// luminances that differ to that of luminances that agree. Of four times both luminances.
+// Lottes' measure u = 1 - |dY| / max(Y, Y, knee). Returns a factor of the weight that rises with u^2 from
+// differing_share, where luminances differ, to agreeing_share, where they agree. `current` and `history` are 4 Y.
 STAGE real difference_share(real current, real history, settings_t settings)
 {
     const real size = greater(greater(current, history), K(4.0) * SPLAT(settings.difference_knee));
@@ -115,8 +115,8 @@ STAGE real difference_share(real current, real history, settings_t settings)
     return K(settings.differing_share) + (u * u) * (K(settings.agreeing_share) - K(settings.differing_share));
 }
 
-// Share of the filtered sample where filter_use says few-samples. A bright sample that the filter has spread over its
-// neighbours weighs less twice: as the sample of each, and for the shares of the others.
+// Share of the filtered sample (filter_use = few-samples). A bright sample that the filter has spread over its
+// neighbours is weighted down twice: as the sample of each, and for the shares of the others.
 STAGE real filtered_share(real share, colour filtered, settings_t settings)
 {
     if (WEIGHTING == WEIGHTING_NONE)
@@ -126,15 +126,15 @@ STAGE real filtered_share(real share, colour filtered, settings_t settings)
     return share * (dim * dim);
 }
 
-// h + w (x - h): equal inputs stay as they are, to the bit. A weight of 1 selects the sample, which the sum would lose
-// beside a far brighter history; so does the caller where there is no history.
+// h + w (x - h): equal inputs keep their bits. A weight of 1, also of a pixel without history, selects the sample,
+// which the sum would lose beside a far brighter history.
 STAGE real blend(real history, real current, real weight)
 {
     return weight < SPLAT(1.0) ? history + weight * (current - history) : current;
 }
 
-// A value fit to be stored: inside the domain, never a denormal, never -0, and not below the least of 0 and the current
-// sample, so that light never turns negative through a negative lobe or a chroma clamp.
+// Makes a value storable: inside the domain, no denormal, no -0, and not below the lesser of 0 and the current sample,
+// so that a negative lobe or a chroma clamp never turns light negative.
 STAGE real storable(real v, real current)
 {
     const real floor_value = lesser(current, SPLAT(0.0));
@@ -155,19 +155,19 @@ typedef struct
     colour own, filtered;
     real luminance; // four times that of `filtered`
     real alpha, reactivity;
-    real least_reactive, most_reactive; // of the 3x3, where temporal windows are weighed
+    real least_reactive, most_reactive; // of the 3x3, where temporal windows are weighted
     statistics stats; // of the 3x3
-    mask missing; // whether its own sample is, where frames are gathered from
+    mask missing; // its own sample is missing; set where frames are gathered
 } pixel_t;
 
 typedef struct
 {
     colour rgb;
     real alpha, count;
-    real change; // of light, where that is tested for
+    real change; // illumination change, where TESTS_LIGHT
 } resolved;
 
-// Alpha and reactivity are shares: outside [0, 1], or NaN, means the nearer end (NaN: `otherwise`).
+// Clamps a share (alpha, reactivity) to [0, 1]; outside the domain it is `otherwise`.
 STAGE real share_in_domain(real v, real otherwise)
 {
     return outside_domain(v) ? otherwise : limit(v, SPLAT(0.0), SPLAT(1.0));
@@ -175,7 +175,7 @@ STAGE real share_in_domain(real v, real otherwise)
 
 STAGE real load_share(plane_in p, real otherwise) { return share_in_domain(load(p), otherwise); }
 
-// The least and the greatest reactivity of the 3x3 of now.
+// Sets the least and the greatest reactivity of the current 3x3.
 STAGE void reactive_range(pixel_t* p, plane_in reactive_at, frame_t frame)
 {
     for (int k = 0; k < 9; ++k) {
@@ -185,8 +185,8 @@ STAGE void reactive_range(pixel_t* p, plane_in reactive_at, frame_t frame)
     }
 }
 
-// How much counts of a sample that was drawn with reactivity r: all of it within the range of now, nothing from
-// 1 / REACTIVE_FALL beside it on. What is seen through a pane has another light than what is not, then as now.
+// Weight of a sample that was rendered with reactivity r: 1 within the range of the current 3x3, and 0 from a distance
+// of 1 / REACTIVE_FALL on. Light seen through a pane differs from light seen without, in every frame.
 STAGE real as_reactive(real r, pixel_t now)
 {
     const real off = greater(greater(now.least_reactive - r, r - now.most_reactive), SPLAT(0.0));
@@ -211,8 +211,8 @@ STAGE pixel_t current_pixel(
     return p;
 }
 
-// The sample of a pixel without history: drawn towards the mean of its neighbourhood by disocclusion_blur, since one
-// raw sample is as aliased as an image can be.
+// Sample of a pixel without history, moved towards its neighbourhood's mean by disocclusion_blur, since one raw sample
+// is fully aliased.
 STAGE colour disoccluded_colour(colour current, boxed mean, settings_t settings)
 {
     if (!DISOCCLUSION_BLUR)
@@ -222,21 +222,21 @@ STAGE colour disoccluded_colour(colour current, boxed mean, settings_t settings)
     return plus_scaled(current, SPLAT(settings.disocclusion_blur), from_box_space(offset));
 }
 
-// `own` drawn towards `filtered` by a share; equal colours keep their bits.
+// Moves `own` towards `filtered` by a share; equal colours keep their bits.
 STAGE colour drawn_towards(colour own, colour filtered, real share)
 {
     return plus_scaled(own, share, minus(filtered, own));
 }
 
-// Share of the filtered sample in the n-th of a history, from its share 1 / n of the mean: the same, but as 1 / n^2
-// beyond filter_samples. What each share leaves in the history adds up, and by 1 / n alone would be 7 % of 64 samples.
+// Share of the filtered sample in the n-th of a history, given its share 1 / n of the mean: 1 / n, but filter_samples /
+// n^2 beyond filter_samples. The shares add up in the history: 1 / n alone would come to 7 % of 64 samples.
 STAGE real fading_share(real of_mean, settings_t settings)
 {
     return lesser(of_mean, K(settings.filter_samples) * (of_mean * of_mean));
 }
 
-// The effective sample count of a pixel's rectified history, count_limit at most: the further rectification moved it,
-// the fewer samples it counts for (clip_penalty), and the more reactive the pixel is.
+// Effective sample count of the rectified history, count_limit at most: less the further rectification moved it
+// (clip_penalty), and the more reactive the pixel is.
 STAGE real effective_count(pixel_t p, history_t h, rectification r, settings_t settings)
 {
     real count = h.count;
@@ -256,7 +256,7 @@ STAGE colour rectified(history_t h, rectification r, settings_t settings)
     return plus_scaled(h.rgb, share, r.change);
 }
 
-// The sample to blend with a history of `count` samples: the pixel's own, or the filtered one.
+// The sample to blend with a history of `count` samples: the filtered one, or the pixel's own moved towards it.
 STAGE colour sample_beside(pixel_t p, mask valid, real count, settings_t settings)
 {
     if (FILTER_USE != FILTER_USE_FEW_SAMPLES)
@@ -265,7 +265,7 @@ STAGE colour sample_beside(pixel_t p, mask valid, real count, settings_t setting
     return drawn_towards(p.own, p.filtered, filtered_share(share, p.filtered, settings));
 }
 
-// The pixel's sample blended with its rectified history, or begun anew where there is none.
+// Blends the pixel's sample with its rectified history; without history the result begins anew.
 STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t settings)
 {
     const real count = effective_count(p, h, r, settings);
@@ -277,7 +277,7 @@ STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t
         weight *= difference_share(y, past_y, settings);
     if (ANTI_FLICKER == ANTI_FLICKER_CLAMP_DISTANCE)
         weight *= r.anti_flicker_factor;
-    // What counts for nothing, such as what was filled, is no history; a mean of all gives it no weight by itself.
+    // A count of 0, as of a fill, means no history; a running mean gives it no weight anyway.
     if ((ACCUMULATE == ACCUMULATE_CONSTANT) | (ACCUMULATE == ACCUMULATE_ADAPTIVE))
         weight = count > SPLAT(0.0) ? weight : SPLAT(1.0);
     if (!DISOCCLUSION_BLUR)
@@ -298,8 +298,8 @@ STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t
     return out;
 }
 
-// The result of a segment in which samples are missing. A missing sample is none: the pixel keeps its history as it is,
-// with its count, where one sample or more is in that; elsewhere it is filled, which counts for nothing.
+// Result of a segment in which samples are missing. A pixel with a missing sample keeps its history and count unchanged
+// if that count is at least 1; else it is filled, with count 0.
 STAGE resolved without_missing(resolved out, history_t h, plane_in current, int x, int y, frame_t frame)
 {
     const mask missing = sample_is_missing(current, x, y, frame), kept = h.valid & (h.count >= SPLAT(1.0));
@@ -317,8 +317,8 @@ STAGE resolved without_missing(resolved out, history_t h, plane_in current, int 
     return out;
 }
 
-// The alpha of the history; where colour is moved into a box, clamped to the extremes of the current 3x3. A trail that
-// colour has left would stay in alpha, and darken whatever it is laid over.
+// Alpha of the history, clamped to the extremes of the current 3x3 where colour is rectified. Otherwise a trail that
+// rectification removes from colour would stay in alpha, and darken the background of a composite.
 STAGE real rectified_alpha(plane_in alpha, real past, int x, int y, frame_t frame)
 {
     if (!ALPHA | (RECTIFY == RECTIFY_NONE))
@@ -346,7 +346,7 @@ STAGE void store_resolved(history_out image, plane_out count, resolved r, int x,
     store(count + at, r.count);
 }
 
-// The same, and how light changes, in the plane after the count's.
+// As store_resolved, and stores the illumination change in the plane after the count's.
 STAGE void store_recurrent(history_out image, plane_out count, resolved r, int x, int y, frame_t frame)
 {
     store_resolved(image, count, r, x, y, frame);

@@ -12,7 +12,7 @@ typedef struct
     real a, b, c;
 } boxed;
 
-// How many of each make one of the space's own.
+// Scale of the boxed coordinates: BOX_A times Y and Cg, BOX_B times Co.
 #define BOX_A (BOX_SPACE == BOX_SPACE_YCOCG ? 4.0 : 1.0)
 #define BOX_B (BOX_SPACE == BOX_SPACE_YCOCG ? 2.0 : 1.0)
 
@@ -42,7 +42,7 @@ STAGE colour from_box_space(boxed v)
     return out;
 }
 
-// The space's own coordinates, and from them.
+// To Y, Co, Cg (or R, G, B), and back.
 STAGE boxed in_units(boxed v) { return (boxed) { v.a * K(1.0 / BOX_A), v.b * K(1.0 / BOX_B), v.c * K(1.0 / BOX_A) }; }
 STAGE boxed from_units(boxed v) { return (boxed) { v.a * K(BOX_A), v.b * K(BOX_B), v.c * K(BOX_A) }; }
 
@@ -50,7 +50,7 @@ STAGE boxed from_units(boxed v) { return (boxed) { v.a * K(BOX_A), v.b * K(BOX_B
 STAGE real luminance(colour v) { return K(0.25) * (v.r + v.b) + K(0.5) * v.g; }
 STAGE real luminance_4(colour v) { return (v.r + v.b) + K(2.0) * v.g; }
 
-// Greatest of the three and 0.
+// max(r, g, b, 0).
 STAGE real peak(colour v) { return greater(greater(greater(v.r, v.g), v.b), SPLAT(0.0)); }
 
 STAGE colour plus(colour a, colour b) { return (colour) { a.r + b.r, a.g + b.g, a.b + b.b }; }
@@ -71,15 +71,15 @@ STAGE real inner(colour a, colour b) { return (a.r * b.r + a.g * b.g) + a.b * b.
 // c / (1 + max(r, g, b)).
 STAGE colour peak_range(colour v) { return scaled(v, SPLAT(1.0) / (SPLAT(1.0) + peak(v))); }
 
-// Where the blend alone is tonemapped.
+// Tonemaps for the blend alone.
 STAGE colour to_blend_range(colour v) { return TONEMAP == TONEMAP_BLEND ? peak_range(v) : v; }
 
-// One channel by itself, c / (1 + c), and back (Reinhard et al. 2002); what is not light stays as it is.
+// Tonemaps one channel by itself, c / (1 + c), and back (Reinhard et al. 2002); negative values stay unchanged.
 STAGE real compressed(real v) { return v / (SPLAT(1.0) + greater(v, SPLAT(0.0))); }
 STAGE real untonemapped(real v) { return v / greater(SPLAT(1.0) - greater(v, SPLAT(0.0)), SPLAT(LEAST_HEADROOM)); }
 
-// Scene-referred colour in the range in which it is compared and blended, and back. The way back is limited to
-// LEAST_HEADROOM of headroom: 1 - peak of a colour near white is all rounding.
+// Tonemaps scene-referred colour to the range in which it is compared and blended, and back. The way back leaves at
+// least LEAST_HEADROOM of headroom: 1 - peak of a colour near white is all rounding.
 STAGE colour to_range(colour v)
 {
     if ((TONEMAP == TONEMAP_NONE) | (TONEMAP == TONEMAP_BLEND))
@@ -100,16 +100,15 @@ STAGE colour from_range(colour v)
 
 STAGE mask colour_outside_domain(colour v) { return outside_domain(v.r) | outside_domain(v.g) | outside_domain(v.b); }
 
-// The bits of the largest magnitude of the three, which are in the order of the magnitudes; what is NaN is larger
-// than any.
+// Bits of the largest magnitude of the three. Such bits have the order of the magnitudes; NaN is above all.
 STAGE whole larger_bits(whole a, whole b) { return a > b ? a : b; }
 STAGE whole largest_bits(colour v)
 {
     return larger_bits(larger_bits(magnitude_bits(v.r), magnitude_bits(v.g)), magnitude_bits(v.b));
 }
 
-// Whether a row of texels holds one outside the domain: the left neighbours of a segment's, its own, and the right
-// ones. Where there are several lanes, each of its own is a neighbour of another.
+// 1 if a row of texels has one outside the domain: left neighbours of a segment's texels, its own, and right ones. With
+// several lanes, each own texel is also a neighbour of another.
 STAGE int any_outside_domain(colour left, colour own, colour right)
 {
     if ((LANES == 1) | REAL_DOUBLE)
@@ -136,7 +135,7 @@ STAGE colour choose_colour(mask m, colour a, colour b)
 
 // Repair: a texel outside the domain (NaN, infinite, beyond DOMAIN_LIMIT) becomes the mean of the usable texels of its
 // own 3x3, or 0 where there are none. Such texels are rare: one test covers a whole row segment, and only a segment
-// that holds one takes the slow way, texel by texel.
+// that holds one takes the slow path, texel by texel.
 STAGE int texel_outside_domain(plane_in p, size_t plane)
 {
     const int limit = as_int((float)DOMAIN_LIMIT);
@@ -144,7 +143,7 @@ STAGE int texel_outside_domain(plane_in p, size_t plane)
         | ((as_int(p[2 * plane]) & 0x7fffffff) > limit);
 }
 
-// The repaired channel of the texel at (x, y); coordinates outside the image mean its edge.
+// Returns the repaired channel of the texel at (x, y); coordinates are clamped to the image.
 STAGE float repaired_texel(plane_in image, size_t plane, int channel, int x, int y, frame_t frame)
 {
     plane_in p = image + texel_offset(frame, limit_index(x, frame.width - 1), limit_index(y, frame.height - 1));
@@ -163,8 +162,8 @@ STAGE float repaired_texel(plane_in image, size_t plane, int channel, int x, int
     return in_domain > 0 ? sum / (float)in_domain : 0.0f;
 }
 
-// The colours at (x, y) and the texels right of it, `count` of them, of LANES texels each. On a CPU in a loop that
-// stays one: what is rare shall be small, for the compiler took a third of its time over this.
+// Writes `count` repaired colours of LANES texels each: at (x, y), one texel to the right, and so on. On a CPU the loop
+// stays rolled: this is rare, and a compiler spent a third of its time on it.
 STAGE void repair_colours(colour* out, int count, plane_in image, size_t plane, int x, int y, frame_t frame)
 {
     if (LANES == 1) {
@@ -184,9 +183,9 @@ STAGE void repair_colours(colour* out, int count, plane_in image, size_t plane, 
     }
 }
 
-// Fill: what stands in for a pixel whose own sample is missing and that has no history either. The mean of the nearest
-// usable texel along each of eight rays, FILL_REACH texels at most, by one over its squared distance; 0 where there is
-// none. Summed up as differences from the first, so that equal texels keep their bits. A band sees only what it holds.
+// Fill: replaces a missing sample of a pixel without history by the mean of the nearest usable texel along each of
+// eight rays, FILL_REACH steps at most, weighted by one over the squared distance; 0 where there is none. The sum is of
+// differences from the first texel, so that equal texels keep their bits. A band sees only the rows that it holds.
 STAGE void fill_texel(scalar* filled, plane_in image, size_t plane, int x, int y, frame_t frame)
 {
     const int above = frame.first_row - PAD_Y, below = frame.first_row + band_rows(frame) + PAD_Y,
@@ -216,7 +215,7 @@ STAGE void fill_texel(scalar* filled, plane_in image, size_t plane, int x, int y
         filled[channel * LANES] = weight > 0.0f ? first[channel] + sum[channel] / weight : 0.0f;
 }
 
-// The segment at (x, y) with each texel outside the domain filled, in the range that everything is compared in.
+// Loads the segment at (x, y), fills each texel outside the domain, and tonemaps it to the range of comparison.
 STAGE colour filled_colour(plane_in image, size_t plane, int x, int y, frame_t frame)
 {
     colour v = load_colour(image + texel_offset(frame, x, y), plane);
@@ -228,13 +227,13 @@ STAGE colour filled_colour(plane_in image, size_t plane, int x, int y, frame_t f
     return to_range(v);
 }
 
-// Where the pixel's own sample is missing: its texel is outside the domain.
+// True where the pixel's own sample is missing: its texel is outside the domain.
 STAGE mask sample_is_missing(plane_in image, int x, int y, frame_t frame)
 {
     return colour_outside_domain(load_colour(image + texel_offset(frame, x, y), plane_size(frame)));
 }
 
-// The colour at (x, y), repaired where need be, in the range that everything is compared in.
+// Loads the colour at (x, y), repairs it where necessary, and tonemaps it to the range of comparison.
 STAGE colour colour_in_domain(plane_in image, size_t plane, int x, int y, frame_t frame)
 {
     colour v = load_colour(image + texel_offset(frame, x, y), plane);

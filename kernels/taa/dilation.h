@@ -1,8 +1,8 @@
-// Motion of texels beyond the 3x3, as two engines take it: Bevy looks at the corners of a 5x5, and Godot reads its
-// velocities one texel left of and above the nearest depth.
+// Dilation beyond the 3x3, as in two engines: Bevy looks at the corners of a 5x5, and Godot reads the motion one texel
+// left of and above the nearest depth.
 #include "taa/neighbourhood.h"
 
-// `s` with the place, depth and own motion of the texel dx, dy from the pixel at `at`, where that is `taken`.
+// Where `taken`, gives `s` the offset, depth and own motion of the texel (dx, dy) from the pixel at `at`.
 STAGE surface take_texel(
     surface s, mask taken, plane_in inverse_depth, plane_in motion, int dx, int dy, uint at, frame_t frame)
 {
@@ -22,7 +22,7 @@ STAGE real depth_beside(plane_in inverse_depth, int dx, int dy, uint at, frame_t
     return inverse_depth_or_sky(load(inverse_depth + (ptrdiff_t)at + dy * (ptrdiff_t)row_stride(frame) + dx), frame);
 }
 
-// The surface `s` of the pixel itself, or of the texel whose motion it borrows.
+// Returns the surface of the pixel itself, `s`, or of the texel whose motion it borrows.
 STAGE surface borrowed_surface(surface s, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
 {
     const uint at = texel_offset(frame, x, y);
@@ -35,7 +35,7 @@ STAGE surface borrowed_surface(surface s, plane_in inverse_depth, plane_in motio
             nearest = nearer ? q : nearest;
             s = take_texel(s, nearer, inverse_depth, motion, dx, dy, at, frame);
         }
-        // A texel beyond the image repeats its edge, and moves as that does.
+        // A texel beyond the image repeats its edge, and moves as the edge does.
         const real px = LANE_INDEX + K(x), py = SPLAT(y);
         s.x = limit(px + s.x, SPLAT(0.0), SPLAT(frame.width) - K(1.0)) - px;
         s.y = limit(py + s.y, SPLAT(0.0), SPLAT(frame.height) - K(1.0)) - py;

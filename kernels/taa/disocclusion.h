@@ -1,8 +1,8 @@
-// Disocclusion: where the previous frame did not show the surface, there is no history of it.
+// Disocclusion test: rejects history where the previous frame did not show the surface.
 #include "taa/sampling.h"
 
-// True where the previous frame saw the point: inside its image (half a texel of margin) and by less than MOTION_LIMIT.
-// Every comparison is false for NaN.
+// True where the reprojected point lies inside the previous image (half a texel of margin) and moved by less than
+// MOTION_LIMIT. Every comparison is false for NaN.
 STAGE mask on_screen(motion_t m, real x, real y, frame_t frame)
 {
     const real hx = x + m.u, hy = y + m.v;
@@ -14,7 +14,7 @@ STAGE mask on_screen(motion_t m, real x, real y, frame_t frame)
     return inside & (absolute(m.u) < SPLAT(MOTION_LIMIT)) & (absolute(m.v) < SPLAT(MOTION_LIMIT));
 }
 
-// The range of inverse depth that the current 3x3 has, seen from the previous camera and widened by depth_tolerance.
+// Inverse-depth range of the current 3x3, seen from the previous camera and widened by depth_tolerance.
 typedef struct
 {
     real low, high;
@@ -27,7 +27,7 @@ STAGE depth_range surface_range(surface s, motion_t m, settings_t settings)
     return (depth_range) { far - slack, near + slack };
 }
 
-// Of four texels those that a place between them reads: where it is exactly at one, the others have no weight.
+// Replaces texels of no bilinear weight (a fraction is 0) by the neighbour that has the weight.
 STAGE quad texels_read(quad q, real fx, real fy)
 {
     const mask one_column = fx == SPLAT(0.0), one_row = fy == SPLAT(0.0);
@@ -38,9 +38,8 @@ STAGE quad texels_read(quad q, real fx, real fy)
     return q;
 }
 
-// The previous frame saw this surface if one of the four texels around the history position lies within its range. One
-// matching texel is enough: along silhouettes, and where a feature narrower than a pixel comes and goes with the
-// jitter, some texel matches.
+// True where one of the four texels around the history position lies in the surface's range. One is enough: along
+// silhouettes, and where jitter hits and misses a sub-pixel feature, some texel matches.
 STAGE mask same_surface(quad previous, surface s, motion_t m, settings_t settings)
 {
     const depth_range r = surface_range(s, m, settings);
@@ -48,7 +47,7 @@ STAGE mask same_surface(quad previous, surface s, motion_t m, settings_t setting
         | ((previous.p01 <= r.high) & (previous.p01 >= r.low)) | ((previous.p11 <= r.high) & (previous.p11 >= r.low));
 }
 
-// 1 where a texel is nearer than that, 0 elsewhere.
+// Returns 1 for a texel nearer than `than`, 0 for others.
 STAGE quad nearer_than(quad q, real than)
 {
     const real one = SPLAT(1.0), none = SPLAT(0.0);
@@ -60,8 +59,8 @@ STAGE mask any_nearer(quad q, real than) { return (q.p00 > than) | (q.p10 > than
 
 STAGE real nearest_of(quad q) { return greater(greater(q.p00, q.p10), greater(q.p01, q.p11)); }
 
-// By how many pixels the camera's motion has moved a point of the inverse depth `other`, at the pixel, against the
-// surface. Vectors of their own count for neither: what moves with the surface by such has not moved against it.
+// Parallax in pixels, by camera motion alone, between the surface and a point of inverse depth `other` at the same
+// pixel. Own motion is left out of both: a point that moves along with the surface has not moved against it.
 STAGE real distance_against(real other, surface s, motion_t m, real x, real y, frame_t frame)
 {
     surface point = s;
@@ -76,14 +75,14 @@ STAGE real distance_against(real other, surface s, motion_t m, real x, real y, f
     return greater(absolute(its.u - m.u), absolute(its.v - m.v));
 }
 
-// Whether that is enough to have passed by.
+// True where that parallax is large enough for one to have passed the other.
 STAGE mask moved_against(real other, surface s, motion_t m, real x, real y, frame_t frame)
 {
     return distance_against(other, s, m, x, y, frame) >= SPLAT(PASSES);
 }
 
-// Whether what was `nearest` around the place of the history, and nearer than the surface, has moved against it since:
-// it has uncovered what it stood in front of. What comes and goes by the jitter alone has not.
+// True where the nearest texel around the history position is nearer than the surface and has moved against it since,
+// so that it disoccluded what it hid. A texel that comes and goes by jitter alone has not moved.
 STAGE mask has_passed(real nearest, surface s, motion_t m, real x, real y, frame_t frame, settings_t settings)
 {
     const mask nearer = nearest > surface_range(s, m, settings).high;
@@ -92,11 +91,11 @@ STAGE mask has_passed(real nearest, surface s, motion_t m, real x, real y, frame
     return nearer & moved_against(quotient(nearest - m.shift, m.scale), s, m, x, y, frame);
 }
 
-// An inverse depth between the nearest and the farthest of the 3x3, seen from the previous camera.
+// Middle of the nearest and the farthest inverse depth of the 3x3, seen from the previous camera.
 STAGE real between_both(surface s, motion_t m) { return K(0.5) * (s.nearest + s.farthest) * m.scale + m.shift; }
 
-// Whether the pixel follows a nearer surface past what it shows itself, and three of the four texels did not show that
-// surface either: the history holds what lay behind it at another place.
+// True where the pixel follows a nearer surface past its own, and three of the four texels did not show that surface:
+// the history holds the background at another place.
 STAGE mask shows_behind(quad previous, surface s, motion_t m, real x, real y, frame_t frame)
 {
     const mask borrowed = (s.x != SPLAT(0.0)) | (s.y != SPLAT(0.0));
@@ -107,10 +106,10 @@ STAGE mask shows_behind(quad previous, surface s, motion_t m, real x, real y, fr
     return borrowed & (shown <= SPLAT(1.0)) & moved_against(s.centre, s, m, x, y, frame);
 }
 
-// How many samples the history counts for at most. On the edge of something nearer a pixel mixes it with what lies
-// behind, and the history mixes it with what lay there before. Where the camera's motion moves the one past the other
-// by a pixel a frame or more, it counts for settings.edge_samples; where slower, for as many times more. A wire is left
-// its history: the four texels see it or the corners of the 4x4 do, not both.
+// Upper limit of the sample count at a depth edge. There the pixel mixes the nearer surface with the background, and
+// the history mixes it with the background of an earlier frame. Where camera motion moves one past the other by a pixel
+// a frame or more, the limit is edge_samples; where slower, edge_samples over that distance. A wire keeps its history:
+// either the four texels or the corners of the 4x4 show it, not both.
 STAGE real samples_of_edge(
     quad previous, quad corners, surface s, motion_t m, real x, real y, frame_t frame, settings_t settings)
 {
@@ -123,9 +122,8 @@ STAGE real samples_of_edge(
     return (edge & (by >= SPLAT(PASSES))) ? most : any;
 }
 
-// Whether something nearer than `high` stood there instead of the surface: it covered more than covered_share of the
-// place of the history, as bilinear weights count, and a corner of the 4x4 too, which a wire that the jitter hits and
-// misses does not.
+// True where an occluder nearer than `high` hid the surface: it covered more than covered_share of the footprint, by
+// bilinear weights, and a corner of the 4x4. A wire that jitter hits and misses covers no such corner.
 STAGE mask stood_instead(quad previous, quad corners, real high, footprint f, settings_t settings)
 {
     return (bilinear(nearer_than(previous, high), f) > SPLAT(settings.covered_share)) & any_nearer(corners, high);

@@ -1,11 +1,10 @@
-// Fireflies: isolated samples far above what lies around them, now and in the history, as noisy path tracing leaves
-// them.
+// Fireflies: isolated samples far brighter than their neighbours and their history, as noisy path tracing leaves them.
 #include "taa/accumulate.h"
 
 // Four times the luminance of a texel in the box space.
 STAGE real boxed_luminance_4(boxed v) { return BOX_SPACE == BOX_SPACE_YCOCG ? v.a : (v.a + v.c) + K(2.0) * v.b; }
 
-// The two greatest of what has been seen.
+// The two greatest luminances seen so far.
 typedef struct
 {
     real first, second;
@@ -18,8 +17,8 @@ STAGE void see_luminance(greatest_t* g, boxed v)
     g->first = greater(g->first, y);
 }
 
-// A sample `v`, or what stands for it where its luminance is more than firefly_threshold times `borne_out`, of four
-// times which that is given: the history, so that the sample adds nothing, or without that itself, as bright as that.
+// Replaces the sample `v` where its luminance exceeds firefly_threshold times that of `borne_out` (4 Y): by the
+// history, so that the sample adds nothing, or without history by itself dimmed to `borne_out`.
 STAGE colour borne_out_sample(colour v, real borne_out, history_t h, settings_t settings)
 {
     const real y = luminance_4(v);
@@ -27,9 +26,9 @@ STAGE colour borne_out_sample(colour v, real borne_out, history_t h, settings_t 
     return choose_colour(fly & h.valid, h.rgb, scaled(v, fly ? quotient(borne_out, y) : SPLAT(1.0)));
 }
 
-// The pixel without a firefly. What bears its sample out is the second greatest of the eight texels around it, so that
-// two fireflies side by side bear neither out, or its history, in which a highlight stands that is there for several
-// frames; up to firefly_floor nothing needs it.
+// Removes a firefly from the pixel. Its sample is compared with the greatest of three: the second greatest of the eight
+// texels around it, so that two fireflies side by side do not confirm each other; its history, which holds a highlight
+// of several frames; and firefly_floor.
 STAGE pixel_t without_firefly(
     pixel_t p, boxed_row above, boxed_row own, boxed_row below, history_t h, settings_t settings)
 {

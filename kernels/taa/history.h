@@ -1,4 +1,4 @@
-// The history of a pixel: its colour at the place where the surface was, and whether it can be used at all.
+// History: sampled where the surface was in the previous frame, and valid only if that frame showed the surface.
 #include "schedule/ahead.h"
 #include "schedule/row_cache.h"
 #include "taa/disocclusion.h"
@@ -7,12 +7,12 @@ typedef struct
 {
     colour rgb;
     real alpha, count, fx, fy;
-    real change; // of light, where that is tested for
-    real count_limit; // samples that it may stand for
+    real change; // illumination change, where TESTS_LIGHT
+    real count_limit; // upper limit of the sample count
     mask valid;
 } history_t;
 
-// The texel at the whole part of a footprint; p is the plane of red, moved by what it is read beside.
+// Loads the texel at the footprint's integer position. p points into the red plane, offset to the tap.
 STAGE colour load_colour_apart(history_in p, footprint f, size_t plane, int stride)
 {
     if (LANES == 1)
@@ -24,7 +24,7 @@ STAGE colour load_colour_apart(history_in p, footprint f, size_t plane, int stri
 
 STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, size_t plane, int stride)
 {
-    if (f.lanes == LANES_ON_TEXELS) // tested here too, once for the three: faster than a test a plane
+    if (f.lanes == LANES_ON_TEXELS) // one test for three planes is faster than sample_plane's own alone
         return load_history_colour(p + f.at, plane);
     real sample[3];
     NO_UNROLL
@@ -33,8 +33,8 @@ STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, si
     return (colour) { sample[0], sample[1], sample[2] };
 }
 
-// The same of texels that are brought into the range of comparison before they are weighed, as where tonemapped colour
-// is kept. Rows and taps in loops, since nothing of ours reads so.
+// As sample_colour, but exposes and tonemaps each texel before it is weighted (HISTORY_RANGE_TONEMAPPED). The loops
+// stay rolled, since no preset of this project uses it.
 STAGE colour sample_in_range(history_in p, footprint f, weights wx, weights wy, size_t plane, frame_t frame)
 {
     const int stride = row_stride(frame);
@@ -57,7 +57,7 @@ STAGE colour sample_in_range(history_in p, footprint f, weights wx, weights wy, 
     return (colour) { v[0], v[1], v[2] };
 }
 
-// The history at a footprint, and the four texels of the inverse depth around it.
+// The history at a footprint, and the four texels of previous inverse depth around it.
 typedef struct
 {
     history_t h;
@@ -83,7 +83,7 @@ STAGE sampled sample_planes(history_in history, plane_in previous_inverse_depth,
     return v;
 }
 
-// The footprint of a segment of displacement m, and whether it moves as the one above it, where rows are kept.
+// Returns the footprint of a segment of displacement m. With a row cache, sets *alike if it moves as the one above it.
 STAGE footprint find_footprint(motion_t m, mask valid, uint at, frame_t frame, row_cache* cache, int* alike)
 {
     *alike = 0;
@@ -133,14 +133,14 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_in
     return sample_planes(history, previous_inverse_depth, f, wx, wy, rgb, counted, count_limit, frame);
 }
 
-// What stands and stood between the camera and what a history is of.
+// How an occluder, now or in the previous frame, affects a pixel's history.
 typedef struct
 {
-    mask beside; // at one of the four texels: what the history holds there may be its colour
-    mask passed; // there or at a corner of the 4x4, and a camera's motion has moved it away since
-    mask instead; // over so much of the place that the history holds its colour, and it has left
-    mask behind; // the pixel lies behind what it follows, and so does what the history holds, but elsewhere
-    real most; // samples that the history counts for, where pixel and history show both sides of an edge
+    mask beside; // one of the four texels showed something nearer, so the history may hold its colour
+    mask passed; // as `beside`, or at a corner of the 4x4, and camera motion has moved the occluder away since
+    mask instead; // an occluder covered so much of the footprint that the history holds its colour, and has left
+    mask behind; // the pixel lies behind the surface that it follows; the history shows the background elsewhere
+    real most; // limit of the sample count, where pixel and history mix both sides of an edge
 } covering;
 
 STAGE covering covering_of(plane_in previous_inverse_depth, quad previous, footprint f, surface s, motion_t m, int x,
@@ -148,7 +148,7 @@ STAGE covering covering_of(plane_in previous_inverse_depth, quad previous, footp
 {
     covering c = { 0 };
     c.most = SPLAT(DOMAIN_LIMIT);
-    // Where nothing moves the jitter alone shows something nearer now and then.
+    // Without motion, jitter alone shows something nearer now and then.
     if ((REJECT != REJECT_DEPTH) | !(CAMERA_MOTION | OWN_MOTION))
         return c;
     const real high = surface_range(s, m, settings).high;
@@ -168,14 +168,14 @@ STAGE covering covering_of(plane_in previous_inverse_depth, quad previous, footp
             c.most = samples_of_edge(previous, corners, s, m, LANE_INDEX + K(x), SPLAT(y), frame, settings);
         }
     }
-    // Among vectors it may have left where the camera's motion alone would not have moved it.
+    // With own motion, an occluder may have left where camera motion alone would not have moved it.
     if (COVERED_SHARE)
         c.instead = stood_instead(previous, corners, high, f, settings)
             & (c.passed | (whole)(OWN_MOTION & frame.own_vectors ? -1 : 0));
     return c;
 }
 
-// The t from which a change of light counts.
+// The |t| above which an illumination change reduces the sample count.
 STAGE real least_change(covering c, settings_t settings)
 {
     const real behind = c.behind ? SPLAT(settings.behind_t) : SPLAT(settings.illumination_t);
@@ -183,13 +183,13 @@ STAGE real least_change(covering c, settings_t settings)
     return c.passed ? lesser(SPLAT(settings.passing_t), beside) : beside;
 }
 
-// `next` holds the texels of the row below the pixel's; `lacks` says that a sample of the segment is missing.
+// `next` holds the texels of the row below the pixel's; `lacks` is 1 if a sample of the segment is missing.
 STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, history_in history, plane_in count,
     plane_in previous_inverse_depth, motion_t m, surface s, int x, int y, frame_t frame, settings_t settings,
     row_cache* cache)
 {
     const uint at = history_offset(frame, x, y);
-    if (LANES > 1) // not beside the frame's: more would be asked for at a time than can be under way
+    if (LANES > 1) // not with the frame's: all at once exceed the loads a core can have in flight
         fetch_history(history, count, previous_inverse_depth, at, frame);
     const motion_t seen = motion_to_edge(m, LANE_INDEX + K(x), SPLAT(y), frame);
     const mask shown = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
@@ -200,12 +200,12 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
     h.valid = shown & !colour_outside_domain(h.rgb);
     const covering c = covering_of(previous_inverse_depth, v.inverse_depth, f, s, m, x, y, frame, settings);
     if (REJECT == REJECT_DEPTH) {
-        // Without vectors what comes and goes at a neighbour does so by the jitter, and tells of thin things.
+        // Without own motion, a neighbour that appears or vanishes does so by jitter: it is a thin feature, and counts.
         quad previous = v.inverse_depth;
         if (OWN_MOTION & frame.own_vectors)
             previous = texels_read(previous, h.fx, h.fy);
         mask same = same_surface(previous, s, m, settings) & ~c.instead;
-        // A sample without depth either does not say that another surface is seen.
+        // A missing sample without depth is no evidence of another surface.
         if (lacks)
             same = same | (sample_is_missing(current, x, y, frame) & (s.nearest <= SPLAT(frame.sky_inverse_depth)));
         h.valid = h.valid & same;
@@ -223,7 +223,7 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
         h.rgb = history_in_range(h.rgb, frame);
     if (ALPHA)
         h.alpha = limit(h.alpha, SPLAT(0.0), SPLAT(1.0));
-    if (FIRST_SAMPLES) // what a pixel without history begins with
+    if (FIRST_SAMPLES) // initial count of a pixel without history
         h.count = h.valid ? h.count : SPLAT(frame.reset ? settings.first_samples : K(1.0));
     return h;
 }

@@ -1,5 +1,6 @@
-// Light that changes where nothing moves. Nine samples of now are paired with what the history holds at their places:
-// where light stands, the nine differences are the jitter's, of either sign; where it changes, they agree.
+// Illumination-change test: light that changes without motion. Pairs the nine current samples of the 3x3 with the
+// history at their positions. Under constant light the nine differences come from jitter and have mixed signs; under
+// changing light they agree.
 #include "taa/neighbourhood.h"
 #include "taa/sampling.h"
 
@@ -8,17 +9,17 @@ STAGE colour load_history_colour(history_in p, size_t plane)
     return (colour) { load_history(p), load_history(p + plane), load_history(p + 2 * plane) };
 }
 
-// History as the current exposure would show it, in the range that everything is compared in.
+// Scales history to the current exposure and tonemaps it to the range of comparison.
 STAGE colour history_in_range(colour v, frame_t frame)
 {
     return to_range(EXPOSURE ? scaled(v, SPLAT(frame.exposure_ratio)) : v);
 }
 
-// The footprint whose whole parts are the texels nearest to it.
+// Moves the footprint's integer position to the nearest texel.
 STAGE footprint nearest_texels(footprint f, int stride)
 {
     const mask right = f.fx >= SPLAT(0.5), down = f.fy >= SPLAT(0.5);
-    if (LANES == 1) { // from where it is: a GPU need not keep the whole parts until then
+    if (LANES == 1) { // from f.at, so that a GPU need not hold dx and dy until here
         f.at += (any_of(right) ? 1u : 0u) + (any_of(down) ? (uint)stride : 0u);
         return f;
     }
@@ -33,13 +34,13 @@ typedef struct
     colour left, own, right;
 } texel_row;
 
-// Texel by texel, the three channels of each.
+// v holds the three channels of each texel in turn.
 STAGE texel_row texels_of(const real v[9])
 {
     return (texel_row) { { v[0], v[1], v[2] }, { v[3], v[4], v[5] }, { v[6], v[7], v[8] } };
 }
 
-// They, j rows below, with their neighbours.
+// Loads the row j below the nearest texels n, with left and right neighbours.
 STAGE texel_row nearest_row(history_in p, footprint n, int j, size_t plane, int stride)
 {
     if (LANES > 1 && n.lanes == LANES_CLOSE) {
@@ -73,22 +74,22 @@ STAGE texel_row nearest_row(history_in p, footprint n, int j, size_t plane, int 
         load_history_colour(q + 1, plane) };
 }
 
-// Whether the frame is tested for it. The count's buffer then has a second plane, which holds how light changed.
+// 1 if the test runs. The count's buffer then has a second plane, which holds the illumination change.
 #define TESTS_LIGHT (ILLUMINATION != ILLUMINATION_STATIC)
 
-// An illumination change as it is stored: MOST_CHANGE at most, so that it ends some frames later, and no denormal.
+// Clamps the stored illumination change to +-MOST_CHANGE, so that it decays within some frames, and flushes denormals.
 STAGE real stored_change(real change)
 {
     const real cache = limit(change, SPLAT(-MOST_CHANGE), SPLAT(MOST_CHANGE));
     return absolute(cache) < SPLAT(TINY) ? SPLAT(0.0) : cache;
 }
 
-// Mean of three differences, and 3/2 of their spread. The mean is a sum here, where that of colours keeps its shift:
-// light that stands leaves differences around 0, and beside light that changes their last digits count for nothing.
+// Mean of three differences, and 3/2 of their spread. Unlike the moments of colours, it has no separate shift: under
+// constant light the differences are near 0, and under changing light their last digits do not matter.
 typedef struct
 {
     real mean, spread;
-    real spreads; // its own and that of the row above
+    real spreads; // sum of its own and that of the row above
 } paired;
 
 STAGE paired pair_row(real left, real centre, real right)
@@ -97,8 +98,8 @@ STAGE paired pair_row(real left, real centre, real right)
     return (paired) { centre + (dl + dr) * K(ONE_THIRD), spread_of_three(dl, dr), SPLAT(0.0) };
 }
 
-// A third of Student's t of nine differences: their mean over three standard errors, their deviation. Its sign is that
-// of the mean. `least` is added to the deviation, so that a difference that nobody sees is none in a flat place either.
+// A third of Student's t of nine differences: mean over deviation, with the sign of the mean. `least` is added to the
+// deviation, so that an invisible difference counts for little in a flat area too.
 STAGE real paired_t(paired centre, paired below, real da, real db, real least)
 {
     const real mean = centre.mean + (da + db) * K(ONE_THIRD),
@@ -111,19 +112,19 @@ typedef struct
 {
     paired a, b, c;
     boxed step;
-    real level, levels; // its own, and with that of the row above
+    real level, levels; // of this row, and summed with that of the row above
 } illumination_row;
 
-// The state that a work-item carries down its column: the row at the next segment, and the texel of the history that is
-// nearest to where it comes from if it moves as the one above; 0, which lies in the halo, where its lanes have none in
-// common.
+// The state that a work-item carries down its column: the row for the next segment, and the history texel nearest to
+// that segment's reprojection if it moves as the one above; 0, a texel of the halo, if its lanes share no such texel.
 typedef struct
 {
     illumination_row row;
     uint nearest;
 } illumination_cache;
 
-// Of YCoCg the formula of to_box_space, each part taken away from now's by itself: fewer operations.
+// Current minus history in the box space. For YCoCg it subtracts the terms of to_box_space one by one: fewer
+// operations.
 STAGE boxed illumination_difference(boxed now, colour past, frame_t frame)
 {
     const colour was = history_in_range(past, frame);
@@ -133,7 +134,7 @@ STAGE boxed illumination_difference(boxed now, colour past, frame_t frame)
     return (boxed) { (now.a - rb) - K(2.0) * was.g, now.b - (was.r - was.b), (now.c + rb) - K(2.0) * was.g };
 }
 
-// The row of `now`, j below that of the nearest texels.
+// Pairs the row `now` with the history j rows below the nearest texels.
 STAGE illumination_row illumination_of_row(boxed_row now, history_in history, footprint n, int j, frame_t frame)
 {
     const size_t plane = history_plane_size(frame);
@@ -151,7 +152,7 @@ STAGE illumination_row illumination_of_row(boxed_row now, history_in history, fo
     return row;
 }
 
-// A row below another.
+// Joins a row to the one above it.
 STAGE illumination_row illumination_below(illumination_row above, illumination_row row)
 {
     row.step = (boxed) { row.a.mean - above.a.mean, row.b.mean - above.b.mean, row.c.mean - above.c.mean };
@@ -162,7 +163,7 @@ STAGE illumination_row illumination_below(illumination_row above, illumination_r
     return row;
 }
 
-// The row of the pixel's, below the one above it.
+// Returns the pixel's own row, joined to the one above it.
 STAGE illumination_row illumination_above(
     plane_in current, history_in history, footprint n, int x, int y, frame_t frame)
 {
@@ -177,19 +178,18 @@ STAGE illumination_row illumination_above(
     return row;
 }
 
-// The result of the test: the samples that the history counts for, and how light changes.
+// Result of the test: the reduced sample count, and the illumination change.
 typedef struct
 {
     real count, change;
 } lit_t;
 
-// The `held` samples of a history, divided by how much light changes. The change: Student's t of the channel that
-// changed most, with the sign of the first one, luminance, and illumination_decay of what the frame before left. The
-// square of its size over least_t divides, where that is more than 1: an error of one standard error is worth what one
-// sample is, and one of k as little as k^2 samples fewer. The jitter moves all nine differences one way in one frame
-// and another way in the next, light that changes goes on: so what the jitter does stays small in the sum. Where light
-// falls falling_t times least_t divides: nine dim samples of noise agree, nine with a bright one do not. `next` is the
-// row below the pixel's.
+// Divides the history's `held` samples by max(1, |change| / least_t)^2: history that is off by one standard error is
+// worth one sample, by k standard errors 1 / k^2 of it. `change` is Student's t of the channel that changed most, with
+// the sign of the first one, luminance, plus illumination_decay times the stored change of the previous frame. Jitter
+// moves all nine differences one way in one frame and another way in the next, a light change goes on, so jitter stays
+// small in the sum. Where light falls, falling_t * least_t replaces least_t: nine dim samples of noise agree, nine with
+// a bright one do not. `next` is the row below the pixel's.
 STAGE lit_t illumination_test(real held, real least_t, plane_in current, boxed_row next, history_in history,
     plane_in count, footprint f, int x, int y, frame_t frame, settings_t settings, illumination_cache* cache)
 {
@@ -208,7 +208,7 @@ STAGE lit_t illumination_test(real held, real least_t, plane_in current, boxed_r
                tb = paired_t(centre.b, below.b, -up.b, down.b, K(BOX_B / BOX_A) * least),
                tc = paired_t(centre.c, below.c, -up.c, down.c, least);
     const real largest = K(3.0) * greater(absolute(ta), greater(absolute(tb), absolute(tc)));
-    const real t = lesser(largest, SPLAT(DOMAIN_LIMIT)); // or that, where it is NaN
+    const real t = lesser(largest, SPLAT(DOMAIN_LIMIT)); // DOMAIN_LIMIT where `largest` is NaN
     const real before = texel_at(count + history_plane_size(frame), n, row_stride(frame));
     const real change = (ta < SPLAT(0.0) ? -t : t) + K(settings.illumination_decay) * before;
     const real from = change < SPLAT(0.0) ? SPLAT(settings.falling_t) * least_t : least_t;
@@ -216,8 +216,8 @@ STAGE lit_t illumination_test(real held, real least_t, plane_in current, boxed_r
     return (lit_t) { quotient(held, by * by), stored_change(change) };
 }
 
-// The result where a pixel's own sample is missing. Of its nine texels most may be so too, and stand-ins tell nothing
-// of light: unless most were drawn, the history counts for as many samples as before the test.
+// Corrects the result where a pixel's own sample is missing. Repaired texels say nothing about light: unless at least
+// five of the nine were rendered, the count stays as before the test and the change is 0.
 STAGE lit_t tested_by_drawn(lit_t l, real held, plane_in current, int x, int y, frame_t frame)
 {
     real drawn = SPLAT(0.0);

@@ -25,9 +25,9 @@ STAGE moments row_moments(real left, real centre, real right)
     return m;
 }
 
-// A row with the one above it: by how much its mean is above that one's, and the sum of their spreads and the extremes
-// of both. The step up is that down with the other sign, to the bit, so that a window that slides down works each of
-// these out once a row.
+// A row joined with the one above: the step from that row's mean to this one's, the sum of their spreads, and the
+// extremes of both. The step up is minus the step down, to the bit, so a window that slides down computes each once a
+// row.
 typedef struct
 {
     real step, spreads, low, high;
@@ -74,7 +74,7 @@ STAGE moments naive_window(moments m, moments above, moments centre, moments bel
     return m;
 }
 
-// The moments of a row as the chosen variance needs them.
+// Moments of a row, in the form that the chosen variance needs.
 STAGE moments chosen_row(real left, real centre, real right)
 {
     const moments m = row_moments(left, centre, right);
@@ -110,12 +110,12 @@ typedef struct
     boxed_row texels;
     joined a_above, b_above, c_above; // with the row above
     colour centre;
-    colour across, across_step; // the three texels weighed by the current filter along x; from those of the row above
+    colour across, across_step; // the three texels filtered along x by the current filter; its step from the row above
     real nearest, nearest_x, farthest, inverse_depth;
-    real rise; // of inverse depth from the left texel to the right one
+    real rise; // of inverse depth, from the left texel to the right one
     real u, v; // own motion of the nearest texel
     real centre_u, centre_v;
-    int lacks; // 1: a texel of the segment's own is outside the domain, so that a pixel's sample is missing
+    int lacks; // 1: a texel of the segment itself is outside the domain, so a pixel's sample is missing
 } row_t;
 
 // Mean, standard deviation and extremes of the neighbourhood in the box space.
@@ -124,15 +124,14 @@ typedef struct
     boxed mean, deviation, low, high;
 } statistics;
 
-// What a texel weighs by its luminance: 1 / (1 + Y), so that one firefly widens the box of its neighbours by little
-// (Karis 2014).
+// Luminance weight of a texel, 1 / (1 + Y), so that one firefly hardly widens the box of its neighbours (Karis 2014).
 STAGE real texel_weight(boxed v)
 {
     const real y = BOX_SPACE == BOX_SPACE_YCOCG ? K(0.25) * v.a : luminance((colour) { v.a, v.b, v.c });
     return SPLAT(1.0) / (SPLAT(1.0) + greater(y, SPLAT(0.0)));
 }
 
-// Mean and deviation of a channel of nine texels, as squared distances from their mean.
+// Weighted mean and deviation of a channel of nine texels, by squared distances from the mean.
 STAGE void weighted_channel(real* mean, real* deviation, const real* v, const real* w, real total)
 {
     real sum = SPLAT(0.0), spread = SPLAT(0.0);
@@ -144,7 +143,7 @@ STAGE void weighted_channel(real* mean, real* deviation, const real* v, const re
     *deviation = square_root(spread / total);
 }
 
-// Weights of the nine by their luminance, or by the distance of their samples from the pixel's centre.
+// Replaces mean and deviation by weighted ones: by luminance, or by the distance of samples from the pixel's centre.
 STAGE void weighed_texels(statistics* s, boxed_row above, boxed_row centre, boxed_row below, frame_t frame)
 {
     const boxed texels[9] = { above.left, above.own, above.right, centre.left, centre.own, centre.right, below.left,
@@ -174,17 +173,17 @@ STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below
     s.high = (boxed) { a.high, b.high, c.high };
     if ((NEIGHBOURHOOD == NEIGHBOURHOOD_LUMINANCE) | (NEIGHBOURHOOD == NEIGHBOURHOOD_JITTERED)) {
         weighed_texels(&s, above.texels, centre.texels, below.texels, frame);
-        // Rounding may take a weighed mean out of what it is the mean of, and a box inside out.
+        // Rounding may move a weighted mean beyond the extremes, and turn a box inside out.
         s.mean = (boxed) { limit(s.mean.a, s.low.a, s.high.a), limit(s.mean.b, s.low.b, s.high.b),
             limit(s.mean.c, s.low.c, s.high.c) };
     }
     return s;
 }
 
-// Inverse depth outside the domain (no depth, infinite) is the sky's.
+// Replaces inverse depth outside the domain (no depth, infinite) by the sky's.
 STAGE real inverse_depth_or_sky(real v, frame_t frame) { return in_domain_or(v, SPLAT(frame.sky_inverse_depth)); }
 
-// Three colours weighed as the middle one plus the weighted steps to it and from it: equal colours keep their bits.
+// Weights three colours as the middle one plus the weighted steps to it and from it: equal colours keep their bits.
 STAGE colour weigh_line(colour to, colour middle, colour from, scalar first, scalar last)
 {
     colour v = middle;
@@ -203,7 +202,7 @@ STAGE row_t read_row(plane_in image, plane_in inverse_depth, plane_in motion, in
     plane_in reds = image + at, greens = image + plane + at, blues = image + 2 * plane + at, z = inverse_depth + at;
     colour l = { load(reds - 1), load(greens - 1), load(blues - 1) }, c = { load(reds), load(greens), load(blues) },
            r = { load(reds + 1), load(greens + 1), load(blues + 1) };
-    // Asked for before the branch below, past which a GPU's compiler moves no load.
+    // Loaded before the branch below: a GPU's compiler moves no load past it.
     const real zl = inverse_depth_or_sky(load(z - 1), frame), zc = inverse_depth_or_sky(load(z), frame),
                zr = inverse_depth_or_sky(load(z + 1), frame);
     int lacks = 0;
@@ -258,7 +257,7 @@ STAGE boxed_row read_boxed(plane_in image, int x, int y, frame_t frame)
     return (boxed_row) { to_box_space(to_range(l)), to_box_space(to_range(c)), to_box_space(to_range(r)) };
 }
 
-// The row at (x, y), below the one that is given.
+// Reads the row at (x, y) and joins it to the one above.
 STAGE row_t read_next_row(
     row_t above, plane_in image, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
 {
@@ -270,18 +269,18 @@ STAGE row_t read_next_row(
     return row;
 }
 
-// The surface whose motion a pixel follows: where it lies relative to the pixel, how close it is, and its own motion.
+// The surface whose motion a pixel follows: its offset from the pixel, its inverse depth, and its own motion.
 typedef struct
 {
     real x, y, inverse_depth, u, v;
     real centre, nearest, farthest; // inverse depth: of the pixel itself, and the range in its 3x3
 } surface;
 
-// Where the motion is that of a texel which may lie beyond the 3x3 (dilation.h).
+// 1 if dilation may borrow the motion of a texel beyond the 3x3 (dilation.h).
 #define BORROWS_BEYOND ((DILATION == DILATION_CORNERS) | (DILATION == DILATION_BESIDE))
 
-// Whether a depth edge runs through the 3x3 of a surface. Inverse depth is linear in the pixel coordinates on every
-// plane, so there the window is symmetric about its centre: nearest + farthest = 2 centre.
+// True where a depth edge runs through the 3x3. Inverse depth is linear in the pixel coordinates on every plane, so on
+// a plane the window is symmetric about its centre: nearest + farthest = 2 centre.
 STAGE mask has_edge(surface s, settings_t settings)
 {
     const real skew = (s.nearest - s.centre) - (s.centre - s.farthest);
@@ -307,8 +306,8 @@ STAGE surface nearest_surface(row_t above, row_t centre, row_t below, settings_t
     return s;
 }
 
-// The current sample: the pixel's own, or the one that the current filter rebuilds at the pixel's centre from the 3x3.
-// A filter with negative lobes is clamped to the extremes.
+// The current sample: the pixel's own, or the one that the current filter reconstructs at the pixel's centre from the
+// 3x3. A filter with negative lobes is clamped to the extremes.
 STAGE colour current_sample(row_t above, row_t centre, row_t below, statistics near, frame_t frame)
 {
     if (CURRENT_FILTER == CURRENT_FILTER_NONE)

@@ -1,8 +1,8 @@
-// Rectification: history that the current neighbourhood makes implausible is moved into its box.
+// Rectification: moves implausible history into the box of the current neighbourhood.
 #include "taa/reprojection.h"
 
-// Scale of the box, gamma: of its deviations (BOX_VARIANCE, BOX_BOTH) or of its extremes (BOX_EXTREMES). Wide where
-// nothing moves, narrow from motion_px pixels a frame on.
+// Box scale, gamma: factor of the deviations (BOX_VARIANCE, BOX_BOTH) or of the extremes (BOX_EXTREMES). Wide without
+// motion, narrow from motion_px pixels a frame on.
 STAGE real box_scale_of(motion_t m, settings_t settings)
 {
     if (!BOX_SCALE_BY_MOTION)
@@ -12,10 +12,10 @@ STAGE real box_scale_of(motion_t m, settings_t settings)
     return SPLAT(settings.box_scale_moving) + still * (K(settings.box_scale_static) - K(settings.box_scale_moving));
 }
 
-// The box: centre, half extents and ends a channel. For clip and ellipsoid the extents, which divide, are floored
-// at box_floor of the box's largest coordinate: a box that is flat in one channel would make the line clip throw the
-// whole history away for a rounding error in that channel. The ends are not worked out of centre and extent. Where no
-// scale moves them they are the neighbourhood's extremes to the bit, so that no rounding moves history that equals one.
+// The box: centre, half extents and ends of each channel. Clip and ellipsoid divide by the extents, which are therefore
+// floored at box_floor of the box's largest coordinate: a box that is flat in one channel would make the line clip
+// throw the whole history away for a rounding error in that channel. The ends are not computed from centre and extent:
+// unscaled, they are the neighbourhood's extremes to the bit, so that no rounding moves history that equals one.
 typedef struct
 {
     boxed centre, extent, low, high;
@@ -30,8 +30,8 @@ STAGE void narrow(real* low, real* high, real mean, real width)
     *high = lesser(mean + width, *high);
 }
 
-// Ends moved outwards (inwards where `more` is negative) by a multiple of the half extent. That is half of the range:
-// halved beside it the number is the same, and a GPU halves it once for three channels.
+// Moves the ends outwards (inwards where `more` is negative) by `more` half extents. A half extent is half of the
+// range: halving `more` instead gives the same number, and a GPU does so once for three channels.
 STAGE void widen(real* low, real* high, real* extent, real more)
 {
     const real share = K(0.5) * more, range = *high - *low;
@@ -90,8 +90,8 @@ STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
     return box;
 }
 
-// How far outside: the largest channel's distance from the centre in half extents (box), or the length of the vector of
-// these (ellipsoid). At most 1 means inside.
+// Distance from the centre in half extents: of the largest channel (box), or the length of the vector (ellipsoid). At
+// most 1 means inside.
 STAGE real outsideness(boxed d, boxed extent)
 {
     const real a = quotient(absolute(d.a), extent.a), b = quotient(absolute(d.b), extent.b),
@@ -101,8 +101,8 @@ STAGE real outsideness(boxed d, boxed extent)
     return greater(a, greater(b, c));
 }
 
-// Whether history lies beyond an end of the box. Yes everywhere for a variance box: its ends are centre -+ extent,
-// which outsideness has compared with already.
+// True where history lies beyond an end of the box. Always true for a variance box: its ends are centre -+ extent,
+// which outsideness has already compared with.
 STAGE mask outside_ends(boxed v, box_t box)
 {
     if (BOX == BOX_VARIANCE)
@@ -111,7 +111,7 @@ STAGE mask outside_ends(boxed v, box_t box)
         | (v.c > box.high.c);
 }
 
-// Share of the way from h to its target, itself inside the box, at which one coordinate enters the box; 0 inside.
+// Share of the way from h to a target inside the box at which one coordinate enters the box; 0 inside.
 STAGE real entry(real h, real way, real low, real high)
 {
     const mask still = way == SPLAT(0.0);
@@ -154,21 +154,22 @@ STAGE boxed rectify_history(boxed history, boxed current, box_t box)
     return out;
 }
 
-// The change that rectification makes, in RGB. Added to the history as it is, so that history inside its box keeps its
-// bits (a round trip through the box space would not).
+// The change that rectification makes, in RGB. It is added, so that history inside its box keeps its bits (a round trip
+// through the box space would not).
 typedef struct
 {
     colour change;
     real clip_distance; // how far the first coordinate (luminance) was moved, in half extents of the box
-    real blend_boost; // 0 to 1: motion, or the distance that the history was moved, whichever is more (adaptive,
-                      // capped); 1 where it moves at all (standing)
+    real blend_boost; // 0 to 1: the larger of motion and the distance that the history moved (adaptive,
+                      // capped); 1 in motion (standing)
     real anti_flicker_factor; // factor of the current sample's weight (clamp-distance)
 } rectification;
 
-// Whether a pixel moves by less than anybody sees.
+// True where a pixel moves less than STANDS pixels along each axis: too little to be seen.
 STAGE mask stands(motion_t m) { return (absolute(m.u) < K(STANDS)) & (absolute(m.v) < K(STANDS)); }
 
-// The larger of two shares: motion in screens a frame by motion_rate, distance moved in the box space by clip_rate.
+// The larger of two shares, 1 at most: motion in screens a frame times motion_rate, and the distance moved in the box
+// space times clip_rate.
 STAGE real blend_boost_of(motion_t m, boxed moved, frame_t frame, settings_t settings)
 {
     const real across = m.u / SPLAT(frame.width), down = m.v / SPLAT(frame.height);
@@ -191,7 +192,7 @@ STAGE rectification rectify(
 {
     if ((RECTIFY == RECTIFY_NONE) & (ACCUMULATE != ACCUMULATE_ADAPTIVE) & (ACCUMULATE != ACCUMULATE_STANDING)
         & (ACCUMULATE != ACCUMULATE_CAPPED) & (ANTI_FLICKER != ANTI_FLICKER_CLAMP_DISTANCE)) {
-        // The code below gives the same; no compiler may assume that h - h is 0.
+        // The code below gives the same, but no compiler may assume that h - h is 0.
         return (rectification) { { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) }, SPLAT(0.0), SPLAT(0.0), SPLAT(1.0) };
     }
     const boxed h = to_box_space(history);

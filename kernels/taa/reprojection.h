@@ -1,8 +1,8 @@
-// Where a surface was in the previous frame.
+// Reprojection: where a surface was in the previous frame.
 #include "taa/dilation.h"
 
 // Displacement to the previous frame in pixels, x right, y down; visible = 0 where the previous frame did not see the
-// point; inverse depth then = inverse depth now * scale + shift (shift is 0 for a perspective camera).
+// point; previous inverse depth = inverse depth * scale + shift (shift is 0 for a perspective camera).
 typedef struct
 {
     real u, v, scale, shift;
@@ -58,15 +58,14 @@ STAGE motion_t surface_motion(surface s, real x, real y, frame_t frame)
     return m;
 }
 
-// A displacement that ends outside [0, last] of its axis, shortened so that it ends on the edge; others keep their
-// bits.
+// Shortens a displacement that ends outside [0, last] of its axis so that it ends on the edge; others keep their bits.
 STAGE real to_edge(real position, real by, real last)
 {
     const real there = position + by, shortened = there > last ? last - position : by;
     return there < SPLAT(0.0) ? -position : shortened;
 }
 
-// Where the previous image is said to go on beyond its edge as the edge does, history is read there.
+// Clamps the reprojected position to the previous image, if the preset reads history at the edge there.
 STAGE motion_t motion_to_edge(motion_t m, real x, real y, frame_t frame)
 {
     if (OFF_SCREEN == OFF_SCREEN_FRESH)

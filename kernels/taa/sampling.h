@@ -1,28 +1,29 @@
-// Reading the previous frame between its texels.
+// Sampling: reads the previous frame between its texels.
 #include "taa/reprojection.h"
 #include "platform/storage.h"
 
-// The history's filters: what the taps around a position weigh. Taps 0 to 3 surround it, tap 1 is the texel at its
-// whole part; a filter of six has one more before them and one behind. Equal taps give exactly their value, and a
-// fraction of 0 gives exactly tap 1: filters are applied to differences from a tap, and the cross is limited.
+// The history filters: weights of the taps around a position. Taps 0 to 3 surround it, tap 1 is the texel at its
+// integer position; a six-tap filter has one more tap before and one after them. Equal taps give exactly their value,
+// and a fraction of 0 gives exactly tap 1: filters are applied to differences from a tap, and the cross is clamped.
 //
-// The cross reads six texels along each axis, through the four in the middle, and is what both axes' filters come to
-// without the product of what they add to a linear one.
+// The cross reads six texels along each axis, through the four in the middle. It is the product of both axes' filters
+// without the product of what each adds to a linear one: Lx Ly + Sx Ly + Lx Sy.
 #define CROSS (HISTORY_FILTER == HISTORY_FILTER_CROSS_20)
-// Taps 1 and 2 are read as one pair, as a texture unit would read them: w2 is then the place between the two.
+// Taps 1 and 2 are read as one pair, as a texture unit would read them: w2 is then the position between the two.
 #define FIVE_PAIRS                                                                                                     \
     (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5 || HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5_RAW)
 
-// All weights but that of tap 1, which is what is left of 1. Of Catmull-Rom's 16 taps they are those of the steps from
-// tap to tap instead: w0 of that from tap 0 to 1, w2 of that from 1 to 2, w3 of that from 2 to 3. Of the cross they are
-// what the six weigh beyond a linear filter, tap 1 among them, and `linear` is what tap 2 weighs in that.
+// Weights of all taps but tap 1, which has 1 minus their sum. For Catmull-Rom's 16 taps they are weights of the steps
+// between taps instead: w0 from tap 0 to 1, w2 from tap 1 to 2, w3 from tap 2 to 3. For the cross they are what the six
+// taps, tap 1 among them, add to a linear filter, and `linear` is tap 2's weight in that filter.
 typedef struct
 {
     real first, w0, w1, w2, w3, last, linear;
 } weights;
 
-// The sum of a row's taps: their weighted mean, or the pair of taps 1 and 2 and, apart from it, the share of 0 and 3.
-// Of the cross taps 1 and 2, and what the six add to a linear filter between them.
+// A filtered row. `middle` is the weighted mean of its taps, or with FIVE_PAIRS the pair of taps 1 and 2, and `sides`
+// the share of taps 0 and 3. For the cross, `middle` and `right` are taps 1 and 2, and `sides` is what the six add to a
+// linear filter between them.
 typedef struct
 {
     real middle, right, sides;
@@ -45,8 +46,8 @@ STAGE weights catmull_rom(real t)
     return w;
 }
 
-// Six taps of least squares: of all weights t (1 - t) (a + b t) that keep ramps and parabolas, those whose response is
-// nearest to a displacement by t at frequencies up to 0.3 cycles a texel (Laakso et al. 1996).
+// Six taps of least squares: of all weights t (1 - t) (a + b t) that preserve ramps and parabolas, those whose response
+// is nearest to a displacement by t at frequencies up to 0.3 cycles a texel (Laakso et al. 1996).
 STAGE weights least_squares(real t)
 {
     const real u = SPLAT(1.0) - t, both = t * u;
@@ -93,8 +94,8 @@ STAGE row_taps weigh(real first, real p0, real p1, real p2, real p3, real last, 
     return v;
 }
 
-// Five of the nine pairs of Catmull-Rom, without the four in the corners, and what is left made to sum to 1 (Jimenez
-// 2016, Filmic SMAA), or left as it is: pair_x pair_y + (1 - pair_x) pair_y + pair_x (1 - pair_y).
+// Five of the nine pairs of Catmull-Rom, without the four corners. The weights sum to pair_x pair_y + (1 - pair_x)
+// pair_y + pair_x (1 - pair_y), and are normalised to 1 (Jimenez 2016, Filmic SMAA) or left so (RAW).
 STAGE real without_corners(row_taps r0, row_taps r1, row_taps r2, row_taps r3, weights wx, weights wy)
 {
     const real one = SPLAT(1.0), pair_x = one - (wx.w0 + wx.w3), pair_y = one - (wy.w0 + wy.w3);
@@ -106,8 +107,8 @@ STAGE real without_corners(row_taps r0, row_taps r1, row_taps r2, row_taps r3, w
 
 STAGE real between(real a, real b, real t) { return a + t * (b - a); }
 
-// Both arms of the cross. What they add may leave the range of the four texels in the middle by a quarter of it: a
-// sharp filter rings beside an edge, and a history gathers what rings.
+// Sums both arms of the cross, clamped to the range of the four middle texels plus a quarter of it at either end: a
+// sharp filter rings beside an edge, and a history accumulates the ringing.
 STAGE real cross_of(
     row_taps first, row_taps r0, row_taps r1, row_taps r2, row_taps r3, row_taps last, weights wx, weights wy)
 {
@@ -121,7 +122,7 @@ STAGE real cross_of(
     return limit(between(left, right, wx.linear) + along_x, low - more, high + more);
 }
 
-// Rows weighed along y.
+// Filters rows along y.
 STAGE real weigh_rows(
     row_taps first, row_taps r0, row_taps r1, row_taps r2, row_taps r3, row_taps last, weights wx, weights wy)
 {
@@ -132,9 +133,9 @@ STAGE real weigh_rows(
     return weigh(first.middle, r0.middle, r1.middle, r2.middle, r3.middle, last.middle, wy).middle;
 }
 
-// How the lanes of a segment lie in the previous frame: all on texels and moved by one whole number of them
-// (ON_TEXELS), between texels with one whole part (ALIKE), with whole parts that differ by at most 1 an axis (CLOSE),
-// or freely (APART). The values read are the same in each case, only the loads differ. A pixel without motion lies on
+// Where the lanes of a segment lie in the previous frame: all on texels, with one integer displacement (ON_TEXELS),
+// between texels with one integer part (ALIKE), with integer parts that differ by at most 1 an axis (CLOSE), or
+// anywhere (APART). The values read are the same in each case, only the loads differ. A pixel without motion lies on
 // texels.
 #define LANES_ON_TEXELS 0
 #define LANES_ALIKE 1
@@ -143,14 +144,14 @@ STAGE real weigh_rows(
 
 typedef struct
 {
-    whole dx, dy; // whole part of the displacement, a lane
+    whole dx, dy; // integer part of the displacement, by lane
     real fx, fy; // fraction in [0, 1)
-    whole step_x, step_y; // lane's whole part minus the segment's: 0 or 1, where CLOSE
-    uint own, at; // texels of a plane: the segment's own, and where its whole displacement takes it
+    whole step_x, step_y; // lane's integer part minus the segment's: 0 or 1, where CLOSE
+    uint own, at; // offsets in a plane: the segment's own, and displaced by its integer part
     int lanes;
 } footprint;
 
-// A footprint with how its lanes lie, by their whole parts and from its own texel.
+// Sets how the footprint's lanes lie, from their integer parts, and its offset from its own texel.
 STAGE footprint lying(footprint f, int stride)
 {
     scalar_whole x = first_lane(f.dx), y = first_lane(f.dy);
@@ -175,20 +176,20 @@ STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
     f.fx = u - left, f.fy = v - top;
     f.own = at;
     f = lying(f, row_stride(frame));
-    // Not on a GPU, which waits for each load behind a branch, but reads what lies before the first all at once.
+    // Not on a GPU: it waits for each load behind a branch, but issues those before the first branch all at once.
     if (LANES > 1 && f.lanes == LANES_ALIKE && !any_of((f.fx != SPLAT(0.0)) | (f.fy != SPLAT(0.0))))
         f.lanes = LANES_ON_TEXELS;
     return f;
 }
 
-// Where nothing moves: said outright, since not every compiler sees through the conversions of footprint_of.
+// The footprint without motion. Explicit, since not every compiler sees through the conversions of footprint_of.
 STAGE footprint own_texel(uint at)
 {
     const whole no = (whole)(0);
     return (footprint) { no, no, SPLAT(0.0), SPLAT(0.0), no, no, at, at, LANES_ON_TEXELS };
 }
 
-// One row of taps around p, weighed along x. p points at tap 1 of the segment.
+// Filters one row of taps around p along x. p points at tap 1 of the segment.
 STAGE row_taps row_alike(history_in p, weights w)
 {
     real first = SPLAT(0.0), last = SPLAT(0.0);
@@ -212,14 +213,14 @@ STAGE row_taps row_close(history_in p, weights w, whole step)
     return weigh(first, right ? b : a, right ? c : b, right ? d : c, right ? e : d, last, w);
 }
 
-// Row j of six of taps; p points at the segment's own. Reading them takes so long that the loops around it cost
-// nothing, and written out they were half of what a compiler had to work through.
+// Filters row j of six; p points at the segment's own texel in it. The loads take so long that rolled loops cost
+// nothing; unrolled, they were half of what a compiler had to work through.
 STAGE row_taps row_apart(history_in p, weights w, whole steps, int j)
 {
     real tap[6];
     for (int i = 0; i < 6; ++i)
         tap[i] = SPLAT(0.0);
-    const int pair = CROSS & ((j < 2) | (j > 3)); // all that the cross reads of such a row
+    const int pair = CROSS & ((j < 2) | (j > 3)); // the cross reads only taps 1 and 2 of such a row
     const int from = pair ? 2 : CROSS ? 0 : 1, to = pair ? 4 : CROSS ? 6 : 5;
     NO_UNROLL
     for (int i = from; i < to; ++i)
@@ -232,8 +233,8 @@ STAGE row_taps choose_row(mask m, row_taps a, row_taps b)
     return (row_taps) { m ? a.middle : b.middle, m ? a.right : b.right, m ? a.sides : b.sides };
 }
 
-// The history plane at the footprint. What was stored is finite and never -0: taps
-// without weight add nothing to it, and are not read where the whole segment does without them.
+// Samples a history plane at the footprint. Stored values are finite and never -0, so taps without weight add nothing;
+// where all lanes lie on texels they are not read.
 STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int stride)
 {
     history_in q = p + f.at;
@@ -301,7 +302,7 @@ STAGE quad sample_quad(plane_in p, footprint f, int stride)
     return (quad) { load(q), load(q + 1), load(q + stride), load(q + stride + 1) };
 }
 
-// The texel at the whole part of a footprint.
+// Loads the texel at the footprint's integer position.
 STAGE real texel_at(plane_in p, footprint f, int stride)
 {
     plane_in q = p + f.at;
@@ -315,8 +316,8 @@ STAGE real texel_at(plane_in p, footprint f, int stride)
     return load(q);
 }
 
-// The corners of the 4x4 around the footprint: what is at least two texels wide and in the 4x4 is in them or in its
-// middle.
+// Loads the corners of the 4x4 around the footprint. A feature in the 4x4 that is at least two texels wide covers a
+// corner or one of the four middle texels.
 STAGE quad sample_corners(plane_in p, footprint f, int stride)
 {
     plane_in above = p - stride, below = p + 2 * (ptrdiff_t)stride;
@@ -332,8 +333,8 @@ STAGE real bilinear(quad t, footprint f)
     return top + f.fy * (bottom - top);
 }
 
-// The most samples that a history may stand for. Resampling between texels blurs, the more the further the position
-// lies from a texel, so it limits the count (resampling_penalty); and sample_limit is the most that is ever counted.
+// Upper limit of a history's sample count: sample_limit, and less the further the position lies from a texel, since
+// resampling blurs (resampling_penalty).
 STAGE real count_limit_of(real fx, real fy, settings_t settings)
 {
     real least = reciprocal(SPLAT(settings.sample_limit));
