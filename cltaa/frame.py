@@ -40,7 +40,7 @@ class Effect(StrEnum, metaclass=RenamedMembers):
     CUT = "cut"  # attribute cltaa:cut is set on some frame
     ALPHA = "alpha"  # channel A
     SKY = "sky"  # directions at infinity: depth +inf
-    NOISE = "noise"  # samples of one place scatter, as a path tracer's do
+    NOISE = "noise"  # samples of one surface point vary, as a path tracer's do
 
     @classmethod
     def _missing_(cls, value: object) -> Effect | None:

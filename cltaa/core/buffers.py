@@ -163,8 +163,8 @@ class Buffers:
         self.inverse_depth, self.previous_inverse_depth = self.previous_inverse_depth, self.inverse_depth
 
     def ready_counts(self, choices: Choices, *, read: bool) -> None:
-        """Prepare the counts for a frame with those choices, which reads them or not: the illumination test has a
-        second plane, of the change, which is zero after a frame without the test."""
+        """Prepare the counts for a frame with those choices. With the illumination test they have a second plane, of
+        the change, which is zeroed if the frame reads it and the previous one had no test."""
         tests = choices.history is HistoryKind.ACCUMULATED and choices.illumination is not Illumination.STATIC
         if tests:
             self.hold_changes()
@@ -208,7 +208,7 @@ class Buffers:
         }
 
     def recurrent(self) -> dict[str, Buffer]:
-        """Return the memory that the next frame reads beside its own input, by name; valid until the next ``swap``."""
+        """Return the memory that the next frame reads besides its own input, by name; valid until the next ``swap``."""
         return {
             "history": self.history,
             "history_count": self.history_count,

@@ -296,7 +296,7 @@ def kernel_names() -> list[str]:
 
 @cache
 def code_sha256() -> str:
-    """Return the SHA-256 of what decides a result beside preset and device: the kernels, the constants, ``FORMAT``."""
+    """Return the SHA-256 of what decides a result besides preset and device: kernels, constants and ``FORMAT``."""
     folder = kernel_folder()
     values = {name: constant.value for name, constant in CONSTANTS.items()}
     digest = hashlib.sha256(repr([FORMAT, PAD_X, PAD_Y, sorted(values.items())]).encode())

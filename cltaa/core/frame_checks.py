@@ -20,7 +20,7 @@ from cltaa.frame import Camera, Effect, Frame, Matrix, on_device
 MOST_TEXELS = 2**31 - 1
 OPTIONAL = ("motion", "alpha", "reactive")  # channels that a frame need not have
 INVERSE_TOLERANCE = 1e-6  # largest |M inv(M) - I|; a sound camera 10^6 m from the origin stays below 1e-9
-LARGEST_SCALE = 1e100  # most of a determinant, or of its inverse: cameras divide by it, and float64 ends at 1e308
+LARGEST_SCALE = 1e100  # largest determinant, or inverse of one: cameras divide by it, and float64 ends at 1e308
 CAMERAS_KEPT = 64  # cached sound ones: of a frame, and of all that are read, resolved and written beside it
 LARGEST_JITTER = 2.0  # pixels; from it on no sample lies within a filter's reach, so the number has another unit
 EXPOSURE_STOPS = 32.0  # largest |log2(exposure)|; from starlight to the sun's disc is about 30 stops
@@ -56,7 +56,7 @@ def _looked_at(array: Any) -> NDArray[Any]:
 
 
 def _check_depth(frame: Frame) -> None:
-    """Raise DataError where depth is negative and nothing else, as far as one looks; warn where it is NaN everywhere.
+    """Raise DataError where depth holds only negative numbers, apart from the sky; warn where it is NaN everywhere.
 
     A frame of sky may be 0 everywhere, and one that a farm lost NaN everywhere.
     """

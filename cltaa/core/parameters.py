@@ -44,7 +44,7 @@ class HistoryRange(Choice):
 
 
 class CurrentFilter(Choice):
-    """How the sample at the pixel's centre is rebuilt from the jittered samples of its 3x3."""
+    """How the sample at the pixel's centre is reconstructed from the jittered samples of its 3x3."""
 
     NONE = "none", "the pixel's own sample stands for the pixel"
     BILINEAR = "bilinear", "read between the samples, as a texture unit would at the unjittered place"
@@ -53,7 +53,7 @@ class CurrentFilter(Choice):
 
 
 class FilterUse(Choice):
-    """Where the current filter stands for the pixel's own sample."""
+    """Where the current filter replaces the pixel's own sample."""
 
     ALWAYS = "always"
     FEW = "few-samples", "the less, the more samples there are: its share goes as 1 / n, of a history later as 1 / n^2"

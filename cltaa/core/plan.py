@@ -166,9 +166,9 @@ def _testing_illumination(
     preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str
 ) -> tuple[Choices, Reason]:
     """Keep the illumination test where history can be wrong: light changes, moving surfaces turn in the light, or a
-    camera moves past sub-pixel features and uncovers surfaces that depth takes for seen.
+    camera moves past sub-pixel features and uncovers surfaces that depth mistakes for visible before.
 
-    A camera that moves past solid surfaces, or that stands before thin ones, needs no test.
+    A camera that moves past solid surfaces, or is still before thin ones, needs no test.
     """
     if why := declined(preset, "illumination", Illumination.TEST, Illumination.WINDOW):
         return choices, Reason(LIGHT, False, why)

@@ -1,4 +1,4 @@
-"""The frame record: what the kernels receive of a frame beside its pixels, and what the next frame needs of it.
+"""The frame record: what the kernels receive of a frame besides its pixels, and what the next frame needs of it.
 
 The latter also decides whether the history continues. Undeclared cuts are found by colour, where depth cannot reject
 wrong history pixel by pixel: coarse versions of neighbouring frames of one shot correlate by 0.75 at least, of two
@@ -77,7 +77,7 @@ class Past:
         return cls(*facts, coarse=coarse)
 
     def continues_in(self, frame: Frame, choices: Choices) -> bool:
-        """True where the history goes on in ``frame``: no cut, no gap, the same inputs, the same projection, no
+        """True where the history continues in ``frame``: no cut, no gap, the same inputs, the same projection, no
         reset."""
         if frame.cut or frame.index != self.index + frame.step:
             return False

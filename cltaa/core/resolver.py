@@ -158,7 +158,7 @@ class Resolver:
 
     @one_thread
     def settings(self) -> dict[str, Any]:
-        """Return everything that decides the bits of a result, beside the frames."""
+        """Return everything that decides the bits of a result, besides the frames."""
         return {
             "code_sha256": code_sha256(),
             "device": self.launcher.description,
@@ -376,7 +376,7 @@ class Resolver:
         """Copy a frame into the ring, ahead of those that wait."""
         started, goes_on, steps = perf_counter(), self._goes_on(frame), self._channel_steps(frame)
         latest, waiting = self._latest, self._waiting
-        self._forget_ahead()  # an interrupt from here on leaves nothing that waits, rather than a half of it
+        self._forget_ahead()  # an interrupt from here on leaves no waiting frames, rather than some of them
         buffers = self._fitting(Layout(frame.width, frame.height), steps.alpha)
         upload(frame, buffers, steps, self.preset)
         ring = self._ring(latest if goes_on else None, buffers.layout, steps)

@@ -114,7 +114,7 @@ def places_of(path: Path, header: bytes, place: int = 8) -> tuple[dict[str, slic
     attributes: dict[str, slice] = {}
     while header[place] != 0:
         name, place = _name(header, place)
-        _, place = _name(header, place)  # of its type
+        _, place = _name(header, place)  # the name of its type
         if place + 4 > len(header):
             raise IndexError("attribute without a size")
         (size,) = struct.unpack_from("<i", header, place)

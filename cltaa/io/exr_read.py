@@ -53,7 +53,7 @@ class ImageHeader:
 
 
 class FrameFile(NamedTuple):
-    """The header of a frame's file, and other channels [H, W] that were decoded beside the frame."""
+    """The header of a frame's file, and other channels [H, W] that were decoded with the frame."""
 
     header: ImageHeader
     planes: Mapping[str, Pixels] | None = None

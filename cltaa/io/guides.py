@@ -9,7 +9,7 @@ GUIDES = {"albedo": (("albedo",), ("RGB",)), "normal": (("normal", "normals", "n
 
 
 def guided_role(layer: str) -> str | None:
-    """Return the guide that a layer of that name, or its last word, is; None for none."""
+    """Return the guide that a layer's name, or its last word, stands for; None for none."""
     last = layer.lower().replace("_", " ").split(" ")[-1]
     return next((role for role, (words, _) in GUIDES.items() if last in words), None)
 

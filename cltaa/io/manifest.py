@@ -135,7 +135,7 @@ class Manifest:
         line = _line({"file": name, **entry._asdict()})
         try:
             with self._appending, self.path.open("r+b") as stream:
-                # A torn last line would swallow this one: end it first.
+                # This line would merge with a torn last one: end that first.
                 if stream.seek(0, os.SEEK_END) and stream.seek(-1, os.SEEK_END) and stream.read(1) != b"\n":
                     line = b"\n" + line
                 stream.write(line)

@@ -235,7 +235,7 @@ def _pattern(path: Path) -> re.Pattern[str]:
 
 
 def _width(digits: str) -> int:
-    """Return the least characters of a number, its sign included."""
+    """Return the least number of characters of a frame number, its sign included."""
     return len(digits) if digits[0] in "#@" else int(digits.strip("%d$F{}") or 1)
 
 

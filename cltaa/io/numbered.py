@@ -317,7 +317,7 @@ class NumberedFiles:
         return self._hashes[path.parent].get(path.name)
 
     def beside_sha256(self, number: int) -> str | None:
-        """Return the hash of all that a frame is made from beside its file: None, for there is nothing."""
+        """Return the hash of all that a frame is made from besides its file: None, for there is nothing."""
         del number
         return None
 

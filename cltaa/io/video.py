@@ -144,7 +144,7 @@ def write_video(path: Path, images: Iterable[Image], *, rate: Fraction | int = U
     return video.count
 
 
-WIPE_SECONDS = 4.0  # of one way of the line over the picture and back
+WIPE_SECONDS = 4.0  # for the line to cross the picture and return
 
 
 def write_pairs(

@@ -109,7 +109,7 @@ def choose_device(requested: str | None = None) -> cl.Device:
 
 
 def _known_as(device: cl.Device) -> str:
-    """Return the text that a request can be a part of, with PoCL's usual name beside its platform's."""
+    """Return the text that a request can be a part of, PoCL's usual name included."""
     described = describe(device)
     return f"{described} PoCL" if POCL in described else described
 
@@ -270,7 +270,7 @@ class Device(OneProcess):
 
 
 def device_flags(devices: Iterable[cl.Device]) -> tuple[str, ...]:
-    """Return the compiler options that these devices need beside those of a build.
+    """Return the compiler options that these devices need in addition to those of a build.
 
     The literals of K are doubles cast to its precision. Clang also casts them where a device has no doubles, but with a
     warning that belongs to no group, and -Werror makes it an error; the option avoids that and changes no bit.

@@ -27,7 +27,7 @@ _DAMAGED = (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZip
 
 
 class _Facts(msgspec.Struct, frozen=True):
-    """What a slot holds beside planes of pixels: the key of its state, and the last frame."""
+    """What a slot holds besides planes of pixels: the key of its state, and the last frame."""
 
     key: str
     past: Past

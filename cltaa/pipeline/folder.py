@@ -240,7 +240,7 @@ def resolve_folder(
     }
     with ExitStack() as stack:
         if dask is not None:
-            from cltaa.pipeline.cluster import Cluster, Tool, connected  # here: an extra, and it takes from this module
+            from cltaa.pipeline.cluster import Cluster, Tool, connected  # here: an extra, which imports this module
 
             if not isinstance(device, str | None):
                 raise UsageError("--dask: workers open devices by name", expected="a name", found=repr(device))

@@ -181,7 +181,7 @@ class Written(msgspec.Struct, frozen=True, kw_only=True):
     source: Source
     missing: Missing | None = None  # samples
     opaque: bool = False  # its alpha is 1 everywhere
-    saturated: int = 0  # pixels at the largest half or beyond
+    saturated: int = 0  # Return that of a file that has just been written; raises StorageError.
 
     @classmethod
     def now(cls, path: Path, number: int, source: Source, **facts: Any) -> Written:
@@ -305,8 +305,7 @@ def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
 
 
 class Read(NamedTuple):
-    """A frame, what vouches for its input, its missing samples, whether its alpha is all 1, and what its output carries
-    over."""
+    """A frame, its source, its missing samples, whether its alpha is 1 everywhere, and what its output carries over."""
 
     frame: Frame
     source: Source

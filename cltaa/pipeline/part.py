@@ -27,7 +27,7 @@ Shown = Callable[[list[int]], Iterator[int]]
 
 
 class How(msgspec.Struct, frozen=True, kw_only=True):
-    """How to read, resolve and write frames, beside the resolver; as ``resolve_sequence`` takes it."""
+    """How to read, resolve and write frames, apart from the resolver; as ``resolve_sequence`` takes it."""
 
     effects: Asked
     half: bool

@@ -144,7 +144,7 @@ def check_jobs(jobs: int, preset: Preset, *, follow: bool, debug: bool, dask: bo
 
 
 class Order(NamedTuple):
-    """What a worker elsewhere needs to resolve a part of a sequence, beside what creates its resolver."""
+    """What a worker elsewhere needs to resolve a part of a sequence, apart from what creates its resolver."""
 
     sequence: FrameSequence  # the wanted frames and those around them that they need
     wanted: list[int]
