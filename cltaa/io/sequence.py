@@ -173,7 +173,7 @@ class FrameSequence(NumberedFiles):
         return self.open_supersampled(folder) if folder.exists() else None
 
     def open_supersampled(self, folder: Path) -> ImageSequence:
-        """Open a folder with the truth of some frames, or with images of as many samples to compare with.
+        """Open a folder with the truth of some frames, or with a yardstick: the same with fewer samples.
 
         Images that show more are cropped; raises DataError where they do not cover what these frames show.
         """
