@@ -9,7 +9,7 @@ with cltaa.Resolver() as resolver:
 
 from __future__ import annotations
 
-TYPE_CHECKING = False  # typing's, which takes longer to import than all the rest: an interrupt then is not ours yet
+TYPE_CHECKING = False  # typing's, which imports slower than all the rest: an interrupt meanwhile escapes our handler
 if TYPE_CHECKING:
     from typing import Any
 
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-# Public name -> its module, and its name there if that is another. Imported on first use, so that ``import cltaa``
-# loads neither OpenCL nor OpenEXR.
+# Public name -> its module, and its name there if that differs. Imported on first use, so that ``import cltaa`` loads
+# neither OpenCL nor OpenEXR.
 _HOMES = {
     "Camera": "cltaa.frame",
     "Choices": "cltaa.core.parameters",

@@ -1,11 +1,11 @@
-"""The command line, for the command ``cltaa`` and for ``python -m cltaa``; it may be interrupted as it is imported."""
+"""The entry point of ``cltaa`` and ``python -m cltaa``; handles an interrupt during the import as well."""
 
 import os
 import sys
 
 
 def main() -> int:
-    """Run it and return its exit code."""
+    """Run the command line and return its exit code."""
     try:
         from cltaa.cli import main as run
 
@@ -13,7 +13,8 @@ def main() -> int:
     except KeyboardInterrupt:
         sys.stderr.write("cltaa: interrupted\n")
         sys.stderr.flush()
-        # cltaa.cli.INTERRUPTED, which may not be there yet; and Python would end by the signal where it met ``exec``.
+        # The value of cltaa.cli.INTERRUPTED, which may not be imported yet. os._exit, because Python ends by the signal
+        # if the interrupt passed through an ``exec``.
         os._exit(130)
 
 

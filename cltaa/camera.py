@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cltaa.frame import Camera
 
-# Depth of the sky as inverse depth: 1/Z is exactly 0; -Z has no such value, so the farthest usable one stands for it.
+# Inverse depth of the sky. Perspective: 1/Z is exactly 0. Orthographic: -Z has no limit, so the farthest usable value.
 SKY_PERSPECTIVE = 0.0
 SKY_ORTHOGRAPHIC = -(2.0**50)
 
@@ -30,28 +30,27 @@ class Displacement(NamedTuple):
 
 
 def sky_inverse_depth(camera: Camera) -> float:
-    """The inverse depth that stands for a direction at infinity."""
+    """Return the inverse depth of the sky."""
     return SKY_ORTHOGRAPHIC if camera.orthographic else SKY_PERSPECTIVE
 
 
 def inverse_depth(depth: NDArray[np.float32], camera: Camera, out: NDArray[np.float32]) -> None:
-    """Planar depth [H, W] as inverse depth, into ``out``: 1/Z, or -Z for an orthographic camera; sky as
-    ``sky_inverse_depth``.
+    """Convert planar depth [H, W] into ``out``: 1/Z, or -Z for an orthographic camera; sky as ``sky_inverse_depth``.
 
-    Depth that is no distance (NaN; 0 or less before a perspective camera) counts as sky.
+    Invalid depth (NaN; 0 or less for a perspective camera) becomes sky.
     """
     invert(depth, out, parallel=camera.orthographic)
 
 
 def invert(depth: NDArray[np.float32], out: NDArray[np.float32], *, parallel: bool) -> None:
-    """The same for a ``parallel`` projection or a perspective one: what ``kernels/arrays.cl`` does with a distance."""
+    """As ``inverse_depth``, for a ``parallel`` or a perspective projection; the twin of ``kernels/arrays.cl``."""
     if parallel:
         np.negative(depth, out=out)
         out[~np.isfinite(depth)] = SKY_ORTHOGRAPHIC
         return
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         np.divide(np.float32(1.0), depth, out=out)
-        # 1/inf is 0 already; what is negative, infinite or NaN, which min and max hand on, there seldom is.
+        # 1/inf is already 0. Negative, infinite and NaN results are rare; min and max propagate NaN, so this finds all.
         if not (out.min(initial=0.0) >= 0.0 and out.max(initial=0.0) < np.inf):
             out[~((out >= 0.0) & (out < np.inf))] = SKY_PERSPECTIVE
 
@@ -63,8 +62,8 @@ def inverse_depth_at(reversed_depth: float, camera: Camera) -> float:
 
 
 def is_still(camera: Camera, previous: Camera) -> bool:
-    """True when both matrices are the same, to the bit: then nothing moves, and D is exactly zero."""
-    # As lists: a frame waits for this, and nothing of NumPy is in a cache then.
+    """True when both matrices are equal to the bit: then nothing moves, and D is exactly zero."""
+    # Compares lists: this is on the frame's critical path, and NumPy's code is not in a cache then.
     return bool(
         camera.world_to_view.tolist() == previous.world_to_view.tolist()
         and camera.view_to_clip.tolist() == previous.view_to_clip.tolist()
@@ -72,7 +71,7 @@ def is_still(camera: Camera, previous: Camera) -> bool:
 
 
 def displacement(camera: Camera, previous: Camera, width: int, height: int) -> Displacement:
-    """D between two frames, in pixels from the image centre (x right, y down), computed camera-relative in float64.
+    """Return D between two frames, in pixels from the image centre (x right, y down), camera-relative in float64.
 
     With p = (px, py, inverse depth, 1) the previous position is (p_xy + D_xy p) / (1 + D_w p).
     """
@@ -83,7 +82,8 @@ def displacement(camera: Camera, previous: Camera, width: int, height: int) -> D
 def reprojected(
     x: Array, y: Array, depth: Array, moved: Displacement, *, parallel: bool
 ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Motion u, v of pixels to the previous camera, the inverse depth to expect there, and whether it could see them.
+    """Return the motion u, v of pixels to the previous camera, the expected inverse depth there, and where it could see
+    them.
 
     ``x``, ``y`` are pixels from the image centre, ``depth`` is inverse depth; all of one shape, float64.
     """
@@ -96,9 +96,9 @@ def reprojected(
 
 
 def displacement_rows(camera: Camera, previous: Camera, width: int, height: int) -> Rows:
-    """The three rows of ``displacement`` and the change of inverse depth, [4][4], in plain Python.
+    """Return the three rows of ``displacement`` and the change of inverse depth, [4][4], in plain Python.
 
-    A frame waits for these few numbers, and after its kernels nothing of NumPy and LAPACK is in a cache.
+    This is on the frame's critical path, and after the kernels neither NumPy nor LAPACK is in a cache.
     """
     now, then = camera.view_to_clip.tolist(), previous.view_to_clip.tolist()
     here, there = camera.world_to_view.tolist(), previous.world_to_view.tolist()
@@ -110,7 +110,7 @@ def displacement_rows(camera: Camera, previous: Camera, width: int, height: int)
     moved_by = list(zip(*moved, _NONE, strict=True))
     rows: Rows = []
     for row, scale in ((0, width / 2.0), (1, -height / 2.0), (3, 1.0)):
-        # Each part is a difference before anything is multiplied: what does not change leaves exactly nothing behind.
+        # Subtracts before it multiplies, so that unchanged parts contribute exactly 0.
         before, zoomed = then[row], [one - other for one, other in zip(then[row], now[row], strict=True)]
         both = zip(moved_by, view, strict=True)
         rows.append([scale * (_dot(before, by_move) + _dot(zoomed, by)) for by_move, by in both])
@@ -118,10 +118,10 @@ def displacement_rows(camera: Camera, previous: Camera, width: int, height: int)
 
 
 def _view_position(clip: Rows, ndc_x: float, ndc_y: float, *, parallel: bool) -> list[Four]:
-    """Homogeneous view-space position by px, by py, by inverse depth and by 1, [4][4]; NDC = ndc_x px, ndc_y py.
+    """Return the view-space position by px, by py, by inverse depth and by 1, [4][4]; NDC = ndc_x px, ndc_y py.
 
-    Perspective: the position divided by depth, (ray, -1) with w = inverse depth. Orthographic: the position itself, w =
-    1.
+    Homogeneous. Perspective: the position divided by depth, (ray, -1) with w = inverse depth. Orthographic: the
+    position itself, w = 1.
     """
     (xx, xy, xz, x1), (yx, yy, yz, y1), *_ = clip
     size = xx * yy - xy * yx
@@ -134,9 +134,9 @@ def _view_position(clip: Rows, ndc_x: float, ndc_y: float, *, parallel: bool) ->
 
 
 def _relative_change(now: Rows, then: Rows) -> list[Four]:
-    """What takes a position as the view ``now`` [3][4] has it to ``then``, minus the identity, [3][4].
+    """Return the transform from view ``now`` [3][4] to view ``then``, minus the identity, [3][4].
 
-    World positions never appear.
+    It uses no world positions.
     """
     (here, inverse), (there, _) = _origin(now), _origin(then)
     apart = (there[0] - here[0], there[1] - here[1], there[2] - here[2], 0.0)
@@ -149,8 +149,8 @@ def _relative_change(now: Rows, then: Rows) -> list[Four]:
 
 
 def _origin(view: Rows) -> tuple[list[float], list[Three]]:
-    """Where the world's origin lies beside a camera of ``view`` [3][4], along the world's axes; and the columns of the
-    inverse of its first three columns."""
+    """Return the world's origin relative to the camera of ``view`` [3][4], along the world's axes; and the columns of
+    the inverse of its first three columns."""
     (a, b, c, x), (d, e, f, y), (g, h, i, z) = view
     first = (e * i - f * h, f * g - d * i, d * h - e * g)
     second = (c * h - b * i, a * i - c * g, b * g - a * h)
@@ -161,7 +161,7 @@ def _origin(view: Rows) -> tuple[list[float], list[Three]]:
 
 
 def _dot(one: Sequence[float], other: Four) -> float:
-    """In doubles, from the left, whatever the machine: a BLAS sums otherwise on each."""
+    """Sum in double precision from the left, the same on every machine; a BLAS sums in another order on each."""
     a, b, c, d = one
     x, y, z, w = other
     return a * x + b * y + c * z + d * w

@@ -22,7 +22,7 @@ from cltaa.renamed import one_line_each
 
 
 class Entry(NamedTuple):
-    """Where a subcommand lives and the line that ``--help`` says about it."""
+    """The module of a subcommand and the line that ``--help`` prints about it."""
 
     module: str
     command: str
@@ -51,7 +51,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click does, which suggests for a misspelt one commands that are imported: here those that can be."""
+        """Resolve as click does, but suggest for a misspelt name from all entries, not only from imported ones."""
         try:
             return super().resolve_command(ctx, args)
         except click.NoSuchCommand as error:
@@ -68,8 +68,8 @@ class LazyGroup(click.Group):
         return names + click.Command.shell_complete(self, ctx, incomplete)
 
 
-# A module is imported when its command runs, and not to list it: ``cltaa resolve`` needs no OpenGL, ``cltaa capture``
-# no OpenCL, and ``cltaa --help`` neither.
+# Each module is imported only when its command runs: ``cltaa resolve`` needs no OpenGL, ``cltaa capture`` no OpenCL,
+# and ``cltaa --help`` neither.
 COMMANDS = {
     "bench": Entry("cltaa.cli", "bench", "Measure time, and what accuracy costs in it."),
     "capture": Entry("cltaa_capture.cli", "capture", "Draw a scene as a jittered EXR sequence, and its reference."),
@@ -98,9 +98,9 @@ MEASUREMENTS = {
     "quality": Entry("cltaa.commands.bench_quality", "quality", "Judge presets on scenes against the truth."),
 }
 
-INTERRUPTED = 130  # as shells say it: 128 and the number of SIGINT
+INTERRUPTED = 130  # the shells' convention: 128 plus the number of SIGINT
 
-# The commands that find what they had finished.
+# The commands that resume from what they had finished.
 GOES_ON = {("capture",), ("demo",), ("resolve",), ("bench", "accuracy"), ("bench", "quality"), ("tune",)}
 
 
@@ -123,35 +123,35 @@ def bench() -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line and return its exit code (sysexits; 130 when interrupted); an error is one line.
+    """Run the command line and return its exit code (sysexits; 130 when interrupted); an error prints one line.
 
-    Without ``arguments`` it is that of the process, which has nothing left to do then but to end.
+    Without ``arguments`` it reads those of the process, which then has nothing left to do but to end.
     """
     if arguments is not None:
         return _outcome(arguments)
-    atexit.register(ignore_signals)  # after the threads have been waited for
-    ends_at_once(INTERRUPTED)  # outside of what _outcome handles by itself
+    atexit.register(ignore_signals)  # runs after Python has waited for the threads
+    ends_at_once(INTERRUPTED)  # for signals outside of _outcome's own handling
     try:
         code = _outcome(sys.argv[1:])
-    except KeyboardInterrupt:  # one more while the first was told
+    except KeyboardInterrupt:  # a second one, while the first was reported
         code = INTERRUPTED
     ends_at_once(code)
     if code == INTERRUPTED:
-        # Python up to 3.12 takes a thread for ended when the wait for it was interrupted, and would let it run while
-        # the interpreter is taken down, which OpenEXR ends by an abort. Files are atomic: none is half-written.
+        # Python up to 3.12 considers a thread ended when the wait for it was interrupted, and lets it run during the
+        # interpreter's shutdown, where OpenEXR then aborts. Files are atomic: none is half-written.
         os._exit(code)
     return code
 
 
 def _outcome(arguments: list[str]) -> int:
     _open_standard_streams()
-    if os.environ.get("COLUMNS") == "0":  # a width that is not known, of which tables would have no column
+    if os.environ.get("COLUMNS") == "0":  # unknown width, for which tables would have no columns
         del os.environ["COLUMNS"]
     configure()
     debug, arguments = _take_debug(arguments)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # a letter that the terminal's encoding has not ends nothing
+            stream.reconfigure(errors="backslashreplace")  # a character that the terminal cannot encode raises nothing
     stop = Stop()
     try:
         with one_line_each(), interrupts(stop):
@@ -162,38 +162,38 @@ def _outcome(arguments: list[str]) -> int:
     except click.exceptions.NoArgsIsHelpError as error:
         return _told(error.format_message(), error.exit_code)
     except Exception as error:
-        if stop.requested and not isinstance(error, CltaaError):  # what it stumbled over; our own errors stand
+        if stop.requested and not isinstance(error, CltaaError):  # caused by the interrupt; our own errors are reported
             return _interrupted(arguments)
         if debug and not isinstance(error, click.ClickException):
             raise
         return _failed(error, arguments)
-    if stop.requested:  # and the command did not see it: what it had to say was printed
+    if stop.requested:  # the command did not notice, and has printed its output
         return _interrupted(arguments, answered=True)
     return outcome if isinstance(outcome, int) else 0
 
 
 def _open_standard_streams() -> None:
-    """Let a stream that was closed, as a service may start us, end nowhere.
+    """Redirect a closed standard stream, as a service may have, to the null device.
 
-    Else the next file that is opened would take its number, and what a driver prints would go into an EXR.
+    Otherwise the next opened file would take its number, and a driver's output would go into an EXR.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
-            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the least number that is free: this one
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # takes the least free number: this one
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
 
 
 def _take_debug(arguments: list[str]) -> tuple[bool, list[str]]:
-    """--debug belongs to the root but is understood wherever it stands, unless it is a name behind ``--``.
+    """Move --debug, which belongs to the root, to the front from anywhere; after ``--`` it is a name.
 
-    Where a list of views follows, it is the option of ``cltaa resolve``.
+    Before a list of views it is the option of ``cltaa resolve``.
     """
     if "--debug" not in arguments:
         return False, arguments
-    from cltaa.core.debug import are_views  # which needs NumPy, and so is left to those who ask
+    from cltaa.core.debug import are_views  # imported here, because it needs NumPy
 
     end = arguments.index("--") if "--" in arguments else len(arguments)
     following = [*arguments[1:], ""]
@@ -204,16 +204,16 @@ def _take_debug(arguments: list[str]) -> tuple[bool, list[str]]:
 
 
 def _told(line: str, code: int, arguments: Sequence[str] = ()) -> int:
-    """Return ``code`` after a last line on standard error, and with ``--json`` as a document on standard output.
+    """Print a last line on standard error, with ``--json`` also a document on standard output; returns ``code``.
 
-    Where those are a full disk or a closed pipe the code tells alone.
+    On a full disk or a closed pipe only the code reports.
     """
     try:
         click.echo(line, err=True)
     except OSError:
         _forsake(sys.stderr)
     if "--json" in takewhile(lambda word: word != "--", arguments):
-        import json  # here: it takes a while, and most runs do not fail
+        import json  # imported here: it is slow, and most runs do not fail
 
         try:
             click.echo(json.dumps({"error": line.removeprefix("cltaa: ").removeprefix("error: "), "exit_code": code}))
@@ -223,7 +223,8 @@ def _told(line: str, code: int, arguments: Sequence[str] = ()) -> int:
 
 
 def _forsake(stream: TextIO) -> None:
-    """Let what ``stream`` still holds end nowhere: Python would write it at its end, and fail with its own code."""
+    """Send what ``stream`` still buffers to the null device: Python would flush it at exit, and fail with its own
+    code."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
@@ -240,7 +241,7 @@ def _failed(error: Exception, arguments: Sequence[str]) -> int:
         command = "cltaa" if context is None else context.command_path
         line = " ".join(error.format_message().split()).rstrip(".")
         return _told(f"cltaa: error: {printable(line)}; see {command} --help", error.exit_code, arguments)
-    if isinstance(error, BrokenPipeError):  # whoever read what was printed has had enough
+    if isinstance(error, BrokenPipeError):  # the reader of our output closed the pipe
         _forsake(sys.stdout)
         return StorageError.exit_code
     deliberate = _deliberate(error)
@@ -248,11 +249,11 @@ def _failed(error: Exception, arguments: Sequence[str]) -> int:
 
 
 def _deliberate(error: Exception) -> CltaaError:
-    """What an exception that nobody expected means to a user."""
+    """Return the CltaaError that reports an unexpected exception to a user."""
     match error:
         case CltaaError():
             return error
-        # A module of cltaa's own that is missing is a bug, not an extra that was left out.
+        # A missing module of cltaa's own is a bug, not an extra that is not installed.
         case ModuleNotFoundError() if error.name is not None and not error.name.startswith("cltaa"):
             missing = f"the Python package {error.name} is not installed"
             return UsageError(missing, cure="run: pip install 'cltaa[all]'")

@@ -24,14 +24,14 @@ from types import ModuleType
 
 from cltaa.printable import printable
 
-LONGEST_VALUE = 200  # characters of what was expected or found; an attribute can hold a megabyte
+LONGEST_VALUE = 200  # characters of an expected or found value; an attribute can hold a megabyte
 
 
 class CltaaError(Exception):
     """Base of every deliberate error; ``str(error)`` is the one line a user reads.
 
-    ``path``, ``frame`` and ``channel`` say where, ``what`` says what is wrong, ``expected`` and ``found`` are set
-    against each other in brackets, and ``cure`` says what to do. All but ``what`` may be left out.
+    ``path``, ``frame`` and ``channel`` say where, ``what`` says what is wrong, ``expected`` and ``found`` follow in
+    brackets, and ``cure`` says what to do. All but ``what`` are optional.
     """
 
     exit_code = 70
@@ -67,27 +67,26 @@ class CltaaError(Exception):
             line += f" ({', '.join(against)})"
         if self.cure is not None:
             line += f"; {self.cure}"
-        # One line that leaves the terminal alone, whatever a driver's message holds.
+        # One line without control characters, whatever a driver's message holds.
         return printable(" ".join(line.split()))
 
 
-# How much of two names has to be the same for one to be the other misspelt. With less, lpips, a score of its own,
-# would be taken for flip.
+# Least similarity (difflib's ratio) of a misspelt name. With less, lpips, another score, would match flip.
 ALIKE = 0.7
 
 
 def closest(name: str, names: Iterable[str]) -> str | None:
-    """The one of ``names`` that was meant by a misspelt name, None where none is close."""
-    import difflib  # here: most commands end without
+    """Return the one of ``names`` that a misspelt name probably meant, None where none is close."""
+    import difflib  # imported here: most commands never need it
 
     lower = {other.lower(): other for other in names}
     return next((lower[found] for found in difflib.get_close_matches(name.lower(), lower, 1, ALIKE)), None)
 
 
 def known(name: str, names: Iterable[str], kind: str) -> str:
-    """The cure for a name that is none of ``names``: the one that was meant, where one is close, else all of them.
+    """Return the cure for an unknown name: the closest of ``names``, else those that contain it, else all.
 
-    Of many those that have the name in them stand for all: there are sixty parameters, three with ``scale``.
+    A list of all can be long: there are sixty parameters, three with ``scale``.
     """
     names = list(names)
     if close := closest(name, names):
@@ -108,7 +107,7 @@ DISK_CURES = {
 
 
 def disk_cure(error: OSError) -> str:
-    """The cure for a file that could not be read or written, by what the system says: not every disk is full."""
+    """Return the cure for a file that could not be read or written, by errno: not every disk is full."""
     return DISK_CURES.get(error.errno or 0, "check the folder and the disk, and run again")
 
 
@@ -165,7 +164,7 @@ class DeviceLost(ResourceError):
 
 
 def import_extra(module: str, *, package: str, extra: str, purpose: str) -> ModuleType:
-    """Import ``module`` of ``package``; raises UsageError with the command that installs the extra it belongs to."""
+    """Import ``module`` of ``package``; raises UsageError with the command that installs its extra."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

@@ -1,6 +1,6 @@
-"""One frame of a sequence in memory: what was drawn, where the camera stood, and where the sample was taken.
+"""One frame of a sequence in memory: its channels, its camera and its jitter.
 
-The meaning of every word here is fixed in ``docs/conventions.md``.
+``docs/conventions.md`` defines every word here.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Matrix = NDArray[np.float64]
 
 
 class Effect(StrEnum, metaclass=RenamedMembers):
-    """Something in a sequence that a step of the resolve exists for.
+    """A property of a sequence for which the resolve has a step of its own.
 
     A sequence that declares its effects (EXR attribute ``cltaa:effects``, comma separated) promises that nothing else
     happens in it; one without that attribute gets every step that its channels and cameras call for.
@@ -40,16 +40,16 @@ class Effect(StrEnum, metaclass=RenamedMembers):
     CUT = "cut"  # attribute cltaa:cut is set on some frame
     ALPHA = "alpha"  # channel A
     SKY = "sky"  # directions at infinity: depth +inf
-    NOISE = "noise"  # samples of one place scatter, as a path tracer's do
+    NOISE = "noise"  # samples of one surface point vary, as a path tracer's do
 
     @classmethod
     def _missing_(cls, value: object) -> Effect | None:
-        """Take the word of an earlier version."""
+        """Accept the word of an earlier version."""
         word = current(str(value), EFFECTS, cls._value2member_map_, "effect")
         return None if word == value else cls(word)
 
 
-# Effects that a resolve is planned for: as declared or else found, found whatever is declared, every one, or these.
+# The effects to plan for: declared, else found; found, whatever is declared; every one; or this set.
 Asked = frozenset[Effect] | Literal["auto", "find", "all"]
 ASKED: tuple[Literal["auto", "find", "all"], ...] = ("auto", "find", "all")
 
@@ -70,7 +70,7 @@ def format_effects(effects: Iterable[Effect]) -> str:
 
 
 def name_effects(effects: frozenset[Effect] | None) -> str:
-    """What a message calls declared effects, or None for nothing declared."""
+    """Return the name of declared effects in messages; None means that nothing is declared."""
     return "nothing declared" if effects is None else format_effects(effects) or "no effect"
 
 
@@ -87,7 +87,7 @@ class Camera:
         return bool(self.view_to_clip[3, 2] == 0.0)
 
 
-# What a frame has where a program gives no camera: it never moves, so it moves nothing.
+# Camera of a frame that was given none. It never moves, so it causes no motion.
 NO_CAMERA = Camera(np.eye(4), np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, -1.0, -0.2], [0, 0, -1.0, 0]]))
 PLANES = ("colour", "depth", "motion", "alpha", "reactive", "object_id", "normal")
 
@@ -96,10 +96,10 @@ class HostArray(Protocol):
     """An array of another library in the host's memory: torch, JAX and others."""
 
     def __dlpack__(self) -> Any:
-        """Lend the memory."""
+        """Export the memory, as DLPack defines it."""
 
     def __dlpack_device__(self) -> tuple[int, int]:
-        """Tell whose memory it is."""
+        """Return the type and number of the device, as DLPack defines them."""
 
 
 class DeviceArray(Protocol):
@@ -123,24 +123,25 @@ def on_device(array: object) -> bool:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Frame:
-    """One frame: arrays ``[H, W]`` or ``[H, W, C]``, row 0 at the top, linear scene-referred floats. Colour is enough.
+    """One frame: arrays ``[H, W]`` or ``[H, W, C]``, row 0 at the top, linear scene-referred floats. Only colour is
+    required.
 
     ``index``    its number, one more each frame (``step`` more where that is given)
     ``colour``   [H, W, 3], premultiplied where ``alpha`` exists
     ``depth``    [H, W], planar distance along the view axis in scene units, sky is +inf; None: history is not rejected
-                 by depth, and a camera that moves is taken to turn only
-    ``camera``   un-jittered matrices; None: it stands still
+                 by depth, and the motion of the camera is reprojected as rotation only
+    ``camera``   un-jittered matrices; None: it does not move
     ``jitter_px`` (x, y): pixel (x, y) was sampled at (x + 0.5 + jx, y + 0.5 + jy); x right, y down
     ``motion``   [H, W, 2] backward.u, backward.v in pixels, ``prev_px = px + motion``; NaN means "use the depth";
                  None where nothing but the camera moves
     ``alpha``, ``reactive``, ``object_id``  [H, W] or None
     ``effects``  the declared effects, or None where the sequence declares nothing
-    ``step``     how far the number of the frame before it lies below ``index``
-    ``found``    where nothing is declared: the effects that were found, without a promise (``cltaa.inputs.found``)
+    ``step``     difference between ``index`` and the number of the previous frame
+    ``found``    where nothing is declared: the effects found in the sequence, no promise (``cltaa.inputs.found``)
 
-    Arrays are NumPy's, those of other libraries in the host's memory (``__dlpack__``), which are taken where they are,
-    or ``pyopencl.array.Array``. A frame is equal to itself alone, as a camera is: compare arrays by NumPy.
-    Raises DataError for an array that cannot be shared.
+    Arrays are NumPy's, other libraries' in host memory (``__dlpack__``), which are not copied, or
+    ``pyopencl.array.Array``. Frames and cameras compare by identity: compare arrays by NumPy. Raises DataError for an
+    array that cannot be shared.
     """
 
     index: int
@@ -181,12 +182,12 @@ class Frame:
         path: Path | None = None,
         found: frozenset[Effect] | None = None,
     ) -> None:
-        """Take the arrays where they are."""
+        """Store the arrays without copying them."""
         given = {name: value for name, value in locals().items() if name in self.__dataclass_fields__}
         given |= {name: shared(name, given[name]) for name in PLANES}
-        # Of NumPy's numbers the least ones cannot be added to a step.
+        # NumPy's narrow integers would overflow when a step is added.
         given |= {name: int(given[name]) for name in ("index", "step") if isinstance(given[name], np.integer)}
-        if depth is None:  # one number in memory, that of the sky
+        if depth is None:  # the depth of the sky, one number in memory
             size = getattr(given["colour"], "shape", ())[:2]
             given["depth"] = np.broadcast_to(np.float32(np.inf), size)
         given["camera"] = NO_CAMERA if camera is None else camera
@@ -195,19 +196,19 @@ class Frame:
             object.__setattr__(self, name, value)
 
     def __reduce__(self) -> tuple[type[Frame], tuple[Any, ...]]:
-        """Pickle and copy what was given: what stands for a depth or a camera that was not is one object of memory."""
+        """Pickle and copy only what was given: the stand-ins for a missing depth or camera do not survive a copy."""
         depth, camera = self.depth if self.has_depth else None, self.camera if self.has_camera else None
         given = {each.name: getattr(self, each.name) for each in fields(self)} | {"depth": depth, "camera": camera}
         return type(self), tuple(given.values())
 
     @property
     def has_depth(self) -> bool:
-        """False where no depth was given: then all that it has is the sky's, one number in memory."""
+        """False where no depth was given; ``depth`` then repeats that of the sky, one number in memory."""
         return any(self.depth.strides) or 0 in self.depth.shape or bool(self.depth.flat[0] != np.inf)
 
     @property
     def arrays(self) -> list[Image]:
-        """What of it is resolved, if it was given."""
+        """The given arrays that the resolve reads."""
         given = (self.colour, self.depth if self.has_depth else None, self.motion, self.alpha, self.reactive)
         return [array for array in given if array is not None]
 
@@ -227,7 +228,7 @@ class Frame:
         return int(self.colour.shape[1])
 
     def __repr__(self) -> str:
-        """Size and channels, not their numbers."""
+        """Show size and channels, not their numbers."""
         there = " ".join(
             name for name in PLANES if getattr(self, name) is not None and (name != "depth" or self.has_depth)
         )
@@ -235,7 +236,7 @@ class Frame:
 
 
 def outline(frame: Frame) -> Frame:
-    """``frame`` without its pixels: its channels are there, and take no memory."""
+    """Return ``frame`` without its pixels: its channels keep their shapes and take no memory."""
     empty: dict[str, Any] = {
         name: np.broadcast_to(np.float32(0), there.shape)
         for name in PLANES
@@ -245,16 +246,16 @@ def outline(frame: Frame) -> Frame:
 
 
 def _pair(numbers: Any) -> Any:
-    """A list or an array of two as the tuple that it stands for; all else as it is, for the check of a frame."""
-    with suppress(ValueError, TypeError, RuntimeError):  # of several lengths, or of another device
+    """Return a list or array of two as a tuple, anything else unchanged, for the check of a frame."""
+    with suppress(ValueError, TypeError, RuntimeError):  # ragged, or on another device
         if not isinstance(numbers, tuple) and np.shape(numbers) == (2,):
             return tuple(np.asarray(shared("jitter_px", numbers)).tolist())
     return numbers
 
 
 def shared(name: str, array: Any) -> Any:
-    """``array`` as NumPy's where another library holds it in the host's memory, what is masked as NaN; all else as it
-    is. Raises DataError, by its ``name``, where it cannot be shared."""
+    """Return ``array`` as NumPy's where another library holds it in host memory, masked floats as NaN; anything else
+    unchanged. Raises DataError with its ``name`` where it cannot be shared."""
     if isinstance(array, np.ma.MaskedArray) and array.dtype.kind == "f":
         return array.filled(np.nan)
     if isinstance(array, np.ndarray) or not hasattr(array, "__dlpack__") or on_device(array):
@@ -267,10 +268,10 @@ def shared(name: str, array: Any) -> Any:
 
 
 def writable(out: Any) -> Any:
-    """``out`` as NumPy's where another library holds it in the host's memory; raises DataError as ``shared`` does."""
+    """Return ``out`` as NumPy's where another library holds it in host memory; raises DataError as ``shared`` does."""
     if isinstance(out, np.ndarray) or not hasattr(out, "__dlpack__") or on_device(out):
         return out
     array = shared("out", out)
-    # DLPack before 1.0 does not say whether memory may be written, and NumPy then takes it that it may not.
+    # DLPack before 1.0 does not say whether memory is writable, and NumPy then assumes that it is not.
     lent = np.asarray(out) if hasattr(out, "__array__") and not array.flags.writeable else array
     return lent if np.shares_memory(lent, array) else array

@@ -1,7 +1,7 @@
-"""Text that came from outside (names of files and channels, attributes, messages of drivers), made safe to print.
+"""Text from outside (names of files and channels, attributes, messages of drivers), made safe to print.
 
 A name may hold an escape sequence that clears the screen or sets a title, a line feed that begins a second message, a
-sign that turns the direction of reading, or bytes that are no UTF-8. Each such character is written as its escape.
+character that reverses the direction of reading, or bytes that are not UTF-8. Each is replaced by its escape.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import msgspec
 
 
 def printable(text: str | Path, *, longest: int | None = None) -> str:
-    """Return ``text`` with every character that does not print as its escape, cut in the middle to ``longest``."""
+    """Return ``text`` with every unprintable character escaped, cut in the middle to ``longest`` characters."""
     line = str(text)
     if longest is not None and len(line) > longest:
         half = (longest - 5) // 2
@@ -28,14 +28,14 @@ def printable(text: str | Path, *, longest: int | None = None) -> str:
 
 
 def shown(text: str | Path) -> str:
-    """Return ``text`` as rich prints it to the letter: no markup, nothing that does not print."""
-    from rich.markup import escape  # here: every error is made printable, and few tables are printed
+    """Return ``text`` so that rich prints it literally: markup escaped, and unprintable characters too."""
+    from rich.markup import escape  # imported here: every error is made printable, and few tables are printed
 
     return escape(printable(text))
 
 
 def counted(number: int, thing: str) -> str:
-    """Return how many of a thing there are in words: ``1 frame``, ``2 frames``."""
+    """Return a count with its noun: ``1 frame``, ``2 frames``."""
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
@@ -46,7 +46,7 @@ def bytes_of(count: float) -> str:
 
 
 def markdown(heads: Iterable[str], rows: Iterable[Iterable[str]], *, figures: bool = False) -> str:
-    """Return a table in Markdown, a line each; with ``figures`` all columns but the first stand to the right."""
+    """Return a table in Markdown, a line each; with ``figures`` all columns but the first align right."""
     heads = [*heads]
     rule = ["---", *["---:" if figures else "---"] * (len(heads) - 1)]
     return "".join(map(markdown_row, (heads, rule, *rows)))
@@ -58,10 +58,10 @@ def markdown_row(cells: Iterable[str]) -> str:
 
 
 def json_of(value: Any) -> str:
-    """Return a struct, or what JSON has a form for, as every ``--json`` prints it: indented, in ASCII.
+    """Return a struct or a plain value as every ``--json`` prints it: indented JSON in ASCII.
 
-    Every other character is its escape, the only form of JSON for a file name that is no UTF-8. JSON has no infinity
-    and no NaN: the PSNR of identical images, and a score of nothing, become null.
+    All other characters are escaped, the only form of JSON for a file name that is not UTF-8. JSON has no infinity and
+    no NaN: the PSNR of identical images, and an undefined score, become null.
     """
     return json.dumps(_finite(msgspec.to_builtins(value)), indent=2)
 
@@ -81,11 +81,11 @@ _WORDS = re.compile(
 
 
 def names_in(text: str, count: int = 1) -> list[list[str]]:
-    """Read lists of ``count`` names, separated by commas; the names of a list are separated by spaces.
+    """Read comma-separated lists of ``count`` names each; spaces separate the names of a list.
 
-    A name that holds one of these, or begins with a quotation mark, stands in quotes, as JSON has them; one alone may
-    hold spaces without. Where all names of a list have as many spaces they need no quotes either. A list of another
-    length is given as it is: whoever reads it says so.
+    A name that holds a space or comma, or begins with a quotation mark, needs quotes as in JSON; in a list of one,
+    spaces need none. Where all names of a list have equally many spaces they need no quotes either. A list of another
+    length is returned unchanged: the caller reports it.
     """
     lists: list[list[str]] = []
     quoted, begin = False, 0
@@ -99,7 +99,7 @@ def names_in(text: str, count: int = 1) -> list[list[str]]:
             continue
         if count == 1 and (not quoted or len(words) > 1):
             words = [text[begin : word.start() if word else None].strip()]
-        elif count > 1 == len(words) and quoted and len(words[0].split()) == count:  # a shell's quotes about them all
+        elif count > 1 == len(words) and quoted and len(words[0].split()) == count:  # a shell quoted them all
             words = words[0].split()
         elif not quoted and words and len(words) % count == 0:
             size = len(words) // count
@@ -119,12 +119,12 @@ def _unquoted(word: re.Match[str]) -> str:
 
 
 def written(names: Iterable[str], between: str = " ") -> str:
-    """Names as ``names_in`` reads them: in quotes where they would be taken for several."""
+    """Return names as ``names_in`` reads them: quoted where they would be read as several."""
     return between.join(_quoted(name) for name in names)
 
 
 def _quoted(name: str) -> str:
     if name and not re.search(r"[\s,]", name) and name[0] not in "\"'[":
         return name
-    # A line of a message has single spaces.
+    # Messages collapse white space, so that after the first of a run is escaped.
     return re.sub(r"(?<=\s)\s", lambda sign: f"\\u{ord(sign[0]):04x}", json.dumps(name, ensure_ascii=False))

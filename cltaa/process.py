@@ -1,9 +1,8 @@
-"""The process that cltaa runs in: its cores, what the command line changes of it, signals, and commands in others.
+"""The process that cltaa runs in: its cores, the command line's settings, signals, and child processes.
 
 A program that imports cltaa keeps its environment, signal handlers, standard streams, and settings of other libraries:
-all changes hang on ``configure`` and on what handles signals. Those reach the main thread only; in another one nothing
-here changes anything. A signal that the process was started to ignore, by nohup or as a shell's background job, stays
-ignored.
+only ``configure`` and the handlers of signals change them. Handlers are set in the main thread only. A signal that was
+ignored when the process started, by nohup or as a shell's background job, stays ignored.
 """
 
 from __future__ import annotations
@@ -23,23 +22,23 @@ from typing import Any, SupportsIndex
 
 from cltaa.errors import CltaaError, UsageError
 
-# Where nothing else is asked for: pyopencl's cache would only repeat the drivers', and its lock outlives a killed
-# process. NumPy's linear algebra starts a thread a core, which then waits busily, and our matrices are 4x4. FLIP's
-# module brings an OpenMP of its own, whose threads spin while they wait: nine times as long on a busy machine.
+# Defaults that the user's environment overrides. pyopencl's cache would only repeat the drivers', and its lock outlives
+# a killed process. NumPy's linear algebra starts a thread per core, which then busy-waits, and our matrices are 4x4.
+# FLIP's module brings its own OpenMP, whose threads spin while they wait: nine times as long on a busy machine.
 ENVIRONMENT = {"PYOPENCL_NO_CACHE": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive"}
 
-# glibc's malloc.h: which parameter of mallopt, and its value.
+# glibc's malloc.h: parameters of mallopt, and their values.
 M_TRIM_THRESHOLD, NEVER = -1, 2**31 - 1  # bytes of free memory at the end of the heap that go back to the system
-M_MMAP_THRESHOLD, LARGEST = -3, 32 * 2**20  # bytes from which on a block is mapped on its own; glibc takes no more
+M_MMAP_THRESHOLD, LARGEST = -3, 32 * 2**20  # bytes from which on a block is mapped on its own; glibc accepts no more
 
 _own = False
 _waiting: list[Callable[[], None]] = []
 
 
 def configure() -> None:
-    """Take this process for cltaa's own, and set it up: before NumPy, pyopencl and flip_evaluator are imported.
+    """Mark this process as cltaa's own and set it up, before NumPy, pyopencl and flip_evaluator are imported.
 
-    For the command line and processes that it starts; another call changes nothing.
+    For the command line and the processes that it starts; another call changes nothing.
     """
     global _own
     _own = True
@@ -53,21 +52,21 @@ def configure() -> None:
 
 
 def _keep_heap() -> None:
-    """Let glibc keep what is freed: OpenEXR's module allocates the channels of each frame anew, and pages that were
-    given back fault again, which takes a third of the time of reading."""
+    """Let glibc keep freed memory: OpenEXR's module allocates the channels of each frame anew, and pages returned to
+    the system fault again, which takes a third of the time of reading."""
     library = ctypes.CDLL(None)
-    if hasattr(library, "mallopt"):  # other C libraries have none
+    if hasattr(library, "mallopt"):  # other C libraries lack it
         library.mallopt(M_TRIM_THRESHOLD, NEVER)
         library.mallopt(M_MMAP_THRESHOLD, LARGEST)
 
 
 def is_own() -> bool:
-    """Whether the process is cltaa's own; else it is that of a program that uses the library."""
+    """True where the process is cltaa's own, False in a program that uses the library."""
     return _own
 
 
 def once_own(change: Callable[[], None]) -> None:
-    """Change the process now, or when it is configured, or never."""
+    """Call ``change`` now if the process is configured, else when it is, which may be never."""
     if _own:
         change()
     else:
@@ -75,9 +74,9 @@ def once_own(change: Callable[[], None]) -> None:
 
 
 def user_cache() -> Path:
-    """The user's folder for what can be made again; raises RuntimeError where the user has no home.
+    """Return the user's cache folder; raises RuntimeError where the user has no home.
 
-    A relative XDG_CACHE_HOME is none (XDG Base Directory Specification, Basics): each folder of work would get one.
+    A relative XDG_CACHE_HOME is ignored (XDG Base Directory Specification, Basics): each working folder would get one.
     """
     chosen = Path(os.environ.get("XDG_CACHE_HOME", ""))
     return chosen if chosen.is_absolute() else Path.home() / ".cache"
@@ -87,29 +86,29 @@ CORES, MANY_CORES = len(os.sched_getaffinity(0)), 8
 
 
 class OneProcess:
-    """Neither copied nor pickled, which is one line: UsageError."""
+    """An object that cannot be copied or pickled: either raises UsageError."""
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
-        """Refuse what ``copy`` and ``pickle`` ask for."""
+        """Refuse ``copy`` and ``pickle``."""
         raise no_copy(self)
 
 
 def no_copy(held: object) -> UsageError:
-    """The error for something that cannot be copied, since it holds a device."""
+    """Return the error for copying an object that holds a device."""
     what = f"a {type(held).__name__} holds a device of this process and cannot be copied or pickled"
     return UsageError(what, cure="make one in each process")
 
 
 def call_cltaa(arguments: list[str]) -> subprocess.CompletedProcess[str]:
-    """Run a command to its end, whatever its exit code; what it prints is kept, its standard error goes to ours."""
+    """Run a command to its end, whatever its exit code; captures its output and passes its standard error on."""
     command = [sys.executable, "-m", "cltaa", *arguments]
-    # What a shell asks of us to complete is not asked of the child.
+    # A shell's completion request to us must not reach the child.
     environment = {name: value for name, value in os.environ.items() if name != "_CLTAA_COMPLETE"}
     return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False, env=environment)
 
 
 def run_cltaa(arguments: list[str]) -> str:
-    """What a command prints; raises CltaaError with its exit code where it fails, with its own words above."""
+    """Return the output of a command; raises CltaaError with its exit code where it fails, below its own message."""
     done = call_cltaa(arguments)
     if done.returncode:
         error = CltaaError(f"cltaa {shlex.join(arguments)} failed", found=f"exit code {done.returncode}")
@@ -132,10 +131,10 @@ _asked = Stop()
 
 @contextmanager
 def interrupts(stop: Stop) -> Iterator[None]:
-    """Let SIGTERM raise KeyboardInterrupt, as SIGINT does, so that whatever is half-done is cleared away.
+    """Let SIGTERM raise KeyboardInterrupt, as SIGINT does, so that unfinished work is cleaned up.
 
-    ``stop`` remembers it, because what is raised while another package is imported, or in a call back from C, may get
-    lost there, or come out as another error.
+    ``stop`` records it, because an exception raised during another package's import, or in a callback from C, may get
+    lost there, or surface as another error.
     """
     global _asked
 
@@ -152,14 +151,14 @@ def interrupts(stop: Stop) -> Iterator[None]:
 
 
 def stop_where_asked() -> None:
-    """Raise KeyboardInterrupt where an earlier one got lost, as ``interrupts`` remembers."""
+    """Raise KeyboardInterrupt where an earlier one got lost, as ``interrupts`` records."""
     if _asked.requested:
         raise KeyboardInterrupt
 
 
 @contextmanager
 def stop_signals() -> Iterator[Stop]:
-    """Note the first SIGINT or SIGTERM instead of acting on it; a second one acts as if this were not here."""
+    """Record the first SIGINT or SIGTERM instead of acting on it; a second one acts as usual."""
     stop = Stop()
 
     def note(_: int, __: FrameType | None) -> None:
@@ -173,7 +172,7 @@ def stop_signals() -> Iterator[Stop]:
 def ends_at_once(code: int) -> None:
     """From now on SIGINT and SIGTERM end the process, with ``code`` and without waiting for its threads.
 
-    For the time when all is said: Python waits for threads then, and takes an exception there for the end of the wait.
+    For the end of a run: Python then waits for threads, and an exception would end that wait early.
     """
     for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
@@ -181,14 +180,14 @@ def ends_at_once(code: int) -> None:
 
 
 def ignore_signals() -> None:
-    """Let SIGINT and SIGTERM do nothing: once the interpreter is taken down, they would end it by their number."""
+    """Ignore SIGINT and SIGTERM: during the interpreter's shutdown they would kill it, with the signal's exit code."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 
 @contextmanager
 def _handled(handler: Callable[[int, FrameType | None], Any]) -> Iterator[Callable[[], None]]:
-    """Handle SIGNALS by ``handler`` until the end, or until what this yields is called."""
+    """Handle SIGNALS by ``handler`` until the block ends, or until the yielded function is called."""
     reached = threading.current_thread() is threading.main_thread()
     found = {number: signal.getsignal(number) for number in SIGNALS if reached}
     earlier = {number: before for number, before in found.items() if before is not signal.SIG_IGN}

@@ -1,4 +1,4 @@
-"""Progress of a run on standard error: a bar where a person looks on, a plain line now and then where a log does."""
+"""Progress of a run on standard error: a bar on a terminal, elsewhere a line now and then."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cltaa.printable import printable
 from cltaa.process import is_own, stop_where_asked
 
 Item = TypeVar("Item")
-Advance = Callable[[int, int], None]  # called with how many are done, and of how many
+Advance = Callable[[int, int], None]  # takes how many are done, and of how many
 
 SECONDS_BETWEEN_LINES = 10.0  # in a log
 
@@ -24,10 +24,10 @@ SECONDS_BETWEEN_LINES = 10.0  # in a log
 def track(
     items: Iterable[Item], total: int, action: str, unit: str = "frames", *, shown: bool = False
 ) -> Iterator[Item]:
-    """Iterate ``items`` and show how many of ``total`` are through, items a second and the time left.
+    """Iterate ``items`` and show how many of ``total`` are done, items a second and the time left.
 
-    ``action`` is a present participle such as "resolving"; ``unit`` is what is counted. In the process of a program
-    that uses the library nothing is shown unless that asked for it (``shown``).
+    ``action`` is a present participle such as "resolving"; ``unit`` names the items. In a program that uses the library
+    nothing is shown unless it asks for it (``shown``).
     """
     if not (shown or is_own()):
         yield from items
@@ -41,12 +41,12 @@ def track(
 
 @contextmanager
 def shown_progress(action: str, unit: str = "frames") -> Iterator[Advance]:
-    """Yield what is to be called before the first item and after each.
+    """Yield a function to call before the first item and after each.
 
     On a terminal it moves a bar that vanishes at the end; elsewhere it prints a line every ten seconds and at the end.
-    An interrupt that got lost since the last item is raised.
+    It raises an interrupt that got lost since the last item.
     """
-    action = printable(action)  # which may be of a file
+    action = printable(action)  # may hold text from a file
     if not sys.stderr.isatty():
         yield _stopping(_lines(action, unit))
         return
@@ -81,7 +81,7 @@ def _lines(action: str, unit: str) -> Advance:
 
 
 class _RateColumn(ProgressColumn):
-    """Frames (or whatever ``unit`` says) a second since the start."""
+    """Items a second since the start, named by ``unit``."""
 
     def __init__(self, unit: str) -> None:
         super().__init__()
@@ -94,8 +94,8 @@ class _RateColumn(ProgressColumn):
 
 
 def progress_bar(unit: str) -> Progress:
-    """A bar on standard error that shows a task's description and ``unit`` a second, and vanishes at the end."""
+    """Return a bar on standard error that shows a task's description and ``unit`` a second, and vanishes at the end."""
     description = TextColumn("{task.description}", markup=False)
     columns = (description, BarColumn(), MofNCompleteColumn(), _RateColumn(unit), TimeRemainingColumn())
-    own = is_own()  # what is printed above the bar goes through it then
+    own = is_own()  # then other output is printed above the bar
     return Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=own, redirect_stderr=own)

@@ -1,7 +1,7 @@
-"""Names of earlier versions, which this one still takes, and what they are called now. (words: frozen)
+"""Names of earlier versions that this one still accepts, and their current names. (words: frozen)
 
-A name is looked up here only where it is not one of today. Whoever uses an old one is told the new one in a line, once;
-files are read without a word, for they live longer than code.
+A name is looked up here only where it is not a current one. An old name prints a warning of one line, once; files are
+read without one, because they outlive code.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ KEYS = {
     "thin_frames": "subpixel_frames",
     "fresh_blur": "disocclusion_blur",
 }
-# Words of a choice, by the key of today.
+# Values of a choice, by its current key.
 WORDS = {
     "history": {"result": "accumulated", "samples": "frames"},
     "history_filter": {"lanczos-3": "cross-20"},
@@ -54,12 +54,13 @@ class Renamed(FutureWarning):
 
 
 def say(old: str, new: str, what: str) -> None:
-    """Tell that ``old``, a ``what``, is called ``new`` now."""
+    """Warn that ``old``, a ``what``, is now called ``new``."""
     warnings.warn(f"{what} {old} is called {new} now; the next version takes that alone", Renamed, stacklevel=4)
 
 
 def current(name: str, table: Mapping[str, str], names: Mapping[str, object] | frozenset[str], what: str) -> str:
-    """``name``, or what it is called now: where ``names``, those of today, lack it and hold the new one."""
+    """Return the current name of ``name``: its new one where ``names``, the current ones, hold that and not
+    ``name``."""
     new = table.get(name)
     if new is None or name in names or new not in names:
         return name
@@ -69,30 +70,30 @@ def current(name: str, table: Mapping[str, str], names: Mapping[str, object] | f
 
 @contextmanager
 def one_line_each() -> Iterator[None]:
-    """On a command line what a program is warned of is one line on standard error, not a place in our code."""
+    """Print warnings on a command line as one line on standard error each, without a place in our code."""
     told: set[str] = set()
     with warnings.catch_warnings():
         shown = warnings.showwarning
 
         def show(message: Any, category: type[Warning], *place: Any, **more: Any) -> None:
             if issubclass(category, Renamed | UserWarning):
-                if str(message) not in told:  # Python counts by place, and a command may ask at several
+                if str(message) not in told:  # Python counts by place, and a command may warn at several
                     print(f"cltaa: warning: {printable(str(message))}", file=sys.stderr)
                 told.add(str(message))
             else:
                 shown(message, category, *place, **more)
 
         warnings.showwarning = show
-        if not sys.warnoptions:  # what the user has asked of Python holds
+        if not sys.warnoptions:  # the user's own settings of Python take precedence
             for category in (Renamed, UserWarning):
                 warnings.simplefilter("default", category)
         yield
 
 
 class RenamedMembers(EnumType):
-    """An enumeration whose members are found by the names of earlier versions too."""
+    """An enumeration that finds its members by the names of earlier versions too."""
 
-    if not TYPE_CHECKING:  # to a type checker a name of an earlier version is none
+    if not TYPE_CHECKING:  # hidden from type checkers, which reject old names
 
         def __getattr__(cls, name: str) -> Any:
             """Find the member that was called ``name``."""

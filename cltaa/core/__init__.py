@@ -1,1 +1,1 @@
-"""Frames in, images out: the resolve, which knows no file."""
+"""The resolve: frames in, images out, without files."""

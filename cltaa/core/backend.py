@@ -1,4 +1,4 @@
-"""What runs kernels: an OpenCL device (``device_launcher``), or NumPy (``numpy_launcher``)."""
+"""Launchers, which run kernels: on an OpenCL device (``cltaa.opencl``), or as NumPy twins (``cltaa.reference``)."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from cltaa.core.build import Build, Storage
 from cltaa.core.planes import Layout
 from cltaa.errors import UsageError
 
-DEVICE_VARIABLE = "CLTAA_DEVICE"  # the variable that names a device where nothing else does
+DEVICE_VARIABLE = "CLTAA_DEVICE"  # names a device where no argument does
 
 
 class Buffer(Protocol):
     """Memory of a launcher that the host can fill or read."""
 
     def mapped(self, *, write: bool) -> AbstractContextManager[NDArray[Any]]:
-        """The contents as an array, for writing all of it or for reading."""
+        """Map the contents as an array, to write all of it or to read it."""
 
 
 class Queue(Protocol):
@@ -32,53 +32,53 @@ class Queue(Protocol):
 
 
 class Exchange(Protocol):
-    """The way of one resolver's arrays to a launcher and back."""
+    """Brings the arrays of one resolver to a launcher and back."""
 
     def lend(self, name: str, array: Any) -> Any:
-        """Memory that kernels read ``array`` from, where ``places`` says, until the next of that ``name``.
+        """Return memory from which kernels read ``array`` as ``places`` says, until the next call with that ``name``.
 
-        An array of the host is one that ``planes.flat`` takes. Raises UsageError for an array of another device.
+        ``planes.flat`` must accept an array of the host. Raises UsageError for an array of another device.
         """
 
     def receive(self, out: Any) -> Any:
-        """Memory that ``pack`` fills for ``out``."""
+        """Return the memory that ``pack`` fills for ``out``."""
 
     def hand_over(self, out: Any, received: Any, done: Any) -> None:
-        """Bring what was ``received``, and packed when ``done`` happens, into ``out``, a device's in the order of its
-        queue."""
+        """Copy ``received``, which is packed when ``done`` happens, into ``out``; for a device's array in the order of
+        its queue."""
 
     def give_back(self) -> None:
-        """Forget arrays of the host, which nothing reads any more."""
+        """Drop references to arrays of the host, which nothing reads any more."""
 
     def close(self) -> None:
-        """End the threads that it takes."""
+        """End its copying threads."""
 
 
 class Launcher(Protocol):
     """Allocates memory and runs kernels by name."""
 
     description: str
-    stages: bool  # arrays are copied to memory of its own, which is kept from frame to frame
-    shares_memory: bool  # with the host, so that what is there already need not be copied
-    takes_bands: bool  # runs kernels over bands of rows, not over whole images alone
+    stages: bool  # copies arrays to memory of its own, which it keeps from frame to frame
+    shares_memory: bool  # with the host, so that arrays there need no copy
+    takes_bands: bool  # runs kernels over bands of rows, not only over whole images
 
     def build(self, plan_build: Build) -> Build:
-        """The build shaped for this launcher (lanes, rows)."""
+        """Return the build with this launcher's shape (lanes, rows)."""
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
-        """Zeroed memory."""
+        """Allocate zeroed memory."""
 
     def take(self, planes: NDArray[np.float32]) -> Buffer:
-        """Memory that kernels read, which are ``planes`` of the host, where this launcher shares its memory."""
+        """Return memory that kernels read in place: ``planes`` of the host, where this launcher shares its memory."""
 
     def pinned(self, size: int) -> NDArray[np.uint8]:
-        """Bytes of the host that arrays come from and go to fastest."""
+        """Allocate bytes of the host with the fastest transfers to and from the launcher."""
 
     def exchange(self) -> Exchange:
-        """The way of a resolver's arrays to the launcher and back."""
+        """Return a new exchange for the arrays of one resolver."""
 
     def empty(self, like: Any, shape: tuple[int, ...], dtype: Any) -> Any:
-        """A new array on the device of ``like``."""
+        """Allocate an array on the device of ``like``."""
 
     def prepare(self, kernel: str, build: Build) -> None:
         """Build a kernel before it is run."""
@@ -86,25 +86,25 @@ class Launcher(Protocol):
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> Any:
         """Run a kernel over an image of ``layout``; arguments are buffers, struct records, whole numbers or None.
 
-        Returns what happens at its end.
+        Returns the event of its end.
         """
 
     def copy(self, source: Buffer, target: Buffer, offset: int, start: int = 0) -> None:
-        """Copy ``source`` from its element ``start`` on into ``target`` from ``offset`` on, to the end of the shorter;
-        both hold the same numbers."""
+        """Copy ``source`` from its element ``start`` to element ``offset`` of ``target``, to the end of the shorter;
+        both have one type."""
 
     def finish(self) -> None:
-        """Wait for everything that was started."""
+        """Wait for all work that was started."""
 
 
 def storage_dtype(build: Build) -> Any:
-    """NumPy type of the history."""
+    """Return the NumPy type of the history."""
     return {Storage.FLOAT: np.float32, Storage.DOUBLE: np.float64}.get(build.storage, np.float16)
 
 
 def launcher_for(device: str | int | Launcher | Queue | None) -> Launcher:
-    """A launcher as it is, that of a program's queue, or that of ``--device`` or CLTAA_DEVICE: ``numpy``, or a wish for
-    ``choose_device``."""
+    """Return a launcher unchanged, that of a program's queue, or that named by ``device`` or CLTAA_DEVICE: ``numpy``,
+    or a request for ``choose_device``."""
     if device is not None and not isinstance(device, str | int) and not hasattr(device, "context"):
         if not hasattr(device, "build"):
             raise UsageError("no device", expected="index, part of a name, numpy, or queue", found=repr(device))

@@ -1,8 +1,8 @@
-"""Images too large to lie in memory several times: resolved in bands of rows, to the same bits as in one piece.
+"""Images too large for several copies in memory: resolved in bands of rows, to the same bits as in one piece.
 
-What recurs (history, counts, inverse depth) is whole, once; of the frame that arrives and of its result the device
-holds one band at a time, and the result replaces the frame's own arrays band by band. A band takes the rows around it
-along, so that every pixel sees the neighbours that it sees in one piece.
+History, counts and inverse depth are held whole, once; of the current frame and its result the device holds one band at
+a time, and the result overwrites the frame's own arrays band by band. A band includes rows above and below, so that
+every pixel has the same neighbours as in one piece.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ from cltaa.core.resolver import Resolver, Times, one_thread
 from cltaa.errors import UsageError
 from cltaa.frame import Frame, Image
 
-BAND_ROWS = 512  # 400 MB of band at 16384 columns
+BAND_ROWS = 512  # a band of 16384 columns takes 400 MB
 
 
 class Band(Layout):
-    """Layout of planes that hold some rows of an image and, around them, up to PAD_Y more of its rows."""
+    """Layout of planes that hold some rows of an image and, above and below, up to PAD_Y more of its rows."""
 
     first: int
     whole: int
 
     @classmethod
     def of(cls, image: Layout, first: int, rows: int) -> Band:
-        """The ``rows`` rows of an image from ``first`` on; the last band of an image may reach beyond it."""
+        """Return the band of ``rows`` rows from ``first`` on; the last band of an image may extend beyond it."""
         band = cls(image.width, rows)
         band.first, band.whole = first, image.height
         return band
@@ -51,7 +51,7 @@ class Band(Layout):
 
     @property
     def own(self) -> slice:
-        """Rows of the image that the band is for."""
+        """Rows of the image that the band resolves."""
         return slice(self.first, min(self.first + self.height, self.whole))
 
     @property
@@ -68,7 +68,7 @@ class Band(Layout):
 
 
 class _Result(NamedTuple):
-    """What a band became; it is stored when no band below takes its rows along any more."""
+    """The result of a band; it is stored once no band below needs the rows of the frame that it overwrites."""
 
     band: Band
     output: NDArray[np.float32]
@@ -77,11 +77,11 @@ class _Result(NamedTuple):
 
 
 class _Whole(NamedTuple):
-    """Where the results of all bands of a frame go: mostly the frame's own arrays."""
+    """Where the results of all bands of a frame are stored: mostly the frame's own arrays."""
 
     colour: Image  # [H, W, 3]
     alpha: Image | None
-    counts: NDArray[np.float32]  # [1 or 2, H, W]: samples, and where it is tested for the illumination change
+    counts: NDArray[np.float32]  # [1 or 2, H, W]: samples, and with the illumination test its Student's t
     inverse_depth: Image
 
     def store(self, result: _Result) -> None:
@@ -96,8 +96,7 @@ class _Whole(NamedTuple):
 class BandedResolver(Resolver):
     """A resolver that works in bands of ``band_rows`` rows, for images that do not fit into memory several times.
 
-    The arrays of a frame are used up: the image that ``resolve`` returns lies in them, and no copy of them is in memory
-    beside.
+    It overwrites the arrays of a frame: the image that ``resolve`` returns lies in them, with no other copy in memory.
     """
 
     def __init__(self, *arguments: Any, band_rows: int = BAND_ROWS, **options: Any) -> None:
@@ -115,14 +114,14 @@ class BandedResolver(Resolver):
 
     @classmethod
     def beside(cls, whole: Resolver, band_rows: int, **options: Any) -> BandedResolver:
-        """One on the device that ``whole`` has opened, with the options that it was made with."""
+        """Make one on the device that ``whole`` has opened; ``options`` are those of ``whole``."""
         banded = cls(whole.preset, whole.launcher, band_rows=band_rows, **options)
-        banded._device = whole._device  # to open again
+        banded._device = whole._device  # for ``reopen``
         return banded
 
     @one_thread
     def resolve(self, frame: Frame, *, half: bool = False, out: Any = None) -> Any:
-        """The resolved colour of ``frame`` as ``Resolver.resolve`` gives it, but in the arrays of the frame."""
+        """Return the colour of ``frame`` as ``Resolver.resolve`` does, but in the arrays of the frame."""
         check_frame(frame)
         into = None if out is None else checked_out(out, frame)
         half = half if into is None else into.dtype == np.float16
@@ -136,11 +135,11 @@ class BandedResolver(Resolver):
         whole = _whole(frame, build.steps.alpha, 1 + buffers.holds_changes)
         planes = 3 if frame.alpha is None else 4
         halves = np.empty((frame.height, frame.width, planes if half else 0), np.float16)
-        waiting: deque[_Result] = deque()  # rows that the bands below still take along as they came
+        waiting: deque[_Result] = deque()  # their rows of the frame are still input of the bands below
         for first in range(0, frame.height, self._rows):
             band = buffers.layout = Band.of(buffers.whole, first, self._rows)
             upload(_rows(frame, band.taken), buffers, build.steps, self.preset)
-            self.launcher.finish()  # before what it was read from is written over
+            self.launcher.finish()  # before the next upload overwrites its source
             while waiting and waiting[0].band.own.stop <= band.own.stop - PAD_Y:
                 whole.store(waiting.popleft())
             record["first_row"], record["band_rows"] = first, self._rows
@@ -165,7 +164,7 @@ class BandedResolver(Resolver):
 
     @one_thread
     def reserve(self, width: int, height: int, *, alpha: bool, half: bool = False) -> None:
-        """Allocate memory for frames of a size, with or without alpha; the edges of bands are the host's."""
+        """Allocate memory for frames of a size, with or without alpha; the host repeats the edges of bands."""
         self._fitting(Layout(width, height), alpha or self.every_step)
         if half:
             self.launcher.prepare("pack", edge_build(self.launcher.build(self._asked)))
@@ -187,7 +186,7 @@ def _whole(frame: Frame, alpha: bool, counts: int) -> _Whole:
 
 
 def _rows(frame: Frame, rows: slice) -> Frame:
-    """Those rows of a frame, without what no step reads."""
+    """Return those rows of a frame, without channels that no step reads."""
     planes: dict[str, Any] = {
         name: None if getattr(frame, name) is None else getattr(frame, name)[rows]
         for name in ("colour", "depth", "motion", "alpha", "reactive")
@@ -196,7 +195,7 @@ def _rows(frame: Frame, rows: slice) -> Frame:
 
 
 def _keep(whole: _Whole, buffers: Buffers) -> None:
-    """Make the result what the next frame reads."""
+    """Store the result as the history of the next frame."""
     colour = np.moveaxis(whole.colour, -1, 0)
     for buffer, planes in (
         (buffers.history, [*colour, *([] if whole.alpha is None else [whole.alpha])]),

@@ -21,13 +21,13 @@ from cltaa.errors import ResourceError
 from cltaa.frame import Camera, Frame
 from cltaa.printable import counted
 
-KEPT_RESULTS = 2  # arrays of those that a program let go of: one that it looks at, and the next
+KEPT_RESULTS = 2  # most released result arrays kept: a program looks at one while the next is filled
 
 
 class LastRun(NamedTuple):
-    """What the fused kernel was given for the last frame; its memory holds that until the next one.
+    """Build, layout and arguments of the last frame's fused kernel; its memory is valid until the next frame.
 
-    The arguments of a resolve that gathers samples have ``ring``, its frames, among them.
+    For a resolve that gathers samples the arguments include ``ring``, its frames.
     """
 
     build: Build
@@ -36,14 +36,14 @@ class LastRun(NamedTuple):
 
 
 class Buffers:
-    """Device memory of one image size; history and output, and inverse depth now and then, change places each frame."""
+    """Device memory of one image size; history and output, and both inverse depths, swap each frame."""
 
     def __init__(
         self, launcher: Launcher, layout: Layout, alpha: bool, dtype: Any, whole: Layout | None = None
     ) -> None:
-        """``alpha`` adds a plane to the history, ``dtype`` is the number that the history is kept in.
+        """``alpha`` adds a plane to the history, ``dtype`` is the type of the history.
 
-        ``whole`` is the layout of what recurs, where ``layout`` is only that of a band of it.
+        ``whole`` is the layout of the recurrent planes, where ``layout`` is that of a band.
         """
         self.layout, self.whole, self._launcher = layout, whole or layout, launcher
         self.result_planes = 4 if alpha else 3
@@ -51,16 +51,16 @@ class Buffers:
         self.output, self.output_count = self._planes(self.result_planes, dtype), self._planes(1)
         self.history = self._planes(self.result_planes, dtype, self.whole)
         self.history_count, self.previous_inverse_depth = self._planes(1, layout=whole), self._planes(1, layout=whole)
-        self._beside: dict[str, Buffer] = {}  # a result beside the one that recurs
+        self._beside: dict[str, Buffer] = {}  # a result that the next frame does not read
         self.channels: dict[str, Buffer] = {}  # of the frame: current, motion, alpha, reactive
-        self._copies: dict[str, Buffer] = {}  # memory for those that were copied once
+        self._copies: dict[str, Buffer] = {}  # memory that copied channels reuse
         self._dtype = dtype
         self._exchange = launcher.exchange()
         self.results = BlockPool(KEPT_RESULTS)
-        # The same division everywhere: what follows from it would differ else.
+        # The same division everywhere: all that follows from inverse depth depends on it.
         self._unpacking = launcher.build(Build(strict=True))
         self._counts = 1  # planes of the counts
-        self.holds_changes = False  # whether those that the last frame left hold illumination changes
+        self.holds_changes = False  # whether those of the last frame hold illumination changes
 
     def _planes(self, count: int, dtype: Any = np.float32, layout: Layout | None = None) -> Buffer:
         layout = layout or self.layout
@@ -71,9 +71,9 @@ class Buffers:
         return layout == self.whole and (4 if alpha else 3) == self.result_planes
 
     def bring(self, name: str, array: Any) -> None:
-        """Give the frame's channel of that name the numbers of an array [H, W] or [H, W, C].
+        """Upload an array [H, W] or [H, W, C] as the frame's channel ``name``.
 
-        Planes that lie as the kernels read them are taken where they are, on a device that can; all else is unpacked.
+        A device that shares memory uses planes in place where they have the kernels' layout; all else is unpacked.
         """
         if self._launcher.shares_memory and isinstance(array, np.ndarray):
             whole = around(np.atleast_3d(array).transpose(2, 0, 1), self.layout)
@@ -87,7 +87,7 @@ class Buffers:
         self.channels[name] = self._copies[name]
 
     def copied(self, name: str, planes: int) -> Buffer:
-        """What the frame's channel of that name is to be copied into, inside the device's memory."""
+        """Return the device memory for the frame's channel ``name``, which the device itself copies there."""
         if name == "inverse_depth":
             return self.inverse_depth
         if name not in self._copies:
@@ -96,7 +96,7 @@ class Buffers:
         return self._copies[name]
 
     def bring_depth(self, depth: Any, kind: Kind, below: float, at: float) -> None:
-        """Give the frame the inverse depth of ``depth`` [H, W]; what is ``below`` it or less is ``at``."""
+        """Upload ``depth`` [H, W] as inverse depth; where that is ``below`` or less it becomes ``at``."""
         self._unpack("depth", depth, self.inverse_depth, kind, below, at)
 
     def _unpack(
@@ -121,7 +121,7 @@ class Buffers:
         return {"stride": self.layout.stride, "rows": self.layout.rows}
 
     def read(self, image: Buffer, out: Any, build: Build) -> None:
-        """Copy the result into ``out`` [H, W, 3 or 4], for an array of a device in the order of its queue."""
+        """Copy the result into ``out`` [H, W, 3 or 4]; for an array of a device in the order of its queue."""
         direct = not isinstance(out, np.ndarray) or flat(out, dense=True) is not None
         into = out if direct else np.empty(out.shape, out.dtype)
         target = self._exchange.receive(into)
@@ -133,11 +133,11 @@ class Buffers:
             out[...] = into
 
     def let_go(self) -> None:
-        """Forget the channels of the last frame."""
+        """Release the channels of the last frame."""
         self.channels.clear()
 
     def give_back(self) -> None:
-        """Forget the arrays of the host that the last frame came in; nothing reads them any more."""
+        """Drop references to the host's arrays of the last frame, which nothing reads any more."""
         self._exchange.give_back()
 
     def close(self) -> None:
@@ -145,26 +145,26 @@ class Buffers:
         self._exchange.close()
 
     def written(self) -> dict[str, Any]:
-        """What a resolve writes for the next frame, as ``extend_edges`` is given it."""
+        """Return the arguments of ``extend_edges`` for what the next frame reads of this one's result."""
         planes = {"planes": self.result_planes, "more": 1 + self.holds_changes}
         return {"image": self.output, "floats": self.output_count, **planes}
 
     def beside(self) -> dict[str, Buffer]:
-        """Memory for a result that is not the history of the next frame, allocated when first asked for."""
+        """Return memory for a result that is not the history of the next frame, allocated on first use."""
         if not self._beside:
             image = self._planes(self.result_planes, self._dtype)
             self._beside = {"output": image, "output_count": self._planes(1)}
         return self._beside
 
     def swap(self) -> None:
-        """What was written becomes what is read."""
+        """Swap what was written with what is read."""
         self.history, self.output = self.output, self.history
         self.history_count, self.output_count = self.output_count, self.history_count
         self.inverse_depth, self.previous_inverse_depth = self.previous_inverse_depth, self.inverse_depth
 
     def ready_counts(self, choices: Choices, *, read: bool) -> None:
-        """Ready the counts for a frame of those choices, which does or does not read them: where it tests light they
-        have a second plane, of the change, and after a frame without the test that holds none."""
+        """Prepare the counts for a frame with those choices. With the illumination test they have a second plane, of
+        the change, which is zeroed if the frame reads it and the previous one had no test."""
         tests = choices.history is HistoryKind.ACCUMULATED and choices.illumination is not Illumination.STATIC
         if tests:
             self.hold_changes()
@@ -173,17 +173,17 @@ class Buffers:
         self.holds_changes = tests
 
     def settle_counts(self) -> None:
-        """Let the counts of the last frame hold no change in a second plane that it did not write."""
+        """Zero the second plane of the counts where the last frame did not write it."""
         if self._counts == 1 or self.holds_changes:
             return
         with self.history_count.mapped(write=False) as counts:
             count = counts[0].copy()
-        with self.history_count.mapped(write=True) as counts:  # all of it: a GPU's host has an older copy
+        with self.history_count.mapped(write=True) as counts:  # both: a GPU's copy on the host is out of date
             counts[0], counts[1] = count, 0.0
         self.holds_changes = True
 
     def hold_changes(self) -> None:
-        """Give the counts a plane more, for illumination changes, unless they have one."""
+        """Add a plane for illumination changes to the counts, unless they have one."""
         if self._counts == 2:
             return
         self._counts = 2
@@ -194,7 +194,7 @@ class Buffers:
             counts[0] = count
 
     def arguments(self, frame: Record, settings: Record, steps: Steps) -> dict[str, Any]:
-        """What every kernel that resolves is given beside what recurs."""
+        """Return the arguments of every kernel that resolves, without the recurrent memory."""
         return {
             "current": self.channels["current"],
             "inverse_depth": self.inverse_depth,
@@ -208,7 +208,7 @@ class Buffers:
         }
 
     def recurrent(self) -> dict[str, Buffer]:
-        """The memory that the next frame reads beside its own input, by name; valid until the next ``swap``."""
+        """Return the memory that the next frame reads besides its own input, by name; valid until the next ``swap``."""
         return {
             "history": self.history,
             "history_count": self.history_count,
@@ -217,7 +217,7 @@ class Buffers:
 
 
 class FrameRing:
-    """A ring of ``count`` frames of one size, the one in work and ``ahead`` later ones; ``past``: the facts about each,
+    """A ring of ``count`` frames of one size, the current one and ``ahead`` later ones; ``past``: the facts about each,
     the latest first."""
 
     def __init__(self, launcher: Launcher, layout: Layout, count: int, steps: Steps, ahead: int = 0) -> None:
@@ -236,28 +236,29 @@ class FrameRing:
         return wanted == (self.layout, self._count, self._ahead, _channels(self._steps))
 
     def build(self, build: Build, frame: Frame) -> Build:
-        """``build`` with camera motion where the camera differs from that of any frame of the ring."""
+        """Return ``build`` with camera motion where the camera differs from that of any frame of the ring."""
         told = self._told(frame) if self._ahead else self.past
         moved = any(not is_still(frame.camera, past.camera) for past in told)
         steps = replace(build.steps, camera_motion=build.steps.camera_motion or moved, look_ahead=self._ahead > 0)
         return replace(build, steps=steps)
 
     def window_memory(self, build: Build) -> Buffer:
-        """Memory for what is gathered of the temporal windows, allocated when first asked for as much."""
+        """Return memory for the gathered temporal windows, allocated when first needed at that size."""
         planes = window_count(build.choices) * window_planes(build.steps)
         if self._windows is None or self._window_planes < planes:
-            self._windows = None  # before there is another
+            self._windows = None  # freed before the next is allocated
             self._windows = self._launcher.allocate((planes, self.layout.rows, self.layout.stride), np.float32)
             self._window_planes = planes
         return self._windows
 
     def standing(self, frame: Frame) -> int:
-        """How many of the nearest frames in the ring were seen by the camera of ``frame``."""
+        """Return how many of the nearest frames in the ring have the camera of ``frame``, up to the first that has
+        not."""
         told = self._told(frame)
         return next((place for place, past in enumerate(told) if not is_still(frame.camera, past.camera)), len(told))
 
     def describe(self, frame: Frame, plan: Plan) -> int:
-        """Tell the device how ``frame`` looks from each frame of the ring; returns how many there are."""
+        """Write a record for each frame of the ring, with the motion of ``frame`` to it; returns how many there are."""
         told = self._told(frame)
         with self.records.mapped(write=True) as records:
             for place, past in enumerate(told):
@@ -269,26 +270,26 @@ class FrameRing:
         return len(told)
 
     def _told(self, frame: Frame) -> list[Past]:
-        """The frames of the ring that ``frame`` is gathered from: the nearest first, those before and ahead in turn."""
+        """Return the frames of the ring that ``frame`` gathers from: nearest first, earlier and later ones in turn."""
         before = [past for past in self.past if past.index < frame.index]
         later = [past for past in reversed(self.past) if past.index > frame.index]
         in_turn = zip_longest(before[: self._count], later[: self._ahead])
         return [past for pair in in_turn for past in pair if past is not None]
 
     def keep(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
-        """Copy what was uploaded of ``frame`` into the ring, in the place of the oldest."""
+        """Copy the uploaded channels of ``frame`` into the ring, over the oldest frame."""
         for name, _, at in self._channels_of(frame, steps):
             source = buffers.inverse_depth if name == "inverse_depth" else buffers.channels[name]
             self._launcher.copy(source, self.planes, at)
         self.past = (Past.of(frame), *self.past)[: self._slots]
 
     def bring(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
-        """Copy a frame of the ring to where ``buffers`` hold the one in work."""
+        """Copy a frame of the ring to the current frame's place in ``buffers``."""
         for name, planes, at in self._channels_of(frame, steps):
             self._launcher.copy(self.planes, buffers.copied(name, planes), 0, at)
 
     def _channels_of(self, frame: Frame, steps: Steps) -> Iterator[tuple[str, int, int]]:
-        """Name, planes and first element of each channel of ``frame`` in the ring."""
+        """Yield name, planes and first element of each channel of ``frame`` in the ring."""
         at = (frame.index // frame.step % self._slots) * self._planes * self.layout.plane
         kept = (steps.own_motion, "motion", 2), (steps.alpha, "alpha", 1), (steps.reactive, "reactive", 1)
         for held, name, planes in ((True, "current", 3), (True, "inverse_depth", 1), *kept):
@@ -297,16 +298,16 @@ class FrameRing:
                 at += planes * self.layout.plane
 
     def go_back(self, last: Past | None) -> None:
-        """Forget what was kept after ``last``, as of a frame that was interrupted; all where there is none."""
+        """Drop frames later than ``last``, such as one that was interrupted; all where ``last`` is None."""
         self.past = tuple(past for past in self.past if last is not None and past.index <= last.index)
 
     def take_back(self) -> None:
-        """Forget the frame that was kept last; those before it are all still there."""
+        """Drop the latest frame; all earlier ones are still there."""
         self.past = self.past[1:]
 
 
 def _channels(steps: Steps) -> tuple[bool, ...]:
-    """Which channels are kept: as many others take as much of the ring, but not of the memory for windows."""
+    """Return which channels are kept: others may take as many planes of the ring, but not of the windows."""
     return steps.own_motion, steps.alpha, steps.reactive
 
 
@@ -322,14 +323,15 @@ def _ring(launcher: Launcher, shape: tuple[int, int, int], frames: int) -> Buffe
         ) from error
 
 
-# What a channel that a frame does not have would hold: no vector, all covered, nothing to distrust.
+# Values of a channel that a frame lacks: no vector, full coverage, not reactive.
 NOTHING = {"motion": np.nan, "alpha": 1.0, "reactive": 0.0}
 
 
 def upload(frame: Frame, buffers: Buffers, steps: Steps, preset: Preset) -> None:
-    """Bring what ``steps`` and ``preset`` read onto the device; channels that the frame does not have hold nothing.
+    """Upload what ``steps`` and ``preset`` read; channels that the frame lacks get the values of NOTHING.
 
-    Until the device has done so nobody changes the frame; where it takes them as they lie, until the next is brought.
+    The frame must not change until the device has copied it, or, where the device reads it in place, until the next
+    upload.
     """
     buffers.bring("current", frame.colour)
     if reads_depth(preset.choices):
@@ -344,7 +346,7 @@ def upload(frame: Frame, buffers: Buffers, steps: Steps, preset: Preset) -> None
 
 
 def _depth_rule(camera: Camera, settings: Settings) -> tuple[Kind, float, float]:
-    """What becomes of a distance, and where in inverse depth the sky begins and is taken to be."""
+    """Return how to convert depth, and the inverse depths up to which it is sky and at which sky is placed."""
     if camera.orthographic:
         return Kind.PARALLEL, -np.inf, 0.0
     if settings.sky_at > 0.0:

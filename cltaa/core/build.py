@@ -1,4 +1,4 @@
-"""What a kernel is built from: its source, behind a prelude with structs, constants and choices."""
+"""The build of a kernel: its source, behind a prelude with structs, constants and choices."""
 
 from __future__ import annotations
 
@@ -22,23 +22,24 @@ if TYPE_CHECKING:
 
 
 class Real(StrEnum):
-    """The number that the stages compute with."""
+    """The type in which the stages compute."""
 
     FLOAT = "float"
     DOUBLE = "double"
 
 
 class Storage(StrEnum):
-    """The number that the history is kept in."""
+    """The type in which the history is stored."""
 
     FLOAT = "float"
-    HALF = "half"  # rounded to the nearest: an old history stands still within ulp / (2 weight) of its goal
-    HALF_STOCHASTIC = "half-stochastic"  # rounded up or down at random: true on average, at the price of noise
-    DOUBLE = "double"  # for the ladder of cltaa bench accuracy alone
+    HALF = "half"  # rounded to nearest: an old history stops within ulp / (2 weight) of its target
+    HALF_STOCHASTIC = "half-stochastic"  # rounded up or down at random: unbiased, but noisy
+    DOUBLE = "double"  # only for the ladder of cltaa bench accuracy
 
 
 def storage_of(name: str) -> Storage:
-    """The storage of that name; raises UsageError, for kernels of no storage write beyond their memory."""
+    """Return the storage of that name; raises UsageError, because kernels of an unknown one write beyond their
+    memory."""
     try:
         return Storage(name)
     except ValueError:
@@ -46,13 +47,13 @@ def storage_of(name: str) -> Storage:
 
 
 HALVES = (Storage.HALF, Storage.HALF_STOCHASTIC)
-BUILDS_KEPT = 64  # those of resolves, and of what copies their results
-# What a result may be asked for in.
+BUILDS_KEPT = 64  # of resolves, and of the kernels that copy results
+# The storages that a user can choose.
 STORAGES = (Storage.FLOAT, *HALVES)
 
 
 class Steps(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
-    """Which optional steps a frame calls for; each one left out is not even compiled."""
+    """The optional steps that a frame needs; the others are not compiled."""
 
     camera_motion: bool = True
     own_motion: bool = True
@@ -64,7 +65,7 @@ class Steps(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
 
 
 class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
-    """Which terms the settings call for. One that they make nothing of is not compiled, and no bit changes."""
+    """The terms that have an effect with these settings. The others are not compiled, which changes no bit."""
 
     resampling_penalty: bool = True
     clip_penalty: bool = True
@@ -77,7 +78,7 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
 
     @classmethod
     def of(cls, settings: Settings) -> Terms:
-        """The terms that ``settings`` call for."""
+        """Return the terms that have an effect with ``settings``."""
         return cls(
             resampling_penalty=settings.resampling_penalty != 0.0,
             clip_penalty=settings.clip_penalty != 0.0,
@@ -91,18 +92,18 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
 
 
 def ring_planes(steps: Steps) -> int:
-    """Planes of a frame of the ring: r, g, b, inverse depth, and where steps read them own motion, alpha,
+    """Return the planes of a frame in the ring: r, g, b, inverse depth, and where steps read them own motion, alpha,
     reactivity."""
     return 4 + 2 * steps.own_motion + steps.alpha + steps.reactive
 
 
 def window_count(choices: Choices) -> int:
-    """How many temporal windows a pixel is resolved from: one more beside a recursive resolve (WINDOWS)."""
+    """Return the number of temporal windows of a pixel: one more beside a recursive resolve (WINDOWS)."""
     return UNMOVED + 1 + (choices.recursion is Recursion.STANDING)
 
 
 def window_planes(steps: Steps) -> int:
-    """Planes of a window: r, g, b, error, count, and alpha where there is such (WINDOW_PLANES)."""
+    """Return the planes of a window: r, g, b, error, count, and alpha where steps read it (WINDOW_PLANES)."""
     return 5 + steps.alpha
 
 
@@ -114,25 +115,25 @@ class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     terms: Terms = Terms()
     real: Real = Real.FLOAT
     storage: Storage = Storage.FLOAT
-    lanes: int = 0  # 0: what suits the device
+    lanes: int = 0  # 0: the device's
     rows: int = 0
-    stride: int = 0  # texels from one row of a plane to the next, where kernels are built for one width; 0: any
-    plane: int = 0  # texels of a plane, where kernels are built for one size of images in one piece; 0: any
-    registers: int = 0  # the most a work-item may have, where the compiler can be told; 0: as many as it likes
+    stride: int = 0  # texels between rows of a plane, where kernels are built for one width; 0: any
+    plane: int = 0  # texels of a plane, where kernels are built for one size of whole images; 0: any
+    registers: int = 0  # most registers of a work-item, where the compiler takes a limit; 0: no limit
     columns_ahead: int = (
-        0  # work-items right of one whose texels it fetches (kernels/schedule/ahead.h); 0: only the next one's
+        0  # distance of the prefetch to the right, in work-items (kernels/schedule/ahead.h); 0: only the next one
     )
-    far_first: bool = False  # whether these come into the first cache, not into the second alone
+    far_first: bool = False  # whether that prefetch fills the first-level cache too, not the second alone
     strict: bool = False
-    relaxed: bool = False  # what the compiler may do with -cl-fast-relaxed-math: only to be timed (decisions/04)
+    relaxed: bool = False  # built with -cl-fast-relaxed-math: only for timing (decisions/04)
 
     @property
     def extends(self) -> bool:
-        """Whether kernels repeat the edges of what they store, as a CPU's do (``kernels/schedule/edges.h``)."""
+        """True where kernels repeat the edges of what they store, as on a CPU (``kernels/schedule/edges.h``)."""
         return self.lanes > 1
 
     def flags(self) -> tuple[str, ...]:
-        """Options of the OpenCL compiler."""
+        """Return the options of the OpenCL compiler."""
         always: tuple[str, ...] = ("-cl-std=CL1.2", "-Werror", "-cl-kernel-arg-info")
         if self.registers:
             always += (f"-cl-nv-maxrregcount={self.registers}",)
@@ -142,10 +143,10 @@ class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
 
 
 def build_of(asked: Build, choices: Choices, settings: Settings, steps: Steps) -> Build:
-    """What the kernels of a frame are built from: what was ``asked`` for, and what its plan decides.
+    """Return the build of a frame's kernels: what was ``asked`` for, and what the frame's plan decides.
 
-    ``Launcher.build`` then gives it the shape of a device. What the kernels make nothing of has its default, so that
-    plans that differ in it alone share a program.
+    ``Launcher.build`` then adds the shape of a device. Choices without effect have their defaults, so that plans that
+    differ only in them share a program.
     """
     if choices.history is not HistoryKind.FRAMES:
         choices = msgspec.structs.replace(choices, gather_fit=GatherFit.MEAN, recursion=Recursion.NONE)
@@ -154,7 +155,7 @@ def build_of(asked: Build, choices: Choices, settings: Settings, steps: Steps) -
 
 @lru_cache(maxsize=BUILDS_KEPT)
 def edge_build(build: Build) -> Build:
-    """That of ``extend_edges`` and ``pack``, which copy the result: alike, whatever else decides the resolve."""
+    """Return the build of ``extend_edges`` and ``pack``, which copy the result and depend on nothing else."""
     return Build(lanes=build.lanes, rows=build.rows, storage=build.storage)
 
 
@@ -207,13 +208,13 @@ Record = NDArray[np.void]
 
 _NUMPY_TYPES = {"int": np.int32, "float": np.float32}
 FRAME_DTYPE = np.dtype([(name, _NUMPY_TYPES[kind]) for name, (kind, _) in FRAME_FIELDS.items()])
-SETTINGS_KEPT = 16  # records of settings that are kept: frames of a sequence have one, or a few by their effects
+SETTINGS_KEPT = 16  # most cached records: the frames of a sequence have one, or a few by their effects
 SETTINGS_DTYPE = np.dtype([(name, np.float32) for name in KERNEL_SETTINGS])
 
 
 @lru_cache(maxsize=SETTINGS_KEPT)
 def settings_record(settings: Settings) -> Record:
-    """The settings as the struct that a kernel receives, every value rounded to float32; not to be written to."""
+    """Return the settings as the struct that a kernel receives, each rounded to float32; read-only."""
     record = np.array(tuple(getattr(settings, name) for name in KERNEL_SETTINGS), SETTINGS_DTYPE)
     record.flags.writeable = False
     return record
@@ -240,12 +241,12 @@ def _struct_lines(name: str, fields: dict[str, str]) -> Iterator[str]:
     yield f"}} {name};"
 
 
-# Members of a build that kernels are told by their own names.
+# Members of a build that kernels see under their own names.
 SHAPED = "lanes", "rows", "stride", "plane", "columns_ahead", "far_first", "strict", "relaxed"
 
 
 def prelude(build: Build) -> str:
-    """The text in front of every kernel: build constants, choices, named constants and structs."""
+    """Return the text in front of every kernel: build constants, choices, named constants and structs."""
     numbers = {
         **{_macro(name): int(getattr(build, name)) for name in SHAPED},
         "REAL_DOUBLE": int(build.real is Real.DOUBLE),
@@ -265,17 +266,17 @@ def prelude(build: Build) -> str:
     return "\n".join(lines) + "\n"
 
 
-# A kernel's function is its name and _kernel, so that stage functions can have the plain name.
+# The function of a kernel has the suffix _kernel, so that the stage function can have the plain name.
 _ENTRY = re.compile(r"^__kernel void (\w+)_kernel\(", re.MULTILINE)
 
-# Raise it where other Python code gives other bits, or a folder of results holds other things: then no run goes on
-# where one of the code before has stopped.
+# Raise it where changed Python code changes bits, or a folder of results changes its contents: then no run resumes one
+# of the earlier code.
 FORMAT = 1
 
 
 @cache
 def kernel_folder() -> Path:
-    """Where the kernels are: inside the installed package, or beside it in a checkout."""
+    """Return the folder of the kernels: inside the installed package, or beside it in a checkout."""
     package = Path(__file__).resolve().parents[1]
     packaged = package / "kernels"
     return packaged if packaged.is_dir() else package.parent / "kernels"
@@ -283,7 +284,7 @@ def kernel_folder() -> Path:
 
 @cache
 def kernel_files() -> dict[str, str]:
-    """The entry points of all kernels, sorted, and the file that each of them is in."""
+    """Return the entry points of all kernels, sorted, each with its file."""
     files = sorted(kernel_folder().glob("*.cl"))
     return dict(sorted((name, path.name) for path in files for name in _ENTRY.findall(path.read_text("utf-8"))))
 
@@ -295,7 +296,7 @@ def kernel_names() -> list[str]:
 
 @cache
 def code_sha256() -> str:
-    """SHA-256 of what decides a result beside preset and device: the kernels, the constants, ``FORMAT``."""
+    """Return the SHA-256 of what decides a result besides preset and device: kernels, constants and ``FORMAT``."""
     folder = kernel_folder()
     values = {name: constant.value for name, constant in CONSTANTS.items()}
     digest = hashlib.sha256(repr([FORMAT, PAD_X, PAD_Y, sorted(values.items())]).encode())
@@ -317,13 +318,13 @@ def _pasted(name: str, seen: set[str]) -> list[str]:
 
 @cache
 def source(kernel: str, build: Build) -> str:
-    """The whole text of a kernel as the compiler sees it: prelude, then the file with its includes pasted."""
-    name = kernel_files().get(kernel, f"{kernel}.cl")  # those of bench lie in a folder of their own
+    """Return the whole text of a kernel as the compiler sees it: prelude, then the file with its includes pasted."""
+    name = kernel_files().get(kernel, f"{kernel}.cl")  # benchmark kernels have a folder of their own
     if not (kernel_folder() / name).is_file():
         raise UsageError(f"unknown kernel {kernel}", cure=known(kernel, kernel_names(), "kernels"))
     return prelude(build) + "\n".join(_pasted(name, set())) + "\n"
 
 
 def source_hash(kernel: str, build: Build) -> str:
-    """SHA-256 of name, text and flags: what a result depends on, beside the device."""
+    """Return the SHA-256 of a kernel's name, text and flags, which decide a result on one device."""
     return hashlib.sha256("\0".join([kernel, source(kernel, build), *build.flags()]).encode()).hexdigest()

@@ -54,15 +54,15 @@ CONSTANTS: Final[dict[str, Constant]] = {
 # 16 more covers both and keeps rows aligned.
 PAD_X: Final = 16
 PAD_Y: Final = 4
-# Where light may change, a pixel is resolved from the latest frames, from a few more, from all that are kept, and from
-# all without following its motion; which of them to believe, the texels around it tell (docs/decisions).
-UNMOVED: Final = 3  # the last of them but beside a recursive resolve, where that of the current frame alone follows
-SHORT_WINDOW: Final = 3  # frames in the ring of the first
+# Temporal windows. Where light may change, a pixel is resolved from the latest frames, from a few more, from all that
+# are kept, and from all without following its motion; the texels around it decide which to use (docs/decisions).
+UNMOVED: Final = 3  # the last window; beside a recursive resolve one more follows, that of the current frame alone
+SHORT_WINDOW: Final = 3  # frames in the ring of the first window
 MIDDLE_WINDOW: Final = 7  # and of the second
-WINDOW_REACH: Final = 2  # texels up, down, left and right that are asked
-FILL_REACH: Final = 128  # texels to which a usable one is looked for: half a tile of 256
-AHEAD_STEPS: Final = 3  # rounds of the search for the place ahead to which a surface moves
-# Those of them that kernels know, by these names.
+WINDOW_REACH: Final = 2  # texels up, down, left and right that take part in that decision
+FILL_REACH: Final = 128  # texels within which a usable one is searched for: half a tile of 256
+AHEAD_STEPS: Final = 3  # iterations of the search for the place to which a surface moves in a later frame
+# The whole numbers that kernels use, by these names.
 WHOLE_NUMBERS: Final = {
     "PAD_X": PAD_X,
     "PAD_Y": PAD_Y,

@@ -1,6 +1,6 @@
-"""What the resolve decided at each pixel: the stage kernels, run beside the fused one on the same memory when asked.
+"""Debug views: the decisions of the resolve at each pixel, from stage kernels that run on the memory of the fused one.
 
-The fused kernel holds nothing of this; the stages are its own functions one at a time (docs/design.md).
+The fused kernel outputs none of them; the stages are its own functions one at a time (docs/design.md).
 """
 
 from __future__ import annotations
@@ -22,31 +22,31 @@ from cltaa.errors import UsageError, closest, known
 from cltaa.frame import Image
 
 Planes = NDArray[Any]  # [planes, H, W]
-MOST_REACTIVE = 0.5  # share from which REACTIVE is said
+MOST_REACTIVE = 0.5  # reactivity from which the reason is REACTIVE
 
 
 class View(StrEnum):
-    """What can be looked at."""
+    """What a debug view shows."""
 
     REJECT = "reject"  # why the history of each pixel was dropped
-    COUNT = "count"  # samples that the result stands for
+    COUNT = "count"  # effective sample count of the result
     MOTION = "motion"  # displacement that each pixel followed, pixels, x right, y down
     CLIP = "clip"  # how far rectification moved the history, length of the change of colour
 
 
 class Reason(IntEnum):
-    """Why history was dropped, the first that applies."""
+    """Why history was dropped: the first cause that applies."""
 
     KEPT = 0
     NO_HISTORY = 1  # first frame, cut, gap, other size
-    OFF_SCREEN = 2  # it lies outside the previous image, or behind the previous camera
-    BAD_TEXEL = 3  # it is NaN, or beyond the domain
-    DEPTH = 4  # it shows another surface
-    REACTIVE = 5  # half of it or more, because the reactive mask says so
+    OFF_SCREEN = 2  # outside the previous image, or behind the previous camera
+    BAD_TEXEL = 3  # NaN, or beyond the domain
+    DEPTH = 4  # another surface, by its depth
+    REACTIVE = 5  # at least half of it dropped by the reactive mask
 
 
 def are_views(text: str) -> bool:
-    """True for a comma-separated list of views, misspelt ones too unless something of that name is there."""
+    """True for a comma-separated list of views; misspelt names count unless a file has that name."""
     names = _split(text)
     if all(name in [*View] for name in names):
         return bool(names)
@@ -54,7 +54,7 @@ def are_views(text: str) -> bool:
 
 
 def parse_views(text: str, origin: str = "--debug") -> tuple[View, ...]:
-    """Views named in a comma-separated list, none for an empty text; raises UsageError for an unknown name."""
+    """Parse a comma-separated list of views, none for an empty text; raises UsageError for an unknown name."""
     names = _split(text)
     for name in names:
         if name not in [*View]:
@@ -67,7 +67,7 @@ def _split(text: str) -> list[str]:
 
 
 def decided(launcher: Launcher, last: LastRun, views: Iterable[View]) -> dict[str, Image]:
-    """Each of ``views`` of the frame that was resolved ``last``, [H, W] float32, of motion [H, W, 2]."""
+    """Return each of ``views`` of the frame resolved ``last``, [H, W] float32, of motion [H, W, 2]."""
     stages = _Stages(launcher, last)
     gathers = "ring" in last.arguments
     drawn: dict[View, Callable[[], Image]] = {
@@ -80,7 +80,7 @@ def decided(launcher: Launcher, last: LastRun, views: Iterable[View]) -> dict[st
 
 
 class _Stages:
-    """The chain of stage kernels on what the fused kernel was given."""
+    """The chain of stage kernels on the arguments of the fused kernel."""
 
     def __init__(self, launcher: Launcher, last: LastRun) -> None:
         self._launcher, self._last = launcher, last
@@ -88,7 +88,8 @@ class _Stages:
         self.motion = self.run("surface_motion", last.build, 10, "motion_out", "current inverse_depth motion", {})
 
     def run(self, kernel: str, build: Build, planes: int, output: str, given: str, made: dict[str, Buffer]) -> Buffer:
-        """Run one kernel with what the fused one was ``given`` and what earlier stages ``made`` into new memory."""
+        """Run one kernel into new memory, on the fused one's arguments named in ``given`` and on ``made``, of earlier
+        stages."""
         layout, arguments = self._last.layout, self._last.arguments
         written = self._launcher.allocate((planes, layout.rows, layout.stride))
         structs = "frame" if kernel == "neighbourhood_statistics" else "frame settings"
@@ -98,23 +99,23 @@ class _Stages:
         return written
 
     def history(self, build: Build, **made: Buffer) -> Buffer:
-        """The history at the motion: r, g, b, alpha, count, fx, fy, valid, illumination change."""
+        """Return the history at the motion: r, g, b, alpha, count, fx, fy, valid, illumination change."""
         given = " ".join({"current", "history", "history_count", "previous_inverse_depth"} - made.keys())
         return self.run("sample_history", build, 9, "history_at", given, {"motion_in": self.motion, **made})
 
     def read(self, buffer: Buffer) -> Planes:
-        """The planes of a buffer without their halo."""
+        """Return the planes of a buffer without their halo."""
         with buffer.mapped(write=False) as planes:
             inside: Planes = self._last.layout.inside(planes).astype(np.float32)
         return inside
 
     def valid(self, build: Build, **made: Buffer) -> NDArray[np.bool_]:
-        """Where that history can be used, [H, W]."""
+        """Return where that history can be used, [H, W]."""
         valid: NDArray[np.bool_] = self.read(self.history(build, **made))[7] > 0.5
         return valid
 
     def gather(self, build: Build) -> Planes:
-        """The colour that gathering gives with another build, [3, H, W]."""
+        """Return the colour that another build gathers, [3, H, W]."""
         layout, arguments = self._last.layout, self._last.arguments
         made = {name: self.blank(name) for name in ("output", "output_count")}
         self._launcher.run("gather", build, layout, {**arguments, **made})
@@ -122,7 +123,7 @@ class _Stages:
         return self.read(made["output"])[:3]
 
     def given(self, name: str) -> Any:
-        """An argument of the fused kernel."""
+        """Return an argument of the fused kernel."""
         return self._last.arguments[name]
 
     @property
@@ -131,7 +132,7 @@ class _Stages:
         return self._last.build
 
     def blank(self, name: str) -> Buffer:
-        """New memory like that of an argument; as a history it is black, and so has no bad texel."""
+        """Allocate zeroed memory like that of an argument; as a history it is black, and so has no bad texel."""
         layout = self._last.layout
         with self._last.arguments[name].mapped(write=False) as planes:
             count, dtype = len(planes), planes.dtype
@@ -139,7 +140,7 @@ class _Stages:
 
 
 def _reasons(stages: _Stages) -> NDArray[np.int64]:
-    """A Reason a pixel, by running the history stage with one cause of rejection after another taken away."""
+    """Return a Reason per pixel, by running the history stage with one cause of rejection after another removed."""
     if stages.given("frame")["reset"]:
         return np.full(stages.shape, Reason.NO_HISTORY.value)
     without_depth = replace(stages.build, choices=replace(stages.build.choices, reject=Reject.NONE))
@@ -151,7 +152,7 @@ def _reasons(stages: _Stages) -> NDArray[np.int64]:
 
 
 def _reasons_gathered(stages: _Stages) -> NDArray[np.int64]:
-    """A Reason a pixel that gathers samples: where not one of the frames in the ring had one, why the latest had
+    """Return a Reason per pixel of a gathering resolve: where no frame in the ring had a sample, why the latest had
     none."""
     if stages.given("frames") == 0:
         return np.full(stages.shape, Reason.NO_HISTORY.value)
@@ -170,7 +171,7 @@ def _with_reactive(reasons: NDArray[np.int64], stages: _Stages) -> NDArray[np.in
 
 
 def _clip_gathered(stages: _Stages) -> Image:
-    """Length of the change that rectification makes to the result, linear colour: where there is any, gather twice."""
+    """Return the length of the change by rectification, in linear colour; gathers twice where there is any."""
     if stages.build.choices.rectify is Rectify.NONE:
         return np.zeros(stages.shape, np.float32)
     free = replace(stages.build, choices=replace(stages.build.choices, rectify=Rectify.NONE))
@@ -180,7 +181,7 @@ def _clip_gathered(stages: _Stages) -> Image:
 
 
 def _clip_distance(stages: _Stages) -> Image:
-    """Length of the change that rectification made, in the range that the preset blends in; 0 without history."""
+    """Return the length of the change by rectification, in the range of the preset's blend; 0 without history."""
     statistics = stages.run(
         "neighbourhood_statistics", stages.build, 15, "statistics_out", "current inverse_depth motion", {}
     )

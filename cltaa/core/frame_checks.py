@@ -1,4 +1,4 @@
-"""What must hold of a frame before anything is worked out from it, whether a file's reader made it or a program."""
+"""Checks of a frame before any computation, whether a file's reader or a program made it."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from cltaa.frame import Camera, Effect, Frame, Matrix, on_device
 MOST_TEXELS = 2**31 - 1
 OPTIONAL = ("motion", "alpha", "reactive")  # channels that a frame need not have
 INVERSE_TOLERANCE = 1e-6  # largest |M inv(M) - I|; a sound camera 10^6 m from the origin stays below 1e-9
-LARGEST_SCALE = 1e100  # of a determinant of a matrix, either way: cameras divide by it, and their numbers end at 1e308
-CAMERAS_KEPT = 64  # that were found sound: those of a frame, and of all that are read, resolved and written beside it
-LARGEST_JITTER = 2.0  # pixels; from it on no sample may lie within a filter's reach, and the number is in another unit
+LARGEST_SCALE = 1e100  # largest determinant, or inverse of one: cameras divide by it, and float64 ends at 1e308
+CAMERAS_KEPT = 64  # cached sound ones: of a frame, and of all that are read, resolved and written beside it
+LARGEST_JITTER = 2.0  # pixels; from it on no sample lies within a filter's reach, so the number has another unit
 EXPOSURE_STOPS = 32.0  # largest |log2(exposure)|; from starlight to the sun's disc is about 30 stops
-AWAY = np.array([1.0, 1.0, -1.0, 1.0])  # a view space whose camera looks the other way along z
+AWAY = np.array([1.0, 1.0, -1.0, 1.0])  # maps the row of a camera along +z to that of one along -z
 WHOLE = "a whole number from 1 on"
-# What messages call them: the attributes of our files, and the arguments of a program.
+# Names in messages: attributes of our files, or arguments of a program.
 MATRICES = "matrix cltaa:worldToView", "matrix cltaa:viewToClip"
 MATRIX_ARGUMENTS = "camera.world_to_view", "camera.view_to_clip"
 NUMBERS = "attribute cltaa:jitterPx", "attribute cltaa:exposure"
 NUMBER_ARGUMENTS = "jitter_px", "exposure"
-LOOKED_AT = 100  # rows and columns at most in which numbers are looked for that can mean nothing
+LOOKED_AT = 100  # most rows and columns that are searched for meaningless numbers
 _EFFECTS = frozenset(Effect)
 
 
@@ -51,18 +51,18 @@ def check_frame(frame: Frame) -> None:
 
 
 def _looked_at(array: Any) -> NDArray[Any]:
-    """Some numbers of an array [H, W, ...], as many whatever its size: a frame waits for this."""
+    """Return a sample of an array [H, W, ...], of bounded size: this is on the frame's critical path."""
     return np.asarray(array[:: -(-array.shape[0] // LOOKED_AT), :: -(-array.shape[1] // LOOKED_AT)])
 
 
 def _check_depth(frame: Frame) -> None:
-    """Raise DataError where depth is negative and nothing else, as far as one looks; warn where it is NaN everywhere.
+    """Raise DataError where depth holds only negative numbers, apart from the sky; warn where it is NaN everywhere.
 
-    Of 0 a frame may be full, as one of nothing but sky; of NaN one that a farm has lost.
+    A frame of sky may be 0 everywhere, and one that a farm lost NaN everywhere.
     """
     if on_device(frame.depth):
         return
-    for depth in (_looked_at(frame.depth), frame.depth):  # the whole only where some of it says nothing
+    for depth in (_looked_at(frame.depth), frame.depth):  # all of it only where the sample decides nothing
         depth = depth[depth != np.inf]
         if not depth.size or (np.isfinite(depth) if frame.camera.orthographic else depth >= 0).any():
             return
@@ -88,7 +88,7 @@ def _warn_of_motion(frame: Frame) -> None:
 
 
 def _check_types(frame: Frame) -> None:
-    """Raise DataError where something else stands for the camera, a number or a yes or no."""
+    """Raise DataError where the camera, a number or a flag has a wrong type."""
     for name, kinds, expected in (
         ("index", (int, np.integer), "a whole number"),
         ("step", (int, np.integer), WHOLE),
@@ -171,11 +171,11 @@ def check_camera(
     """Raise DataError unless both matrices, of those ``names``, are finite, invertible, right-handed and look along -z.
 
     The last row of the projection must give w = distance along the view axis (perspective) or w = 1 (orthographic):
-    that is positive for every point in front, and false for a matrix that was transposed by mistake.
+    then w is positive for every point in front. A matrix transposed by mistake fails this.
     """
     matrices = camera.world_to_view, camera.view_to_clip
     if all(isinstance(matrix, np.ndarray) and matrix.shape == (4, 4) and matrix.dtype == float for matrix in matrices):
-        with suppress(DataError):  # which says nothing of file and frame
+        with suppress(DataError):  # names no file or frame; raised again below
             _check_again(*(matrix.tobytes() for matrix in matrices))
             return
     _check_camera(camera, names or (MATRICES if path else MATRIX_ARGUMENTS), path, frame)
@@ -183,7 +183,8 @@ def check_camera(
 
 @lru_cache(maxsize=CAMERAS_KEPT)
 def _check_again(view: bytes, clip: bytes) -> None:
-    """Look once at what is asked of a frame when it is read, when it is resolved, and when its result is written."""
+    """Check a camera once, though a frame is checked when it is read, when it is resolved, and when its result is
+    written."""
     _check_camera(Camera(*(np.frombuffer(matrix).reshape(4, 4) for matrix in (view, clip))), MATRICES, None, None)
 
 
@@ -247,33 +248,34 @@ def check_numbers(
     frame: int | None,
     jitter_name: str | None = None,
 ) -> None:
-    """Raise DataError unless the jitter, of that name, is two numbers of a pixel or so and the exposure one that light
-    can have."""
+    """Raise DataError unless the jitter, of that name, is two numbers of a pixel or so and the exposure is
+    plausible."""
     usual_name, exposure_name = NUMBERS if path else NUMBER_ARGUMENTS
     wrong = partial(DataError, path=path, frame=frame)
-    if type(jitter_px) is tuple and [type(number) for number in jitter_px] == [float, float]:  # nearly always, and fast
+    if type(jitter_px) is tuple and [type(number) for number in jitter_px] == [float, float]:  # the usual case, fast
         sound = all(abs(number) < LARGEST_JITTER for number in jitter_px)
     else:
         sound = _is_real(jitter_px) and np.shape(jitter_px) == (2,) and np.abs(jitter_px).max() < LARGEST_JITTER
-    if not sound:  # NaN too
+    if not sound:  # also for NaN
         expected = f"two numbers of less than {LARGEST_JITTER:g} pixels"
         raise wrong(f"{jitter_name or usual_name} is no jitter", expected=expected, found=jitter_px)
     factor = exposure if isinstance(exposure, int) else float(exposure)  # an integer may be beyond every float
-    if not 2.0**-EXPOSURE_STOPS <= factor <= 2.0**EXPOSURE_STOPS:  # which a half cannot hold
+    if not 2.0**-EXPOSURE_STOPS <= factor <= 2.0**EXPOSURE_STOPS:  # bounds beyond the range of a half
         expected = f"a positive factor within {EXPOSURE_STOPS:g} stops of 1"
         raise wrong(f"{exposure_name} is no exposure", expected=expected, found=exposure)
 
 
 def _is_real(value: object) -> bool:
-    """True for a number or numbers that are not complex and stand for nothing else."""
+    """True for a real number or real numbers, and no other type."""
     try:
         return np.asarray(value).dtype.kind in "fiu"
-    except ValueError:  # of several lengths
+    except ValueError:  # ragged
         return False
 
 
 def _kind(value: object) -> object:
-    """The shape of an array of numbers, the type of other entries, and of anything else its type."""
+    """Return what describes a value in a message: the shape of an array of numbers, its type of others, else the
+    type."""
     if not isinstance(value, np.ndarray):
         return type(value).__name__
     return list(value.shape) if _is_real(value) else value.dtype

@@ -1,7 +1,7 @@
-"""Every parameter of the resolve, declared once: choices that shape the kernels, and settings that they are given.
+"""Every parameter of the resolve, declared once: choices that shape the kernels, and settings passed to them.
 
-From these declarations come the range check, the TOML key, the ``--set`` option, the row in the docs, the C struct that
-a kernel receives and the ``#define`` lines of its prelude.
+The range check, the TOML key, the ``--set`` option, the row in the docs, the C struct that a kernel receives and the
+``#define`` lines of its prelude all derive from these declarations.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from msgspec import Meta
 
 
 class Choice(StrEnum):
-    """A value of a parameter that shapes the code; ``meaning`` is empty where the word says it all."""
+    """A value of a parameter that shapes the code; ``meaning`` is empty where the word explains itself."""
 
     meaning: str
 
     def __new__(cls, word: str, meaning: str = "") -> Self:
-        """Make the value that presets call ``word``."""
+        """Create the value that presets call ``word``."""
         value = str.__new__(cls, word)
         value._value_, value.meaning = word, meaning
         return value
 
 
 class HistoryFilter(Choice):
-    """How the history is read between its texels."""
+    """How the history is sampled between its texels."""
 
     NEAREST = "nearest"
     BILINEAR = "bilinear"
@@ -37,14 +37,14 @@ class HistoryFilter(Choice):
 
 
 class HistoryRange(Choice):
-    """The range in which the history is read between its texels."""
+    """The range in which the history is sampled between its texels."""
 
     LINEAR = "linear", "as light; what was read is tonemapped"
     TONEMAPPED = "tonemapped", "each texel is tonemapped before, as where tonemapped colour is what is kept"
 
 
 class CurrentFilter(Choice):
-    """How the sample at the pixel's centre is rebuilt from the jittered samples of its 3x3."""
+    """How the sample at the pixel's centre is reconstructed from the jittered samples of its 3x3."""
 
     NONE = "none", "the pixel's own sample stands for the pixel"
     BILINEAR = "bilinear", "read between the samples, as a texture unit would at the unjittered place"
@@ -53,7 +53,7 @@ class CurrentFilter(Choice):
 
 
 class FilterUse(Choice):
-    """Where the current filter stands for the pixel's own sample."""
+    """Where the current filter replaces the pixel's own sample."""
 
     ALWAYS = "always"
     FEW = "few-samples", "the less, the more samples there are: its share goes as 1 / n, of a history later as 1 / n^2"
@@ -64,10 +64,9 @@ def _number(meaning: str, low: float, high: float, unit: str, source: str) -> Me
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
-    """Numbers; those that kernels look at reach them as one struct of floats by value.
+    """Numbers; kernels receive those that they read as one struct of floats by value.
 
-    Changing one costs nothing, except where a term comes to nothing, or to something again: that is another build
-    (``Terms``).
+    Changing one costs nothing, except where a term loses or regains its effect: that is another build (``Terms``).
     """
 
     blend_weight: Annotated[
@@ -224,20 +223,20 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     ] = 0.5
 
 
-# What the host alone looks at: it does not reach the kernels' struct.
+# Read by the host alone, so not part of the kernels' struct.
 HOST_SETTINGS = frozenset({"filter_falloff", "history_frames", "look_ahead", "motion_widths", "sky_at", "sky_below"})
 KERNEL_SETTINGS = tuple(name for name in Settings.__struct_fields__ if name not in HOST_SETTINGS)
 
 
 class HistoryKind(Choice):
-    """What is remembered of earlier frames."""
+    """What is kept of earlier frames."""
 
     ACCUMULATED = "accumulated", "their resolved image: any number of frames in one"
     FRAMES = "frames", "the samples of the last history_frames frames, as they were drawn"
 
 
 class GatherFit(Choice):
-    """What the gathered samples of a pixel are taken for (history frames)."""
+    """How the gathered samples of a pixel are modelled (history frames)."""
 
     MEAN = "mean", "as many draws of one value"
     LAYERS = (
@@ -248,14 +247,14 @@ class GatherFit(Choice):
 
 
 class Recursion(Choice):
-    """Whether gathered samples have the recursive resolve beside them (history frames, illumination window)."""
+    """Whether a recursive resolve runs beside the gathered samples (history frames, illumination window)."""
 
     NONE = "none"
     STANDING = "standing", "where a pixel stands it takes the place of the window without motion: it holds more samples"
 
 
 class Tonemap(Choice):
-    """The range in which everything is compared and blended."""
+    """The range in which colours are compared and blended."""
 
     NONE = "none"
     PEAK = "peak", "c / (1 + max(r, g, b)), undone when the result is stored"
@@ -279,7 +278,7 @@ class OnCameraMove(Choice):
 
 
 class RayThrough(Choice):
-    """Where in the pixel the surface is taken to lie that the depth tells of."""
+    """Where in the pixel the surface at its depth is assumed to lie."""
 
     SAMPLE = "sample", "at the jittered sample that was drawn"
     CENTRE = "centre", "at the pixel's centre, as resolves that reproject by unjittered matrices have it"
@@ -314,14 +313,14 @@ class AlphaFrom(Choice):
 
 
 class Negatives(Choice):
-    """What happens to light that a negative lobe or a chroma clamp made negative."""
+    """How light that a negative lobe or a chroma clamp made negative is treated."""
 
     RAISE = "raise", "to 0, or to the current sample where that is negative itself"
     KEEP = "keep"
 
 
 class Neighbourhood(Choice):
-    """Which texels around a pixel its statistics are taken over."""
+    """Which texels around a pixel its statistics cover."""
 
     SQUARE = "square"
     LUMINANCE = "luminance", "the square, its mean and deviation with weights 1 / (1 + Y)"
@@ -329,7 +328,7 @@ class Neighbourhood(Choice):
 
 
 class Variance(Choice):
-    """How the deviation of the neighbourhood is summed up."""
+    """How the deviation of the neighbourhood is computed."""
 
     SHIFTED = "shifted", "of differences from the centre: right at any mean"
     NAIVE = "naive", "E[x^2] - E[x]^2, the popular form: it cancels where the mean is large beside the deviation"
@@ -374,7 +373,7 @@ class Dilation(Choice):
 
 
 class Illumination(Choice):
-    """What becomes of history whose light has changed since."""
+    """How history is treated whose light has changed since."""
 
     STATIC = "static", "its box alone tells"
     TEST = "test", "the more the 3x3 of now differs from that of the history all one way, the less it counts; of "
@@ -404,7 +403,7 @@ class Accumulate(Choice):
 
 
 class Weighting(Choice):
-    """What else weighs in the blend."""
+    """Further weights in the blend."""
 
     NONE = "none"
     LUMINANCE = "luminance", "1 / (knee + Y): one firefly does not outweigh a pixel's whole past"
@@ -419,7 +418,7 @@ class AntiFlicker(Choice):
 
 
 class Fireflies(Choice):
-    """What becomes of isolated samples far above their 3x3 and their history (history accumulated alone)."""
+    """How isolated samples far above their 3x3 and their history are treated (history accumulated alone)."""
 
     KEEP = "keep"
     CLAMP = "clamp", "above firefly_threshold times the greater of both they add nothing to the history"
@@ -458,5 +457,5 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     fireflies: Fireflies = Fireflies.KEEP
 
 
-# What the host alone looks at: it does not reach the kernels' text.
+# Read by the host alone, so not part of the kernels' text.
 HOST_CHOICES = frozenset({"exposure_change", "history", "on_camera_move", "ray_through", "reactive_mask", "reproject"})

@@ -14,21 +14,21 @@ from cltaa.frame import Frame
 
 @dataclass(frozen=True, slots=True)
 class Passes:
-    """Starts the kernels that resolve what ``buffers`` hold of a frame, and waits for none.
+    """Enqueues the kernels that resolve the frame in ``buffers``, and waits for none.
 
-    ``record`` is the frame as the kernels are told of it. Each of the ways to resolve returns what its kernel was
-    given. Raises DeviceLost.
+    ``record`` is the kernels' struct of the frame. Each way to resolve returns the arguments of its kernel. Raises
+    DeviceLost.
     """
 
     launcher: Launcher
     plan: Plan
     build: Build
-    recursive: Build | None  # of the recursive resolve beside what is gathered, where the plan has one
+    recursive: Build | None  # of the recursive resolve beside the gathered samples, where the plan has one
     buffers: Buffers
     record: Record
 
     def resolve(self) -> LastRun:
-        """Resolve from the history of results."""
+        """Resolve from the accumulated history."""
         buffers, build = self.buffers, self.recursive or self.build
         buffers.ready_counts(build.choices, read=not self.record["reset"])
         last = LastRun(build, buffers.layout, self._arguments() | buffers.recurrent())
@@ -43,7 +43,7 @@ class Passes:
         return last
 
     def gather_windows(self, frame: Frame, frame_ring: FrameRing) -> LastRun:
-        """Resolve from temporal windows in ``frame_ring``, and where the plan says so from all frames before."""
+        """Resolve from temporal windows in ``frame_ring``, where the plan says so also from an accumulated history."""
         if self.recursive is None:
             self._ready_counts()
         else:
@@ -56,7 +56,7 @@ class Passes:
         self.launcher.run("gather_windows", build, layout, inputs | windows | unmoved)
         if not build.extends:
             gathered = {"image": windows["windows"], "floats": None, "frame": self.record}
-            floats = Build(lanes=build.lanes, rows=build.rows)  # as windows are, whatever the history is kept in
+            floats = Build(lanes=build.lanes, rows=build.rows)  # windows are floats, whatever the history's storage
             planes = {"planes": window_count(build.choices) * window_planes(build.steps), "more": 0}
             self.launcher.run("extend_edges", floats, layout, gathered | planes)
         written = {name: arguments[name] for name in ("frames", "output", "output_count", "frame", "settings")}
@@ -66,7 +66,7 @@ class Passes:
         return last
 
     def extend_edges(self) -> None:
-        """Repeat the edges of what the next frame reads, where its kernels have not."""
+        """Repeat the edges of what the next frame reads, where the kernels have not done so."""
         if not self.build.extends:
             self._extend()
 
@@ -81,7 +81,7 @@ class Passes:
         return self.buffers.arguments(self.record, settings_record(self.plan.settings), self.build.steps)
 
     def _gathering(self, frame: Frame, frame_ring: FrameRing) -> LastRun:
-        """What a kernel that gathers is given."""
+        """Return the build, layout and arguments of a kernel that gathers."""
         told = frame_ring.describe(frame, self.plan)
         ring = {"ring": frame_ring.planes, "past": frame_ring.records, "frames": told}
         beside = {} if self.recursive is None else self.buffers.beside()

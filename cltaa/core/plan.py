@@ -1,9 +1,9 @@
-"""The plan: which steps of the resolve a frame calls for, each with its reason.
+"""The plan: the steps of the resolve that a frame needs, each with its reason.
 
-A sequence that declares its effects promises that nothing else happens in it. Of one that declares none the steps for
-effects that were looked for and not found are left out, and where nobody looked every step runs that its channels and
-cameras call for. A step that is left out would have changed no bit; what a declared stillness or
-an absence of highlights *replaces* (plain mean, plain weights) is another estimate, and docs/effects.md bounds it.
+A sequence that declares its effects promises that nothing else happens in it. For one that declares none, the plan
+omits the steps for effects that were searched for and not found; without a search, every step runs that the channels
+and cameras call for. Omitting a step changes no bit. Only the plain mean of a declared stillness and the plain weights
+without highlights are *another* estimate, which docs/effects.md bounds.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from cltaa.core.parameters import (
 from cltaa.core.presets import Preset
 from cltaa.frame import Asked, Camera, Effect, Frame, format_effects
 
-PLANS_KEPT = 64  # frames of a sequence have a few, and each waits for its own
+PLANS_KEPT = 64  # most cached plans: a sequence has a few, and each frame waits for its own
 
 
 class Reason(NamedTuple):
@@ -47,7 +47,7 @@ class Reason(NamedTuple):
     why: str
 
 
-# Steps whose absence is another estimate.
+# Steps whose omission gives another estimate.
 RECTIFICATION, REJECTION, WEIGHTS, GATHERING = "rectification", "rejection", "luminance weights", "gathering"
 LIGHT = "illumination change"
 RECURSION = "recursion beside the ring"
@@ -57,12 +57,12 @@ REPROJECTION = "reprojection"
 CHANGING = frozenset(
     {Effect.CAMERA, Effect.MOTION, Effect.DISOCCLUSION, Effect.ILLUMINATION, Effect.REACTIVE, Effect.EXPOSURE}
 )
-# Those that make history wrong of a surface that depth takes for the same; where a camera moves, what is thin does too.
+# Effects that make history wrong where depth shows the same surface; where the camera moves, THIN does so too.
 CHANGING_LIGHT = frozenset({Effect.ILLUMINATION, Effect.MOTION, Effect.REACTIVE})
 
-SURER = 2.0  # times drift_t, where no light is known to change
-# Where samples scatter: times falling_t, since dim samples of noise agree and bright ones do not, and times a box of
-# deviations, which noise makes wide.
+SURER = 2.0  # factor of drift_t, where no illumination change is known
+# With noise. Factor of falling_t, because dim samples of noise agree and bright ones do not, and of a box of
+# deviations, which noise widens.
 NOISY_FALLING, NOISY_BOX = 1.2, 0.5
 
 FOUND, DECLARED = "found", "declared"
@@ -71,12 +71,12 @@ FOUND, DECLARED = "found", "declared"
 def estimate(
     preset: Preset, settings: Settings, declared: frozenset[Effect] | None, word: str = DECLARED
 ) -> tuple[Choices, Settings, list[Reason]]:
-    """The choices of ``preset`` and ``settings`` as the effects ask for, with a reason for each decision.
+    """Adapt the choices of ``preset`` and ``settings`` to the effects, with a reason for each decision.
 
-    ``word`` says how the effects are known. What was found is no promise, so that no plain mean rests on it.
+    ``word`` says how the effects are known. Found effects are no promise, so no plain mean rests on them.
     """
     choices, reasons = preset.choices, []
-    # A published resolve does what it does whether the scene calls for it or not.
+    # A published resolve omits nothing, whether the scene needs it or not.
     free = not preset.published
     still = word == DECLARED and nothing_changes(declared)
     standing = word == FOUND and declared is not None and not declared & (CHANGING_LIGHT | {Effect.CAMERA})
@@ -112,7 +112,7 @@ def estimate(
 
 
 def declined(preset: Preset, field: str, *wanted: StrEnum) -> str:
-    """Why a step is off whatever the frame holds: a choice of the preset; empty where that is one of ``wanted``."""
+    """Return which choice of the preset rules a step out; empty where that choice is one of ``wanted``."""
     choice = getattr(preset.choices, field)
     return "" if choice in wanted else f"the preset says {field} = {choice}"
 
@@ -123,7 +123,7 @@ def nothing_changes(declared: frozenset[Effect] | None) -> bool:
 
 
 def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]:
-    """Nothing can make history wrong: the plain mean of all samples is the best estimate there is."""
+    """Switch to the plain mean of all samples, the best estimate where nothing can make history wrong."""
     choices = msgspec.structs.replace(
         choices, rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE, history=HistoryKind.ACCUMULATED
     )
@@ -131,7 +131,7 @@ def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]
 
 
 def with_narrow_box(settings: Settings) -> Settings:
-    """Light may change and nothing tests for it: the box alone tells, and is no wider than the 3x3."""
+    """Limit the box to the 3x3: light may change, and only the box detects that."""
     return msgspec.structs.replace(
         settings,
         box_scale_static=min(settings.box_scale_static, 1.0),
@@ -140,7 +140,7 @@ def with_narrow_box(settings: Settings) -> Settings:
 
 
 def among_noise(choices: Choices, settings: Settings) -> Settings:
-    """Samples of one place scatter: what tells by them is as sure of bright ones as of dim ones."""
+    """Adapt thresholds to noisy samples, so that tests are as sure of bright ones as of dim ones."""
     box = NOISY_BOX if choices.box is Box.VARIANCE else 1.0
     return msgspec.structs.replace(
         settings,
@@ -165,14 +165,14 @@ def _illumination_may_change(declared: frozenset[Effect] | None) -> bool:
 def _testing_illumination(
     preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str
 ) -> tuple[Choices, Reason]:
-    """Light changes, what moves turns in the light, and a camera that moves past what is thinner than a pixel uncovers
-    what depth takes for seen: history is wrong.
+    """Keep the illumination test where history can be wrong: light changes, moving surfaces turn in the light, or a
+    camera moves past sub-pixel features and uncovers surfaces that depth mistakes for visible before.
 
-    Where a camera moves past what is solid, or stands before what is thin, there is none of it to test for.
+    A camera that moves past solid surfaces, or is still before thin ones, needs no test.
     """
     if why := declined(preset, "illumination", Illumination.TEST, Illumination.WINDOW):
         return choices, Reason(LIGHT, False, why)
-    if choices.history is HistoryKind.FRAMES:  # which windows test in their own way
+    if choices.history is HistoryKind.FRAMES:  # windows have a test of their own
         choices = msgspec.structs.replace(choices, illumination=Illumination.WINDOW)
     if preset.published:
         return choices, Reason(LIGHT, True, "as published")
@@ -188,9 +188,10 @@ def _testing_illumination(
 def _with_recursion(
     preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str
 ) -> tuple[Choices, Reason]:
-    """Where a camera moves nothing stands, and what does when it halts is gathered.
+    """Drop the recursive resolve beside the ring where a camera moves: no pixel is static, and once it halts, samples
+    are gathered.
 
-    Then each result is made of the frames in the ring and nothing else, so that a shot can be split anywhere.
+    Then each result depends on the frames in the ring alone, so that a shot can be split anywhere.
     """
     if why := declined(preset, "recursion", Recursion.STANDING):
         return choices, Reason(RECURSION, False, why)
@@ -204,7 +205,7 @@ def _with_recursion(
 
 
 def recursive_choices(choices: Choices) -> Choices | None:
-    """The choices of the recursive resolve beside gathered samples; None where there is none."""
+    """Return the choices of the recursive resolve beside gathered samples; None where there is none."""
     if choices.recursion is Recursion.NONE or choices.history is not HistoryKind.FRAMES:
         return None
     return msgspec.structs.replace(
@@ -213,14 +214,14 @@ def recursive_choices(choices: Choices) -> Choices | None:
 
 
 def _ring_holds_less(choices: Choices, settings: Settings) -> bool:
-    """Whether the ring holds less than a running mean of up to ``sample_limit`` samples, which is worth nearly twice as
-    many of a plain mean."""
+    """True where the ring holds fewer samples than a running mean of up to ``sample_limit``, which is worth nearly
+    twice as many of a plain mean."""
     kept = settings.history_frames + 1 + settings.look_ahead
     return choices.history is HistoryKind.FRAMES and kept < 2 * settings.sample_limit - 1
 
 
 def _gathered(choices: Choices, *, still: bool, recursive: bool) -> Reason:
-    """Why samples are gathered, or not."""
+    """Return why samples are gathered, or not."""
     if recursive:
         return Reason(GATHERING, False, "all stands as found: a running mean holds more samples than the ring")
     if still:
@@ -233,7 +234,7 @@ def _gathered(choices: Choices, *, still: bool, recursive: bool) -> Reason:
 def _rejecting(
     preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str
 ) -> tuple[Choices, Reason]:
-    """Depth tells what was disoccluded; where nothing is, it has nothing to reject. Samples are chosen by it always."""
+    """Drop the depth test where nothing is disoccluded; gathering always selects samples by depth."""
     free = not preset.published
     why = declared_or_not(Effect.DISOCCLUSION, declared, word) if free else "as published"
     if not_wanted := declined(preset, "reject", Reject.DEPTH):
@@ -246,14 +247,14 @@ def _rejecting(
 
 
 def declared_or_not(effect: Effect, declared: frozenset[Effect] | None, word: str) -> str:
-    """Why a step that belongs to one effect runs, or does not."""
+    """Return why a step that belongs to one effect runs, or not."""
     if declared is None:
         return "the sequence declares no effects, so any may occur"
     return f"effect {effect} is {'' if effect in declared else 'not '}{word}"
 
 
 class Plan(NamedTuple):
-    """What is compiled and with which settings, for one frame."""
+    """Choices, settings and steps of one frame, each decision with its reason."""
 
     choices: Choices
     settings: Settings
@@ -261,7 +262,7 @@ class Plan(NamedTuple):
     reasons: tuple[Reason, ...]
 
 
-# Steps that are left out without changing a bit: name among ``Steps`` -> word.
+# Steps whose omission changes no bit: name among ``Steps`` -> word.
 STEP_NAMES = {
     "camera_motion": REPROJECTION,
     "own_motion": "own motion",
@@ -269,14 +270,14 @@ STEP_NAMES = {
     "alpha": "alpha",
     "reactive": "reactive",
 }
-# The choices without one of which a preset does not have such a step: name among ``Steps`` -> field, values.
+# Choices that a preset needs to have such a step: name among ``Steps`` -> field, any of these values.
 WANTED: dict[str, tuple[Any, ...]] = {
     "camera_motion": ("reproject", Reproject.CAMERA, Reproject.FULL),
     "own_motion": ("reproject", Reproject.FULL),
     "exposure": ("exposure_change", ExposureChange.FOLLOW),
     "reactive": ("reactive_mask", ReactiveMask.USE),
 }
-# Those that are one choice: step -> field among ``Choices``, its value where the step does not run, and where it does.
+# Steps that are one choice: step -> field among ``Choices``, its value when off, and when on.
 CHOICE_OF_STEP: dict[str, tuple[str, StrEnum, StrEnum]] = {
     REJECTION: ("reject", Reject.NONE, Reject.DEPTH),
     GATHERING: ("history", HistoryKind.ACCUMULATED, HistoryKind.FRAMES),
@@ -288,18 +289,18 @@ CHOICE_OF_STEP: dict[str, tuple[str, StrEnum, StrEnum]] = {
 
 
 class Facts(NamedTuple):
-    """All of a frame and its predecessor that decides a plan."""
+    """Everything about a frame and its predecessor that decides a plan."""
 
-    motion: bool  # which channels there are
+    motion: bool  # which channels exist
     alpha: bool
     reactive: bool
     depth: bool
     camera: bool
     orthographic: bool
     effects: frozenset[Effect] | None  # as declared, or else as found
-    word: str  # which
+    word: str  # which of the two
     first: bool  # at the start and after a cut
-    moves: bool  # the camera, since the frame before
+    moves: bool  # the camera, since the previous frame
     repeats: bool  # the jitter, within the ring
     width: int  # pixels
 
@@ -312,12 +313,12 @@ def plan_frame(
     every: bool = False,
     jitters: Iterable[tuple[float, float]] = (),
 ) -> Plan:
-    """The plan of ``frame`` whose predecessor was seen by ``previous`` (None at the start and after a cut).
+    """Return the plan of ``frame``, whose predecessor has the camera ``previous`` (None at the start and after a cut).
 
-    ``jitters`` are those of the frames before it that one ring can hold, in pixels (``JittersBefore``).
-    ``every`` adds each step that the preset allows and the frame does not call for: it costs time and changes no bit.
+    ``jitters`` are those of the previous frames that one ring can hold, in pixels (``JittersBefore``). ``every`` adds
+    each step that the preset allows and the frame does not need: it costs time and changes no bit.
     """
-    ring = set(jitters)  # one that has this jitter too holds all places that are ever drawn, if it has several
+    ring = set(jitters)  # one that holds this jitter too, and another, holds every position of the jitter sequence
     facts = Facts(
         frame.motion is not None,
         frame.alpha is not None,
@@ -335,14 +336,14 @@ def plan_frame(
 
 
 class JittersBefore:
-    """Jitters of the frames of one history, as many as a ring of ``preset`` has places."""
+    """Jitters of the previous frames of one history, as many as a ring of ``preset`` has places."""
 
     def __init__(self, preset: Preset) -> None:
         self._places = preset.settings.history_frames + 1 + preset.settings.look_ahead
         self._of: dict[int, tuple[float, float]] = {}
 
     def of(self, frame: Frame, *, goes_on: bool) -> list[tuple[float, float]]:
-        """Those before ``frame``, none where no history ``goes_on`` in it; its own is among them from then on."""
+        """Return those before ``frame``, none unless the history ``goes_on``; then add its own."""
         first = frame.index - self._places * frame.step
         self._of = {index: jitter for index, jitter in self._of.items() if goes_on and first <= index < frame.index}
         before = list(self._of.values())
@@ -350,12 +351,12 @@ class JittersBefore:
         return before
 
     def restore(self, before: Iterable[tuple[int, tuple[float, float]]]) -> None:
-        """Go on after frames of these numbers and jitters."""
+        """Continue after frames of these numbers and jitters."""
         self._of = dict(before)
 
 
 def _known(declared: frozenset[Effect] | None, found: frozenset[Effect] | None) -> tuple[frozenset[Effect] | None, str]:
-    """The effects of a frame, and how they are known."""
+    """Return the effects of a frame, and how they are known."""
     if declared is None and found is not None:
         return frozenset(found), FOUND
     return None if declared is None else frozenset(declared), DECLARED
@@ -364,8 +365,8 @@ def _known(declared: frozenset[Effect] | None, found: frozenset[Effect] | None) 
 def from_ring_alone(
     preset: Preset, asked: Asked, declared: frozenset[Effect] | None, found: frozenset[Effect] | None
 ) -> bool:
-    """Whether each result of ``preset`` is made of frames in the ring and nothing else, in a sequence with these
-    effects, as far as they are ``asked`` for."""
+    """True where each result of ``preset`` depends on frames in the ring alone, in a sequence with these effects, as
+    far as they are ``asked`` for."""
     if isinstance(asked, frozenset):
         declared = asked
     elif asked != "auto":
@@ -378,7 +379,7 @@ def from_ring_alone(
 def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
     declared, moves = facts.effects, facts.moves
     if facts.first:
-        # There is no history to read; the kernel that the next frame needs will do for this one too.
+        # No history is read, so the kernel that the next frame needs serves this one too.
         moves = facts.camera and (declared is None or Effect.CAMERA in declared)
     steps = _steps(preset, facts, moves, every=every)
     reasons = _reasons(preset, steps, moves, facts, every=every)
@@ -391,11 +392,11 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
     if settings.motion_widths:
         settings = msgspec.structs.replace(settings, motion_px=settings.motion_widths * facts.width)
     if facts.first and not preset.published:
-        # The blur is for pixels that appear amid others with a past.
+        # The blur is for pixels without history among others that have one.
         settings = msgspec.structs.replace(settings, disocclusion_blur=0.0)
     choices, settings, estimated = estimate(preset, settings, declared, facts.word)
-    if not facts.depth:  # all lies as far as the sky, and there are no depth edges
-        # Motion that is read beside the nearest surface is read beside the pixel itself.
+    if not facts.depth:  # all is as far as the sky, and there are no depth edges
+        # BESIDE then reads motion beside the pixel itself instead of beside the nearest surface.
         dilation = choices.dilation if choices.dilation is Dilation.BESIDE else Dilation.NONE
         choices = msgspec.structs.replace(choices, reject=Reject.NONE, dilation=dilation)
         estimated = [Reason(REJECTION, False, "no depth") if why.step == REJECTION else why for why in estimated]
@@ -409,13 +410,13 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
 
 
 def reads_depth(choices: Choices) -> bool:
-    """Whether any step of a preset reads depth: to reproject, to reject, to find depth edges, or from the ring."""
+    """True where any step reads depth: to reproject, to reject, to find depth edges, or from the ring."""
     never = Reproject.NONE, Reject.NONE, Dilation.NONE, HistoryKind.ACCUMULATED
     return (choices.reproject, choices.reject, choices.dilation, choices.history) != never
 
 
 def toggled(plan: Plan, preset: Preset, step: str) -> Plan:
-    """``plan`` with one of the steps that its reasons name turned on where it is off, and off where it is on."""
+    """Return ``plan`` with one of the steps that its reasons name turned off where it is on, and on where it is off."""
     on = next(reason.on for reason in plan.reasons if reason.step == step)
     if step in CHOICE_OF_STEP:
         field, off, runs = CHOICE_OF_STEP[step]
@@ -427,8 +428,8 @@ def toggled(plan: Plan, preset: Preset, step: str) -> Plan:
 
 
 def with_effects(frame: Frame, effects: Asked) -> Frame:
-    """``frame`` as it is to be planned: as it declares or else was found (``auto``), as found (``find``), as if nothing
-    was known (``all``), or with just the effects of a set and the channels that belong to them."""
+    """Return ``frame`` for planning: as declared or else found (``auto``), as found (``find``), with nothing known
+    (``all``), or with just the effects of a set and the channels that belong to them."""
     if effects == "auto":
         return frame
     if effects in ("all", "find"):
@@ -440,7 +441,7 @@ def with_effects(frame: Frame, effects: Asked) -> Frame:
 
 
 def channel_steps(preset: Preset, *, motion: bool, alpha: bool, reactive: bool, every: bool) -> Steps:
-    """The steps that read channels of a frame that has these, as far as ``preset`` lets them run; else as ``Steps``."""
+    """Return the steps that read these channels, as far as ``preset`` allows them; the others as ``Steps`` has them."""
     return Steps(
         own_motion=(every or motion) and preset.choices.reproject is Reproject.FULL,
         alpha=every or alpha,

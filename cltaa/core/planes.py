@@ -1,4 +1,4 @@
-"""Padded planes in memory: their layout, a pool of them, and images that already lie so, of which nothing is copied."""
+"""Padded planes in memory: their layout, a pool of them, and images that already have it, which need no copy."""
 
 from __future__ import annotations
 
@@ -65,15 +65,15 @@ class Layout(NamedTuple):
         return np.zeros((planes, self.rows, self.stride), dtype)
 
 
-SMALLEST = 4 * 2**20  # bytes from which on images are kept: NumPy's, for large pages
-LARGE_PAGE = 2 * 2**20  # bytes; the system begins a mapping of a multiple of it at one
+SMALLEST = 4 * 2**20  # bytes from which on images are pooled: those from which NumPy asks for large pages
+LARGE_PAGE = 2 * 2**20  # bytes; the system starts a mapping of a multiple of it at a large page
 
 
 @contextmanager
 def pooled_memory(*, images: bool = True) -> Iterator[None]:
-    """Keep what ``empty_image`` and copies of files leave for those that come next; all goes back at the end.
+    """Keep the memory of ``empty_image`` and of copies of files for reuse; all is freed at the end.
 
-    Else each is mapped and unmapped: page faults, and each unmapping halts all threads of the process. Without
+    Otherwise each is mapped and unmapped: page faults, and each unmapping halts all threads of the process. Without
     ``images`` nothing is kept.
     """
     with BLOCK_POOL if images else nullcontext():
@@ -81,37 +81,37 @@ def pooled_memory(*, images: bool = True) -> Iterator[None]:
 
 
 class BlockPool:
-    """What frames have left, by its kind: all of it while somebody is inside of ``pooled_memory``, or always up to
-    ``most`` of each kind."""
+    """Memory that frames have released, by its kind: all of it inside ``pooled_memory``, or always up to ``most`` of
+    each kind."""
 
     def __init__(self, most: int = 0) -> None:
         self._lock, self._users, self._left = threading.Lock(), 0, dict[Hashable, deque[Any]]()
         self._most = most
 
     def __reduce__(self) -> tuple[type[BlockPool], tuple[int]]:
-        """A copy begins with nothing: what is left is for those that share it."""
+        """A copy starts empty: only those that share a pool reuse its memory."""
         return BlockPool, (self._most,)
 
     def __enter__(self) -> None:
-        """Begin to keep."""
+        """Start to keep released memory."""
         with self._lock:
             self._users += 1
 
     def __exit__(self, *_: object) -> None:
-        """Give everything back, where nobody else is inside."""
+        """Free everything, unless another user is inside."""
         with self._lock:
             self._users -= 1
             if not self._users:
                 self._left.clear()
 
     def take(self, kind: Hashable) -> Any | None:
-        """What was left of that kind last, or None."""
+        """Return what was last left of that kind, or None."""
         with suppress(KeyError, IndexError):
             return self._left[kind].pop()
         return None
 
     def leave(self, kind: Hashable, block: object) -> None:
-        """Keep what is not needed any more; takes no lock, since it may be called wherever an array ends."""
+        """Keep what is no longer needed; takes no lock, because it may run wherever an array is freed."""
         if self._users or self._most:
             self._left.setdefault(kind, deque(maxlen=self._most or None)).append(block)
 
@@ -122,7 +122,7 @@ BLOCK_POOL = BlockPool()
 def empty_image(
     shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.float32, pool: BlockPool = BLOCK_POOL
 ) -> NDArray[Any]:
-    """Planes like those of ``np.empty``, in what earlier ones of the same size have left in ``pool``."""
+    """Return planes like those of ``np.empty``, in memory that earlier ones of the same size left in ``pool``."""
     small = np.dtype(dtype).itemsize * int(np.prod(shape)) < SMALLEST
     return np.empty(shape, dtype) if small else mapped_image(shape, dtype, pool)
 
@@ -130,7 +130,7 @@ def empty_image(
 def empty_result(
     frame: Frame, dtype: type[np.floating[Any]], *, planar: bool = False, pool: BlockPool = BLOCK_POOL
 ) -> NDArray[Any]:
-    """Memory for the result of ``frame``, [H, W, 3 or 4], each channel by itself where it is ``planar``."""
+    """Return memory for the result of ``frame``, [H, W, 3 or 4]; ``planar`` stores each channel by itself."""
     height, width, channels = result_shape(frame)
     if planar:
         return np.moveaxis(empty_image((channels, height, width), dtype, pool), 0, -1)
@@ -138,23 +138,23 @@ def empty_result(
 
 
 def result_shape(frame: Frame) -> tuple[int, int, int]:
-    """Rows, columns and channels of the result of ``frame``."""
+    """Return rows, columns and channels of the result of ``frame``."""
     return frame.height, frame.width, 3 if frame.alpha is None else 4
 
 
 class Kind(IntEnum):
-    """What the numbers of an array become (``kernels/arrays.cl``)."""
+    """How the numbers of an array are converted (``kernels/arrays.cl``)."""
 
     AS_IT_IS = 0
-    PERSPECTIVE = 1  # of distances the inverse depth, 1/Z
-    PARALLEL = 2  # the same of an orthographic camera, -Z
+    PERSPECTIVE = 1  # distances to inverse depth, 1/Z
+    PARALLEL = 2  # the same for an orthographic camera, -Z
 
 
 def places(array: Any) -> dict[str, int]:
-    """How an array [H, W] or [H, W, C] of floats or halves lies in memory, as kernels are told of it."""
+    """Return how an array [H, W] or [H, W, C] of floats or halves lies in memory, as kernel arguments."""
     item, strides = array.dtype.itemsize, array.strides
     return {
-        "first": array.offset // item if on_device(array) else 0,  # that of a memmap is in its file
+        "first": array.offset // item if on_device(array) else 0,  # the offset of a memmap is one in its file
         "row_step": strides[0] // item,
         "column_step": strides[1] // item,
         "plane_step": strides[2] // item if len(strides) > 2 else 0,
@@ -163,10 +163,10 @@ def places(array: Any) -> dict[str, int]:
 
 
 def flat(array: NDArray[Any], *, dense: bool = False) -> NDArray[Any] | None:
-    """The memory that an array lies in, from its first number to its last, or None where kernels cannot read it there.
+    """Return the memory of an array, from its first number to its last, or None where kernels cannot read it there.
 
-    That is where it holds other numbers, where rows lie backwards, or where it is the lesser part; ``dense`` asks that
-    there is nothing else.
+    That is where it has another type or negative strides, or is less than half of that memory; ``dense`` demands that
+    nothing else is there.
     """
     item = array.itemsize
     steps = [step // item for step in array.strides]
@@ -180,8 +180,8 @@ def flat(array: NDArray[Any], *, dense: bool = False) -> NDArray[Any] | None:
 
 
 def checked_out(out: Any, frame: Frame) -> Any:
-    """``out``, or NumPy's array of its memory, where the result of ``frame`` can be written there; else raises
-    UsageError, and DataError for memory that cannot be shared."""
+    """Return ``out``, or NumPy's array of its memory, if it can hold the result of ``frame``; else raises UsageError,
+    and DataError for memory that cannot be shared."""
     shape, out = result_shape(frame), writable(out)
     is_array = isinstance(out, np.ndarray) or on_device(out)
     if not is_array or out.shape != shape or out.dtype not in (np.float32, np.float16):
@@ -195,7 +195,7 @@ def checked_out(out: Any, frame: Frame) -> Any:
 def mapped_image(
     shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.float32, pool: BlockPool = BLOCK_POOL
 ) -> NDArray[Any]:
-    """The same of any size in a mapping of its own, which begins at a page."""
+    """As ``empty_image``, of any size, in a mapping of its own, which begins at a page."""
     count = int(np.prod(shape))
     pages = in_large_pages(np.dtype(dtype).itemsize * count)
     block = Block(pool.take(pages) or _mapped(pages, pages), pool)
@@ -203,17 +203,17 @@ def mapped_image(
 
 
 def bytes_in_large_pages(size: int) -> NDArray[np.uint8]:
-    """Bytes in a mapping of their own, in as many large pages as they fill: no more memory than they are."""
+    """Return bytes in a mapping of their own, in as many large pages as they fill: no more memory than their size."""
     return np.frombuffer(_mapped(in_large_pages(size), size // LARGE_PAGE * LARGE_PAGE), np.uint8)[:size]
 
 
 def in_large_pages(size: int) -> int:
-    """Bytes that a mapping for ``size`` of them takes."""
+    """Return the bytes of a mapping of large pages that holds ``size``."""
     return -(-size // LARGE_PAGE) * LARGE_PAGE
 
 
 def _mapped(size: int, large: int) -> mmap.mmap:
-    """A mapping of ``size`` bytes, the first ``large`` of them in large pages."""
+    """Return a mapping of ``size`` bytes, the first ``large`` of them in large pages."""
     try:
         memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
     except OSError as error:
@@ -224,7 +224,7 @@ def _mapped(size: int, large: int) -> mmap.mmap:
 
 
 class Block:
-    """What arrays over a piece of memory refer to; with the last of them the memory is free."""
+    """Owner of a piece of memory, to which arrays over it refer; the last of them releases it."""
 
     def __init__(self, memory: mmap.mmap, pool: BlockPool) -> None:
         self._memory, self._pool = memory, pool
@@ -237,19 +237,19 @@ class Block:
         }
 
     def __del__(self) -> None:
-        """Leave it to what is allocated next."""
+        """Leave the memory to the next allocation."""
         self._pool.leave(len(self._memory), self._memory)
 
 
 def empty_haloed(count: int, height: int, width: int) -> NDArray[np.float32]:
-    """Planes [count, H, W], not filled, inside of memory with a halo."""
+    """Return planes [count, H, W], not filled, inside of memory with a halo."""
     layout = Layout(width, height)
     inside: NDArray[np.float32] = layout.inside(mapped_image((count, layout.rows, layout.stride)))
     return inside
 
 
 def haloed(planes: Sequence[NDArray[np.generic]]) -> NDArray[np.float32]:
-    """Copies of planes [H, W] as float32 [planes, H, W], inside of memory with a halo that is not filled."""
+    """Return copies of planes [H, W] as float32 [planes, H, W], inside of memory with a halo that is not filled."""
     copies = empty_haloed(len(planes), *planes[0].shape)
     for copy, plane in zip(copies, planes, strict=True):
         copy[...] = plane
@@ -257,9 +257,9 @@ def haloed(planes: Sequence[NDArray[np.generic]]) -> NDArray[np.float32]:
 
 
 def around(planes: NDArray[np.float32], layout: Layout) -> NDArray[np.float32] | None:
-    """The planes [C, rows, stride] of ``layout`` that ``planes`` [C, H, W] are the inside of.
+    """Return the planes [C, rows, stride] of ``layout`` of which ``planes`` [C, H, W] are the inside.
 
-    None where they are not all that ``haloed`` made for an image of that size: rows of it, or memory of another kind.
+    None unless those are all that ``haloed`` made for an image of that size: not some rows of it, nor other memory.
     """
     lies: object = planes
     while isinstance(lies, np.ndarray):

@@ -1,4 +1,4 @@
-"""Presets: named sets of choices and settings, as TOML files beside this module, files of users and ``--set`` say."""
+"""Presets: named sets of choices and settings, from TOML files of the package and of users, and from ``--set``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cltaa.errors import DataError, UsageError, known
 from cltaa.renamed import KEYS, PRESETS, WORDS, current
 
 LADDER = ("accumulate", "basic", "fast", "default", "gather-8", "gather-48")  # our own, from the fastest to the best
-BASE = "plain"  # what others begin with; a preset to name in a file, not one that is listed
+BASE = "plain"  # the base of the others: files may name it, but it is not listed
 _FOLDER = resources.files("cltaa") / "presets"
 
 
@@ -34,20 +34,20 @@ class Preset(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
 
     name: str
     description: str
-    jitter: str = ""  # the sample positions that it was published with, as ``cltaa capture --jitter`` takes them
-    published: Published = Published.NO  # the plan leaves nothing out of somebody else's resolve
+    jitter: str = ""  # the published sample positions, as ``cltaa capture --jitter`` takes them
+    published: Published = Published.NO  # the plan omits nothing of somebody else's resolve
     choices: Choices = Choices()
     settings: Settings = Settings()
 
     def replace(self, **values: str | float) -> Preset:
-        """The preset with other values for some of the keys that ``cltaa presets --parameters`` lists.
+        """Return the preset with new values for keys that ``cltaa presets --parameters`` lists.
 
         Raises UsageError for an unknown key or a value out of range.
         """
         return override(self, values, f"preset {self.name}")
 
     def deciding(self) -> dict[str, Any]:
-        """What of it decides the bits of a result; what it is called and says of itself does not."""
+        """Return the parts that decide the bits of a result: not name and description."""
         parts: dict[str, Any] = msgspec.to_builtins(self)
         return {part: parts[part] for part in ("choices", "settings", "published")}
 
@@ -59,12 +59,12 @@ FIELDS: dict[str, type[Settings] | type[Choices]] = {
 
 
 def words_of(key: str) -> list[str]:
-    """The names that a choice can be set to; none of a number."""
+    """Return the values of a choice; none for a number."""
     return [*get_type_hints(Choices)[key]] if FIELDS[key] is Choices else []
 
 
 def allowed(key: str) -> str:
-    """What a key can be set to: the names of a choice, or the range of a number."""
+    """Return the allowed values of a key: the names of a choice, or the range of a number."""
     if FIELDS[key] is Choices:
         return ", ".join(words_of(key))
     hint: Any = get_type_hints(Settings, include_extras=True)[key]
@@ -73,7 +73,7 @@ def allowed(key: str) -> str:
 
 
 def renamed(values: Mapping[str, object]) -> dict[str, object]:
-    """``values`` by the keys and words of today, where they are called by those of an earlier version."""
+    """Return ``values`` with the keys and words of earlier versions replaced by the current ones."""
     now: dict[str, object] = {}
     for old, value in values.items():
         key = current(old, KEYS, FIELDS, "key")
@@ -83,7 +83,7 @@ def renamed(values: Mapping[str, object]) -> dict[str, object]:
 
 
 def override(preset: Preset, values: Mapping[str, object], origin: str = "--set") -> Preset:
-    """``preset`` with some keys replaced; text is converted to the key's type.
+    """Return ``preset`` with some keys replaced; text is converted to the key's type.
 
     ``origin`` names where the values came from in errors. Raises UsageError for an unknown key or a value out of range.
     """
@@ -112,7 +112,7 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
 
 
 def _as_number(value: object) -> object:
-    """The number that a text says, as Python reads it: .5 and +2 too; what says none as it is."""
+    """Return the number in a text as Python reads it, such as .5 and +2; anything else unchanged."""
     try:
         return float(value) if isinstance(value, str) else value
     except ValueError:
@@ -120,13 +120,13 @@ def _as_number(value: object) -> object:
 
 
 def preset_names() -> list[str]:
-    """Names of the presets that come with cltaa, sorted."""
+    """Return the names of the presets that come with cltaa, sorted."""
     names = {Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml")}
     return sorted(names - {BASE})
 
 
 def load_preset(name: str = "default") -> Preset:
-    """The preset of that name, or of an earlier one; raises UsageError where there is none."""
+    """Return the preset of that current or earlier name; raises UsageError where there is none."""
     if not isinstance(name, str):
         raise UsageError("a preset is named by text", expected="as 'default'", found=repr(name))
     name = current(name, PRESETS, frozenset(preset_names()), "preset")
@@ -138,13 +138,13 @@ def load_preset(name: str = "default") -> Preset:
         raise UsageError(f"unknown preset {name}", cure=cure)
     text = (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
     parsed = parse_preset(text, f"preset {name}", Preset(name=name, description=""))
-    return msgspec.structs.replace(parsed, name=name)  # also where it begins with another
+    return msgspec.structs.replace(parsed, name=name)  # also where the file begins with another preset
 
 
 def parse_preset(text: str, origin: str, base: Preset) -> Preset:
-    """``base`` with the keys of a TOML text over it; its optional key ``preset`` names another base.
+    """Return ``base`` with the keys of a TOML text over it; its optional key ``preset`` names another base.
 
-    Raises DataError for what is no TOML, UsageError for a key or value that no preset has; ``origin`` names the text.
+    Raises DataError for a text that is not TOML, UsageError for an unknown key or value; ``origin`` names the text.
     """
     try:
         values = tomllib.loads(text)
@@ -157,7 +157,7 @@ def parse_preset(text: str, origin: str, base: Preset) -> Preset:
             raise UsageError(f"{origin}: {error}") from None
     words = ("description", "jitter", "published")
     said = {key: values.pop(key) for key in words if key in values and not isinstance(values[key], dict)}
-    preset = override(base, values, origin)  # first: a file of another kind is told by its keys
+    preset = override(base, values, origin)  # first: its keys give a file of another kind away
     try:
         return msgspec.convert(msgspec.to_builtins(preset) | said, Preset)
     except msgspec.ValidationError as error:

@@ -1,8 +1,8 @@
-"""The frame record: what the kernels get of a frame beside its pixels, and what the next frame needs of it.
+"""The frame record: what the kernels receive of a frame besides its pixels, and what the next frame needs of it.
 
-That is also whether the next one goes on from it. Cuts that nobody declares are found by colour where no depth tells
-what each pixel showed: seen coarsely, neighbouring frames of one shot correlate by 0.75 at least, frames of two shots
-by about 0 (docs/lab-notes/illumination.md). A frame that is found to be a cut starts a new history.
+The latter also decides whether the history continues. Undeclared cuts are found by colour, where depth cannot reject
+wrong history pixel by pixel: coarse versions of neighbouring frames of one shot correlate by 0.75 at least, of two
+shots by about 0 (docs/lab-notes/illumination.md). A found cut starts a new history.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ Coarse = tuple[float, ...]  # as ``coarse_colours`` gives it
 
 
 class AxisWeights(NamedTuple):
-    """Weights along an axis: of the outer two of three samples, which sum to 1 with that of the middle one."""
+    """Weights along an axis of the outer two of three samples; that of the middle one makes the sum 1."""
 
     before: float
     after: float
 
 
 def axis_weights(jitter: float, choices: Choices, settings: Settings) -> AxisWeights:
-    """Weights along one axis for samples that lie ``jitter`` pixels after their pixels' centres."""
+    """Return the weights along one axis for samples that lie ``jitter`` pixels after their pixels' centres."""
     if choices.current_filter is CurrentFilter.NONE:
         return AxisWeights(0.0, 0.0)
     before, middle, after = (_value(abs(step + jitter), choices.current_filter, settings) for step in (-1, 0, 1))
@@ -41,7 +41,7 @@ def axis_weights(jitter: float, choices: Choices, settings: Settings) -> AxisWei
 
 
 def _value(d: float, kind: CurrentFilter, settings: Settings) -> float:
-    """The kernel at distance ``d`` in pixels."""
+    """Return the value of the kernel at distance ``d`` in pixels."""
     if kind is CurrentFilter.BILINEAR:
         return max(0.0, 1.0 - d)
     if kind is CurrentFilter.GAUSSIAN:
@@ -52,7 +52,7 @@ def _value(d: float, kind: CurrentFilter, settings: Settings) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Past:
-    """What the next frame needs to know of this one, without its pixels."""
+    """What the next frame needs of this one, without its pixels."""
 
     index: int
     camera: Camera
@@ -64,20 +64,21 @@ class Past:
     jitter_px: tuple[float, float]
     depth: bool = True  # whether a depth was given, and a camera
     has_camera: bool = True
-    holds_changes: bool = False  # whether the counts that it left hold illumination changes
-    coarse: Coarse = ()  # what a cut is found by, where none is declared
-    earlier: tuple[Past, ...] = ()  # the frames before it whose samples are kept, the latest first
+    holds_changes: bool = False  # whether its counts hold illumination changes
+    coarse: Coarse = ()  # for finding a cut, where none is declared
+    earlier: tuple[Past, ...] = ()  # the previous frames whose samples are kept, the latest first
 
     @classmethod
     def of(cls, frame: Frame, coarse: Coarse = ()) -> Past:
-        """The past that ``frame`` becomes."""
+        """Return the past that ``frame`` becomes."""
         channels = frame.alpha is not None, frame.motion is not None, frame.reactive is not None
         there = frame.has_depth, frame.has_camera
         facts = frame.index, frame.camera, frame.exposure, frame.colour.shape, *channels, frame.jitter_px, *there
         return cls(*facts, coarse=coarse)
 
     def continues_in(self, frame: Frame, choices: Choices) -> bool:
-        """Tell whether the history goes on in ``frame``: no cut, no gap, the same given, the same lens."""
+        """True where the history continues in ``frame``: no cut, no gap, the same inputs, the same projection, no
+        reset."""
         if frame.cut or frame.index != self.index + frame.step:
             return False
         same_planes = (frame.colour.shape, frame.alpha is not None) == (self.shape, self.alpha)
@@ -87,19 +88,19 @@ class Past:
         return same_planes and same_kind and not starts_anew
 
 
-ROWS, COLUMNS, SAMPLES = 9, 16, 8  # blocks of a picture, and samples of each along an axis
+ROWS, COLUMNS, SAMPLES = 9, 16, 8  # blocks of an image, and samples of each along an axis
 LEAST_CORRELATION = 0.5
-# Less variance of logarithms is a picture that shows nothing: black, a fade, a plain wall. So is one whose blocks
-# differ by no more than so many times what the noise within them makes of their means.
+# With less variance of its logarithms an image shows nothing: black, a fade, a plain wall. So it does where the blocks
+# vary by no more than this factor times what their means inherit from the noise within them.
 LEAST_VARIANCE, LEAST_SIGNAL = 1e-3, 8.0
 LEAST_LIGHT, MOST_LIGHT = 2.0**-6, 2.0**13
 
 
 def coarse_colours(frame: Frame) -> Coarse:
-    """Mean logarithm of light in each of ROWS x COLUMNS blocks and three channels; () where no cut can be told.
+    """Return the mean log2 of light in each of ROWS x COLUMNS blocks and three channels; () where no cut can be found.
 
-    That is where a picture shows nothing but noise; where depth and its camera or vectors refute wrong history pixel by
-    pixel; where effects are declared, cuts among them or not; and where colour lies on a device.
+    That is where an image shows nothing but noise; where depth, with its camera or vectors, rejects wrong history pixel
+    by pixel; where effects, and so cuts, are declared; and where colour lies on a device.
     """
     refuted = frame.has_depth and (frame.has_camera or frame.motion is not None)
     if refuted or frame.effects is not None or on_device(frame.colour) or not any(frame.colour.strides):
@@ -112,7 +113,7 @@ def coarse_colours(frame: Frame) -> Coarse:
     levels = np.log2(LEAST_LIGHT + np.clip(light, 0.0, MOST_LIGHT))
     blocks = levels.reshape(ROWS, SAMPLES, COLUMNS, SAMPLES, 3).astype(np.float64)
     means = blocks.mean((1, 3))
-    pixels = min(SAMPLES, frame.height / ROWS) * min(SAMPLES, frame.width / COLUMNS)  # of a block that differ
+    pixels = min(SAMPLES, frame.height / ROWS) * min(SAMPLES, frame.width / COLUMNS)  # distinct ones of a block
     noise = float(blocks.var((1, 3)).mean()) / max(pixels, 1.0)
     if float(means.var((0, 1)).mean()) < max(LEAST_VARIANCE, LEAST_SIGNAL * noise):
         return ()
@@ -120,7 +121,7 @@ def coarse_colours(frame: Frame) -> Coarse:
 
 
 def looks_cut(before: Coarse, now: Coarse) -> bool:
-    """True where two frames of ``coarse_colours`` are of different shots; False where either is empty."""
+    """True where two results of ``coarse_colours`` come from different shots; False where either is empty."""
     if not before or not now:
         return False
     one, other = _centred(before), _centred(now)
@@ -128,14 +129,14 @@ def looks_cut(before: Coarse, now: Coarse) -> bool:
 
 
 def _centred(coarse: Coarse) -> NDArray[np.float64]:
-    """Levels without the mean of each channel: an exposure or a tint of all changes nothing."""
+    """Return levels without the mean of each channel, so that exposure and an overall tint have no effect."""
     levels = np.array(coarse).reshape(-1, 3)
     centred: NDArray[np.float64] = levels - levels.mean(0)
     return centred
 
 
 def _box_weights(jitter_px: tuple[float, float], plan: Plan | None) -> tuple[float, ...]:
-    """Weights exp(-falloff d^2) of the columns and rows beside the pixel's own over its, where the box is jittered."""
+    """Return weights exp(-falloff d^2) of the columns and rows beside the pixel's own over its, for a jittered box."""
     if plan is None or plan.choices.neighbourhood is not Neighbourhood.JITTERED:
         return (0.0,) * 4
     falloff = plan.settings.filter_falloff
@@ -143,7 +144,7 @@ def _box_weights(jitter_px: tuple[float, float], plan: Plan | None) -> tuple[flo
 
 
 def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan | None = None) -> Record:
-    """The per-frame struct of the kernels for ``frame``, whose history is that of ``previous`` (None: none).
+    """Return the kernels' per-frame struct for ``frame``, whose history is that of ``previous`` (None: none).
 
     Without a ``plan`` the current filter has no weights.
     """
@@ -155,7 +156,7 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
     weights: tuple[float, ...] = (0.0,) * 4
     if plan is not None:
         weights = (*axis_weights(across, plan.choices, plan.settings), *axis_weights(down, plan.choices, plan.settings))
-    # In the order of FRAME_FIELDS, and by one call: a frame waits for this, and a name for each costs a third of it.
+    # In the order of FRAME_FIELDS, and in one call: this is on the frame's critical path, and names take a third of it.
     values = (
         layout.width,
         layout.height,

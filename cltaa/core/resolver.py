@@ -1,4 +1,4 @@
-"""The resolver: frames in, anti-aliased images out; it never knows who drew the pixels."""
+"""The resolver: frames in, anti-aliased images out, whatever drew the pixels."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ from cltaa.errors import ResourceError, UsageError
 from cltaa.frame import Array, Frame, on_device, outline
 from cltaa.process import OneProcess, no_copy
 
-INSIDE = "_inside"  # the attribute that names the thread
+INSIDE = "_inside"  # the attribute that holds the thread inside
 Method = TypeVar("Method", bound=Callable[..., Any])
 Out = TypeVar("Out", bound=Array)
 
 
 def one_thread(method: Method) -> Method:
-    """``method``, which raises UsageError while another thread is in it for the same object.
+    """Make ``method`` raise UsageError while another thread uses the same object.
 
     It does not wait for the other: frames come in order, and which of two threads is first is chance.
     """
 
     @wraps(method)
     def alone(owner: Any, *given: Any, **named: Any) -> Any:
-        # Who is in it, and no lock: an interrupt between taking and the try would leave that taken for good.
+        # Records the thread, without a lock: an interrupt between acquire and try would leave that held for good.
         state, me = vars(owner), get_ident()
         if state.setdefault(INSIDE, me) != me:
             raise UsageError("two threads use one resolver at once", cure="frames come in order: take one a thread")
@@ -54,11 +54,11 @@ def one_thread(method: Method) -> Method:
     return cast(Method, alone)
 
 
-CUTS_KEPT = 1024  # found cuts that a resolver remembers
+CUTS_KEPT = 1024  # most found cuts that a resolver remembers
 
 
 class Times(NamedTuple):
-    """Seconds that one frame spent in each step."""
+    """Seconds that one frame took in each step."""
 
     upload: float
     kernels: float
@@ -70,13 +70,13 @@ class Resolver:
 
     ``preset`` is a name or a Preset; ``device`` is None (first OpenCL device), a part of a device's name, its index,
     ``numpy``, a launcher to share, or a ``pyopencl.CommandQueue``, for arrays on its device; ``strict`` builds kernels
-    that match the NumPy oracle bit for bit; ``storage`` is the numbers that the history is kept in; ``every_step`` runs
-    steps too that no frame calls for. A measurement gives a whole ``build`` in place of ``strict`` and ``storage``; of
-    it the plan decides choices, steps and terms.
-    A cut, a gap in the frame numbers or a change of size starts a new history.
+    that match the NumPy oracle bit for bit; ``storage`` is the type in which the history is stored; ``every_step`` also
+    runs steps that no frame needs. A measurement gives a whole ``build`` in place of ``strict`` and ``storage``; the
+    plan decides choices, steps and terms of it. A cut, a gap in the frame numbers or a change of size starts a new
+    history.
 
-    ``look_ahead`` stands over the preset's: with N of it ``feed`` takes the place of ``resolve``, and the image of a
-    frame is ready when N more have come. UsageError where the preset keeps no frames.
+    ``look_ahead`` overrides the preset's: with N of it ``feed`` replaces ``resolve``, and the image of a frame is ready
+    when N more have come. Raises UsageError where the preset keeps no frames.
     """
 
     def __init__(
@@ -105,17 +105,17 @@ class Resolver:
         self.launcher = launcher_for(device)
         self._asked = build or Build(strict=strict, storage=storage_of(storage))
         self._builds: dict[tuple[Choices, Settings, Steps], Build] = {}
-        # What the next frame depends on: facts about the last one, memory of its size, and a frame ring.
+        # State for the next frame: facts about the last one, memory of its size, and a frame ring.
         self._buffers: Buffers | None = None
         self._frame_ring: FrameRing | None = None
         self._previous: Past | None = None
         self._jitters = JittersBefore(self.preset)
-        # Ahead of it: the frame that came last, and outlines of those that wait for later ones.
+        # With look-ahead: the frame that came last, and outlines of those that wait for later ones.
         self._latest: Past | None = None
         self._waiting: deque[Frame] = deque()
-        self._coarse: Coarse = ()  # of the frame in work
-        self.cuts_found: deque[int] = deque(maxlen=CUTS_KEPT)  # numbers of the frames, the latest last
-        self._lends = False  # arrays of the host, to a frame that has begun and not ended
+        self._coarse: Coarse = ()  # of the current frame
+        self.cuts_found: deque[int] = deque(maxlen=CUTS_KEPT)  # frame numbers, the latest last
+        self._lends = False  # whether an unfinished frame may still use arrays of the host
         self.plan: Plan | None = None
         self.last: LastRun | None = None
         self.times = Times(0.0, 0.0, 0.0)
@@ -129,36 +129,36 @@ class Resolver:
         self.close()
 
     def __copy__(self) -> NoReturn:
-        """Refuse: the copy's results would go where the history of this one is."""
+        """Refuse to copy: the copy would write to the history of this one."""
         raise UsageError(
             "a copy of a resolver would write to the same memory",
             cure="make another one, or take copy.deepcopy on NumPy",
         )
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
-        """What ``pickle`` and ``copy.deepcopy`` ask for; raises UsageError where a device is held."""
+        """Support ``pickle`` and ``copy.deepcopy``; raises UsageError where a device is held."""
         if isinstance(self.launcher, OneProcess):
             raise no_copy(self)
         return super().__reduce_ex__(protocol)
 
     @property
     def storage(self) -> Storage:
-        """The numbers that the history is kept in."""
+        """The type in which the history is stored."""
         return self._asked.storage
 
     @property
     def keeps_halves(self) -> bool:
-        """True where the history is kept in halves."""
+        """True where the history is stored in halves."""
         return self.storage in HALVES
 
     @property
     def look_ahead(self) -> int:
-        """How many frames an image waits for."""
+        """How many later frames an image waits for."""
         return self.preset.settings.look_ahead
 
     @one_thread
     def settings(self) -> dict[str, Any]:
-        """Everything that decides the bits of a result, beside the frames."""
+        """Return everything that decides the bits of a result, besides the frames."""
         return {
             "code_sha256": code_sha256(),
             "device": self.launcher.description,
@@ -168,20 +168,20 @@ class Resolver:
 
     @one_thread
     def reset(self) -> None:
-        """Forget the history, and the frames that wait: the next frame starts a new one."""
+        """Forget the history, and the waiting frames: the next frame starts a new one."""
         self._forget()
 
     @one_thread
     def close(self) -> None:
-        """Free the device memory and end the threads that copy arrays. The resolver stays usable: the next frame starts
-        a new history."""
+        """Free the device memory and end the copying threads. The resolver stays usable: the next frame starts a new
+        history."""
         self._free()
         self._frame_ring, self.last = None, None
         self._forget()
 
     @one_thread
     def reopen(self) -> None:
-        """Open the device again after it was lost, without a history; raises what opening it raises."""
+        """Open the device again after it was lost, without a history; raises the errors of opening it."""
         self._free()
         self._frame_ring = None
         self._forget()
@@ -189,7 +189,7 @@ class Resolver:
 
     @one_thread
     def reserve(self, width: int, height: int, *, alpha: bool, half: bool = False) -> None:
-        """Do what every frame of a size needs, with or without alpha, while the first of them is still being read."""
+        """Prepare for frames of a size, with or without alpha, while the first of them is still being read."""
         self._fitting(Layout(width, height), alpha or self.every_step)
         build = edge_build(self.launcher.build(self._asked))
         for kernel in (*([] if build.extends else ["extend_edges"]), "pack"):
@@ -198,16 +198,16 @@ class Resolver:
 
     @one_thread
     def empty(self, shape: tuple[int, ...], dtype: Any = np.float32) -> NDArray[Any]:
-        """An array, not filled, for what frames hold or for ``out``: in pinned memory, which a GPU reads and writes at
-        the speed of its bus. Elsewhere as ``np.empty`` gives it.
+        """Allocate an array, not filled, for frames or for ``out``: in pinned memory, which a GPU reads and writes at
+        the speed of its bus; elsewhere as ``np.empty`` does.
 
-        Of float32 or float16. Pinned memory is scarce and slow to get: take as many arrays as are in work, once. Raises
-        UsageError for other numbers, and ResourceError.
+        Of float32 or float16. Pinned memory is scarce and slow to allocate: allocate as many arrays as are in use,
+        once. Raises UsageError for other types, and ResourceError.
         """
         if np.dtype(dtype) not in (np.float32, np.float16):
             raise UsageError("frames hold no such numbers", expected="float32 or float16", found=np.dtype(dtype))
         try:
-            wanted = np.empty(shape, dtype)  # untouched, it takes no memory
+            wanted = np.empty(shape, dtype)  # takes no memory until it is touched
         except MemoryError as error:
             raise ResourceError(f"not enough memory for an array: {error}") from None
         return self.launcher.pinned(wanted.nbytes).view(wanted.dtype).reshape(wanted.shape)
@@ -226,13 +226,14 @@ class Resolver:
 
     @one_thread
     def resolve(self, frame: Frame, *, half: bool = False, out: Any = None) -> Any:
-        """The resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha; contiguous.
+        """Return the resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha;
+        contiguous.
 
-        With ``half`` float16, infinite where it is 65504 or beyond. Into ``out``, which is returned, in its numbers:
-        float32 or float16, in any order of its axes in memory, and of any library that has ``__dlpack__`` on a CPU.
-        Arrays of a device (``pyopencl.array.Array``) stay on it, and where all are such nothing is waited for: the
-        result is there for what its queue is given next.
-        Raises DataError where a frame is wrong, and UsageError where ``out`` is or another thread is in it.
+        With ``half`` float16, infinite where it is 65504 or beyond. With ``out`` it writes there and returns that, in
+        its own type: float32 or float16, its axes in any order in memory, of any library that has ``__dlpack__`` on a
+        CPU. Arrays of a device (``pyopencl.array.Array``) stay on it, and where all are such nothing waits: later
+        commands of their queue see the result. Raises DataError for a wrong frame, and UsageError for a wrong ``out``
+        or while another thread is in it.
         """
         if self.look_ahead:
             raise UsageError(
@@ -242,7 +243,7 @@ class Resolver:
         check_frame(frame)
         into = None if out is None else checked_out(out, frame)
         started = perf_counter()
-        if self._lends:  # what an interrupt left may still read arrays of the host, or write them
+        if self._lends:  # an interrupted frame may still read or write arrays of the host
             self.launcher.finish()
         previous, build = self._begin(frame)
         buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
@@ -266,7 +267,7 @@ class Resolver:
         *,
         waits: bool = True,
     ) -> None:
-        """Resolve a frame that ``buffers`` hold, which was begun to be uploaded at ``started``, into ``out``."""
+        """Resolve the frame in ``buffers``, whose upload began at ``started``, into ``out``."""
         uploaded = perf_counter()
         output = self._run(frame, previous, build, buffers)
         if waits:
@@ -283,9 +284,10 @@ class Resolver:
         self._previous = Past.of(frame, self._coarse)
 
     def images(self, frames: Iterable[Frame], *, half: bool = False, planar: bool = False) -> Iterator[NDArray[Any]]:
-        """The image of each of ``frames``, in their order, as ``resolve`` gives it; they may come later.
+        """Yield the image of each of ``frames``, in their order, as ``resolve`` returns it; with look-ahead they come
+        later.
 
-        Each channel lies by itself in memory where images are to be ``planar``.
+        ``planar`` stores each channel of an image by itself.
         """
         for frame in frames:
             if self.look_ahead:
@@ -295,31 +297,32 @@ class Resolver:
                 yield self.resolve(frame, out=empty_result(frame, kind, planar=True))
             else:
                 yield self.resolve(frame, half=half)
-            del frame  # while the next is waited for
+            del frame  # before the wait for the next
         yield from self._flushed(half=half, planar=planar)
 
     def feed(self, frame: Frame, *, half: bool = False) -> list[NDArray[Any]]:
-        """Take the next frame; returns the images that are ready now, in the order of their frames.
+        """Take the next frame; returns the images that are now ready, in the order of their frames.
 
-        That of a frame is ready when ``look_ahead`` more have come, or one that starts a new history; without
-        ``look_ahead`` at once. Raises what ``resolve`` raises; after an error what waited is forgotten.
+        An image is ready when ``look_ahead`` more frames have come, or one that starts a new history; without
+        ``look_ahead`` at once. Raises the errors of ``resolve``, and then forgets the waiting frames.
         """
         return list(self._fed(frame, half=half)) if self.look_ahead else [self.resolve(frame, half=half)]
 
     def flush(self, *, half: bool = False) -> list[NDArray[Any]]:
-        """The images of the frames that wait for later ones, from those that there are."""
+        """Return the images of the frames that wait for later ones, from those that there are."""
         self._alone()
         return list(self._flushed(half=half))
 
     @one_thread
     def _alone(self) -> None:
-        """Raise UsageError while another thread is in it."""
+        """Raise UsageError while another thread uses the resolver."""
 
     @one_thread
     def keep(self, frame: Frame) -> None:
         """Take ``frame`` as the last one before the next, without its image: later images gather its samples.
 
-        Raises what ``resolve`` raises, and UsageError where frames wait for later ones, or where nothing is gathered.
+        Raises the errors of ``resolve``, and UsageError where frames wait for later ones, or where the preset needs the
+        result before.
         """
         check_frame(frame)
         if self._waiting:
@@ -361,7 +364,7 @@ class Resolver:
             yield self._next(half=half, planar=planar)
 
     def _goes_on(self, frame: Frame) -> bool:
-        """Whether ``frame`` is ahead of those that wait, and lies in the same ring."""
+        """True where ``frame`` comes next after those that wait, and fits the same ring."""
         if self._latest is None or self._frame_ring is None:
             return False
         settings, layout = self.preset.settings, Layout(frame.width, frame.height)
@@ -370,10 +373,10 @@ class Resolver:
 
     @one_thread
     def _take(self, frame: Frame, coarse: Coarse) -> None:
-        """Bring a frame into the ring, ahead of those that wait."""
+        """Copy a frame into the ring, ahead of those that wait."""
         started, goes_on, steps = perf_counter(), self._goes_on(frame), self._channel_steps(frame)
         latest, waiting = self._latest, self._waiting
-        self._forget_ahead()  # an interrupt from here on leaves nothing that waits, rather than a half of it
+        self._forget_ahead()  # an interrupt from here on leaves no waiting frames, rather than some of them
         buffers = self._fitting(Layout(frame.width, frame.height), steps.alpha)
         upload(frame, buffers, steps, self.preset)
         ring = self._ring(latest if goes_on else None, buffers.layout, steps)
@@ -387,7 +390,7 @@ class Resolver:
 
     @one_thread
     def _next(self, *, half: bool, planar: bool) -> NDArray[Any]:
-        """Resolve the first of the frames that wait."""
+        """Resolve the first of the waiting frames."""
         assert self._buffers is not None
         assert self._frame_ring is not None
         started = perf_counter() - self.times.upload
@@ -402,14 +405,15 @@ class Resolver:
         return image
 
     def _place(self, frame: Frame, half: bool, buffers: Buffers) -> Any:
-        """Where the result of ``frame`` goes, beside its colour."""
+        """Allocate the result of ``frame``, on the device if its colour is there."""
         kind = np.float16 if half else np.float32
         if on_device(frame.colour):
             return self.launcher.empty(frame.colour, result_shape(frame), kind)
         return empty_result(frame, kind, pool=buffers.results)
 
     def _is_cut(self, past: Past, frame: Frame, coarse: Coarse) -> bool:
-        """Whether ``frame``, which otherwise goes on from ``past``, looks like a cut; published resolves find none."""
+        """True where ``frame``, which otherwise continues ``past``, looks like a cut; published resolves search for
+        none."""
         if self.preset.published or not looks_cut(past.coarse, coarse):
             return False
         self.cuts_found.append(frame.index)
@@ -417,7 +421,7 @@ class Resolver:
 
     @one_thread
     def debug(self, *views: str) -> dict[str, NDArray[np.float32]]:
-        """What was decided at each pixel of the frame that was resolved last, by the names of docs/debug-views.md.
+        """Return what was decided at each pixel of the frame resolved last, by the names of docs/debug-views.md.
 
         ``reject`` and ``count`` [H, W], ``motion`` [H, W, 2] in pixels, ``clip`` [H, W]. Raises UsageError for other
         names, and before the first frame.
@@ -428,16 +432,17 @@ class Resolver:
 
     @one_thread
     def release(self) -> None:
-        """Let go of the channels of the last frame, which ``last`` and ``run_again`` need: the next may lie there."""
+        """Release the channels of the last frame, which ``last`` and ``run_again`` need: the next may reuse that
+        memory."""
         self.last = None
         if self._buffers is not None:
             self._buffers.let_go()
 
     @one_thread
     def run_again(self, frame: Frame, previous: Frame) -> None:
-        """Run the kernels of the last frame once more, to the same result, and wait for them: something to time.
+        """Run the kernels of the last frame once more, to the same result, and wait for them, for timing.
 
-        ``frame`` is what was resolved last and ``previous`` what was resolved before it.
+        ``frame`` is the one resolved last and ``previous`` the one before it.
         """
         assert self.plan is not None
         assert self._buffers is not None
@@ -450,17 +455,18 @@ class Resolver:
 
     @one_thread
     def keep_again(self, frame: Frame, times: int) -> None:
-        """Keep ``frame``, which was resolved last, as the last ``times`` ones, if any are kept: something to time."""
+        """Keep ``frame``, which was resolved last, as the last ``times`` ones, if any are kept, for timing."""
         if self._frame_ring is None or self._buffers is None or self.plan is None:
             return
-        self._buffers.swap()  # back to where the frame was uploaded
+        self._buffers.swap()  # back to the planes to which it was uploaded
         for ago in reversed(range(times)):
             self._frame_ring.keep(replace(frame, index=frame.index - ago), self._buffers, self.plan.steps)
         self._buffers.swap()
 
     @one_thread
     def recurrent(self) -> tuple[Past, dict[str, Buffer]]:
-        """What the next frame depends on: facts about the last one, and the memory that the next one reads of it.
+        """Return what the next frame depends on: facts about the last one, and the memory of it that the next one
+        reads.
 
         Raises ValueError before the first frame and after ``reset``.
         """
@@ -474,7 +480,7 @@ class Resolver:
 
     @one_thread
     def restore(self, past: Past) -> dict[str, Buffer]:
-        """Go on after ``past``; returns the memory to fill with what ``recurrent`` gave then, by the same names."""
+        """Continue after ``past``; returns the memory to fill with that of ``recurrent``, by the same names."""
         layout = Layout(past.shape[1], past.shape[0])
         buffers = self._allocate(layout, past.alpha or self.every_step)
         self._previous, self._frame_ring = past, None
@@ -492,7 +498,7 @@ class Resolver:
         return {**buffers.recurrent(), "ring": frame_ring.planes}
 
     def _begin(self, frame: Frame) -> tuple[Past | None, Build]:
-        """Make the plan of ``frame``; returns the past that it continues, and what its kernels are built from."""
+        """Plan ``frame``; returns the past that it continues, and the build of its kernels."""
         previous = self._previous
         if previous is not None and frame.index == previous.index and not frame.cut:
             cure = f"number frames one after the other, {frame.step} apart; before another sequence call reset()"
@@ -514,18 +520,18 @@ class Resolver:
         return self._builds[decided_by]
 
     def _recursive(self) -> Build | None:
-        """What the recursive resolve beside the gathered samples is built from, where the plan has one."""
+        """Return the build of the recursive resolve beside the gathered samples, where the plan has one."""
         assert self.plan is not None
         choices = recursive_choices(self.plan.choices)
         return None if choices is None else self._build(self.plan._replace(choices=choices))
 
     def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers) -> Buffer:
-        """Start the kernels of ``frame``, which ``buffers`` hold; returns the memory of the result."""
+        """Start the kernels of ``frame``, which is in ``buffers``; returns the memory of the result."""
         assert self.plan is not None
         choices, record = self.plan.choices, frame_record(frame, previous, buffers.layout, self.plan)
         passes = Passes(self.launcher, self.plan, build, self._recursive(), buffers, record)
         if choices.history is HistoryKind.FRAMES:
-            # The frame in work of a ring that looks ahead lies there already.
+            # With look-ahead, the current frame is already in the ring.
             ahead = self._frame_ring if self.look_ahead else None
             frame_ring = ahead or self._ring(previous, buffers.layout, build.steps)
             if choices.illumination is Illumination.WINDOW:
@@ -541,7 +547,7 @@ class Resolver:
         return output
 
     def _fitting(self, layout: Layout, alpha: bool) -> Buffers:
-        """Memory for images of a size: what there is, where that fits."""
+        """Return memory for images of a size: the present one, if it fits."""
         if self._buffers is None or not self._buffers.fit(layout, alpha):
             return self._allocate(layout, alpha)
         return self._buffers
@@ -552,7 +558,7 @@ class Resolver:
         return self._buffers
 
     def _free(self) -> None:
-        """Let go of the planes on the device, and of what brings arrays there."""
+        """Free the planes on the device, and end the threads that copy to them."""
         if self._buffers is not None:
             self._buffers.close()
         self._buffers = None
@@ -561,10 +567,10 @@ class Resolver:
         return Buffers(self.launcher, layout, alpha, storage_dtype(self._asked))
 
     def _ring(self, previous: Past | None, layout: Layout, steps: Steps) -> FrameRing:
-        """The frame ring for this frame; it holds none where there is no predecessor."""
+        """Return the frame ring for this frame; it is empty where there is no predecessor."""
         count, ahead = self.preset.settings.history_frames, self.look_ahead
         if self._frame_ring is None or not self._frame_ring.fit(layout, count, steps, ahead):
-            self._frame_ring = None  # released before the new one is allocated
+            self._frame_ring = None  # freed before the new one is allocated
             self._frame_ring = FrameRing(self.launcher, layout, count, steps, ahead)
         self._frame_ring.go_back(previous)
         return self._frame_ring

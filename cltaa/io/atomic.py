@@ -1,4 +1,4 @@
-"""Files that are either complete or not there (write beside the final name, flush, rename), in folders of one owner."""
+"""Files that are either complete or absent (write beside the final name, flush, rename), in folders of one owner."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ def make_folder(folder: Path) -> Path:
 
 @contextmanager
 def owned(folder: Path) -> Iterator[None]:
-    """Lock ``folder`` for this process, whose end, however sudden, unlocks it; raises OutputError where it is taken."""
+    """Lock ``folder`` until the block or this process ends, however suddenly; raises OutputError where another holds
+    it."""
     try:
         descriptor = os.open(make_folder(folder), os.O_RDONLY)
     except OSError as error:
@@ -54,17 +55,17 @@ def owned(folder: Path) -> Iterator[None]:
 
 
 def check_ownable(folder: Path) -> None:
-    """Raise OutputError unless ``owned`` can have the folder, and leave none that was not there."""
+    """Raise OutputError unless ``owned`` can lock the folder; removes the folders that this creates."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     with owned(folder):
         pass
-    with suppress(OSError):  # another process may have begun there since
+    with suppress(OSError):  # another process may have started there since
         for path in missing:
             path.rmdir()
 
 
 def check_creatable(path: Path) -> None:
-    """Raise OutputError unless a file of that name can be written, before the work that it is to hold."""
+    """Raise OutputError unless a file of that name can be written; to call before the work that fills it."""
     temporary = _create(path)
     temporary.unlink()
 
@@ -74,9 +75,9 @@ def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a temporary name in the folder of ``path``; on a clean exit its content becomes ``path``, durably.
 
     The order (flush the file, rename, flush the folder) leaves the old file or the new one under the final name
-    whenever the machine stops. A failed flush is final: after one the system may have dropped the pages, so that a
-    second attempt would succeed without having written them. Raises OutputError where the file cannot be created
-    and StorageError where writing fails half-way; nothing temporary is left behind by either.
+    whenever the machine stops. A failed flush is final: the system may then have dropped the pages, so that a second
+    attempt would succeed without writing them. Raises OutputError where the file cannot be created and StorageError
+    where writing fails half-way; neither leaves anything temporary behind.
     """
     temporary = _create(path)
     try:
@@ -93,14 +94,14 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 
 def keep(path: Path, finished: object) -> None:
-    """Write a struct into a file, and the folder that it is in if need be; raises OutputError and StorageError."""
+    """Write a struct into a file, and create its folder if need be; raises OutputError and StorageError."""
     make_folder(path.parent)
     with atomic_path(path) as temporary:
         temporary.write_bytes(msgspec.msgpack.encode(finished))
 
 
 def kept(path: Path, kind: type[Kept]) -> Kept | None:
-    """The struct of a file, or None where there is none; raises DataError for a damaged one."""
+    """Return the struct of a file, or None where there is none; raises DataError for a damaged one."""
     if not path.is_file():
         return None
     try:
@@ -112,7 +113,7 @@ def kept(path: Path, kind: type[Kept]) -> Kept | None:
 
 @contextmanager
 def temporary_folder(folder: Path) -> Iterator[Path]:
-    """Yield a new folder inside of ``folder``, for what other processes write; they cannot once the block has ended.
+    """Yield a new folder inside of ``folder`` for other processes to write into; they cannot once the block has ended.
 
     Raises OutputError where it cannot be created.
     """
@@ -125,7 +126,7 @@ def temporary_folder(folder: Path) -> Iterator[Path]:
 
 
 def move_into(path: Path, folder: Path) -> None:
-    """Give a finished file its place in ``folder`` on the same disk, durably; raises StorageError."""
+    """Move a finished file into ``folder`` on the same disk, durably; raises StorageError."""
     target = folder / path.name
     try:
         path.replace(target)
@@ -136,7 +137,7 @@ def move_into(path: Path, folder: Path) -> None:
 
 
 def remove_stale_temporaries(folder: Path) -> None:
-    """Delete what killed processes left half-written in ``folder``, into which no other process writes."""
+    """Delete the half-written files of killed processes in ``folder``, into which no other process writes."""
     for entry in folder.iterdir():
         if _TEMPORARY.fullmatch(entry.name):
             if entry.is_dir() and not entry.is_symlink():
@@ -146,19 +147,19 @@ def remove_stale_temporaries(folder: Path) -> None:
 
 
 def _remove_folder(folder: Path) -> None:
-    """Delete a folder that others may still be writing into: by its old name it is gone at once."""
+    """Delete a folder that others may still be writing into: renamed first, it is gone for them at once."""
     gone = folder.with_name(f".{secrets.token_hex(4)}.tmp.{os.getpid()}")
     with suppress(OSError):
         shutil.rmtree(folder.replace(gone), ignore_errors=True)
 
 
 def _create(path: Path) -> Path:
-    """A new file beside ``path``, whose place it can take: where nothing lies, or a file."""
+    """Create a temporary file beside ``path``, which is absent or a file."""
     try:
-        if path.exists() and not path.is_file():  # of a device, such as /dev/null, no more than a file would be left
+        if path.exists() and not path.is_file():  # a file would replace a device such as /dev/null
             what = "this is a folder" if path.is_dir() else "this is a pipe or a device"
             raise OutputError(what, path=path, expected="the name of a file")
-        # The end of the name, where the frame number stands: all of it can be as long as a file system allows.
+        # The end of the name, which holds the frame number: the whole can be as long as a file system allows.
         name = os.fsdecode(os.fsencode(path.name)[-LONGEST_NAME:])
         temporary = path.with_name(f".{name}.tmp.{os.getpid()}")
         temporary.touch()

@@ -1,7 +1,7 @@
-"""The bytes of an input file: opened without surprises, read once, checked against the SHA-256 that was recorded.
+"""The bytes of an input file: opened safely, read once, checked against the recorded SHA-256.
 
-A name in a folder may be anything: a folder, a pipe that never answers, a device without an end. Only regular files are
-read. They are copied, not mapped: a mapped file that somebody cuts short kills the process that looks at it.
+A name in a folder may be anything: a folder, a pipe that never answers, an endless device. Only regular files are read.
+They are copied, not mapped: truncating a mapped file kills the process that reads it.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from typing import BinaryIO, Self
 from cltaa.core.planes import BLOCK_POOL
 from cltaa.errors import DataError, InputMissing, ResourceError, StorageError, disk_cure
 
-ReadAt = Callable[[int, int], bytes]  # the bytes from a place on, as many as are asked for or fewer where the file ends
+ReadAt = Callable[[int, int], bytes]  # the bytes from a place on, as many as asked for or fewer where the file ends
 
 _CGROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
 
 
 @contextmanager
 def open_regular(path: Path, expected: str = "an EXR file") -> Iterator[BinaryIO]:
-    """Open a file that is no folder, pipe or device, for reading bytes; ``expected`` says what it should be.
+    """Open a regular file for reading bytes, no folder, pipe or device; ``expected`` says what it should be.
 
     Raises InputMissing where there is no such file or it may not be read, DataError where it is of another kind, and
     StorageError where reading fails, in the block too.
     """
     try:
-        # O_NONBLOCK: to open a pipe that nobody writes into would wait for ever.
+        # O_NONBLOCK: opening a pipe without a writer would wait for ever.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
         try:
             _check_kind(path, os.fstat(descriptor), expected)
@@ -44,12 +44,12 @@ def open_regular(path: Path, expected: str = "an EXR file") -> Iterator[BinaryIO
     except PermissionError as error:
         raise InputMissing("the file cannot be read: permission denied", path=path) from error
     except OSError as error:
-        what = f"reading failed: {error.strerror or error}"  # of the file, or into the copy in memory
+        what = f"reading failed: {error.strerror or error}"  # from the file, or into the copy in memory
         raise StorageError(what, path=path, cure=disk_cure(error)) from error
 
 
 def read_bytes(path: Path, expected: str, largest: int) -> bytes:
-    """Read a file of at most ``largest`` bytes; raises what ``open_regular`` raises, and DataError for a larger one."""
+    """Read a file of at most ``largest`` bytes; raises as ``open_regular``, and DataError for a larger one."""
     with open_regular(path, expected) as file:
         content = file.read(largest + 1)
     if len(content) > largest:
@@ -58,9 +58,9 @@ def read_bytes(path: Path, expected: str, largest: int) -> bytes:
 
 
 def read_text(path: Path, expected: str, largest: int) -> str:
-    """Read a text of at most ``largest`` bytes; errors as ``read_bytes``, and DataError for what is no UTF-8.
+    """Read a text of at most ``largest`` bytes; errors as ``read_bytes``, and DataError where it is not UTF-8.
 
-    The mark that some editors and spreadsheets put before UTF-8 is no part of it.
+    Skips the byte order mark that some editors and spreadsheets put before UTF-8.
     """
     try:
         return read_bytes(path, expected, largest).decode("utf-8-sig")
@@ -69,7 +69,7 @@ def read_text(path: Path, expected: str, largest: int) -> str:
 
 
 class FileCopy:
-    """A file's bytes in memory, which is a file of no folder, so that nobody can change them; a descriptor of it."""
+    """A copy of a file's bytes in an anonymous memory file, which nobody else can change."""
 
     size: int
 
@@ -78,9 +78,9 @@ class FileCopy:
         self._memory: mmap | None = None
 
     def fill(self, path: Path, file: BinaryIO) -> None:
-        """Copy a file of the size that it has now, by as few calls as it takes; raises DataError where it changes."""
+        """Copy a file of its present size, in as few calls as possible; raises DataError where it changes."""
         size = file_size(file)
-        os.ftruncate(self._descriptor, size)  # the pages of an earlier file are used again, up to there
+        os.ftruncate(self._descriptor, size)  # reuses the pages of an earlier file, up to there
         if size and (self._memory is None or len(self._memory) < size):
             self._memory = mmap(self._descriptor, size)
         self.size, place = size, 0
@@ -92,7 +92,7 @@ class FileCopy:
                 place += length
 
     def hold(self, pieces: Sequence[bytes]) -> None:
-        """Take these bytes, one behind another, in place of a file's."""
+        """Hold these bytes, one piece after another, in place of a file's."""
         self.size = sum(map(len, pieces))
         os.ftruncate(self._descriptor, self.size)
         self._memory, place = mmap(self._descriptor, self.size), 0
@@ -101,17 +101,17 @@ class FileCopy:
             place += len(piece)
 
     def read_at(self, place: int, size: int) -> bytes:
-        """The bytes from a place on."""
+        """Return ``size`` bytes from ``place`` on."""
         with self.view() as content:
             return content[place : place + size].tobytes()
 
     def view(self) -> memoryview:
-        """What was copied last; release it before the next file."""
+        """Return a view of the last copy; release it before the next file."""
         return memoryview(self._memory or b"")[: self.size]
 
     def check_sha256(self, path: Path, sha256: str) -> None:
-        """Raise DataError where the SHA-256 of the copy of ``path``, in hexadecimal, is another one."""
-        with self.view() as content:  # by one call: where threads are many, each acquisition of the GIL is waited for
+        """Raise DataError where the copy of ``path`` has another SHA-256, in hexadecimal."""
+        with self.view() as content:  # in one call: with many threads each acquisition of the GIL has to wait
             found = hashlib.sha256(content).hexdigest()
         if found != sha256:
             what, cure = "the content is not what was recorded when it was written", "capture or copy the file again"
@@ -119,7 +119,7 @@ class FileCopy:
             raise DataError(what, path=path, expected=expected, found=other, cure=cure)
 
     def fileno(self) -> int:
-        """The descriptor, by whose name other libraries open the memory."""
+        """Return the descriptor, by whose name other libraries open the memory."""
         return self._descriptor
 
     def __enter__(self) -> Self:
@@ -127,12 +127,12 @@ class FileCopy:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the memory to the next file, in a run that keeps it."""
+        """Leave the memory to the next file, in a run that pools it."""
         BLOCK_POOL.leave(FileCopy, self)
 
     def __del__(self) -> None:
-        """Give the memory back."""
-        with suppress(AttributeError):  # where there was no descriptor to be had
+        """Free the memory."""
+        with suppress(AttributeError):  # where no descriptor could be created
             os.close(self._descriptor)
 
 
@@ -144,12 +144,12 @@ def copied(path: Path, file: BinaryIO) -> FileCopy:
 
 
 def file_size(file: BinaryIO) -> int:
-    """Size of an open file in bytes."""
+    """Return the size of an open file in bytes."""
     return os.fstat(file.fileno()).st_size
 
 
 def check_memory(path: Path, needed: int) -> None:
-    """Raise ResourceError where ``needed`` bytes are more than all the memory that there is."""
+    """Raise ResourceError where ``needed`` bytes exceed all memory."""
     limit = memory_limit()
     if needed > limit:
         expected, found = f"at most {limit / 1e9:.1f} GB", f"{needed / 1e9:.1f} GB"
@@ -158,7 +158,8 @@ def check_memory(path: Path, needed: int) -> None:
 
 
 def memory_limit() -> int:
-    """Bytes of memory that this process may ever have: those of the machine, or fewer where its group is limited."""
+    """Return the bytes of memory that this process may ever have: the machine's, or fewer where its group is
+    limited."""
     machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     try:
         return min(machine, int(_CGROUP_LIMIT.read_text()))

@@ -1,7 +1,7 @@
-"""From linear, scene-referred colour to what a screen shows, for PNGs, films and perceptual metrics alike.
+"""The transform from linear, scene-referred colour to a display, for PNGs, films and perceptual metrics alike.
 
-One transform, on purpose without a tone curve: exposure in stops, cut to [0, 1], sRGB encoding (IEC 61966-2-1). A curve
-that bends highlights would hide errors that a compositor sees; what lies above white is judged by the HDR metrics.
+It has no tone curve, on purpose: exposure in stops, clamp to [0, 1], sRGB encoding (IEC 61966-2-1). A curve that
+compresses highlights would hide errors that a compositor sees; the HDR metrics judge values above white.
 """
 
 from __future__ import annotations
@@ -19,28 +19,29 @@ from cltaa.io.atomic import atomic_path
 
 Floats = TypeVar("Floats", NDArray[np.float32], NDArray[np.float64])
 
-DARK_LIGHT, DARK_CODE = 0.0031308, 0.04045  # where the line ends
+DARK_LIGHT, DARK_CODE = 0.0031308, 0.04045  # where the linear part ends
 SLOPE, SCALE, OFFSET, POWER = 12.92, 1.055, 0.055, 2.4
 
 
 def encoded(linear: Floats) -> Floats:
-    """Linear light from 0 on as sRGB values: 1 stays 1."""
+    """Encode linear light from 0 on as sRGB values: 1 stays 1."""
     return np.where(linear <= DARK_LIGHT, SLOPE * linear, SCALE * linear ** (1 / POWER) - OFFSET)
 
 
 def decoded(values: Floats) -> Floats:
-    """sRGB values from 0 on as linear light; the power goes on above 1."""
+    """Decode sRGB values from 0 on to linear light; the power continues above 1."""
     return np.where(values <= DARK_CODE, values / SLOPE, ((values + OFFSET) / SCALE) ** POWER)
 
 
 Picture = NDArray[np.uint8]  # [H, W, 3], sRGB-encoded
 
-LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # weights of ITU-R BT.709, and of light in its primaries
+LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of ITU-R BT.709 for luma, and of its primaries for luminance
 
 
 def shown_light(linear: Image, stops: float = 0.0) -> Image:
-    """Linear colour as far as a screen can show it: after ``stops`` of exposure, cut to [0, 1]; NaN shows as black."""
-    with np.errstate(over="ignore", invalid="ignore"):  # signalling NaN, and stops that leave float32
+    """Return linear colour as a screen can show it: after ``stops`` of exposure, clamped to [0, 1]; NaN becomes
+    black."""
+    with np.errstate(over="ignore", invalid="ignore"):  # signalling NaN, and stops that overflow float32
         exposed = np.multiply(linear, np.float32(2.0**stops), dtype=np.float32)
     light: Image = np.where(np.isnan(exposed), np.float32(0), np.clip(exposed, 0.0, 1.0))
     return light
@@ -48,7 +49,7 @@ def shown_light(linear: Image, stops: float = 0.0) -> Image:
 
 def to_display(linear: Image, stops: float = 0.0) -> Image:
     """Encode linear colour [..., 3] as sRGB in [0, 1], float32, after ``stops`` of exposure; NaN shows as black."""
-    return np.clip(encoded(shown_light(linear, stops)), 0.0, 1.0)  # rounding may leave 1
+    return np.clip(encoded(shown_light(linear, stops)), 0.0, 1.0)  # rounding may exceed 1
 
 
 def to_picture(linear: Image, stops: float = 0.0) -> Picture:
@@ -63,33 +64,33 @@ def quantise(display: Image) -> Picture:
 
 
 def luma(display: Image) -> Image:
-    """Luma [H, W] of encoded colour [H, W, 3] (ITU-R BT.709)."""
+    """Return luma [H, W] of encoded colour [H, W, 3] (ITU-R BT.709)."""
     weighted: Image = display @ LUMA
     return weighted
 
 
-LABEL_SHARE = 1 / 20  # height of a label's letters, of the height of the picture
+LABEL_SHARE = 1 / 20  # height of a label's letters over that of the picture
 SMALLEST_LETTERS = 10  # pixels
 GAP = 2  # white pixels between two pictures
 
 
 def write_png(path: Path, picture: Picture) -> None:
     """Write an 8-bit picture [H, W, 3] as PNG, atomically; raises OutputError and StorageError."""
-    from PIL import Image as Pillow  # here and below: a resolve starts without
+    from PIL import Image as Pillow  # imported here and below: a resolve starts without it
 
     with atomic_path(path) as temporary:
         Pillow.fromarray(np.ascontiguousarray(picture)).save(temporary, format="PNG")
 
 
 def side_by_side(before: Image, after: Image, labels: tuple[str, str] = ("before", "after")) -> Picture:
-    """Two linear images [H, W, 3] next to each other as one picture [H, 2 W + gap, 3], each with its label."""
+    """Draw two linear images [H, W, 3] side by side as one picture [H, 2 W + gap, 3], each with its label."""
     if before.shape != after.shape:
         raise DataError("images differ in size", expected=list(before.shape), found=list(after.shape))
     return beside([to_picture(image) for image in (before, after)], labels)
 
 
 def beside(pictures: Sequence[Picture], labels: Sequence[str]) -> Picture:
-    """Pictures [H, W, 3] of one height next to each other, each with its label."""
+    """Draw pictures [H, W, 3] of one height side by side, each with its label."""
     gap = np.full((pictures[0].shape[0], GAP, 3), 255, np.uint8)
     row: list[Picture] = []
     for picture, text in zip(pictures, labels, strict=True):
@@ -98,7 +99,8 @@ def beside(pictures: Sequence[Picture], labels: Sequence[str]) -> Picture:
 
 
 def wipe(before: Image, after: Image, share: float, labels: tuple[str, str]) -> Picture:
-    """Two linear images [H, W, 3] as one picture: left of a line at ``share`` of the width the one, else the other."""
+    """Draw two linear images [H, W, 3] as one picture: the first left of a line at ``share`` of the width, the second
+    right."""
     if before.shape != after.shape:
         raise DataError("images differ in size", expected=list(before.shape), found=list(after.shape))
     left, right = (label(to_picture(image), text) for image, text in zip((before, after), labels, strict=True))
@@ -125,7 +127,7 @@ def label(picture: Picture, text: str) -> Picture:
 
 
 def error_map(test: Image, reference: Image, stops: float = 0.0) -> Image:
-    """Largest absolute difference of the display images over the channels, [H, W] in [0, 1]."""
+    """Return the largest absolute difference of the display images over the channels, [H, W] in [0, 1]."""
     largest: Image = np.abs(to_display(test, stops) - to_display(reference, stops)).max(axis=-1)
     return largest
 

@@ -1,8 +1,8 @@
 """A frame as an EXR file: its channels, and its header as attributes.
 
-Matrices in a file are laid out as Imath lays them out, standard and own alike: a row vector times the matrix, the
-translation in the last row. In memory they are NumPy's row-major matrices for column vectors, so each is transposed
-once on the way out and once on the way in.
+Matrices in a file have Imath's layout, standard and own alike: a row vector times the matrix, the translation in the
+last row. In memory they are NumPy's row-major matrices for column vectors, so each is transposed once on writing and
+once on reading.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ Pixels = NDArray[np.float16] | NDArray[np.float32] | NDArray[np.uint32]
 COLOUR = ("R", "G", "B")
 MOTION = ("backward.u", "backward.v")
 NORMAL = ("N.X", "N.Y", "N.Z")
-# Those that lie beside each other in a frame.
+# Channels that are adjacent in a frame's memory.
 GROUPS = (COLOUR, MOTION, ("A",), ("reactive",), NORMAL)
 OF_FRAMES = frozenset({"Z", "id"}.union(*GROUPS))
-# The channel that shows that a frame has this part.
+# The channel whose presence shows that a frame has this part.
 CHANNEL_OF = {"motion": "backward.u", "alpha": "A", "reactive": "reactive"}
 NO_PIXELS = np.empty((0, 0), np.float32)
 
@@ -55,14 +55,14 @@ def frame_planes(frame: Frame, path: Path) -> dict[str, Pixels]:
             raise DataError(
                 "array is wrong", path=path, frame=frame.index, channel=name, expected=expected, found=found
             )
-        channels[name] = plane.astype(np.float32, copy=False)  # as a resolve takes it
+        channels[name] = plane.astype(np.float32, copy=False)  # the type that a resolve takes
     if frame.object_id is not None:
         channels["id"] = _whole_numbers(frame, path)
     return channels
 
 
 def check_float_channels(layout: Layout, names: Iterable[str]) -> None:
-    """Raise DataError unless every named channel is there and holds half or float numbers."""
+    """Raise DataError unless every named channel exists and holds half or float numbers."""
     for name in names:
         kind = layout.channels.get(name)
         if kind is None:
@@ -74,7 +74,7 @@ def check_float_channels(layout: Layout, names: Iterable[str]) -> None:
 
 
 def frame_channels(layout: Layout) -> list[str]:
-    """Channels of a frame in the order of its planar block, checked."""
+    """Return the channels of a frame in the order of its planar block, checked."""
     names = list(COLOUR)
     names += [name for name in ("A",) if name in layout.channels]
     names += ["Z"]
@@ -109,22 +109,22 @@ def _whole_numbers(frame: Frame, path: Path) -> NDArray[np.uint32]:
     return numbers
 
 
-# World to camera of the EXR standard is left-handed with +z the viewing direction; OpenGL views along -z.
+# The EXR standard's world to camera is left-handed and looks along +z; OpenGL looks along -z.
 _FLIP_Z = np.diag([1.0, 1.0, -1.0, 1.0])
 # Clip space (x right, y up, -1..1) to the standard's NDC: (0, 0) upper left, (1, 1) lower right, depth 0..1.
 _CLIP_TO_NDC = np.array([[0.5, 0, 0, 0.5], [0, -0.5, 0, 0.5], [0, 0, 0.5, 0.5], [0, 0, 0, 1.0]])
-# The attributes that hold matrices, all of them of the whole display window.
+# The attributes that hold matrices, all for the whole display window.
 MATRICES = frozenset({"worldToCamera", "worldToNDC", "cltaa:worldToView", "cltaa:viewToClip"})
-# Attributes that describe the file and not the picture: OpenEXR writes them itself.
+# Attributes that describe the file, not the picture: OpenEXR writes them itself.
 STRUCTURAL = frozenset({"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "tiles", "type"})
 
 
 class Single(float):
-    """The value of an attribute that is no double but a float in its file, and is written as one again."""
+    """The value of an attribute that is a float in its file, not a double, and is written as one again."""
 
 
 def frame_attributes(frame: Frame) -> dict[str, object]:
-    """Return the attributes of a frame's header; raises DataError for matrices or numbers that mean nothing."""
+    """Return the attributes of a frame's header; raises DataError for invalid matrices or numbers."""
     view, clip = frame.camera.world_to_view, frame.camera.view_to_clip
     check_camera(frame.camera, path=frame.path, frame=frame.index)
     check_numbers(frame.jitter_px, frame.exposure, path=frame.path, frame=frame.index)
@@ -150,10 +150,10 @@ def frame_attributes(frame: Frame) -> dict[str, object]:
 
 
 def frame_outline(path: Path, attributes: Mapping[str, object], layout: Layout) -> Frame:
-    """A frame of which only the header was read: the channels that it has are there, and empty.
+    """Return a frame of which only the header was read: its channels exist, and are empty.
 
-    ``attributes`` are as ``ImageHeader`` has them; every problem is a DataError that names the attribute. The camera is
-    that of the picture, which may be a region of the display window.
+    ``attributes`` are those of ``ImageHeader``; every problem is a DataError that names the attribute. The camera is
+    that of the data window, which may be a region of the display window.
     """
     index = read_number(attributes, "cltaa:frame", path, default=number_of(path) or 0, expected="a whole number")
     if not index.is_integer():
@@ -185,7 +185,7 @@ def frame_outline(path: Path, attributes: Mapping[str, object], layout: Layout) 
 
 
 def _numbers(attributes: Mapping[str, object], name: str, path: Path, shape: tuple[int, ...]) -> Matrix:
-    """A vector or matrix of whatever precision a writer gave it."""
+    """Return a vector or matrix of any precision as float64."""
     value = attributes.get(name)
     kind = "V2d" if shape == (2,) else "M44d"
     if value is None:
@@ -214,15 +214,15 @@ def _effects(attributes: Mapping[str, object], path: Path) -> frozenset[Effect] 
 def read_number(
     attributes: Mapping[str, object], name: str, path: Path, *, default: float, expected: str = "a number"
 ) -> float:
-    """A number of whatever type a writer gave it: int, float, double, or a rational as Python has it.
+    """Return a number of any type that writers use: int, float, double, or a rational.
 
-    Raises DataError for what stands for none.
+    Raises DataError for anything else.
     """
     value = attributes.get(name, default)
     if isinstance(value, np.ndarray) and value.size == 1 and value.dtype.kind in "iuf":
         return float(value.reshape(()))
     if isinstance(value, bool | str) or not isinstance(value, Real | np.generic):
-        n, d = getattr(value, "n", None), getattr(value, "d", None)  # a rational, as OpenEXR has it
+        n, d = getattr(value, "n", None), getattr(value, "d", None)  # OpenEXR's rational
         if not isinstance(n, int) or not isinstance(d, int) or d == 0:
             raise wrong_attribute(name, path, expected, value)
         return n / d
@@ -230,7 +230,7 @@ def read_number(
 
 
 def read_cut(attributes: Mapping[str, object], path: Path) -> bool:
-    """Whether a frame begins a shot; raises DataError for what says neither."""
+    """True where a frame begins a shot; raises DataError for anything but 0 and 1."""
     cut = read_number(attributes, "cltaa:cut", path, default=0, expected="0 or 1")
     if cut not in (0, 1):
         raise wrong_attribute("cltaa:cut", path, "0 or 1", attributes["cltaa:cut"])
@@ -238,9 +238,9 @@ def read_cut(attributes: Mapping[str, object], path: Path) -> bool:
 
 
 def wrong_attribute(name: str, path: Path, expected: str, value: object, cure: str | None = None) -> DataError:
-    """The error for an attribute that stands for something else."""
+    """Return the error for an attribute of a wrong type or value."""
     if isinstance(value, np.ndarray):
         found = f"{value.dtype}{list(value.shape)}"
-    else:  # an attribute of a type that OpenEXR does not know can fail even to print itself
+    else:  # an attribute of a type unknown to OpenEXR can fail even to print itself
         found = repr(value) if isinstance(value, (str, int, float)) else type(value).__name__
     return DataError(f"attribute {name} is wrong", path=path, expected=expected, found=found, cure=cure)

@@ -1,9 +1,9 @@
-"""EXR headers as bytes, and whether all that they promise is in the file, before a pixel is decoded.
+"""EXR headers as bytes, and a check that the file holds all that they promise, before a pixel is decoded.
 
 The OpenEXR module gives no channel types without decoding, opens a truncated file without an error and allocates
-whatever a header asks for. This reads the few bytes that tell, as the OpenEXR file layout defines them
+whatever a header asks for. This module reads the few bytes needed, as the OpenEXR file layout defines them
 (https://openexr.com/en/latest/OpenEXRFileLayout.html): magic number, version flags, attributes, table of chunks.
-What it lets pass, OpenEXR understands in the same way: nothing stands twice, and no number is beyond its limit.
+OpenEXR interprets all that it accepts in the same way: no duplicates, and no number beyond its limit.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LARGEST_SIDE = 16384  # pixels; the largest image that the resolve promises
 LARGEST_HEADER = 1 << 24  # bytes; object names and preview pictures in a header take a few million at most
 FIRST_READ = 1 << 15  # bytes; holds nearly every header
 MOST_PARTS, MOST_ATTRIBUTES, MOST_CHANNELS = 256, 4096, 1024  # renderers write some dozens of each
-LONGEST_NAME = 255  # bytes, as the file layout says
+LONGEST_NAME = 255  # bytes, by the file layout
 PIXEL_TYPES = ("uint", "half", "float")  # in the order of their numbers in the file
 
 Header = dict[str, bytes]  # raw values of attributes by name
@@ -37,7 +37,8 @@ Header = dict[str, bytes]  # raw values of attributes by name
 def read_headers(path: Path, file: BinaryIO) -> tuple[int, list[Header], int]:
     """Return the version flags, the raw attributes of each part, and the offset of the first table of chunks.
 
-    Raises DataError for what is no EXR file or deep, and ValueError or IndexError for what is damaged or cut off.
+    Raises DataError for a file that is not EXR or is deep, and ValueError or IndexError for one that is damaged or
+    truncated.
     """
     start = read_at(file, 0, FIRST_READ)
     if not start:
@@ -45,16 +46,17 @@ def read_headers(path: Path, file: BinaryIO) -> tuple[int, list[Header], int]:
     if len(start) < 8 or struct.unpack_from("<I", start)[0] != MAGIC:
         raise DataError("this is not an EXR file", path=path, cure="convert it to OpenEXR first")
     (version,) = struct.unpack_from("<I", start, 4)
-    if version & DEEP and not version & MULTI_PART:  # of many parts some may be flat
+    if version & DEEP and not version & MULTI_PART:  # in a file of several parts some may be flat
         raise _deep(path)
     try:
         return version, *_headers(path, start, many=bool(version & MULTI_PART))
-    except IndexError:  # it may only be longer than what was read
+    except IndexError:  # the header may only be longer than the first read
         return version, *_headers(path, read_at(file, 0, LARGEST_HEADER), many=bool(version & MULTI_PART))
 
 
 def read_channels(path: Path, value: bytes) -> dict[str, str]:
-    """Types of channels by name, out of the attribute ``channels``; DataError where some are not for every pixel."""
+    """Return the types of channels by name from the attribute ``channels``; DataError for sub-sampled or too many
+    ones."""
     channels: dict[str, str] = {}
     place = 0
     while value[place] != 0:
@@ -82,7 +84,7 @@ def _deep(path: Path) -> DataError:
 
 @contextmanager
 def damaged(path: Path) -> Iterator[None]:
-    """Raise DataError for what parsing bytes raises that are damaged or cut off."""
+    """Raise DataError for the errors of parsing bytes that are damaged or truncated."""
     try:
         yield
     except (struct.error, IndexError, KeyError, ValueError) as error:
@@ -96,7 +98,7 @@ def read_at(file: BinaryIO, place: int, size: int) -> bytes:
 
 
 def _headers(path: Path, content: bytes, *, many: bool) -> tuple[list[Header], int]:
-    """One header, or all up to an empty one, and the place behind them."""
+    """Return one header, or all up to an empty one, and the place after them."""
     headers, place = list[Header](), 8
     while not headers or (many and content[place] != 0):
         if len(headers) == MOST_PARTS:
@@ -107,12 +109,12 @@ def _headers(path: Path, content: bytes, *, many: bool) -> tuple[list[Header], i
 
 
 def places_of(path: Path, header: bytes, place: int = 8) -> tuple[dict[str, slice], int]:
-    """Where the value of each attribute stands from ``place`` on, and the place behind them; raises IndexError where it
-    is cut off, ValueError and DataError for what is damaged or too much."""
+    """Return the place of each attribute's value from ``place`` on, and the place after them; raises IndexError where
+    it is truncated, ValueError and DataError where it is damaged or too much."""
     attributes: dict[str, slice] = {}
     while header[place] != 0:
         name, place = _name(header, place)
-        _, place = _name(header, place)  # of its type
+        _, place = _name(header, place)  # the name of its type
         if place + 4 > len(header):
             raise IndexError("attribute without a size")
         (size,) = struct.unpack_from("<i", header, place)
@@ -128,7 +130,7 @@ def places_of(path: Path, header: bytes, place: int = 8) -> tuple[dict[str, slic
 
 
 def _name(content: bytes, place: int) -> tuple[str, int]:
-    """The name that begins at ``place``, and the place behind its end; ValueError for what could harm a terminal."""
+    """Return the name at ``place``, and the place after its end; ValueError for one that could harm a terminal."""
     end = content.find(b"\0", place, place + LONGEST_NAME + 1)
     if end < 0 and len(content) <= place + LONGEST_NAME:
         raise IndexError("name reaches beyond the file")
@@ -144,10 +146,10 @@ Counts = NDArray[np.int64]
 
 
 def tile_sizes(path: Path, columns: int, rows: int, value: bytes) -> Counts:
-    """Pixels of each tile; the table of chunks may hold them in any order: the smallest stands for all.
+    """Return the pixels of each tile; the table of chunks may hold them in any order, so the smallest stands for all.
 
-    ``value`` is the attribute ``tiles``. Raises DataError for images of many levels, which are textures and no frames,
-    and ValueError for tiles that there are not.
+    ``value`` is the attribute ``tiles``. Raises DataError for images of several levels, which are textures, not frames,
+    and ValueError for impossible tiles.
     """
     width, height, mode = struct.unpack("<IIB", value)
     if not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE):
@@ -160,27 +162,26 @@ def tile_sizes(path: Path, columns: int, rows: int, value: bytes) -> Counts:
     return np.broadcast_to(np.int64(smallest), -(-columns // width) * -(-rows // height))
 
 
-# How many times larger than its chunk in the file a block of pixels can be, where the method has such a limit:
-# deflate copies at most 258 bytes for 2 bits, and run lengths repeat a byte 128 times in 2 bytes.
+# Largest ratio of a block of pixels to its chunk in the file, for methods that have a limit: deflate copies at most 258
+# bytes for 2 bits, and run lengths repeat a byte 128 times in 2 bytes.
 LARGEST_RATIO = {"none": 1, "rle": 64, "zips": 1032, "zip": 1032}
 
 
 class Table(NamedTuple):
-    """The table of chunks of a part that can be read: where it stands and what it has to say."""
+    """The table of chunks of a readable part: its place, and what its chunks must hold."""
 
-    part: int  # among all of the file
+    part: int  # its index in the file
     place: int
     layout: Layout
     pixels: Counts  # of each chunk
-    leader: int  # bytes that each chunk begins with
+    leader: int  # bytes before the data of each chunk
 
     def check_chunks(self, read_at: ReadAt, length: int, behind: int) -> None:
         """Check that every chunk begins ``behind`` all tables, ends inside the file and can hold its pixels.
 
-        The size of a chunk ends its ``leader`` bytes. One that is smaller than its compression allows cannot be
-        decoded. ``read_at`` reads bytes of the file, which has ``length`` of them: each chunk is looked at, which in a
-        file is an acquisition of the GIL for each. Raises DataError, and struct.error or ValueError where bytes are
-        missing.
+        The size of a chunk ends its ``leader`` bytes. A chunk that is smaller than its compression allows cannot be
+        decoded. ``read_at`` reads bytes of the file, which has ``length`` of them; it is called for each chunk, which
+        for a file acquires the GIL each time. Raises DataError, and struct.error or ValueError where bytes are missing.
         """
         path = self.layout.path
         offsets = np.frombuffer(read_at(self.place, 8 * len(self.pixels)), dtype="<u8")
@@ -199,18 +200,18 @@ class Table(NamedTuple):
 def read_layout(path: Path) -> Layout:
     """Read the layout of ``path`` and check that every chunk lies inside the file, in well under a millisecond.
 
-    Raises InputMissing where there is no readable file, and DataError for what is no EXR file, is damaged or
-    truncated, or is of a kind that is not read: deep, multi-part, sub-sampled, larger than 16384.
+    Raises InputMissing where there is no readable file, and DataError for a file that is not EXR, is damaged or
+    truncated, or is of an unsupported kind: deep, multi-part, sub-sampled, larger than 16384.
     """
     with open_regular(path) as file:
         return checked_outline(path, file, one=True).parts[0]
 
 
 class Outline(NamedTuple):
-    """What the headers of a file say of its parts, and where the tables of their chunks must be.
+    """The parts of a file by its headers, and where the tables of their chunks must be.
 
-    ``tables`` are those of parts that can be read; ``faults`` say by name what is wrong with the others. ``end`` is
-    where the headers do, and ``behind`` where all tables do.
+    ``tables`` are those of readable parts, ``faults`` the errors of the others by name. The headers end at ``end``, and
+    all tables at ``behind``.
     """
 
     path: Path
@@ -221,7 +222,7 @@ class Outline(NamedTuple):
 
     @property
     def parts(self) -> list[Layout]:
-        """Those that can be read."""
+        """The layouts of the readable parts."""
         return [table.layout for table in self.tables]
 
     def check_chunks(self, read_at: ReadAt, length: int) -> None:
@@ -234,14 +235,15 @@ class Outline(NamedTuple):
                 table.check_chunks(read_at, length, self.behind)
 
     def refuse_faults(self) -> None:
-        """Raise what is wrong with the first part that cannot be read, if there is one."""
+        """Raise the error of the first unreadable part, if there is one."""
         for error in self.faults.values():
             raise error
 
     def extract(self, read_at: ReadAt, tables: Sequence[Table], *, pixels: bool = True) -> list[bytes]:
-        """The bytes of a file of the parts of these tables alone, its chunks only where ``pixels`` are wanted.
+        """Return the bytes of a file of the parts of these tables alone, with their chunks only if ``pixels`` are
+        wanted.
 
-        So a part that nobody asks for is neither decoded nor in the way. The chunks have to be checked before.
+        So an unwanted part is neither decoded nor in the way. The chunks must be checked before.
         """
         head, ends = read_at(0, self.end), [8]
         for _ in range(len(self.tables) + len(self.faults)):
@@ -270,9 +272,9 @@ def checked_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline
 
 
 def read_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline:
-    """Parse the headers of an open file without a look at its chunks; ``path`` is its name in messages.
+    """Parse the headers of an open file without checking its chunks; ``path`` is its name in messages.
 
-    Raises DataError, also where no part can be read, and of many parts where it is to have ``one``.
+    Raises DataError, also where no part is readable, and with ``one`` for a file of several parts.
     """
     with damaged(path):
         version, headers, end = read_headers(path, file)
@@ -287,7 +289,7 @@ def read_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline:
                 place += 8 * len(tables[-1].pixels)
             except DataError as error:
                 faults[name] = error
-                # Of a count below 0 more chunks than any file has.
+                # A negative count becomes more chunks than any file has.
                 place += 8 * struct.unpack("<I", header["chunkCount"])[0] if many else 0
     outline = Outline(path, tables, faults, end, place)
     if not tables:
@@ -298,9 +300,10 @@ def read_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline:
 
 
 def _part(path: Path, header: Header, version: int, before: Sequence[Table]) -> tuple[Layout, Counts, int]:
-    """A part's layout, the pixels of its chunks, and the bytes that each begins with; ``before`` are parts before it.
+    """Return a part's layout, the pixels of its chunks, and the bytes before the data of each; ``before`` are earlier
+    parts.
 
-    Raises DataError for a kind that is not read, and as ``damaged`` has it for what is damaged.
+    Raises DataError for an unsupported kind, and for a damaged part the errors that ``damaged`` converts.
     """
     many = bool(version & MULTI_PART)
     tiled = header["type"] == b"tiledimage" if many else bool(version & TILED)
@@ -333,7 +336,7 @@ def _layout(path: Path, header: Header, tiled: bool, *, many: bool) -> Layout:
 
 
 def _chunk_sizes(layout: Layout, header: Header, tiled: bool) -> Counts:
-    """Pixels of each chunk of a part."""
+    """Return the pixels of each chunk of a part."""
     rows = COMPRESSIONS[header["compression"][0]][1]
     sizes = tile_sizes(layout.path, layout.width, layout.height, header["tiles"]) if tiled else _row_sizes(layout, rows)
     if layout.part is not None and struct.unpack("<i", header["chunkCount"]) != (len(sizes),):
@@ -350,6 +353,6 @@ def _check_windows(layout: Layout) -> None:
 
 
 def _row_sizes(layout: Layout, rows_per_chunk: int) -> Counts:
-    """Pixels of each chunk of scan lines."""
+    """Return the pixels of each chunk of scan lines."""
     starts = np.arange(0, layout.height, rows_per_chunk)
     return np.minimum(rows_per_chunk, layout.height - starts) * layout.width

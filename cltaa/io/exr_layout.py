@@ -1,4 +1,4 @@
-"""The shape of an EXR image: channels, windows, compression, and what a picture is of them."""
+"""The layout of an EXR image: channels, windows, compression, and which window is the picture."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cltaa.errors import DataError, UsageError
 from cltaa.frame import Camera
 
 PIXEL_BYTES = {"uint": 4, "half": 2, "float": 4}
-# Name and scan lines a chunk, in the order of their numbers in the file.
+# Name and scan lines per chunk, in the order of their numbers in the file.
 COMPRESSIONS = (
     ("none", 1),
     ("rle", 1),
@@ -36,14 +36,14 @@ LOSSLESS = frozenset({"none", "rle", "zips", "zip", "piz", "htj2k256", "htj2k32"
 
 Window = tuple[int, int, int, int]  # x and y of the first pixel, x and y of the last
 Part = tuple[slice, slice]  # rows and columns
-# The way in for files that cltaa did not write, whatever attributes of its own they have kept.
+# The option for files that cltaa did not write, whatever attributes they have kept.
 OTHER_TOOLS = "another tool's files: cltaa resolve --profile parts, in Python cltaa.open(..., profile='parts')"
 Windows = tuple[Window, Window]  # of the data, and of the display
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Shape of an EXR image or a part of one: channel name -> "uint", "half" or "float", windows, compression.
+    """Layout of an EXR image or a part of one: channel name -> "uint", "half" or "float", windows, compression.
 
     The picture is the data window, all that was drawn: a region of the display window, or more than it (overscan).
     """
@@ -54,8 +54,8 @@ class Layout:
     display_window: Window
     compression: str
     part: str | None = None  # name of the part, None in a file of one image
-    windows: Mapping[str, Window] = field(default_factory=dict)  # data windows of channels, of a file of many parts
-    tile: tuple[int, int] | None = None  # columns and rows of a tile, None where chunks are of scan lines
+    windows: Mapping[str, Window] = field(default_factory=dict)  # data windows of channels, in a file of several parts
+    tile: tuple[int, int] | None = None  # columns and rows of a tile, None for chunks of scan lines
 
     @property
     def width(self) -> int:
@@ -69,12 +69,12 @@ class Layout:
 
     @property
     def display_size(self) -> tuple[int, int]:
-        """Columns and rows of the display window, of which camera matrices and fractions of a picture speak."""
+        """Columns and rows of the display window, to which camera matrices and fractions of a picture refer."""
         return self.display_window[2] - self.display_window[0] + 1, self.display_window[3] - self.display_window[1] + 1
 
     @property
     def region(self) -> Window:
-        """The picture as the display window has it: from whose first pixel on x and y are counted."""
+        """The window of the picture, with x and y counted from the first pixel of the display window."""
         left, top, *_ = self.display_window
         return (
             self.data_window[0] - left,
@@ -84,7 +84,7 @@ class Layout:
         )
 
     def refuse_outside(self, frame: int | None = None) -> None:
-        """Raise DataError where nothing of the picture lies in the display window."""
+        """Raise DataError where no part of the picture lies in the display window."""
         left, top, right, bottom = self.region
         if left >= self.display_size[0] or top >= self.display_size[1] or right < 0 or bottom < 0:
             what = "the data window lies outside of the display window"
@@ -93,27 +93,28 @@ class Layout:
             raise DataError(what, path=self.path, frame=frame, expected=expected, found=found, cure=cure)
 
     def covers(self, region: Window) -> bool:
-        """True where the picture shows all of a region, which begins at the first pixel of the display window."""
+        """True where the picture covers a region, which is given from the first pixel of the display window."""
         return _covers(self.region, region)
 
     def shown_by(self, channels: Iterable[str]) -> Layout:
-        """The layout of the picture that some channels make: their data window if it is one, else the display's."""
+        """Return the layout of the picture of some channels: their data window if they share one, else the
+        display's."""
         windows = {self.windows.get(name, self.data_window) for name in channels}
         return replace(self, data_window=windows.pop() if len(windows) == 1 else self.display_window)
 
     def whole(self) -> Layout:
-        """The layout of all of the display window."""
+        """Return the layout of the whole display window."""
         return replace(self, data_window=self.display_window)
 
     def cropped(self, region: Window) -> Layout:
-        """The layout of a region of the picture alone."""
+        """Return the layout of a region of the picture alone."""
         left, top, *_ = self.display_window
         data = region[0] + left, region[1] + top, region[2] + left, region[3] + top
         return replace(self, data_window=data)
 
     @property
     def size(self) -> str:
-        """Columns and rows for a reader, and of a region or overscan which of the display window it is."""
+        """Columns and rows for a reader, and for a region or overscan its place in the display window."""
         size = f"{self.width} x {self.height}"
         if self.data_window == self.display_window:
             return size
@@ -137,9 +138,9 @@ class Layout:
 
 
 def placed(plane: NDArray[Any], window: Window, picture: Window, outside: float = 0.0) -> NDArray[Any]:
-    """What of a plane [H, W], which has a data ``window``, lies in the ``picture``; ``outside`` of its window a number.
+    """Return what lies in ``picture`` of a plane [H, W] with a data ``window``, and the number ``outside`` beyond that.
 
-    That is 0 in EXR. Whole numbers are 0 there whatever is asked for.
+    EXR defines it as 0. Integers are always 0 there.
     """
     if window == picture:
         return plane
@@ -156,7 +157,7 @@ def placed(plane: NDArray[Any], window: Window, picture: Window, outside: float 
     return made
 
 
-# What lies outside of a frame's data window: no light, and no surface but the sky, which moves as the camera has it.
+# Values outside of a frame's data window: no light, and no surface but the sky, which moves with the camera.
 OUTSIDE = {"Z": np.inf, "backward.u": np.nan, "backward.v": np.nan}
 
 
@@ -167,20 +168,21 @@ def _covers(window: Window, other: Window) -> bool:
 
 
 def check_lossless(compression: str, path: Path | None = None) -> None:
-    """Raise UsageError unless ``compression`` names one that loses nothing; ``path`` is what was to be written so."""
+    """Raise UsageError unless ``compression`` names a lossless one; ``path`` is the file to write."""
     if compression not in LOSSLESS:
         expected = ", ".join(sorted(LOSSLESS))
         raise UsageError("unknown or lossy compression", path=path, expected=expected, found=compression)
 
 
 def shared_window(parts: Sequence[Layout]) -> Window:
-    """The picture that all parts of a file have: their data window if it is one, else the display window."""
+    """Return the picture of all parts of a file: their data window if they share one, else the display window."""
     windows = {part.data_window for part in parts}
     return windows.pop() if len(windows) == 1 else parts[0].display_window
 
 
 def of_region(camera: Camera, layout: Layout) -> Camera:
-    """The camera of a file's picture from that of its display window: the same view, clip space moved and scaled."""
+    """Return the camera of a file's picture from that of its display window: the same view, clip space moved and
+    scaled."""
     if layout.data_window == layout.display_window:
         return camera
     (columns, rows), (left, top, *_) = layout.display_size, layout.region

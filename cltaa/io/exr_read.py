@@ -1,8 +1,8 @@
-"""EXR files in: frames with everything a resolve needs, plain images, and single channels of files of many parts.
+"""EXR files in: frames with everything a resolve needs, plain images, and single channels of multi-part files.
 
-Reading checks the file (``cltaa.io.exr_header``) before OpenEXR sees it, its SHA-256
-(``cltaa.io.content``) where one is known, and the header (``cltaa.io.exr_frame``) before a number is used, so that
-wrong input ends in one DataError or InputMissing.
+Reading checks the file (``cltaa.io.exr_header``) before OpenEXR sees it, its SHA-256 (``cltaa.io.content``) where one
+is known, and the header (``cltaa.io.exr_frame``) before a number is used, so that wrong input ends in one DataError or
+InputMissing.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ NOTHING_ASKED: Mapping[str, float] = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True)
 class ImageHeader:
-    """A file's layout and its attributes by name, as ``attributes_of`` gives them, read without its pixels.
+    """A file's layout and its attributes by name, as from ``attributes_of``, read without its pixels.
 
-    ``views`` are those of channels by what attribute ``view`` of their part says, ``faults`` what is wrong with parts
-    that cannot be read, by their names.
+    ``views`` are those of channels by the attribute ``view`` of their part, ``faults`` the errors of unreadable parts
+    by name.
     """
 
     layout: Layout
@@ -53,7 +53,7 @@ class ImageHeader:
 
 
 class FrameFile(NamedTuple):
-    """What was read of a frame's file: its header, and other channels [H, W] that were decoded beside the frame."""
+    """The header of a frame's file, and other channels [H, W] that were decoded with the frame."""
 
     header: ImageHeader
     planes: Mapping[str, Pixels] | None = None
@@ -62,9 +62,9 @@ class FrameFile(NamedTuple):
 def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
     """Read one frame; ``colour`` [H, W, 3] and the others are views of planes with a halo (``cltaa.core.planes``).
 
-    Half-precision channels are widened exactly, but half depth is refused. Channels with other names are left alone.
-    ``sha256`` is what the file's content must have, in hexadecimal. Raises InputMissing, DataError, StorageError and
-    ResourceError as in the module's text.
+    Half-precision channels are widened exactly, but half depth is refused. Channels with other names are ignored.
+    ``sha256`` is the required hash of the file's content, in hexadecimal. Raises InputMissing, DataError, StorageError
+    and ResourceError.
     """
     return read_frame_and_header(path, sha256=sha256)[0]
 
@@ -72,10 +72,10 @@ def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
 def read_frame_and_header(
     path: Path, *, sha256: str | None, picture: Window | None = None
 ) -> tuple[Frame, ImageHeader]:
-    """The same, and the header of its file, which was parsed for it; ``picture`` is another window than the data's."""
+    """As ``read_frame``, with the header of its file; ``picture`` is a window to use in place of the data window."""
     layout, pixels, attributes = _read(path, sha256, picture, frame_channels)
     size = (layout.height, layout.width)
-    # Each group in a block of its own: what is freed fits what is needed next.
+    # Each group in a block of its own, so that freed blocks fit the next frame.
     groups = {group: empty_haloed(len(group), *size) for group in GROUPS if group[0] in pixels}
     for group, stack in groups.items():
         for name, plane in zip(group, stack, strict=True):
@@ -84,7 +84,7 @@ def read_frame_and_header(
     frame = replace(
         frame_outline(path, attributes, layout),
         colour=parts["R"],
-        depth=cast(Image, pixels["Z"]),  # which no device takes as it is: it stays where it was decoded
+        depth=cast(Image, pixels["Z"]),  # no device reads it in place: it stays where it was decoded
         motion=parts.get("backward.u"),
         alpha=parts["A"][..., 0] if "A" in parts else None,
         reactive=parts["reactive"][..., 0] if "reactive" in parts else None,
@@ -103,15 +103,15 @@ def read_image(
 
 
 def read_header(path: Path) -> ImageHeader:
-    """Read the layout and attributes of a file of one part without decoding pixels; one of many is refused."""
+    """Read the layout and attributes of a file of one part without decoding pixels; refuses several parts."""
     return read_any_header(path, one=True)
 
 
 def read_any_header(path: Path, *, chunks: bool = True, one: bool = False) -> ImageHeader:
-    """The same of a file of one part, or of many: layout over all of them, attributes of the first.
+    """As ``read_header``, of one part or several: layout over all of them, attributes of the first.
 
-    Every chunk is known to be inside the file, unless ``chunks`` says that they are nobody's concern. Parts of a kind
-    that is not read are left out, and among its ``faults``. Raises InputMissing or DataError.
+    Checks that every chunk lies inside the file, unless ``chunks`` is False. Parts of an unsupported kind are left out,
+    and listed in ``faults``. Raises InputMissing or DataError.
     """
     with open_regular(path) as file:
         outline = (checked_outline if chunks else read_outline)(path, file, one=one)
@@ -123,7 +123,7 @@ def read_any_header(path: Path, *, chunks: bool = True, one: bool = False) -> Im
 
 
 def _described(outline: Outline, content: BinaryIO | FileCopy) -> ImageHeader:
-    """Layout over all parts that can be read, and the attributes of the first."""
+    """Return the layout over all readable parts, and the attributes of the first."""
     parts, layout = outline.parts, outline.parts[0]
     found = open_content(outline.path, content, len(parts), header_only=True)
     if layout.part is not None:
@@ -144,7 +144,7 @@ def _described(outline: Outline, content: BinaryIO | FileCopy) -> ImageHeader:
 
 
 def read_colour(path: Path, *, sha256: str | None = None, picture: Window | None = None, alpha: bool = False) -> Image:
-    """Read R G B, and A where ``alpha`` is asked for and there, as a [H, W, 3 or 4] float32 view of a planar block.
+    """Read R G B, and with ``alpha`` A where it exists, as a [H, W, 3 or 4] float32 view of a planar block.
 
     Errors and other options as ``read_frame``.
     """
@@ -157,8 +157,8 @@ def read_colour(path: Path, *, sha256: str | None = None, picture: Window | None
 def loaded_parts(path: Path, sha256: str | None, *, one: bool = False) -> Iterator[tuple[Outline, FileCopy]]:
     """Check the headers, read the whole file, and check in memory what is decoded from there.
 
-    Its content goes at the end of the block: of a large picture little fits into memory twice. Where it is to have
-    ``one`` part a file of many is refused.
+    The content is freed at the end of the block: a large picture hardly fits into memory twice. With ``one`` a file of
+    several parts is refused.
     """
     with open_regular(path) as file:
         outline = read_outline(path, file, one=one)
@@ -174,13 +174,14 @@ def loaded_parts(path: Path, sha256: str | None, *, one: bool = False) -> Iterat
 def _read(
     path: Path, sha256: str | None, picture: Window | None, check: Callable[[Layout], object] = lambda _: None
 ) -> tuple[Layout, dict[str, Pixels], dict[str, object]]:
-    """Layout, channels and attributes of the picture of a file of one part, whose layout passes ``check``.
+    """Return layout, channels and attributes of the picture of a file of one part, whose layout passes ``check``.
 
-    The picture may have another window than the file's data.
+    ``picture`` may be another window than the file's data.
     """
     with loaded_parts(path, sha256, one=True) as (outline, content):
         (layout,) = outline.parts
-        # Beside the pixels stands the packed file first, and then the one channel that is being moved into the frame.
+        # Beside the pixels memory holds the packed file first, and then the one channel that is being moved into the
+        # frame.
         check_memory(path, layout.decoded_bytes + max(content.size, 4 * layout.width * layout.height))
         check(layout)
         if picture is None:
@@ -197,8 +198,8 @@ def _read(
 def _decoded(
     path: Path, parts: Sequence[Layout], content: BinaryIO | FileCopy
 ) -> tuple[list[dict[str, Pixels]], dict[str, object]]:
-    """Let OpenEXR's module decode every channel of a file of these parts: it cannot do so of a few; and the attributes
-    of the first. Raises DataError."""
+    """Decode every channel of a file of these parts, because OpenEXR's module cannot decode only a few; also returns
+    the attributes of the first. Raises DataError."""
     found = open_content(path, content, len(parts), header_only=False)
     decoded = [{name: channel.pixels for name, channel in part.channels.items()} for part in found]
     for part, planes in zip(parts, decoded, strict=True):
@@ -209,16 +210,16 @@ def _decoded(
 
 
 def open_content(path: Path, content: BinaryIO | FileCopy, count: int, *, header_only: bool) -> list[OpenEXR.Part]:
-    """Let OpenEXR decode an open file whose layout was checked, and which has ``count`` parts; ``path`` is its name in
+    """Let OpenEXR decode an open file, whose layout was checked and which has ``count`` parts; ``path`` is its name in
     messages. Raises DataError."""
-    # By the name of the descriptor: the file's own need not be UTF-8, and what OpenEXR itself prints would hold it raw.
-    # Not as a stream: OpenEXR's threads would take hundreds of turns a frame with the interpreter to read from one.
+    # By the name of the descriptor: the file's own need not be UTF-8, and OpenEXR itself would print it raw. Not as a
+    # stream: OpenEXR's threads would acquire the GIL hundreds of times a frame to read from one.
     name = f"/proc/self/fd/{content.fileno()}"
     try:
-        # Separate channels: the merging of R, G and B in the module had memory errors, and loses mixed types.
+        # Separate channels: merging R, G and B in the module had memory errors, and loses mixed types.
         with muted_output():
             file = OpenEXR.File(name, separate_channels=True, header_only=header_only)
-        if not file.parts:  # the module's way of saying that decoding failed
+        if not file.parts:  # so the module reports that decoding failed
             raise DataError("the pixels are damaged", path=path, cure="write the file again")
         parts: list[OpenEXR.Part] = file.parts
         for part in parts:
@@ -233,7 +234,7 @@ def open_content(path: Path, content: BinaryIO | FileCopy, count: int, *, header
 
 
 def attributes_of(part: OpenEXR.Part) -> dict[str, object]:
-    """The attributes of a part by name; a double, which arrives as an array of one, as a float."""
+    """Return the attributes of a part by name; a double, which arrives as an array of one, as a float."""
 
     def scalar(value: Any) -> object:
         if isinstance(value, float):
@@ -252,12 +253,11 @@ def read_planes(
     picture: Window | None = None,
     outside: Mapping[str, float] = NOTHING_ASKED,
 ) -> dict[str, Pixels]:
-    """Read the channels [H, W] that are ``wanted``, or all, each in its own type, as they lie in the ``picture``.
+    """Read the ``wanted`` channels [H, W], or all, each in its own type, in the window ``picture``.
 
-    By itself the picture is the data window of all parts, or the display window where they have several. Outside of its
-    part's data window a channel is 0, or what ``outside`` says of it. Names that no channel has are left out, and a
-    part of which nothing is wanted is not decoded.
-    Raises InputMissing, DataError, StorageError and ResourceError.
+    By default the picture is the data window of all parts, or the display window where they have several. Outside of
+    its part's data window a channel is 0, or its value in ``outside``. Names that no channel has are ignored, and a
+    part without wanted channels is not decoded. Raises InputMissing, DataError, StorageError and ResourceError.
     """
     with loaded_parts(path, sha256) as (outline, content):
         parts, window = outline.parts, picture or shared_window(outline.parts)
@@ -285,7 +285,7 @@ def read_planes(
 
 @contextmanager
 def _only(outline: Outline, content: FileCopy, kept: list[int]) -> Iterator[FileCopy]:
-    """The content of a file, or a copy of it without the parts that are not ``kept``."""
+    """Yield the content of a file, or a copy of it without the parts that are not ``kept``."""
     if len(kept) == len(outline.parts) + len(outline.faults):
         yield content
         return
@@ -295,7 +295,7 @@ def _only(outline: Outline, content: FileCopy, kept: list[int]) -> Iterator[File
 
 
 def full_name(part: str, channel: str) -> str:
-    """``part.channel``, without what of the part's name the writer put into the channel's already.
+    """Return ``part.channel``, without what of the part's name the writer has already put into the channel's.
 
     So channel ``depth.Z`` of a part ``depth.left`` is ``depth.left.Z``.
     """

@@ -1,9 +1,9 @@
-"""EXR files out, each complete or not there, packed with ZIP by ISA-L.
+"""EXR files out, each complete or absent, packed with ZIP by ISA-L.
 
-OpenEXR writes the header, so that every attribute is as it writes it. The chunks are made here, as the OpenEXR file
+OpenEXR writes the header, so that every attribute has its form. This module makes the chunks, as the OpenEXR file
 layout defines them (https://openexr.com/en/latest/OpenEXRFileLayout.html) and OpenEXR's own packer makes them: of the
-bytes of some rows first those at even places and then those at odd ones; of each but the first what it is more than
-the one before it, plus 128; deflated, in a stream of zlib's format.
+bytes of some rows first those at even places and then those at odd ones; each but the first replaced by its difference
+from the one before it, plus 128; deflated, in a stream of zlib's format.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ from cltaa.io.openexr import OpenEXR
 
 try:
     from isal import isal_zlib
-except ImportError:  # not made for every machine: there OpenEXR packs
+except ImportError:  # not available for every machine: there OpenEXR packs
     isal_zlib = None
 
 Bytes = NDArray[np.uint8]
 
 LEVEL = 2  # of ISA-L's 0 to 3; docs/performance.md, Files
 
-# Threads take acquisitions of the GIL between the steps of their work: so a few of them with much each
+# Threads acquire the GIL between the steps of their work, so a few threads with large steps
 # (docs/decisions/13-io-pipeline.md).
 THREADS = 4
-BEGUN = THREADS + 1  # of one file at a time: packed, being packed, or to be packed
+BEGUN = THREADS + 1  # blocks of one file at a time: packed, being packed, or waiting
 ROWS = 64  # that a thread packs at a time: 4 chunks of ZIP, 64 of ZIPS
 ROWS_A_CHUNK = {"zip": 16, "zips": 1}
 
 
 class Packed(NamedTuple):
-    """Neighbouring chunks as they stand in the file, and the bytes that each of them takes there."""
+    """Neighbouring chunks in the form of the file, and the bytes of each."""
 
     sizes: list[int]
     content: bytes
@@ -59,8 +59,8 @@ Pack = Callable[[int], Packed]
 def write_zip(path: Path, header: Mapping[str, Any], channels: Mapping[str, NDArray[Any]], compression: str) -> None:
     """Write contiguous ``channels`` [H, W] as ``OpenEXR.File(header, channels)`` does, but deflated by ISA-L.
 
-    ``header`` is one of OpenEXR's for scan lines with that ``compression``, ``zip`` or ``zips``. Raises what OpenEXR
-    raises, and OSError.
+    ``header`` is one of OpenEXR's for scan lines with that ``compression``, ``zip`` or ``zips``. Raises the errors of
+    OpenEXR, and OSError.
     """
     height, width = next(iter(channels.values())).shape
     first, last = header.get("dataWindow", np.array([[0, 0], [width - 1, height - 1]], np.int32))
@@ -75,11 +75,11 @@ def write_zip(path: Path, header: Mapping[str, Any], channels: Mapping[str, NDAr
             file.write(packed.content)
             sizes += packed.sizes
         file.seek(len(start))
-        file.write(np.cumsum(sizes[:-1], dtype="<u8").data)  # where each chunk begins
+        file.write(np.cumsum(sizes[:-1], dtype="<u8").data)  # the offset of each chunk
 
 
 def _in_threads(pack: Pack, rows: range) -> Iterator[Packed]:
-    """``pack(row)`` for each of ``rows``, in their order; ``BEGUN`` of them at a time."""
+    """Yield ``pack(row)`` for each of ``rows``, in their order, with ``BEGUN`` of them at a time."""
     begun = deque[Callable[[], Packed]]()
     for row in rows:
         begun.append(_begin(pack, row))
@@ -92,20 +92,20 @@ def _in_threads(pack: Pack, rows: range) -> Iterator[Packed]:
 def _begin(pack: Pack, row: int) -> Callable[[], Packed]:
     try:
         return _threads().submit(pack, row).result
-    except RuntimeError:  # at the end of the program no thread is given work, and what is queued is written still
+    except RuntimeError:  # at shutdown threads take no more work, and queued files are still written
         return partial(pack, row)
 
 
 @cache
 def _threads() -> ThreadPoolExecutor:
-    """For all files that are being written; there until the program ends."""
+    """Return the threads for all files, which end with the program."""
     return ThreadPoolExecutor(THREADS, "pack EXR")
 
 
 def _header(
     path: Path, header: Mapping[str, Any], channels: Mapping[str, NDArray[Any]], first: Any, last: Any
 ) -> bytes:
-    """What stands in the file before the table of chunks: that of a file of the first row, but for the last row."""
+    """Return the bytes before the table of chunks: those of a file of the first row, except for the last row."""
 
     row, file = np.array([first, [last[0], first[1]]], np.int32), BytesIO()
     windows = {"displayWindow": (first, last), **header, "dataWindow": tuple(row)}
@@ -117,9 +117,10 @@ def _header(
 
 
 def _pack(planes: list[Bytes], top: int, rows_a_chunk: int, row: int) -> Packed:
-    """The chunks of up to ``ROWS`` rows from ``row`` on, of planes [H, bytes of a row]; ``top`` is y of the first."""
+    """Return the chunks of up to ``ROWS`` rows from ``row`` on, of planes [H, bytes of a row]; ``top`` is y of the
+    first."""
     end = min(row + ROWS, len(planes[0]))
-    even = end - (end - row) % rows_a_chunk  # from there on the last chunk, which has fewer rows
+    even = end - (end - row) % rows_a_chunk  # where the last chunk begins, if it has fewer rows
     chunks: list[tuple[Bytes, Bytes]] = []
     for start, stop, each in ((row, even, rows_a_chunk), (even, end, end - even)):
         if start < stop:
@@ -127,7 +128,7 @@ def _pack(planes: list[Bytes], top: int, rows_a_chunk: int, row: int) -> Packed:
     content, sizes = list[bytes](), list[int]()
     for y, (raw, steps) in zip(range(top + row, top + end, rows_a_chunk), chunks, strict=True):
         packed = isal_zlib.compress(steps.data, level=LEVEL)
-        if len(packed) >= len(raw):  # what does not become smaller is written as it is: a reader tells it by its size
+        if len(packed) >= len(raw):  # stored raw if packing does not make it smaller: a reader tells by its size
             packed = raw.tobytes()
         content += struct.pack("<2i", y, len(packed)), packed
         sizes.append(8 + len(packed))
@@ -135,12 +136,13 @@ def _pack(planes: list[Bytes], top: int, rows_a_chunk: int, row: int) -> Packed:
 
 
 def _stepped(planes: list[Bytes], rows: int) -> Iterator[tuple[Bytes, Bytes]]:
-    """Chunks of ``rows`` rows each, of planes [a multiple of them, bytes of a row]: as they are, and to be deflated."""
+    """Yield chunks of ``rows`` rows each, of planes [a multiple of them, bytes of a row]: raw, and prepared for
+    deflate."""
     lines = np.concatenate(planes, axis=1)
     raw = lines.reshape(-1, lines.shape[1] * rows)
     pairs, half = raw.view("<u2"), raw.shape[1] // 2
     split, steps = np.empty_like(raw), np.empty_like(raw)
-    split[:, :half] = pairs  # its lower byte
+    split[:, :half] = pairs  # the lower byte
     np.right_shift(pairs, 8, out=split[:, half:], casting="unsafe")
     steps[:, 0] = split[:, 0]
     np.subtract(split[:, 1:], split[:, :-1], out=steps[:, 1:])
@@ -148,7 +150,7 @@ def _stepped(planes: list[Bytes], rows: int) -> Iterator[tuple[Bytes, Bytes]]:
     return zip(raw, steps, strict=True)
 
 
-# Attributes that OpenEXR wants as float; other Python floats are written as doubles, so that none is rounded.
+# Attributes that OpenEXR stores as float; other Python floats are written as doubles, so that none is rounded.
 _STANDARD_FLOATS = frozenset({"pixelAspectRatio", "screenWindowWidth", "whiteLuminance", "xDensity", "expTime"})
 
 
@@ -178,9 +180,9 @@ def write_image(
 ) -> None:
     """Write channels ``[H, W]`` (float16, float32 or uint32, as given) and attributes as one EXR, atomically.
 
-    ``compression`` is one that loses nothing; ``windows`` are those of data and display, else both begin at (0, 0).
-    Python floats become doubles, but ``attributes.Single``; arrays keep their precision. Empty lists are left out.
-    Raises UsageError for arguments that mean nothing, OutputError and StorageError for disks.
+    ``compression`` is a lossless one; ``windows`` are those of data and display, by default from (0, 0) on. Python
+    floats become doubles, except ``exr_frame.Single``; arrays keep their precision. Empty lists are left out. Raises
+    UsageError for invalid arguments, OutputError and StorageError for disks.
     """
     check_lossless(compression, path)
     shapes = {pixels.shape for pixels in channels.values()}
@@ -189,7 +191,7 @@ def write_image(
         expected = "channels of one shape [H, W], float16, float32 or uint32"
         raise UsageError("channels do not make an image", path=path, expected=expected, found=(shapes, types))
     given = {name: value for name, value in (attributes or {}).items() if name not in STRUCTURAL}
-    # OpenEXR reads an empty list, but cannot tell what would be in it, and writes none.
+    # OpenEXR reads an empty list, but cannot tell the type of its elements, and writes none.
     header = {name: _attribute(name, value) for name, value in given.items() if not isinstance(value, list) or value}
     header["compression"] = OpenEXR.Compression(COMPRESSION_NUMBERS[compression])
     header["type"] = OpenEXR.scanlineimage
@@ -203,9 +205,10 @@ def write_image(
             if isal_zlib is not None and compression in ROWS_A_CHUNK:
                 write_zip(temporary, header, contiguous, compression)
             else:
-                # As bytes: a str that came from a name in another encoding than UTF-8 cannot be handed over.
+                # As bytes: OpenEXR does not accept a str made from a name that is not UTF-8.
                 OpenEXR.File(header, contiguous).write(os.fsencode(temporary))
-                # A write that fails when OpenEXR closes the file goes unsaid; then the table of chunks is not whole.
+                # OpenEXR does not report a write that fails on closing the file; the table of chunks is then
+                # incomplete.
                 read_layout(temporary)
         except (RuntimeError, ValueError, TypeError, DataError) as error:
             raise StorageError(

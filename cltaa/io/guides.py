@@ -1,25 +1,25 @@
-"""Which channels guide a denoiser: the albedo and the normals that renderers write beside a picture."""
+"""The channels that guide a denoiser: the albedo and the normals that renderers write beside a picture."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
-# What a layer's name ends with that helps a denoiser, and its channels: albedo 0 to 1, normals -1 to 1.
+# Last words of the names of layers that guide a denoiser, and their channels: albedo 0 to 1, normals -1 to 1.
 GUIDES = {"albedo": (("albedo",), ("RGB",)), "normal": (("normal", "normals", "n"), ("XYZ", "RGB"))}
 
 
 def guided_role(layer: str) -> str | None:
-    """What a layer of that name, or its last word, guides a denoiser by; None for nothing."""
+    """Return the guide that a layer's name, or its last word, stands for; None for none."""
     last = layer.lower().replace("_", " ").split(" ")[-1]
     return next((role for role, (words, _) in GUIDES.items() if last in words), None)
 
 
 def guides_of(channels: Iterable[str], colour: Iterable[str] = ()) -> dict[str, tuple[str, ...]]:
-    """The channels of a file that guide a denoiser: ``albedo`` and ``normal`` -> three names; what is not there is left
-    out. Those of the layer and view of the ``colour`` channels come first, then what is named for a denoiser."""
+    """Return the channels of a file that guide a denoiser: ``albedo`` and ``normal`` -> three names; absent ones are
+    left out. Those of the layer and view of the ``colour`` channels come first, then those named for a denoiser."""
     names, own = set(channels), {word for name in colour for word in name.split(".")[:-1]}
 
-    def is_of_another(layer: str) -> bool:  # of a layer or view that has a picture of its own
+    def is_of_another(layer: str) -> bool:  # one with a picture of its own
         above = layer.rpartition(".")[0]
         return f"{above}.R" in names and not own.issuperset(above.split("."))
 

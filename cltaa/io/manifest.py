@@ -1,8 +1,8 @@
 """The SHA-256 of every finished file: ``manifest.jsonl`` of a resolve, ``sequence.json`` of a capture.
 
-A manifest is one JSON object a line, each with a checksum of its own: first the settings that decide every pixel of
-the folder, then one line for each finished file, appended after the file has its final name. A line that a kill or a
-full disk tore is no line: what it would have vouched for is made again.
+A manifest is one JSON object per line, each with its own checksum: first the settings that decide every pixel of the
+folder, then one line for each finished file, appended after the file has its final name. A line that a kill or a full
+disk tore is ignored, and its file is made again.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ RESTART_CURE = "use --restart to begin anew, or another folder"
 
 
 class Entry(NamedTuple):
-    """What the manifest says about a finished file: its hash, those of its input, and the frame it continues."""
+    """The entry of a finished file in the manifest: its hash, those of its input, and the frame that it continues."""
 
     sha256: str
     input_sha256: str
@@ -54,20 +54,20 @@ def file_sha256(path: Path) -> str:
 
 
 def _piece() -> memoryview:
-    """Memory of this thread to read into; large, since each reading is an acquisition of the GIL."""
+    """Return this thread's buffer for reading; large, since each read acquires the GIL."""
     if not hasattr(_OF_THREAD, "piece"):
         _OF_THREAD.piece = memoryview(bytearray(PIECE))
     return cast(memoryview, _OF_THREAD.piece)
 
 
 def recorded_hashes(folder: Path) -> dict[str, str]:
-    """SHA-256 by file name (relative to ``folder``) of all that its manifest or ``sequence.json`` vouches for.
+    """Return SHA-256 by file name (relative to ``folder``) of all that its manifest or ``sequence.json`` vouches for.
 
-    A folder ``reference`` inside a capture is vouched for by the capture. Empty where nothing is recorded; raises
-    DataError for a record that cannot be read.
+    A capture vouches for a folder ``reference`` inside it. Empty where nothing is recorded; raises DataError for an
+    unreadable record.
     """
     hashes = {name: entry.sha256 for name, entry in Manifest(folder).entries.items()}
-    # Files drawn by hand or by other tools may keep a sequence.json without hashes.
+    # Files drawn by hand or by other tools may have a sequence.json without hashes.
     hashes |= _checked_hashes(read_capture_record(folder).get("files", {}), folder / CAPTURE)
     folder = folder.resolve()
     if not hashes and REFERENCE.fullmatch(folder.name):
@@ -77,7 +77,8 @@ def recorded_hashes(folder: Path) -> dict[str, str]:
 
 
 def read_capture_record(folder: Path) -> dict[str, Any]:
-    """Content of the ``sequence.json`` of a folder, empty where there is none; raises DataError for a damaged one."""
+    """Return the content of a folder's ``sequence.json``, empty where there is none; raises DataError for a damaged
+    one."""
     path = folder / CAPTURE
     if not path.exists():
         return {}
@@ -99,7 +100,7 @@ def _checked_hashes(files: Any, path: Path) -> dict[str, str]:
 
 
 class Manifest:
-    """The manifest of one folder, as far as it can be believed; ``settings`` is None where it was not begun."""
+    """The manifest of one folder, as far as it is intact; ``settings`` is None where it was not begun."""
 
     def __init__(self, folder: Path) -> None:
         """Read what is there; raises DataError for a damaged first line, StorageError where it cannot be read."""
@@ -117,8 +118,8 @@ class Manifest:
         for line in lines[1:]:
             record = _parsed(line) or {}
             name = str(record.get("file", ""))
-            # Never a way out of the folder, and no line of another program.
-            fields = {"file", *Entry._fields}  # those with a default are not in lines of before
+            # Only names inside the folder, and only lines of this program.
+            fields = {"file", *Entry._fields}  # lines of earlier versions lack those with a default
             if name and Path(name).name == name and fields - Entry._field_defaults.keys() <= record.keys() <= fields:
                 del record["file"]
                 self.entries[name] = Entry(**record)
@@ -134,7 +135,7 @@ class Manifest:
         line = _line({"file": name, **entry._asdict()})
         try:
             with self._appending, self.path.open("r+b") as stream:
-                # A torn last line would swallow this one: end it first.
+                # This line would merge with a torn last one: end that first.
                 if stream.seek(0, os.SEEK_END) and stream.seek(-1, os.SEEK_END) and stream.read(1) != b"\n":
                     line = b"\n" + line
                 stream.write(line)
@@ -146,7 +147,7 @@ class Manifest:
         self.entries[name] = entry
 
     def vouches_for(self, path: Path) -> bool:
-        """Tell whether a file is finished: it is listed, and its content has the SHA-256 that is listed."""
+        """True where a file is finished: it is listed, and its content has the listed SHA-256."""
         entry = self.entries.get(path.name)
         return entry is not None and path.is_file() and file_sha256(path) == entry.sha256
 

@@ -1,9 +1,9 @@
-"""How sequences are named: the number in a file's name, and the files that a folder, a pattern or a list stands for.
+"""Names of sequences: the number in a file's name, and the files that a folder, a pattern or a list stands for.
 
-A frame is ``<name>.<number>.exr`` or ``.png``, with ``.``, ``_``, ``-``, a space or nothing between. Behind such a sign
-``-`` is a minus: ``shot.-003``, ``shot -003``. In ``shot-003`` it is none, unless ``shot0001`` lies beside it.
-Words may follow a number of four digits or more where no file ends with one, or where a pattern says where it stands:
-``shot.0001.denoised``, ``0001_depth``. They belong to the name.
+A frame is ``<name>.<number>.exr`` or ``.png``, with ``.``, ``_``, ``-``, a space or nothing between. After such a
+separator ``-`` is a minus: ``shot.-003``, ``shot -003``. In ``shot-003`` it is none, unless ``shot0001`` lies beside
+it. Words may follow a number of four digits or more where no file ends with one, or where a pattern shows the number's
+place: ``shot.0001.denoised``, ``0001_depth``. They belong to the name.
 """
 
 from __future__ import annotations
@@ -19,27 +19,28 @@ from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.printable import counted
 
 SUFFIXES = (".exr", ".png")
-# Nine digits fit cltaa:frame, an int. At the beginning of a name a ``-`` is a minus, too: ``-0001.exr``.
+# Nine digits fit cltaa:frame, an int. At the beginning of a name ``-`` is a minus, too: ``-0001.exr``.
 _NUMBER = r"(?P<name>.*?)(?P<between>[._ ]|(?<=.)-|)(?P<number>(?:(?<![^._ -])-)?(?<![0-9])[0-9]{1,9})"
 _WORDS = r"(?:[._ -][^0-9._ ()-]+)"
 NUMBERED = re.compile(rf"{_NUMBER}(?P<tail>)\.(?:exr|png)", re.DOTALL)
 _TAILED = re.compile(rf"{_NUMBER}(?P<tail>{_WORDS}+)\.(?:exr|png)", re.DOTALL)
-_PADDED = 4  # digits, by which a number before words is one of a frame
+_PADDED = 4  # least digits of a frame number before words
 
 
 def real_path(path: Path) -> Path:
-    """Where ``path`` leads; a loop of links, in which ``Path.resolve`` fails until 3.13, is told by who opens it."""
+    """Return ``path`` with all links followed; a loop of links, where ``Path.resolve`` fails until 3.13, fails on
+    opening."""
     return Path(realpath(path))
 
 
 def number_of(path: Path) -> int | None:
-    """The frame number in a file's name, or None where there is none."""
+    """Return the frame number in a file's name, or None where there is none."""
     match = NUMBERED.fullmatch(path.name)
     return int(match["number"]) if match else None
 
 
 def name_of(path: Path) -> str:
-    """The name of the sequence that ``path`` belongs to; that of the file where it has no number."""
+    """Return the name of the sequence that ``path`` belongs to; that of the file where it has no number."""
     match = NUMBERED.fullmatch(path.name)
     return match["name"] if match else path.stem
 
@@ -53,17 +54,17 @@ def _is_padded(match: re.Match[str]) -> bool:
 
 
 def renumbered(path: Path, number: int) -> Path:
-    """The file of frame ``number`` in the sequence that ``path`` belongs to; as it is where it has no number."""
+    """Return the file of frame ``number`` in the sequence of ``path``, which is unchanged where it has no number."""
     return _with_number(path, lambda digits: f"{number:0{digits}d}")
 
 
 def pattern_of(path: Path) -> Path:
-    """The pattern of all frames of the sequence that ``path`` is one of, as it is typed."""
+    """Return the pattern of all frames of the sequence of ``path``, as a user types it."""
     return _with_number(path, lambda digits: "#" * digits)
 
 
 def _with_number(path: Path, made: Callable[[int], str]) -> Path:
-    """``path`` with what is ``made`` of as many digits in place of its number, if it has one."""
+    """Replace the number of ``path``, if it has one, by what is ``made`` for as many digits."""
     match = NUMBERED.fullmatch(path.name) or _TAILED.fullmatch(path.name)
     if match is None:
         return path
@@ -73,24 +74,24 @@ def _with_number(path: Path, made: Callable[[int], str]) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What somebody named as a sequence: a folder, or some of the files in it."""
+    """What a user named as a sequence: a folder, or some of the files in it."""
 
     folder: Path
     files: tuple[Path, ...] | None = None  # None: all that are in the folder
-    words: tuple[str, ...] = ()  # as it was named
-    numbers: Mapping[Path, int] = field(default_factory=dict)  # that a pattern tells
+    words: tuple[str, ...] = ()  # as the user typed them
+    numbers: Mapping[Path, int] = field(default_factory=dict)  # from a pattern
 
     def __str__(self) -> str:
-        """As it was named, for a message."""
+        """Return the name as the user typed it, for a message."""
         return self.words[0] if len(self.words) == 1 else f"{self.folder}: {counted(len(self.words), 'file')}"
 
     @property
     def alone(self) -> bool:
-        """True for one file that was named itself: it is asked for alone, and needs no number."""
+        """True for a single file that was named itself, which needs no number."""
         return self.files is not None and len(self.files) == 1 and self.words == (str(self.files[0]),)
 
     def by_name(self, files: Iterable[Path]) -> dict[str, dict[int, Path]]:
-        """Those of ``files``, of one folder, that have a number, by the names of their sequences.
+        """Return those of ``files``, of one folder, that have a number, by the names of their sequences.
 
         Raises DataError for two of one number.
         """
@@ -99,7 +100,7 @@ class Selection:
         files = [*files]
         there = [(path, match) for path in files if (match := NUMBERED.fullmatch(path.name))]
         tailed = [(path, match) for path in files if (match := _TAILED.fullmatch(path.name))]
-        padded = not there  # else the others are no frames: what a denoiser left beside those that it read
+        padded = not there  # else the others are no frames, such as a denoiser's output beside its input
         there += [(path, match) for path, match in tailed if path in self.numbers or (padded and _is_padded(match))]
         # Names as in shot0001, beside which shot-001 is -1.
         joined = {_name_in(match) for _, match in there if not match["between"]}
@@ -125,13 +126,13 @@ Named = str | Path | Sequence[str | Path] | Selection  # a folder, a file, a pat
 def selection_of(named: Named) -> Selection:
     """Find what ``named`` stands for: folder, file, pattern (``####``, ``%04d``, ``$F4``, ``*``) or list of files.
 
-    What is there under that very name goes before a pattern. A name of nothing is a folder that is missing. Raises
-    InputMissing for a file that is missing and a pattern that none matches, and UsageError for a list of nothing or of
+    An existing path of that very name takes precedence over a pattern. A name of nothing is a missing folder. Raises
+    InputMissing for a missing file and a pattern that none matches, and UsageError for a list that is empty or holds
     folders.
     """
     if isinstance(named, Selection):
         return named
-    if named == "":  # which pathlib takes for the folder of work
+    if named == "":  # pathlib takes it for the working folder
         raise UsageError("no sequence is named", found="an empty name")
     if isinstance(named, str | Path):
         return _place(Path(named))
@@ -185,25 +186,25 @@ def _place(path: Path) -> Selection:
 
 
 def _folders(named: Path) -> list[Path]:
-    """The folders that ``named`` stands for; one that is there under that very name is no pattern."""
+    """Return the folders that ``named`` stands for; an existing one of that very name is no pattern."""
     if not has_magic(str(named)) or named.is_dir():
         return [named]
     return [found for above in _folders(named.parent) for found in sorted(_within(above, named.name)) if found.is_dir()]
 
 
 def _within(folder: Path, name: str) -> Iterable[Path]:
-    name = name if name == "**" else re.sub(r"\*+", "*", name)  # which pathlib takes for folders of any depth
+    name = name if name == "**" else re.sub(r"\*+", "*", name)  # pathlib takes ** for any depth
     return folder.glob(name) if has_magic(name) and not (folder / name).is_dir() else [folder / name]
 
 
 def _above(files: Iterable[Path]) -> Path:
-    """The folder that all files lie in, or in folders of which they do."""
+    """Return the folder that all files lie in, or the one above all of their folders."""
     folders = {path.parent for path in files}
     return folders.pop() if len(folders) == 1 else Path(commonpath(folder.absolute() for folder in folders))
 
 
 # The number of a frame as compositors write it: ``####``, ``%04d`` or ``$F4``, and before the suffix ``@@@@``; before
-# it the frames that are meant, as ``1-10#`` or ``1-10x3#``.
+# it the requested frames, as ``1-10#`` or ``1-10x3#``.
 COUNTED = re.compile(
     r"(?:(?P<first>-?[0-9]{1,9})-(?P<last>-?[0-9]{1,9})(?:x(?P<step>[1-9][0-9]{0,8}))?)?"
     rf"(?P<digits>#+|%(?:0?[1-9])?d|\$F[1-9]?|\$\{{F[1-9]?\}}|@+(?={_WORDS}*\.[a-z]+$))"
@@ -212,9 +213,9 @@ _PARTS = re.compile(rf"(?P<number>{COUNTED.pattern})|(?P<any>\*+)|(?P<one>\?)|(?
 
 
 def _pattern(path: Path) -> re.Pattern[str]:
-    """What a pattern of names matches, with group ``number`` where it says where that stands.
+    """Return the expression of a pattern of names, with group ``number`` where it shows the number's place.
 
-    Raises UsageError where more than words follow it, or at two places.
+    Raises UsageError where more than words follow it, or where it has two.
     """
     text, made, place = path.name, "", 0
     for part in _PARTS.finditer(text):
@@ -234,12 +235,12 @@ def _pattern(path: Path) -> re.Pattern[str]:
 
 
 def _width(digits: str) -> int:
-    """The characters that a number has at least, its sign among them."""
+    """Return the least number of characters of a frame number, its sign included."""
     return len(digits) if digits[0] in "#@" else int(digits.strip("%d$F{}") or 1)
 
 
 def _asked_for(name: str) -> range | None:
-    """The frames that a pattern names beside where their numbers stand; None for all."""
+    """Return the frames that a pattern requests before the place of their numbers; None for all."""
     part = COUNTED.search(name)
     if part is None or part["first"] is None:
         return None

@@ -1,7 +1,7 @@
-"""Folders of numbered files: which frames there are, which are missing, and what is wrong with single ones.
+"""Folders of numbered files: which frames exist, which are missing, and what is wrong with single ones.
 
-cltaa writes ``<name>.<frame:04d>.exr``. Others put ``_``, ``-`` or nothing before the number, or have no name at all:
-Blender writes ``0001.exr`` unless it is told otherwise, a denoiser ``shot.0001.denoised.exr``.
+cltaa writes ``<name>.<frame:04d>.exr``. Other tools put ``_``, ``-`` or nothing before the number, or have no name at
+all: Blender writes ``0001.exr`` by default, a denoiser ``shot.0001.denoised.exr``.
 """
 
 from __future__ import annotations
@@ -25,19 +25,21 @@ from cltaa.io.manifest import CAPTURE, REFERENCE, recorded_hashes
 from cltaa.io.names import Named, Selection, pattern_of, renumbered, selection_of
 from cltaa.printable import counted, printable
 
-DEEPEST = 3  # folders below the one that was named; a project's folder can hold millions of files
+DEEPEST = 3  # levels of folders below the named one; a project's folder can hold millions of files
 MOST_FOLDERS = 500
 MOST_NAMES = 5
 
 
 def captures_below(folder: Path) -> list[Path]:
-    """Folders right below with a record of a capture or a truth of their own, which no part of one sequence has."""
+    """Return folders right below with a capture's record or a reference of their own, which parts of one sequence
+    lack."""
     marks = [*folder.glob(f"*/{CAPTURE}"), *folder.glob("*/reference")]
     return sorted({path.parent for path in marks if not REFERENCE.fullmatch(path.parent.name)})
 
 
 def sequences_below(folder: Path) -> list[Path]:
-    """Folders below that hold EXR files or a ``sequence.json``, in order; truth is none. Few folders are looked at."""
+    """Return folders below that hold EXR files or a ``sequence.json``, in order, but no references. Searches few
+    folders."""
     found: list[Path] = []
     for looked_at, (name, folders, files) in enumerate(os.walk(folder)):
         place = Path(name)
@@ -51,7 +53,7 @@ def sequences_below(folder: Path) -> list[Path]:
 
 
 def only_below(folder: Path, found: list[Path]) -> InputMissing:
-    """The error for a folder without frames of its own, but with sequences below it."""
+    """Return the error for a folder without frames of its own, but with sequences below it."""
     names = [printable(str(path.relative_to(folder))) for path in found[:MOST_NAMES]]
     more = f" and {len(found) - MOST_NAMES} more" if len(found) > MOST_NAMES else ""
     what = "no frames in the folder itself, but sequences below it"
@@ -63,21 +65,21 @@ FrameRange = tuple[int, int]  # numbers of the first and the last frame, both in
 
 
 class OnBreak(StrEnum):
-    """What to do where a sequence breaks off: a frame is missing, or the size is another."""
+    """How to handle a break in a sequence: a missing frame, or another size."""
 
     ERROR = "error"  # refuse the sequence
-    RESET = "reset"  # begin a new history behind it
+    RESET = "reset"  # begin a new history after it
 
 
 def on_break(mode: OnBreak | str) -> OnBreak:
-    """The mode of that name; raises UsageError for a word that is none."""
+    """Return the mode of that name; raises UsageError for an unknown one."""
     if mode not in [*OnBreak]:
         raise UsageError("no such way to go on behind a break", expected=", ".join(OnBreak), found=mode)
     return OnBreak(mode)
 
 
 def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) -> list[int]:
-    """Those of the sorted frame ``numbers`` that are asked for; raises UsageError unless both ends are there."""
+    """Return the sorted frame ``numbers`` that are asked for; raises UsageError unless both ends exist."""
     if frames is None:
         return list(numbers)
     if not (isinstance(frames, tuple | list) and len(frames) == 2):
@@ -93,7 +95,7 @@ def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) 
 
 
 def check_steps(paths: Mapping[int, Path], frames: FrameRange, step: int, gaps: OnBreak) -> None:
-    """Raise DataError for a number between two steps, InputMissing for one that is not there unless it may be.
+    """Raise DataError for a number between two steps, InputMissing for a missing one unless ``gaps`` allows that.
 
     A step below 1 is a UsageError.
     """
@@ -115,24 +117,25 @@ def check_steps(paths: Mapping[int, Path], frames: FrameRange, step: int, gaps: 
 
 
 def even_step(numbers: Many[int]) -> int:
-    """How far three or more sorted numbers lie apart, most of them that far and others by multiples of it, else 1."""
+    """Return the step of three or more sorted numbers, most of them that far apart and others by multiples of it, else
+    1."""
     apart = [after - before for before, after in pairwise(numbers)]
     even = gcd(*apart)
     return even if len(apart) > 1 and 2 * apart.count(even) > len(apart) else 1
 
 
 def missing_from(numbers: Many[int], step: int) -> list[int]:
-    """Numbers between the first and the last of the sorted ``numbers``, ``step`` apart, that are none of them."""
+    """Return the numbers missing between the first and the last of the sorted ``numbers``, ``step`` apart."""
     return sorted(set(range(numbers[0], numbers[-1] + 1, step)) - set(numbers))
 
 
 def no_such_frame(folder: Path, number: int, numbers: Many[int]) -> UsageError:
-    """The error for a frame that was asked for and is none of the sorted ``numbers``."""
+    """Return the error for a requested frame that is none of the sorted ``numbers``."""
     return UsageError("no such frame", path=folder, frame=number, expected=ranges(numbers))
 
 
 def no_truth(path: Path, number: int, wanted: Iterable[int], there: Collection[int]) -> InputMissing:
-    """The error for a frame without its truth, which has the numbers ``there``."""
+    """Return the error for a frame without its reference, which has the numbers ``there``."""
     cure = "capture it again, or render it"
     if not set(wanted) & set(there):
         cure = "the two have no frame number in common: number them alike"
@@ -141,7 +144,7 @@ def no_truth(path: Path, number: int, wanted: Iterable[int], there: Collection[i
 
 
 def frame_missing(path: Path, number: int, apart: int = 1) -> InputMissing:
-    """The error for a frame that should be there; ``apart`` above 1 is the step that was meant, and was not given."""
+    """Return the error for a missing frame; ``apart`` above 1 is the step that was meant, and was not given."""
     cure = "capture or render it again, or go on without it by cltaa resolve --gaps reset or cltaa compare --frames A-B"
     if apart > 1:
         cure = f"the frames are {apart} apart: --step {apart} takes each as the one after the last"
@@ -149,7 +152,7 @@ def frame_missing(path: Path, number: int, apart: int = 1) -> InputMissing:
 
 
 def ranges(numbers: Iterable[int]) -> str:
-    """Frame numbers for a reader: write 1, 2, 3, 7 as "1-3, 7"."""
+    """Format frame numbers: 1, 2, 3, 7 as "1-3, 7"."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][1] + 1:
@@ -160,25 +163,25 @@ def ranges(numbers: Iterable[int]) -> str:
 
 
 def named_frames(numbers: Iterable[int]) -> str:
-    """Frames for a reader: write "frame 5", or "frames 1-3, 7"."""
+    """Format frames: "frame 5", or "frames 1-3, 7"."""
     several = list(numbers)
     return f"frame{'s' * (len(several) != 1)} {ranges(several)}"
 
 
 def one_range(first: int, last: int) -> str:
-    """Write ``first`` to ``last`` for a reader."""
+    """Format the range ``first`` to ``last``."""
     return str(first) if first == last else f"{first}-{last}"
 
 
 class Problems:
-    """Errors by what is wrong; each is told in the words of the first frame that has it."""
+    """Errors by kind; each kind is reported in the words of the first frame that has it."""
 
     def __init__(self) -> None:
-        """Nothing is wrong yet."""
+        """Begin without errors."""
         self._wrong: dict[object, tuple[str, list[int]]] = {}
 
     def add(self, number: int, error: CltaaError) -> None:
-        """Take an error of frame ``number``; another one of the same frame and kind counts for nothing."""
+        """Add an error of frame ``number``; another one of the same frame and kind is ignored."""
         kind = error.what, error.channel, str(error.expected), str(error.found)
         numbers = self._wrong.setdefault(kind, (str(error), []))[1]
         if number not in numbers:
@@ -186,17 +189,17 @@ class Problems:
 
     @property
     def numbers(self) -> list[int]:
-        """The frames that something is wrong with, in order."""
+        """The frames with errors, in order."""
         return sorted({number for _, numbers in self._wrong.values() for number in numbers})
 
     @property
     def lines(self) -> list[str]:
-        """A line for each kind of error, in the order in which they were met."""
+        """A line for each kind of error, in the order of their first occurrence."""
         told = ((text, sorted(numbers[1:])) for text, numbers in self._wrong.values())
         return [f"{text}; the same in {named_frames(others)}" if others else text for text, others in told]
 
 
-# What a folder without frames may hold in their place.
+# Suffixes of what a folder without frames may hold in their place.
 PICTURES = frozenset({".bmp", ".dpx", ".exr", ".hdr", ".jpeg", ".jpg", ".png", ".tga", ".tif", ".tiff"})
 ONE_REGION = "render both with one display window"
 
@@ -204,10 +207,9 @@ ONE_REGION = "render both with one display window"
 class NumberedFiles:
     """EXR files of one name; frame numbers are those in the file names.
 
-    Each file that is read must have the SHA-256 that is recorded for it, if one is; ``verify`` False leaves that out.
-    ``gaps`` and ``on_resize`` say whether a number may be missing and whether sizes may differ. Where ``frames`` are
-    given, the first and the last number, no file outside them counts, whatever is wrong with it. ``step`` is how far
-    numbers lie apart.
+    Each file that is read must have its recorded SHA-256, if there is one, unless ``verify`` is False. ``gaps`` and
+    ``on_resize`` say whether a number may be missing and whether sizes may differ. With ``frames``, the first and the
+    last number, files outside them are ignored, whatever is wrong with them. ``step`` is the distance between numbers.
     """
 
     def __init__(
@@ -243,7 +245,7 @@ class NumberedFiles:
 
     @staticmethod
     def layout_of(path: Path) -> Layout:
-        """What a file's header says of its picture; raises InputMissing and DataError."""
+        """Return the layout of a file's picture from its header; raises InputMissing and DataError."""
         return read_layout(path)
 
     @property
@@ -278,15 +280,15 @@ class NumberedFiles:
 
     @property
     def notes(self) -> list[str]:
-        """What was decided about the files of another tool, line by line; own ones: nothing."""
+        """Decisions about the files of another tool, line by line; none for own ones."""
         return []
 
     def __len__(self) -> int:
-        """Count of frames."""
+        """Return the count of frames."""
         return len(self._paths)
 
     def __repr__(self) -> str:
-        """The folder, the numbers and the size."""
+        """Show the folder, the numbers and the size."""
         numbers = f"{one_range(self.first, self.last)}, {self.width} x {self.height}"
         return f"{type(self).__name__}({str(self.folder)!r}: {counted(len(self), 'frame')}, {numbers})"
 
@@ -297,16 +299,17 @@ class NumberedFiles:
         return self._paths[number]
 
     def shows(self, region: Window) -> Part:
-        """Rows and columns of an image that lie in a region, which begins at the first pixel of the display window."""
+        """Return the rows and columns of an image in a region, which is given from the first pixel of the display
+        window."""
         left, top, *_ = self.layouts[self.first].region
         return slice(region[1] - top, region[3] - top + 1), slice(region[0] - left, region[2] - left + 1)
 
     def sha256(self, number: int) -> str | None:
-        """Return the SHA-256 that a frame's file must have, or None where none is recorded or is to be verified."""
+        """Return the SHA-256 that a frame's file must have, or None where none is recorded or verified."""
         return self.recorded(self.path(number))
 
     def recorded(self, path: Path) -> str | None:
-        """Return the SHA-256 of a file by the record of its folder; None where it has none, or none is verified."""
+        """Return the SHA-256 of a file in the record of its folder; None where it has none, or none is verified."""
         if not self.verify:
             return None
         if path.parent not in self._hashes:
@@ -314,28 +317,28 @@ class NumberedFiles:
         return self._hashes[path.parent].get(path.name)
 
     def beside_sha256(self, number: int) -> str | None:
-        """Return what vouches for all that a frame is made from beside its file: None, for nothing is."""
+        """Return the hash of all that a frame is made from besides its file: None, for there is nothing."""
         del number
         return None
 
     def select(self, first: int, last: int) -> Self:
-        """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two are there.
+        """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two exist.
 
-        They show what they show among all.
+        Their layouts are those among all frames.
         """
         numbers = chosen_numbers(self.numbers, (first, last), self.folder)
         return type(self)(**self.alike() | {"paths": {number: self._paths[number] for number in numbers}})
 
     def alike(self) -> dict[str, Any]:
-        """The arguments that make another one of the same files."""
+        """Return the arguments that create another one of the same files."""
         names = ("folder", "name", "verify", "gaps", "on_resize", "step", "layouts")
         return {name: getattr(self, name) for name in names} | {"paths": self._paths}
 
 
 def as_pictures(layouts: Mapping[int, Layout], on_resize: OnBreak) -> dict[int, Layout]:
-    """The layouts of frames, by number, as one history needs them: of frames with several data windows the display's.
+    """Return the layouts of frames, by number, for one history: where data windows differ, those of the display.
 
-    A picture is the data window where all have one: a border render, or overscan. Raises DataError for display windows
+    A picture is the data window where all share one: a border render, or overscan. Raises DataError for display windows
     that differ, unless they may, and for pictures that lie outside of them.
     """
     runs: list[dict[int, Layout]] = []
@@ -367,16 +370,17 @@ def check_size(layout: Layout, before: Layout, number: int, on_resize: OnBreak) 
 
 
 def check_region(layout: Layout, other: Layout, named: str, number: int | None = None) -> None:
-    """Raise DataError where two pictures of one size are other regions of their display windows."""
+    """Raise DataError where two pictures of one size show different regions of their display windows."""
     if layout.region != other.region or layout.display_size != other.display_size:
         what, path, expected = f"shows another region than {named}", layout.path, other.size
         raise DataError(what, path=path, frame=number, expected=expected, found=layout.size, cure=ONE_REGION)
 
 
 def shared_region(one: NumberedFiles, other: NumberedFiles) -> Window | None:
-    """What both show, from the first pixel of their display window on; None where they show one picture.
+    """Return the region that both show, from the first pixel of their display window on; None where they show one
+    picture.
 
-    Raises DataError where their sizes differ without one display window, or where they show nothing in common.
+    Raises DataError where their sizes differ without one display window, or where they share no pixel.
     """
     first, second = one.layouts[one.first], other.layouts[other.first]
     if first.display_size != second.display_size:
@@ -402,9 +406,10 @@ def check_same_size(one: NumberedFiles, other: NumberedFiles) -> None:
 
 
 def files_in(place: Selection, suffix: str = ".exr", *, below: bool = False) -> list[Path]:
-    """The files of a place with that suffix, those of folders ``below`` too, in order; hidden ones are none.
+    """Return the files of a place with that suffix, with ``below`` also those of its folders, in order; none that are
+    hidden.
 
-    Raises InputMissing where there is no such folder, or none that can be read.
+    Raises InputMissing where the folder is missing or unreadable.
     """
     if place.files is not None:
         return [path for path in place.files if path.suffix == suffix or place.alone]
@@ -429,7 +434,7 @@ def numbered_files(named: Named, suffix: str = ".exr") -> tuple[Path, str, dict[
     sets = place.by_name(files)
     if not sets:
         raise no_frames(place, files)
-    # Beside frames a file without a number is another sequence.
+    # A file without a number beside frames is another sequence.
     frames = [path for numbers in sets.values() for path in numbers.values()]
     names = sorted({*sets, *(path.name for path in {*files} - {*frames})})
     if len(names) > 1:
@@ -439,7 +444,7 @@ def numbered_files(named: Named, suffix: str = ".exr") -> tuple[Path, str, dict[
 
 
 def no_frames(place: Selection, files: Iterable[Path]) -> InputMissing:
-    """The error for a place none of whose EXR ``files`` has a number."""
+    """Return the error for a place none of whose EXR ``files`` has a number."""
     folder, names = place.folder, [path.name for path in files]
     suffix = Path(names[0]).suffix if names else ".exr"
     cure = f"number the frames, as in {Path(names[0]).stem}.0001{suffix}" if names else None

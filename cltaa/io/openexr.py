@@ -1,8 +1,8 @@
-"""The OpenEXR module as it is used here: its threads and limits in a process of our own, and what it prints, kept out.
+"""The OpenEXR module as it is used here: its threads and limits in a process of our own, and its output muted.
 
-Its Python module prints warnings on standard output, through Python, and its C library complains on standard error,
-through the C library's own stream, two lines for a damaged file; neither can be turned off. In other programs all of it
-is heard.
+Its Python module prints warnings on standard output, through Python, and its C library prints errors on standard error,
+through the C library's own stream, two lines for a damaged file; neither can be turned off. In other programs nothing
+is muted.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ __all__ = ["OpenEXR", "muted_output"]
 
 def _configure() -> None:
     # OpenEXR starts with no worker threads and no limit; a second core halves the time of ZIP. Of many cores half are
-    # left to what runs beside it: with all of them each frame is decoded sooner, and the others wait for it.
+    # left to other work: with all of them each frame is decoded sooner, and everything else waits for it.
     OpenEXR.set_global_thread_count(min(CORES, max(MANY_CORES, CORES // 2)))
     OpenEXR.setMaxImageSize(LARGEST_SIDE, LARGEST_SIDE)
 
@@ -36,7 +36,7 @@ once_own(_configure)
 
 
 class _StandardOutput:
-    """Standard output that swallows the text of some threads and hands on that of all others."""
+    """Standard output that drops the text of some threads and passes on that of all others."""
 
     def __init__(self, stream: TextIO) -> None:
         self.stream = stream
@@ -62,24 +62,24 @@ class _Complaints:
         self._loud, self._silent = self._stream.value, library.fopen(os.devnull.encode(), b"w")
 
     def mute(self, on: bool) -> None:
-        """Point it to the null device, or to where it points of old."""
+        """Point it to the null device, or back to where it pointed."""
         if self._silent:
             self._stream.value = self._silent if on else self._loud
 
 
 _lock = threading.Lock()
 _output: _StandardOutput | None = None
-# Every one that was ever installed: CPython's print holds no reference to sys.stdout while it writes, so one that went
-# away in the middle of another thread's print would take the process with it.
+# Every instance ever installed: CPython's print holds no reference to sys.stdout while it writes, so freeing one during
+# another thread's print would crash the process.
 _made: list[_StandardOutput] = []
 
 
 @contextmanager
 def muted_output() -> Iterator[None]:
-    """Swallow what this thread prints to ``sys.stdout`` and what C code of any thread prints to ``stderr``.
+    """Drop what this thread prints to ``sys.stdout`` and what C code of any thread prints to ``stderr``.
 
     Other threads, such as a progress display, keep both ``sys.stdout`` and ``sys.stderr``. A redirection of the file
-    descriptors, or of ``sys.stdout`` by each thread for itself, would swallow their text too and could be undone in the
+    descriptors, or of ``sys.stdout`` by each thread for itself, would drop their text too and could be undone in the
     wrong order; here the last thread to leave restores the streams. In a process of another program nothing is muted.
     """
     global _output

@@ -1,4 +1,4 @@
-"""What the pixels of a sequence hold: range and special values of every channel, gathered a frame at a time."""
+"""Statistics of the pixels of a sequence: range and special values of every channel, collected frame by frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cltaa.io.numbered import named_frames
 
 
 class ChannelStatistics(msgspec.Struct):
-    """Smallest and largest finite value of a channel over all frames, and counts of what is not finite."""
+    """Smallest and largest finite value of a channel over all frames, and counts of non-finite ones."""
 
     lowest: float = math.inf
     highest: float = -math.inf
@@ -26,7 +26,7 @@ class ChannelStatistics(msgspec.Struct):
     count: int = 0
 
     def add(self, plane: Pixels) -> None:
-        """Take in the values [H, W] of one frame."""
+        """Add the values [H, W] of one frame."""
         finite = np.isfinite(plane)
         if finite.any():
             self.lowest = min(self.lowest, float(plane[finite].min()))
@@ -48,14 +48,15 @@ class Missing(msgspec.Struct, kw_only=True, frozen=True):
 
 
 def is_missing(colour: Image) -> NDArray[np.bool_]:
-    """Which pixels [H, W] of [H, W, 3] a resolve takes for none: NaN, infinite, or beyond the kernels' domain."""
+    """Return which pixels [H, W] of [H, W, 3] a resolve treats as missing: NaN, infinite, or beyond the kernels'
+    domain."""
     return np.asarray((~(np.abs(colour) <= value("DOMAIN_LIMIT"))).any(axis=-1))
 
 
 def missing_samples(colour: Image, frame: int) -> Missing | None:
-    """The pixels of [H, W, 3] that are missing; None where none is."""
+    """Return the missing samples of [H, W, 3]; None where there are none."""
     limit = value("DOMAIN_LIMIT")
-    if -limit <= float(colour.min()) and float(colour.max()) <= limit:  # NaN is not within, and min and max hand it on
+    if -limit <= float(colour.min()) and float(colour.max()) <= limit:  # NaN fails this: min and max propagate it
         return None
     missing = is_missing(colour)
     rows, columns = np.flatnonzero(missing.any(axis=1)), np.flatnonzero(missing.any(axis=0))
@@ -69,7 +70,7 @@ def missing_samples(colour: Image, frame: int) -> Missing | None:
 
 
 def missing_lines(found: Iterable[Missing]) -> list[str]:
-    """A sentence for each frame in which samples are missing; frames that lack the same share one."""
+    """Return a sentence for each frame with missing samples; frames that lack the same share one."""
     alike: dict[Missing, list[int]] = {}
     for each in found:
         alike.setdefault(msgspec.structs.replace(each, frame=0), []).append(each.frame)
@@ -91,7 +92,7 @@ def is_opaque(alpha: Image | None) -> bool:
 
 
 def pixel_problems(statistics: dict[str, ChannelStatistics]) -> list[str]:
-    """Sentences about values that a resolve has to repair or cannot use."""
+    """Return sentences about values that a resolve has to repair or cannot use."""
     problems = []
     for name, channel in statistics.items():
         not_finite = channel.nan + (0 if name == "Z" else channel.infinite)
@@ -110,7 +111,7 @@ def pixel_problems(statistics: dict[str, ChannelStatistics]) -> list[str]:
 
 
 def needless_channels(statistics: dict[str, ChannelStatistics]) -> list[str]:
-    """Sentences about channels that say nothing, which whoever declares what moves had better leave out."""
+    """Return sentences about channels without information, which a sequence that declares its motion need not have."""
     return [
         f"channel {name}: all zero; nothing moves, so the channel is not needed"
         for name, channel in statistics.items()

@@ -1,7 +1,7 @@
 """Sequences on disk: folders of ``<name>.<frame:04d>.exr``, opened as a whole and read a frame at a time.
 
-Opening reads every file's layout (not its pixels), so that a gap, another size or a truncated file is known before
-the first frame is worked on. Only one frame is in memory at a time, unless the caller keeps more.
+Opening reads every file's layout (not its pixels), so that a gap, another size or a truncated file is reported before
+the first frame is processed. Only one frame is in memory at a time, unless the caller keeps more.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class ImageSequence(NumberedFiles):
     """Colour only: a reference, or resolved frames. Iteration yields ``[H, W, 3]`` linear float32 in frame order."""
 
     def image(self, number: int, *, alpha: bool = False) -> Image:
-        """Read one frame number, [H, W, 3] linear float32; with ``alpha`` behind the colour where it is there."""
+        """Read one frame number, [H, W, 3] linear float32; ``alpha`` appends A where the file has it."""
         path, window = self.path(number), self.layouts[number].data_window
         return read_colour(path, sha256=self.sha256(number), picture=window, alpha=alpha)
 
@@ -49,7 +49,7 @@ class ImageSequence(NumberedFiles):
 
 
 class ChangedImages(ImageSequence):
-    """What ``change`` makes of each of ``images`` when it is read."""
+    """The images of ``images``, each changed by ``change`` when it is read."""
 
     def __init__(
         self,
@@ -58,7 +58,7 @@ class ChangedImages(ImageSequence):
         notes: list[str],
         layouts: Mapping[int, Layout] | None = None,
     ) -> None:
-        """Take the files of ``images``; ``notes`` say how they are read, ``layouts`` what is left of each."""
+        """Wrap the files of ``images``; ``notes`` say how they are read, ``layouts`` what remains of each."""
         super().__init__(**images.alike() | {"layouts": layouts or images.layouts})
         self._images, self._change, self._notes = images, change, notes
 
@@ -68,7 +68,7 @@ class ChangedImages(ImageSequence):
         return self._notes
 
     def image(self, number: int, *, alpha: bool = False) -> Image:
-        """Read one frame number, [H, W, 3] linear float32, with ``alpha`` behind the colour where it is there."""
+        """Read one frame number, [H, W, 3] linear float32; ``alpha`` appends A where the file has it."""
         return self._change(self._images.image(number, alpha=alpha))
 
     def select(self, first: int, last: int) -> Self:
@@ -77,73 +77,73 @@ class ChangedImages(ImageSequence):
 
 
 def as_shown(images: ImageSequence, by: NumberedFiles) -> ImageSequence:
-    """``images``, or where they are of more than the region that ``by`` shows, that region of them.
+    """Return ``images``, cropped to the region that ``by`` shows where they show more.
 
-    Raises DataError where they do not show it all.
+    Raises DataError where they do not cover it.
     """
     mine, theirs = by.layouts[by.first], images.layouts[images.first]
     if theirs.display_size == mine.display_size and theirs.region != mine.region and theirs.covers(mine.region):
         part = images.shows(mine.region)
         layouts = {number: layout.cropped(mine.region) for number, layout in images.layouts.items()}
-        return ChangedImages(images, lambda image: image[part].copy(), images.notes, layouts)  # the rest is let go
+        return ChangedImages(images, lambda image: image[part].copy(), images.notes, layouts)  # frees the rest
     check_same_size(by, images)
     return images
 
 
-RESOLVED = "cltaa:preset"  # the attribute of images that a resolve wrote
+RESOLVED = "cltaa:preset"  # an attribute of images that a resolve wrote
 
 
 class FrameSequence(NumberedFiles):
     """A captured sequence. Iteration yields a ``Frame`` at a time, in frame order.
 
-    ``effects`` is what the first header declares, or None where it declares nothing; ``reference`` is the truth that
-    lies in ``reference/``, or None; ``sequence_json`` is what ``sequence.json`` says about the capture, or empty.
-    ``found`` are the effects that were found in its frames where it declares none, which its frames then say.
+    ``effects`` is what the first header declares, or None where it declares nothing; ``reference`` is the supersampled
+    truth in ``reference/``, or None; ``sequence_json`` is the capture's record in ``sequence.json``, or empty.
+    ``found`` are the effects that were found in frames that declare none; its frames then hold them.
     """
 
-    converted = False  # whether what is decoded is converted before it is a frame
+    converted = False  # whether decoded channels are converted to make a frame
     found: frozenset[Effect] | None = None
-    truth: ImageSequence | None = None  # where it was given, and is not that in ``reference/``
-    replaced: frozenset[str] = frozenset()  # channels of other names than R, G, B and A that a resolve makes anew
+    truth: ImageSequence | None = None  # a given one, in place of that in ``reference/``
+    replaced: frozenset[str] = frozenset()  # channels not named R, G, B and A that a resolve replaces
 
     @property
     def reading(self) -> dict[str, Any]:
-        """How files are read, where that decides the bits of frames and is not in the files: the step, and effects that
-        were found."""
+        """How files are read, where that decides the bits of frames and is not in the files: the step, and found
+        effects."""
         found = {} if self.found is None else {"found": sorted(self.found)}
         return ({} if self.step == 1 else {"step": self.step}) | found
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Every file that frames are read from."""
+        """Every file from which frames are read."""
         return self.paths
 
     def files_of(self, number: int) -> set[Path]:
-        """The files that a frame is read from."""
+        """Return the files from which a frame is read."""
         return {self.path(number)}
 
     @property
     def undeclared(self) -> frozenset[str]:
-        """Attributes of a frame's header that its files do not declare and the reader filled in; own ones: none."""
+        """Attributes of a frame's header that its files do not declare and the reader filled in; none for own files."""
         return frozenset()
 
     @property
     def holds(self) -> frozenset[str]:
-        """Which of motion, alpha and reactive its frames have, one of them at least."""
+        """Which of motion, alpha and reactive at least one of its frames has."""
         return frozenset(part for part, name in CHANNEL_OF.items() if name in self.channels)
 
     @property
     def channels(self) -> frozenset[str]:
-        """The channels that its frames hold, one of them at least, by the names of own files; no other is read."""
+        """The channels that at least one of its frames holds, by the names of own files; no other is read."""
         return OF_FRAMES & {name for layout in self.layouts.values() for name in layout.channels}
 
     @property
     def attributes(self) -> Mapping[str, object]:
-        """Attributes of the first frame's header, as its files hold them; its pixels are not read."""
+        """Attributes of the first frame's header, as its file holds them; reads no pixels."""
         return read_header(self.path(self.first)).attributes
 
     def refuse_result(self) -> None:
-        """Raise UsageError where these are results of a resolve, which has used up what one needs."""
+        """Raise UsageError for results of a resolve, which no longer hold the samples that one needs."""
         if (preset := self.attributes.get(RESOLVED)) is not None:
             what, cure = "these are results of cltaa resolve", "name the folder that they were made from"
             raise UsageError(what, path=self.folder, found=f"preset {preset}", cure=cure)
@@ -155,7 +155,7 @@ class FrameSequence(NumberedFiles):
 
     @cached_property
     def reference(self) -> ImageSequence | None:
-        """The truth of every frame, or None; raises InputMissing or DataError where it is there but does not fit."""
+        """The truth of every frame, or None; raises InputMissing or DataError where it exists but does not fit."""
         reference = self.known_reference()
         if reference is None:
             return None
@@ -165,21 +165,22 @@ class FrameSequence(NumberedFiles):
         return reference.select(self.first, self.last)
 
     def known_reference(self) -> ImageSequence | None:
-        """The truth of those frames that have one, or None; raises DataError where it does not show what they show."""
+        """Return the truth of those frames that have one, or None; raises DataError where it does not cover what they
+        show."""
         folder = self.folder / "reference"
         if self.truth is not None:
             return as_shown(self.truth, self)
         return self.open_supersampled(folder) if folder.exists() else None
 
     def open_supersampled(self, folder: Path) -> ImageSequence:
-        """Open a folder with the truth of some frames, or with as many samples as a yardstick has.
+        """Open a folder with the truth of some frames, or with a yardstick: the same with fewer samples.
 
-        Of more than a region the region is taken; raises DataError where they do not show what these frames show.
+        Images that show more are cropped; raises DataError where they do not cover what these frames show.
         """
         return as_shown(self._open_alike(folder), self)
 
     def _open_alike(self, folder: Path) -> ImageSequence:
-        """Open pictures as these frames are read."""
+        """Open images in the way in which these frames are read."""
         return open_images(folder, verify=self.verify, gaps=OnBreak.RESET)
 
     @cached_property
@@ -194,25 +195,26 @@ class FrameSequence(NumberedFiles):
         return selected
 
     def outline(self, number: int) -> Frame:
-        """A frame of which only the header was read: its channels are there, and empty."""
+        """Return a frame of which only the header was read: its channels exist, and are empty."""
         path = self.path(number)
         outline = frame_outline(path, read_header(path).attributes, self.layouts[number])
         return replace(outline, index=number, step=self.step, found=self.found)
 
     def with_guides(self) -> tuple[Self, Mapping[str, str]]:
-        """The same, with what guides a denoiser among what is read and vouched for; own files hold it themselves.
+        """Return the sequence with a denoiser's guides among the channels to read and to vouch for; own files hold
+        them.
 
-        And why what else could guide one does not.
+        Also returns why other candidates do not guide one.
         """
         return self, {}
 
     @property
     def guides(self) -> Mapping[str, tuple[str, ...]]:
-        """The channels that guide a denoiser of the first frame, as a reader is told of them (``guides_of``)."""
+        """The channels that guide a denoiser of the first frame, by the names for messages (``guides_of``)."""
         return guides_of(self.layouts[self.first].channels)
 
     def guide_images(self, number: int) -> dict[str, Image]:
-        """Read what guides a denoiser of one frame number, [H, W, 3] float32 each."""
+        """Read the guides of a denoiser for one frame number, [H, W, 3] float32 each."""
         layout = self.layouts[number]
         guides = guides_of(layout.channels)
         names = {name for triple in guides.values() for name in triple}
@@ -221,17 +223,18 @@ class FrameSequence(NumberedFiles):
         return {role: np.stack(its, -1).astype(np.float32) for role, its in stacked.items()}
 
     def frame(self, number: int) -> Frame:
-        """Read one frame by its number; raises UsageError for none of its numbers, DataError where header and sequence
+        """Read one frame by its number; raises UsageError for an unknown number, DataError where header and sequence
         disagree."""
         if number not in self.layouts:
             raise no_such_frame(self.folder, number, self.numbers)
         return self.frame_and_file(number)[0]
 
     def frame_and_file(self, number: int, kept: Collection[str] = ()) -> tuple[Frame, FrameFile]:
-        """The same, and what was read of its file: ``kept`` channels too, where they are decoded with the frame."""
+        """As ``frame``, with the header of its file, and the ``kept`` channels where they are decoded with the
+        frame."""
         window = self.layouts[number].data_window
         frame, header = read_frame_and_header(self.path(number), sha256=self.sha256(number), picture=window)
-        if "cltaa:frame" not in header.attributes:  # by its name alone shot-003 need not be what its folder makes of it
+        if "cltaa:frame" not in header.attributes:  # then its folder decides whether shot-003 is 3 or -3
             frame = replace(frame, index=number)
         if frame.index != number:
             what, cure = "the file name and attribute cltaa:frame disagree", "give the file its own number again"
@@ -260,20 +263,20 @@ def open_sequence(
 ) -> FrameSequence:
     """Open a folder of ``<name>.<frame:04d>.exr`` files, reading layouts but no pixels.
 
-    ``named`` may also be one such file, a pattern of them as ``x.####.exr``, or several (``selection_of``).
-    With ``verify`` every file that is read later must have the SHA-256 that ``sequence.json`` records for it.
-    Raises InputMissing where the folder, its frames, a frame in the middle or one that ``sequence.json`` lists is
-    missing (unless ``gaps`` allows it), DataError where files are damaged, differ in size (unless ``on_resize`` allows
-    it) or belong to several sequences. ``frames`` are the numbers of the first and the last frame to take, both
-    included, and no other counts; raises UsageError unless both are there. ``step`` is how far numbers lie apart; each
-    frame then counts as the one after the last.
+    ``named`` may also be one such file, a pattern of them as ``x.####.exr``, or several (``selection_of``). With
+    ``verify`` every file that is read later must have the SHA-256 that ``sequence.json`` records for it. Raises
+    InputMissing where the folder, its frames, a frame in the middle or one that ``sequence.json`` lists is missing
+    (unless ``gaps`` allows it), DataError where files are damaged, differ in size (unless ``on_resize`` allows it) or
+    belong to several sequences. ``frames`` are the numbers of the first and the last frame to take, both included; all
+    others are ignored, and UsageError is raised unless both exist. ``step`` is the distance between numbers; each frame
+    then directly follows the one before.
     """
     place = selection_of(named)
     sequence = FrameSequence(
         *numbered_files(place), verify=verify, gaps=gaps, on_resize=on_resize, frames=frames, step=step
     )
     if verify and sequence.gaps is OnBreak.ERROR and frames is None and place.files is None:
-        # A frame that is missing before the first or behind the last is no gap, but the capture says that it was there.
+        # A frame that is missing before the first or after the last is no gap, but the capture's record lists it.
         for name in recorded_hashes(sequence.folder):
             path = sequence.folder / name
             number = number_of(path)
@@ -285,13 +288,13 @@ def open_sequence(
 def open_images(
     named: Named, *, verify: bool = True, gaps: OnBreak = OnBreak.ERROR, frames: FrameRange | None = None
 ) -> ImageSequence:
-    """Open resolved or reference images, named as ``open_sequence`` takes them.
+    """Open resolved or reference images, named as for ``open_sequence``.
 
-    A single file without a number is frame 0, and numbers may lie evenly apart. ``verify``, ``gaps``, ``frames`` and
-    errors are those of ``open_sequence``, and DataError is raised where R, G or B is missing.
+    A single file without a number is frame 0, and numbers may have an even step. ``verify``, ``gaps``, ``frames`` and
+    errors are those of ``open_sequence``; raises DataError also where R, G or B is missing.
     """
     files = numbered_files(named)
-    step = even_step(sorted(files[2]))  # no image needs the one before it
+    step = even_step(sorted(files[2]))  # no image depends on the one before it
     images = ImageSequence(*files, verify=verify, gaps=gaps, frames=frames, step=step)
     for layout in images.layouts.values():
         check_float_channels(layout, ("R", "G", "B"))

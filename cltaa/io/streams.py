@@ -1,7 +1,7 @@
 """Reading ahead and writing behind: threads beside the work on a frame, a bounded number of frames in memory.
 
-OpenEXR, NumPy and SHA-256 let go of the interpreter while they work, so threads are enough. All of them are stopped and
-joined when their owner is closed, collected or the program ends: one that dies inside OpenEXR aborts the process.
+OpenEXR, NumPy and SHA-256 release the GIL while they work, so threads are enough. All of them are stopped and joined
+when their owner is closed or collected, or the program ends: a thread that dies inside OpenEXR aborts the process.
 """
 
 from __future__ import annotations
@@ -25,9 +25,8 @@ from cltaa.io.exr_write import write_image
 from cltaa.process import CORES, MANY_CORES
 
 # Frames that are decoded ahead, and results that wait to be written, each in a thread of its own: several, because a
-# thread is half of the time busy with what those that unpack and pack do not share: the file's bytes, SHA-256, planes,
-# flushes. Where there are cores for it one more of each
-# (docs/decisions/13-io-pipeline.md).
+# thread spends half of the time on work that the unpacking and packing threads do not share: the file's bytes, SHA-256,
+# planes, flushes. With many cores one more of each (docs/decisions/13-io-pipeline.md).
 AHEAD = BEHIND = 3 if CORES >= MANY_CORES else 2
 
 Item = TypeVar("Item")
@@ -37,8 +36,8 @@ Task = Callable[[], Item]
 class ReadAhead(Iterator[Item]):
     """Items made by tasks in ``threads`` threads, up to ``depth`` of them ahead of use, in the order of the tasks.
 
-    An exception is raised where the item that it took the place of was due, and ends the iteration. ``seconds`` holds
-    the time that making each item took. Close it, or use it in a ``with`` block, to stop early.
+    An exception is raised in place of its item, and ends the iteration. ``seconds`` holds the time of each item. Close
+    it, or use it in a ``with`` block, to stop early.
     """
 
     def __init__(self, tasks: Iterable[Task[Item]], depth: int = AHEAD, threads: int = AHEAD) -> None:
@@ -55,7 +54,7 @@ class ReadAhead(Iterator[Item]):
             self._items.append(self._pool.submit(_timed, task, self.seconds))
 
     def __next__(self) -> Item:
-        """Return the next item, waiting for it if need be."""
+        """Return the next item, after a wait if need be."""
         if not self._items:
             self.close()
             raise StopIteration
@@ -68,7 +67,7 @@ class ReadAhead(Iterator[Item]):
         return item
 
     def close(self) -> None:
-        """Stop the threads and wait for them; what they have made and was not asked for is dropped."""
+        """Stop the threads and wait for them; unused items are dropped."""
         self._finalizer()
         self._items.clear()
 
@@ -82,7 +81,7 @@ class ReadAhead(Iterator[Item]):
 
 
 class InTurn(Iterator[Item]):
-    """Items made by tasks, each when it is asked for; the same interface as ``ReadAhead``, without a thread."""
+    """Items made by tasks, each on demand; the same interface as ``ReadAhead``, without a thread."""
 
     def __init__(self, tasks: Iterable[Task[Item]]) -> None:
         self._tasks, self.seconds = iter(tasks), array("d")
@@ -96,12 +95,12 @@ class InTurn(Iterator[Item]):
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Nothing is to be stopped."""
+        """Do nothing: no thread runs."""
 
 
 def read_ahead(source: Iterable[Item], depth: int = AHEAD) -> ReadAhead[Item]:
     """Iterate ``source`` in a thread up to ``depth`` items ahead of use: ``for frame in read_ahead(sequence)``."""
-    # The StopIteration of the source is the exception that ends the iteration, where the item after the last was due.
+    # The source's StopIteration is raised in place of the item after the last, and ends the iteration.
     return ReadAhead(repeat(partial(next, iter(source))), depth, 1)
 
 
@@ -115,10 +114,10 @@ def _timed(task: Task[Item], seconds: array[float]) -> Item:
 class Writer:
     """Writes images in ``threads`` threads; ``write`` waits while ``depth`` of them are unfinished.
 
-    The arrays handed over belong to the writer until ``close``. Files are atomic, so those that exist are complete
-    whatever happens. The first failure is raised by a later ``write``, ``flush`` or by ``close``; images queued behind
-    it are dropped. In a ``with`` block that ends by an exception, the queued images are still written and that
-    exception stands. ``seconds`` holds the time that each image took.
+    The arrays handed over belong to the writer until ``close``. Files are atomic, so existing ones are always complete.
+    The first failure is raised by a later ``write``, ``flush`` or by ``close``; images queued after it are dropped. If
+    a ``with`` block ends by an exception, the queued images are still written and that exception is raised. ``seconds``
+    holds the time of each image.
     """
 
     def __init__(self, depth: int = BEHIND, *, compression: str = "zip", threads: int = BEHIND) -> None:
@@ -138,15 +137,15 @@ class Writer:
         then: Callable[[], None] | None = None,
         windows: Windows | None = None,
     ) -> None:
-        """Queue one image for ``exr_write.write_image``, and what is to be done ``then``; raises an earlier failure.
+        """Queue one image for ``exr_write.write_image``, and the call ``then`` after it; raises an earlier failure.
 
-        ``channels`` are planes, or make them when it is their turn, in the thread that writes.
+        ``channels`` are planes, or a function that makes them in the writing thread.
         """
         if not self._finalizer.alive:
             raise ValueError("the writer is closed")
         while len(self._images) >= self._depth or self._failed.is_set():
             self._finish_one()
-        compression = self._compression  # and not the writer itself, which a queued image would keep alive
+        compression = self._compression  # not the writer itself, which a queued image would keep alive
 
         def write() -> None:
             planes = channels() if callable(channels) else channels
@@ -155,7 +154,7 @@ class Writer:
         self._images.append(self._pool.submit(_write, write, then, self._failed, self.seconds))
 
     def _finish_one(self) -> None:
-        """Wait for the oldest image; where it failed, stop."""
+        """Wait for the oldest image; if it failed, stop."""
         failure = self._images.popleft().exception()
         if failure is not None:
             self._stop()
@@ -182,7 +181,7 @@ class Writer:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Finish the queued images; raise their failure unless another exception is on its way."""
+        """Finish the queued images; raise their failure unless another exception is being raised."""
         if error is None:
             self.close()
         else:
@@ -192,7 +191,7 @@ class Writer:
 def _write(
     write: Callable[[], None], then: Callable[[], None] | None, failed: threading.Event, seconds: array[float]
 ) -> None:
-    """Write an image unless one before it failed."""
+    """Write an image unless an earlier one failed."""
     if failed.is_set():
         return
     begin = time.perf_counter()

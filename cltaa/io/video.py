@@ -17,16 +17,16 @@ from cltaa.io.display import GAP, Picture, side_by_side, to_picture, wipe
 from cltaa.io.names import real_path
 from cltaa.io.numbered import NumberedFiles
 
-QUALITY = 16  # x264's constant rate factor: finer than its default of 23, whose blocks would hide what is compared
-SUFFIXES = (".mp4", ".m4v")  # players go by them
-USUAL_RATE = Fraction(24)  # frames a second, where nothing tells
+QUALITY = 16  # x264's constant rate factor: finer than its default of 23, whose blocks would hide the differences
+SUFFIXES = (".mp4", ".m4v")  # players rely on them
+USUAL_RATE = Fraction(24)  # frames a second, by default
 LARGEST_SIDE = 16384  # pixels; x264 takes no more
-RATES = (1, 240)  # frames a second that a player may be asked for
+RATES = (1, 240)  # frames a second that players support
 BT709 = 1  # number of ITU-R BT.709 in the tables of H.264, for primaries, curve and matrix
 
 
 class Video:
-    """An MP4 file that is being written; every picture has the size of the first."""
+    """An MP4 file in the making; every picture has the size of the first."""
 
     def __init__(self, container: Any, rate: Fraction, path: Path) -> None:
         self._container, self._rate, self._path = container, rate, path
@@ -52,7 +52,7 @@ class Video:
         self.count += 1
 
     def finish(self) -> None:
-        """Encode what the encoder still holds back; raises DataError where no picture was added."""
+        """Flush the encoder; raises DataError where no picture was added."""
         if self._stream is None:
             raise DataError("a film of no frames", path=self._path)
         self._container.mux(self._stream.encode(None))
@@ -73,15 +73,15 @@ def import_av() -> Any:
 
 @contextmanager
 def open_video(path: Path, rate: Fraction | int = USUAL_RATE) -> Iterator[Video]:
-    """Open an MP4 file for pictures at ``rate`` frames a second; it appears under its name when the block ends well.
+    """Open an MP4 file for pictures at ``rate`` frames a second; it gets its name when the block ends without an error.
 
-    Its index lies at the front, so that it plays while it loads. Raises UsageError without PyAV, OutputError where
-    the file cannot be created and StorageError where writing fails.
+    Its index lies at the front, so that it plays while it loads. Raises UsageError without PyAV, OutputError where the
+    file cannot be created and StorageError where writing fails.
     """
     av = import_av()
     with atomic_path(path) as temporary:
         try:
-            # "file:", or a folder called http: would be taken for an address.
+            # "file:", because a folder called http: would be taken for an address.
             with av.open(f"file:{temporary}", "w", format="mp4", options={"movflags": "faststart"}) as container:
                 video = Video(container, Fraction(rate), path)
                 yield video
@@ -91,10 +91,10 @@ def open_video(path: Path, rate: Fraction | int = USUAL_RATE) -> Iterator[Video]
 
 
 def check_film(path: Path, sequence: NumberedFiles, output: Path, *, beside: bool) -> None:
-    """Tell before the work what would stop a film of ``sequence`` after it, or of twice its width with what stands
-    ``beside``; raises UsageError and OutputError.
+    """Raise UsageError or OutputError before the work for what would stop a film of ``sequence`` after it; ``beside``
+    doubles its width.
 
-    A film in a folder that is not there before ``output`` is made, with its parents, is not tried here.
+    A film in a folder that is created with ``output``, or with its parents, is not tried here.
     """
     import_av()
     folder, made = real_path(path.parent), [real_path(output), *real_path(output).parents]
@@ -117,10 +117,11 @@ def check_film(path: Path, sequence: NumberedFiles, output: Path, *, beside: boo
 
 
 def rate_of(attributes: Mapping[str, object], record: Mapping[str, Any], step: int = 1) -> Fraction:
-    """Frames a second to show a sequence with: attribute ``framesPerSecond``, else the ``fps`` of its capture, else 24.
+    """Return the frames a second of a sequence: attribute ``framesPerSecond``, else the ``fps`` of its capture, else
+    24.
 
-    ``record`` is what ``sequence.json`` says. What is no rate that a player takes counts as nothing. Of frames whose
-    numbers are ``step`` apart fewer are shown, so that things move as fast.
+    ``record`` is the content of ``sequence.json``. A rate that players do not support is ignored. Numbers ``step``
+    apart lower the rate, so that motion keeps its speed.
     """
     return max(Fraction(RATES[0]), _whole_rate(attributes, record) / step)
 
@@ -143,7 +144,7 @@ def write_video(path: Path, images: Iterable[Image], *, rate: Fraction | int = U
     return video.count
 
 
-WIPE_SECONDS = 4.0  # that the line takes to go over the picture and back
+WIPE_SECONDS = 4.0  # for the line to cross the picture and return
 
 
 def write_pairs(
@@ -155,8 +156,8 @@ def write_pairs(
     rate: Fraction | int = USUAL_RATE,
     swept: bool = False,
 ) -> int:
-    """Write two sequences of equal length and size next to each other, labelled, or one over the other, parted by a
-    line that sweeps; errors as above."""
+    """Write two sequences of equal length and size side by side, labelled, or with ``swept`` on both sides of a moving
+    line; errors as above."""
     with open_video(path, rate) as video:
         for left, right in zip(before, after, strict=True):
             if swept:

@@ -1,8 +1,8 @@
-"""The folder where PoCL keeps built kernels: private, looked at before use, a kernel built by one process at a time.
+"""The folder where PoCL keeps built kernels: private, checked before use, each kernel built by one process at a time.
 
 PoCL's compiler ends the whole process, uncatchably, where the disk of its cache is full or a file may not grow (ulimit
--f), fails with an unrelated message where the folder cannot be written, and is not safe when several processes fill the
-folder at once (github.com/pocl/pocl/issues/1480). Each of these has to be ruled out beforehand.
+-f), fails with an unrelated message where the folder is not writable, and is not safe when several processes fill the
+folder at once (github.com/pocl/pocl/issues/1480). This module rules out each of them beforehand.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from pathlib import Path
 from cltaa.errors import DeviceMissing, ResourceError
 from cltaa.process import user_cache
 
-# One kernel takes well under 1 MB, all that a device ever needs about 10 MB; what else fills the disk needs room too.
+# One kernel takes well under 1 MB, all kernels of a device about 10 MB; the rest is for other writers to the disk.
 LEAST_FREE = 64 * 2**20  # bytes
-# The largest file that a kernel needs is its text with all macros replaced, about 1.5 MB.
+# The largest file of a kernel is its text after macro expansion, about 1.5 MB.
 LEAST_FILE = 4 * 2**20  # bytes
 NEVER_ENDED = (
     "cltaa: the last process that built this kernel was killed, or ended by the driver's compiler; if this one ends "
@@ -32,18 +32,18 @@ NEVER_ENDED = (
 )
 CURE = "free some space there, or set POCL_CACHE_DIR to a folder that can be written"
 
-_held = threading.RLock()  # a process that has the lock may take it again
+_held = threading.RLock()  # reentrant: a process that has the lock may take it again
 _depth = 0
 
 
 def cache_folder() -> Path:
-    """Where PoCL keeps its kernels; in a process of another program, its folder for all programs."""
+    """Return the folder where PoCL keeps kernels; in a process of another program, its folder for all programs."""
     chosen = os.environ.get("POCL_CACHE_DIR")
     return Path(chosen) if chosen else user_cache() / "pocl" / "kcache"
 
 
 def check_cache() -> int:
-    """Return the bytes that are free where kernels are kept.
+    """Return the free bytes where kernels are kept.
 
     Raises DeviceMissing where the folder cannot be written and ResourceError where there is too little room, or where
     files may not grow as large as a kernel's.
@@ -67,7 +67,7 @@ def check_cache() -> int:
 
 @contextmanager
 def _written(folder: Path) -> Iterator[None]:
-    """Tell what the system says of a cache's ``folder`` as DeviceMissing."""
+    """Raise system errors about a cache's ``folder`` as DeviceMissing."""
     try:
         yield
     except OSError as error:
@@ -77,10 +77,10 @@ def _written(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def filling(kernel: str) -> Iterator[None]:
-    """Look at the cache and be the one process that builds ``kernel``, which is a hash; others wait for it.
+    """Check the cache and be the one process that builds ``kernel``, a hash; others wait for it.
 
-    A lock for each kernel: processes that need another one, or one that is built, do not wait. Whoever comes after a
-    process that was ended here is told, since a compiler that aborts gives no cure. Raises as ``check_cache``.
+    Each kernel has a lock: processes that need another one, or one that is built, do not wait. A warning is printed if
+    the previous holder ended during the build, because a compiler that aborts gives no cure. Raises as ``check_cache``.
     """
     global _depth
     with _held:
@@ -97,7 +97,7 @@ def filling(kernel: str) -> Iterator[None]:
             in_doubt = os.fstat(lock.fileno()).st_size > 0
             if in_doubt:
                 print(NEVER_ENDED, file=sys.stderr, flush=True)
-            lock.write("begun")  # stays where the process ends before the kernel does
+            lock.write("begun")  # remains where the process ends during the build
             lock.flush()
             _depth += 1
             try:
@@ -110,9 +110,9 @@ def filling(kernel: str) -> Iterator[None]:
 
 
 def save_log(name: str, said: str, text: str) -> Path | None:
-    """Keep what a compiler said of a kernel's text, for a bug report; None where that is impossible.
+    """Save the log of a compiler with the kernel's text, for a bug report; None where that is impossible.
 
-    Beside the kernels, where no other user can plant a link, and once for each text, so that they do not pile up.
+    Beside the kernels, where no other user can plant a link, and once for each text, so that logs do not pile up.
     """
     log = cache_folder() / "logs" / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:16]}.log"
     try:

@@ -1,4 +1,4 @@
-"""OpenCL devices: which there are, which one to use, memory on it that the host can fill and read, and its kernels."""
+"""OpenCL devices: their list, the choice of one, memory on it that the host can fill and read, and its kernels."""
 
 from __future__ import annotations
 
@@ -27,21 +27,22 @@ from cltaa.process import OneProcess
 
 POCL = "Portable Computing Language"  # the platform's name
 POCL_VERSION = re.compile(r"PoCL (\d+)\.(\d+)")
-# What comes first among CPU devices of several platforms, in the order of docs/devices.md: what has not been measured
-# stands between Intel's runtime and Rusticl.
+# Order of CPU devices of several platforms, as in docs/devices.md: unmeasured ones rank between Intel's runtime and
+# Rusticl.
 PREFERENCE, UNMEASURED = {POCL: 0, "Intel(R) OpenCL": 1, "rusticl": 3}, 2
-# Of a processor, in Linux' words on x86-64 and on aarch64.
+# Facts of a processor, as Linux names them on x86-64 and on aarch64.
 PROCESSOR = ("cpu family", "model", "flags", "CPU part", "Features")
-MEASURED_SHAPES = (POCL, "Intel(R) OpenCL")  # on x86-64 the shapes of CPUs were measured under these
-INTEL = "GenuineIntel"  # what a processor calls its maker; a driver's vendor may be the driver's
+MEASURED_SHAPES = (POCL, "Intel(R) OpenCL")  # under these, CPU shapes were measured on x86-64
+INTEL = "GenuineIntel"  # the processor's word for its maker; a driver may report its own as the vendor
 FILL_BYTES = 2**30
-# What kernels take by value, by its name in OpenCL C. Of structs not the fields: pyopencl keeps them on disk by their
-# size, and would warn of a collision once a field has another name.
+# Types that kernels take by value, by their names in OpenCL C. Structs without fields: pyopencl caches fields on disk
+# by their size, and would warn of a collision once one is renamed.
 TYPES = {"int": np.int32, "float": np.float32, "frame_t": np.void, "settings_t": np.void}
 
 
 def devices() -> list[cl.Device]:
-    """Every OpenCL device of this machine: GPUs first, then CPUs by ``PREFERENCE``, of PoCL the newest first."""
+    """Return every OpenCL device of this machine: GPUs first, then CPUs by ``PREFERENCE``, PoCL's newest version
+    first."""
     try:
         platforms = cl.get_platforms()
     except cl.LogicError:
@@ -68,7 +69,7 @@ def _order(device: cl.Device) -> tuple[int, tuple[int, ...]]:
 
 
 def describe(device: cl.Device) -> str:
-    """Name, platform and driver version in a line."""
+    """Return name, platform and driver version in a line."""
     return f"{device.name.strip()} ({device.platform.name.strip()}, driver {device.driver_version.strip()})"
 
 
@@ -78,14 +79,15 @@ def is_cpu(device: cl.Device) -> bool:
 
 
 def choose_device(requested: str | None = None) -> cl.Device:
-    """The device for a wish: an index, a part of its description, ``pocl``, or None for the first (GPUs come first).
+    """Return the requested device: an index, a part of its description, ``pocl``, or None for the first (GPUs come
+    first).
 
-    The variable CLTAA_DEVICE is the wish where none is given. Raises DeviceMissing without any device and UsageError
-    where none matches.
+    Without a request the variable CLTAA_DEVICE holds it. Raises DeviceMissing without any device and UsageError where
+    none matches.
     """
     found = devices()
     if not found:
-        check_cache()  # PoCL shows no device where it cannot keep kernels
+        check_cache()  # PoCL lists no device where it cannot keep kernels
         raise DeviceMissing(
             "no OpenCL device found",
             cure="install one with: pip install 'pyopencl[pocl]', or use --device numpy; see: cltaa doctor",
@@ -100,20 +102,21 @@ def choose_device(requested: str | None = None) -> cl.Device:
     ]
     if not matching:
         listed = "; ".join(f"{index}: {describe(device)}" for index, device in enumerate(found))
-        if requested == "numpy":  # asked of what runs on a device alone
+        if requested == "numpy":  # requested of a command that needs a device
             raise UsageError("this needs an OpenCL device, and numpy is none", found=listed, cure="name one of them")
         raise UsageError(f"no OpenCL device matches {requested}", found=listed, cure="name one of them, or numpy")
     return matching[0]
 
 
 def _known_as(device: cl.Device) -> str:
-    """What a wish may name a part of; nobody calls PoCL by its platform's name."""
+    """Return the text that a request can be a part of, PoCL's usual name included."""
     described = describe(device)
     return f"{described} PoCL" if POCL in described else described
 
 
 def alike(requested: str | None = None) -> list[str]:
-    """Indices of the device that ``choose_device`` takes, whose errors these are, and of all others of its name."""
+    """Return the indices of the device that ``choose_device`` returns, with its errors, and of all others of its
+    name."""
     chosen = choose_device(requested)
     same = [(each != chosen, at) for at, each in enumerate(devices()) if describe(each) == describe(chosen)]
     return [str(at) for _, at in sorted(same)]
@@ -122,7 +125,8 @@ def alike(requested: str | None = None) -> list[str]:
 class Memory(OneProcess):
     """A buffer on the device that the host fills or reads through ``mapped``.
 
-    On devices that share the host's memory mapping copies nothing; on others a pinned copy is moved by ``mapped``.
+    On devices that share the host's memory, mapping copies nothing; on others ``mapped`` copies to or from pinned
+    memory.
     """
 
     def __init__(
@@ -134,8 +138,8 @@ class Memory(OneProcess):
         *,
         written: bool = False,
     ) -> None:
-        """Zeros, or on a device that shares the host's memory ``planes`` where they are, which kernels only read,
-        unless they are to be ``written``."""
+        """Allocate zeros, or on a device that shares the host's memory use ``planes`` in place; kernels only read
+        those, unless they are ``written``."""
         self._device, self.shape, self.dtype = device, shape, np.dtype(dtype)
         self.size = int(np.prod(shape)) * self.dtype.itemsize
         self._staging: NDArray[Any] | None = None
@@ -147,14 +151,14 @@ class Memory(OneProcess):
         flags = cl.mem_flags.READ_WRITE
         with _memory_errors(self.size, device):
             if device.is_cpu and self.size >= LARGE_PAGE:
-                # What PoCL allocates lies in pages of 4 KiB, and a kernel goes through a dozen planes at once.
+                # PoCL's own allocations have pages of 4 KiB, and a kernel accesses a dozen planes at once.
                 given = bytes_in_large_pages(self.size)
                 self.buffer = cl.Buffer(device.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=given)
             elif device.shares_memory:
                 self.buffer = cl.Buffer(device.context, flags | cl.mem_flags.ALLOC_HOST_PTR, self.size)
             else:
                 self.buffer = cl.Buffer(device.context, flags, self.size)
-            # Drivers allocate on first use: touch the memory now, so that a lack of it shows before any work is done.
+            # Drivers allocate on first use: touching the memory now reports a lack of it before any work is done.
             # NVIDIA's cannot fill 4 GB at once, nor beyond the first 4 GB of a buffer: there zeros are copied.
             head = min(FILL_BYTES, self.size)
             cl.enqueue_fill(device.queue, self.buffer, np.zeros(1, np.uint8), head).wait()
@@ -164,7 +168,7 @@ class Memory(OneProcess):
 
     @contextmanager
     def mapped(self, *, write: bool) -> Iterator[NDArray[Any]]:
-        """The contents as an array, for writing all of it (``write``) or for reading."""
+        """Map the contents as an array, to write all of it (``write``) or to read it."""
         queue = self._device.queue
         if self._device.shares_memory:
             with device_errors(self._device):
@@ -188,7 +192,7 @@ class Memory(OneProcess):
 
 
 class Device(OneProcess):
-    """One OpenCL device with its context and queue, and how the kernels are shaped for it."""
+    """One OpenCL device with its context, its queue and its shape of kernels."""
 
     def __init__(self, requested: str | Queue | None = None) -> None:
         if requested is not None and not isinstance(requested, str):
@@ -203,7 +207,7 @@ class Device(OneProcess):
         self._describe()
 
     def _take(self, queue: cl.CommandQueue) -> None:
-        """Work on the context of a program's queue, and on the queue itself if it keeps an order."""
+        """Use the context of a program's queue, and the queue itself if it is in order."""
         self.cl_device, self.context, self.queue = queue.device, queue.context, queue
         if queue.properties & cl.command_queue_properties.OUT_OF_ORDER_EXEC_MODE_ENABLE:
             self.queue = cl.CommandQueue(self.context, self.cl_device)
@@ -215,24 +219,24 @@ class Device(OneProcess):
 
     @property
     def description(self) -> str:
-        """Name, platform and driver version in a line."""
+        """Return name, platform and driver version in a line."""
         return describe(self.cl_device)
 
     @cached_property
     def shape(self) -> Shape:
-        """How kernels are cut up for this device."""
+        """The shape of kernels for this device."""
         return SHAPES[chosen_shape(self.cl_device)[0]]
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Memory:
-        """Zeroed device memory; raises ResourceError where there is not enough."""
+        """Allocate zeroed device memory; raises ResourceError where there is not enough."""
         return Memory(self, shape, dtype)
 
     def take(self, planes: NDArray[Any]) -> Memory:
-        """Memory that lies where ``planes`` do, for a device that shares the host's; raises ResourceError."""
+        """Use ``planes`` in place, on a device that shares the host's memory; raises ResourceError."""
         return Memory(self, planes.shape, planes.dtype, planes)
 
     def pinned(self, size: int) -> NDArray[np.uint8]:
-        """Bytes of the host that the device moves at the speed of the bus; raises ResourceError."""
+        """Allocate bytes of the host that the device transfers at the speed of the bus; raises ResourceError."""
         with _memory_errors(size, self):
             host = cl.Buffer(self.context, cl.mem_flags.READ_WRITE | cl.mem_flags.ALLOC_HOST_PTR, size)
         both = cl.map_flags.WRITE | cl.map_flags.READ
@@ -242,7 +246,7 @@ class Device(OneProcess):
         return cast(NDArray[np.uint8], array)
 
     def copy(self, source: Any, target: Any, offset: int, start: int) -> None:
-        """Enqueue a copy of ``source`` from its element ``start`` on into ``target`` from ``offset`` on, to the end of
+        """Enqueue a copy of ``source`` from its element ``start`` to element ``offset`` of ``target``, to the end of
         the shorter; raises DeviceLost."""
         read, written = start * source.dtype.itemsize, offset * target.dtype.itemsize
         with device_errors(self):
@@ -261,15 +265,15 @@ class Device(OneProcess):
             self.queue.finish()
 
     def first_use(self, kernel: str) -> AbstractContextManager[None]:
-        """Hold this while ``kernel``, a hash, is built and runs for the first time: then PoCL fills its cache."""
+        """Return the lock to hold while ``kernel``, a hash, is built and first runs: PoCL then fills its cache."""
         return filling(kernel) if self.cl_device.platform.name == POCL else nullcontext()
 
 
 def device_flags(devices: Iterable[cl.Device]) -> tuple[str, ...]:
-    """Options that a build for these devices needs beside its own.
+    """Return the compiler options that these devices need in addition to those of a build.
 
-    The literals of K are doubles cast to its precision. Clang does so too where a device has no doubles, but with a
-    warning that belongs to no group, which -Werror makes an error; the option takes it back and changes no bit.
+    The literals of K are doubles cast to its precision. Clang also casts them where a device has no doubles, but with a
+    warning that belongs to no group, and -Werror makes it an error; the option avoids that and changes no bit.
     """
     doubles = all("cl_khr_fp64" in device.extensions.split() for device in devices)
     return () if doubles else ("-cl-single-precision-constant",)
@@ -298,12 +302,12 @@ class Kernel(OneProcess):
             what = f"kernel {name} does not build: {reason or 'the compiler gave no reason'}"
             raise InternalError(what, cure=cure) from error
         self._kernel = cl.Kernel(program, f"{Path(name).name}_kernel")
-        # Their names, in order.
+        # Argument names, in order.
         self.arguments = [str(name) for name in self._of_arguments(cl.kernel_arg_info.NAME)]
-        # By their types all are set in two calls; else each is tried as one thing after another, 10 us of it a number.
+        # With their types all are set in two calls; otherwise pyopencl tries several types for each, 10 us a number.
         kinds = self._of_arguments(cl.kernel_arg_info.TYPE_NAME)
         self._kernel.set_scalar_arg_dtypes([TYPES.get(kind) for kind in kinds])
-        self._starting = Lock()  # arguments are the kernel's own: of two threads one starts it after the other
+        self._starting = Lock()  # arguments are state of the kernel: threads start it one at a time
 
     def enqueue(
         self, queue: cl.CommandQueue, size: tuple[int, ...], group: tuple[int, ...] | None, arguments: Mapping[str, Any]
@@ -331,28 +335,29 @@ def chosen_shape(device: cl.Device) -> tuple[str, str]:
 
 
 def usual_shape(device: cl.Device) -> tuple[str, str]:
-    """The same where nothing was measured on the device itself."""
+    """As ``chosen_shape``, without measurements on the device itself."""
     runtime = device.platform.name
     if not is_cpu(device):
         return ("nvidia", "built in") if runtime == "NVIDIA CUDA" else ("gpu", "a guess")
     width, known = device.native_vector_width_float, known_lanes()
-    # Four lanes have been needed on x86-64 alone, where LLVM 14 gives up over eight without AVX.
+    # Only x86-64 has needed four lanes: without AVX, LLVM 14 fails over eight.
     name = cpu_shape(max(width, 8) if known is None else min(width, known), cpu_vendor())
     return name, "built in" if known and runtime in MEASURED_SHAPES else "a guess"
 
 
 def cpu_shape(width: int, vendor: str) -> str:
-    """The shape for a CPU of ``vendor``, a processor's own word, whose registers hold ``width`` floats."""
+    """Return the shape for a CPU whose registers hold ``width`` floats; ``vendor`` is the processor's word for its
+    maker."""
     if width >= 16:
         return "intel-16" if vendor == INTEL else "cpu-16"
     return "cpu-8" if width >= 8 else "cpu-4"
 
 
 def candidate_shapes(device: cl.Device) -> list[str]:
-    """The shapes that are worth a measurement on a device: the usual one, then the others, the quickest to build first.
+    """Return the shapes worth measuring on a device: the usual one, then the others, the quickest to build first.
 
-    Only lanes are tried on a CPU, since rows and fetching ahead make no difference that two cores show; one lane suits
-    a runtime that makes vectors of work-items. The compiler may end the process over more lanes than the CPU has.
+    On a CPU only lanes vary, since rows and prefetching make no difference that two cores show; one lane suits a
+    runtime that vectorises over work-items. With more lanes than the CPU has, the compiler may end the process.
     """
     usual, _ = usual_shape(device)
     if not is_cpu(device):
@@ -362,7 +367,8 @@ def candidate_shapes(device: cl.Device) -> list[str]:
 
 
 def measured_on(device: cl.Device) -> dict[str, str]:
-    """What a measured shape holds for: device, runtime and its compiler, and of a CPU what it is and can do."""
+    """Return the facts for which a measured shape is valid: device, runtime and its compiler, and a CPU's model and
+    features."""
     facts = {
         "device": describe(device),
         "runtime": f"{device.platform.version} {device.opencl_c_version}",
@@ -386,12 +392,12 @@ def _memory_errors(needed: int, device: Device) -> Iterator[None]:
         ) from error
 
 
-# The driver says so of a device that is gone, though the call was right.
+# Codes that the driver also returns for a lost device, though the call was right.
 _GONE = frozenset({cl.status_code.INVALID_COMMAND_QUEUE, cl.status_code.INVALID_CONTEXT})
 
 
 class device_errors:  # noqa: N801 (a context manager, and as a class a tenth of the time: each call is in one)
-    """Turn what the driver says into DeviceLost, or into InternalError where the call itself was wrong."""
+    """Raise driver errors as DeviceLost, or as InternalError where the call itself was wrong."""
 
     __slots__ = ("_device",)
 
@@ -399,10 +405,10 @@ class device_errors:  # noqa: N801 (a context manager, and as a class a tenth of
         self._device = device
 
     def __enter__(self) -> None:
-        """Nothing is done."""
+        """Do nothing."""
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        """Raise what stands for an error of the driver."""
+        """Raise the error that replaces the driver's."""
         if not isinstance(error, cl.Error):
             return
         description = self._device.description

@@ -1,4 +1,5 @@
-"""How arrays of a program come to a device, and results back: in place, through pinned memory, or plainly copied."""
+"""Transfers of a program's arrays to a device, and of results back: in place, through pinned memory, or by plain
+copies."""
 
 from __future__ import annotations
 
@@ -17,8 +18,8 @@ from cltaa.frame import on_device
 from cltaa.opencl.device import Device, Memory, device_errors
 from cltaa.process import CORES, OneProcess
 
-# Threads between pinned memory and a program's, of which one alone is slower than the bus, and bytes that each copies
-# at a time: a depth at 1920 x 1080 is two of them.
+# Threads that copy between pinned memory and a program's, because one is slower than the bus, and bytes that each
+# copies at a time: a depth at 1920 x 1080 is two of them.
 COPIERS, PART = min(8, CORES), 4 * 2**20
 
 
@@ -29,13 +30,13 @@ class Lent(NamedTuple):
 
 
 class Copiers:
-    """The calling thread and others, which are begun where there is work for them, and end with ``close``."""
+    """The calling thread and others, which start when there is work for them, and end with ``close``."""
 
     def __init__(self) -> None:
         self._others: ThreadPoolExecutor | None = None
 
     def each(self, work: Callable[[slice], object], parts: Sequence[slice]) -> None:
-        """Do ``work`` for all ``parts``, the first of them first."""
+        """Call ``work`` for all ``parts``, the first of them first."""
         shares = [parts[first::COPIERS] for first in range(min(COPIERS, len(parts)))]
         begun: list[Future[None]] = []
         try:
@@ -45,7 +46,7 @@ class Copiers:
                 begun.append(self._others.submit(_in_turn, work, share))
             _in_turn(work, shares[0])
         finally:
-            wait(begun)  # whatever happens here, they read and write the caller's memory
+            wait(begun)  # in any case: they read and write the caller's memory
         for done in begun:
             done.result()
 
@@ -62,15 +63,15 @@ def _in_turn(work: Callable[[slice], object], parts: Sequence[slice]) -> None:
 
 
 def _is_pinned(array: Any) -> bool:
-    """Whether an array lies in memory that a device has mapped, as that of ``Resolver.empty``."""
+    """True where an array lies in memory that a device has mapped, such as that of ``Resolver.empty``."""
     while array is not None and not isinstance(array, cl.MemoryMap):
         array = getattr(array, "base", None)
     return array is not None
 
 
 class Staged:
-    """Bytes of a device with memory of its own. Those of the host come and go as they are from pinned memory of a
-    program, and all else through as many pinned bytes of ours."""
+    """Bytes on a device with memory of its own. Pinned memory of a program is transferred directly, all other memory of
+    the host through as many pinned bytes of ours."""
 
     def __init__(self, device: Device, size: int) -> None:
         self._device, self.size = device, size
@@ -83,7 +84,7 @@ class Staged:
         return self._device.pinned(self.size)
 
     def upload(self, content: NDArray[np.uint8], copiers: Copiers) -> None:
-        """Enqueue bytes of the host, each piece while the next is copied. Waits for those of the call before."""
+        """Enqueue the upload of host bytes, each part while the next is copied. Waits for the previous upload."""
         with device_errors(self._device):
             while self._moving:
                 self._moving.pop().wait()
@@ -105,7 +106,7 @@ class Staged:
             )
 
     def download(self, content: NDArray[np.uint8], copiers: Copiers) -> None:
-        """Fill bytes of the host with them, each piece as soon as it has come to pinned memory."""
+        """Download into host bytes, each part as soon as it has reached pinned memory."""
         if _is_pinned(content):
             with device_errors(self._device):
                 cl.enqueue_copy(self._device.queue, content, self.buffer)
@@ -129,21 +130,21 @@ class Staged:
 
 
 class Exchange(OneProcess):
-    """The way of one resolver's arrays to a device and back, and the memory and the threads that it takes."""
+    """Transfers of one resolver's arrays to a device and back, with the memory and the threads that they need."""
 
     def __init__(self, device: Device) -> None:
         self._device = device
         self._lent: dict[str, Memory | Staged | Lent] = {}
-        self._result: Staged | None = None  # that the last one came through
-        self._others: list[cl.CommandQueue] = []  # of a program, whose arrays were lent
+        self._result: Staged | None = None  # memory of the last one
+        self._others: list[cl.CommandQueue] = []  # a program's queues, whose arrays were lent
         self._copiers = Copiers()
 
     def lend(self, name: str, array: Any) -> Memory | Staged | Lent:
-        """Memory that kernels read an array from, until the next of that ``name``: the host's where that is shared,
-        else a copy.
+        """Return memory from which kernels read an array, until the next call with that ``name``: the host's where that
+        is shared, else a copy.
 
-        What the queue of an array of this device was given before is waited for on the device. Raises UsageError for
-        one of another context.
+        For an array of this device, the device waits for earlier commands of the array's queue. Raises UsageError for
+        an array of another context.
         """
         if on_device(array):
             lent: Memory | Staged | Lent = self._lent_by(array)
@@ -160,7 +161,7 @@ class Exchange(OneProcess):
         return lent
 
     def receive(self, out: Any) -> Memory | Staged | Lent:
-        """Memory that a kernel writes for ``out``, which is handed over then."""
+        """Return memory that a kernel writes for ``out``; ``hand_over`` follows."""
         if on_device(out):
             return self._lent_by(out)
         content = _bytes_of(out)
@@ -171,8 +172,8 @@ class Exchange(OneProcess):
         return self._result
 
     def hand_over(self, out: Any, received: Memory | Staged | Lent, done: cl.Event) -> None:
-        """Bring what was ``received``, and written when an event is ``done``, to ``out``: into the host's memory, which
-        is waited for, or before what its queue is given next."""
+        """Copy ``received``, which is written when the event ``done`` happens, to ``out``. Waits for an array of the
+        host; for one of the device, later commands of its queue wait."""
         if isinstance(received, Memory):
             with received.mapped(write=False):
                 return
@@ -187,19 +188,19 @@ class Exchange(OneProcess):
                 cl.enqueue_barrier(self._others.pop(), wait_for=[done])
 
     def give_back(self) -> None:
-        """Forget arrays of the host, which nothing reads any more."""
+        """Drop references to arrays of the host, which nothing reads any more."""
         if self._device.shares_memory:
             self._lent.clear()
 
     def close(self) -> None:
-        """End the threads; the memory goes with what holds it."""
+        """End the threads; the memory is freed with its owners."""
         self._copiers.close()
 
     def _lent_by(self, array: Any) -> Lent:
         if array.context != self._device.context:
             raise UsageError("an array lies in another OpenCL context", cure="cltaa.Resolver(device=array.queue)")
         with device_errors(self._device):
-            # What our own queue was given comes before anyway.
+            # Commands of our own queue come before in any case.
             before = [event for event in array.events if event.command_queue != self._device.queue]
             if array.queue is not None and array.queue != self._device.queue:
                 before.append(cl.enqueue_marker(array.queue))
@@ -216,18 +217,18 @@ def _bytes_of(array: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def array_on(device: Device, array: NDArray[Any]) -> Any:
-    """A ``pyopencl.array.Array`` on the queue of ``device`` that holds what ``array`` does."""
-    import pyopencl.array as cl_array  # here: few programs hold arrays there
+    """Copy ``array`` to a ``pyopencl.array.Array`` on the queue of ``device``."""
+    import pyopencl.array as cl_array  # imported here: few programs hold arrays there
 
     return cl_array.to_device(device.queue, np.ascontiguousarray(array))
 
 
 class PlainCopies:
-    """The loop that a program would write: its arrays to the device, and as many bytes as a result has back."""
+    """The copies that a program would write itself, to compare: its arrays to the device, and a result's bytes back."""
 
     def __init__(self, device: Device, arrays: Sequence[NDArray[Any]], result: NDArray[Any], *, pinned: bool) -> None:
-        """With ``pinned`` the arrays lie in memory that the device moves at the speed of its bus, which no array of a
-        program does by itself."""
+        """With ``pinned`` the arrays lie in memory that the device transfers at the speed of its bus, unlike a
+        program's own arrays."""
         self._device = device
         self._sources = [self._placed(np.ascontiguousarray(array), pinned) for array in arrays]
         self._result = self._placed(result, pinned)
@@ -243,7 +244,7 @@ class PlainCopies:
         return place
 
     def run(self) -> None:
-        """Copy all of it once, and wait."""
+        """Copy everything once, and wait."""
         queue = self._device.queue
         for source, there in zip(self._sources, self._there, strict=True):
             cl.enqueue_copy(queue, there, source, is_blocking=False)

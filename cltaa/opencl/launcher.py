@@ -1,4 +1,4 @@
-"""Kernels on an OpenCL device: what each is built from there, over how many work-items it runs, and what was built."""
+"""The launcher of an OpenCL device: builds kernels, keeps them, and runs each over the work-items that it needs."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 GATHERING = frozenset({"gather", "gather_windows"})
 SLIDING = frozenset({"resolve", "gather", "gather_windows", "weigh_windows"})  # kernels whose work-items walk down rows
 ARRAYS = frozenset({"unpack", "pack"})  # kernels between planes and arrays of a program
-ARRAY_GROUP = 128  # work-items of a group of theirs
-EDGE_GROUP = 256  # work-items of a group of extend_edges
+ARRAY_GROUP = 128  # work-items in a group of those
+EDGE_GROUP = 256  # work-items in a group of extend_edges
 
 
 class DeviceLauncher(OneProcess):
@@ -39,11 +39,11 @@ class DeviceLauncher(OneProcess):
         self.description, self.shares_memory = self.device.description, self.device.shares_memory
         self.stages = not self.shares_memory
         self._kernels: dict[tuple[str, Build], Kernel] = {}
-        self.events: list[tuple[str, Any]] | None = None  # a list put here receives each started kernel and its event
+        self.events: list[tuple[str, Any]] | None = None  # a list set here collects each started kernel and its event
         self._started: dict[tuple[Any, ...], tuple[Kernel, tuple[int, ...], tuple[int, ...]]] = {}
 
     def build(self, plan_build: Build) -> Build:
-        """The build as this device's shape has it, unless it states lanes or rows of its own."""
+        """Fill in this device's shape; lanes and rows that the build sets itself are kept."""
         shape = self.device.shape
         return msgspec.structs.replace(
             plan_build,
@@ -55,37 +55,37 @@ class DeviceLauncher(OneProcess):
         )
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
-        """Zeroed device memory."""
+        """Allocate zeroed device memory."""
         return self.device.allocate(shape, dtype)
 
     def take(self, planes: NDArray[np.float32]) -> Buffer:
-        """The planes themselves."""
+        """Use the planes in place."""
         return self.device.take(planes)
 
     def pinned(self, size: int) -> NDArray[np.uint8]:
-        """Pinned ones, where the device has memory of its own; raises ResourceError."""
+        """Allocate bytes, pinned where the device has memory of its own; raises ResourceError."""
         return self.device.pinned(size) if self.stages and size else np.empty(size, np.uint8)
 
     def exchange(self) -> Exchange:
-        """As the device has it."""
+        """Return the transfers of this device."""
         from cltaa.opencl.exchange import Exchange
 
         return Exchange(self.device)
 
     def empty(self, like: Any, shape: tuple[int, ...], dtype: Any) -> Any:
-        """A new array on the queue of ``like``, from the allocator that it has."""
+        """Allocate an array on the queue of ``like``, by its allocator."""
         return type(like)(like.queue, shape, dtype, allocator=like.allocator)
 
     def prepare(self, kernel: str, build: Build) -> None:
-        """Build a kernel, or take it from the driver's cache."""
+        """Build a kernel, or load it from the driver's cache."""
         self.kernel(kernel, build)
 
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> Any:
-        """Enqueue a kernel; it runs in the order of the queue. Returns its event. Raises DeviceLost."""
+        """Enqueue a kernel, in the order of the queue, and return its event. Raises DeviceLost."""
         from cltaa.opencl.device import device_errors
 
         given = {name: getattr(value, "buffer", value) for name, value in arguments.items()}
-        # All that decides what is started and over how many work-items.
+        # Everything that decides which program is started and over how many work-items.
         key = kernel, build, layout, _banded(kernel, given), given.get("planes"), given.get("more")
         started = self._started.get(key)
         if started is None:
@@ -112,9 +112,9 @@ class DeviceLauncher(OneProcess):
         return event
 
     def fitted(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> Build:
-        """What a kernel is built from for planes of ``layout``: some devices' resolve knows their size.
+        """Return the build of a kernel for planes of ``layout``: some devices compile the resolve for their size.
 
-        Rows that were not asked for are then those that fill the device evenly.
+        The shape's default rows are then replaced by those that load the device evenly.
         """
         shape, rows = self.device.shape, build.rows
         if kernel in GATHERING and shape.gather_rows and rows == shape.rows:
@@ -130,7 +130,7 @@ class DeviceLauncher(OneProcess):
         return msgspec.structs.replace(build, stride=layout.stride, plane=layout.plane, rows=rows)
 
     def kernel(self, name: str, build: Build) -> Kernel:
-        """The built kernel, from the cache of this launcher."""
+        """Return the built kernel, cached by this launcher."""
         from cltaa.opencl.device import Kernel
 
         key = (name, build)
@@ -146,7 +146,7 @@ class DeviceLauncher(OneProcess):
             planes = int(arguments["planes"]) + int(arguments["more"])
             items = 2 * layout.stride + 2 * PAD_X * layout.height
             return (-(-items // EDGE_GROUP) * EDGE_GROUP, planes), (EDGE_GROUP, 1)
-        if kernel in ARRAYS:  # on a CPU a work-item a row
+        if kernel in ARRAYS:  # on a CPU one work-item per row
             columns, rows = (1 if build.lanes > 1 else layout.stride), layout.rows
             group = (1, 1) if build.lanes > 1 else (ARRAY_GROUP, 1)
             return (-(-columns // group[0]) * group[0], rows), group
@@ -162,7 +162,7 @@ class DeviceLauncher(OneProcess):
         self.device.copy(source, target, offset, start)
 
     def finish(self) -> None:
-        """Wait until the device has done everything."""
+        """Wait until the device is idle."""
         self.device.finish()
 
 

@@ -1,13 +1,12 @@
-"""A name for a CPU that the compiler inside PoCL does not know, or takes for another (docs/decisions/14).
+"""A target name for a CPU that PoCL's compiler does not know, or mistakes for another (docs/decisions/14).
 
-PoCL asks its LLVM for the host's name and hands it on as the target. For a CPU younger than itself LLVM answers
-"generic", which PoCL's compiler then refuses: "unknown target CPU 'generic'", whatever is built (PoCL's issue 1049). Or
-it goes by the model alone. A Zen 4, of the family of AMD's Zen 3, becomes a "znver3" though PoCL sees AVX-512 and
-offers sixteen lanes: then LLVM gives up in the middle of a build, "Cannot select", and ends the process. A Raptor Lake
-becomes a "goldmont", which has no AVX, with the same end. A virtual machine that hides AVX-512, or a Pentium without
-AVX, becomes a "skylake" of some kind, and the code made for that has instructions which are not there. PoCL 3.0, the
-newest that is published as a wheel, has no setting for the name, so it is put right where PoCL keeps it: in the record
-of the device.
+PoCL passes the host's name from its LLVM on as the target. For a CPU younger than itself LLVM answers "generic", which
+PoCL's compiler then refuses in every build: "unknown target CPU 'generic'" (PoCL's issue 1049). Or LLVM goes by the
+model alone. A Zen 4, of the family of AMD's Zen 3, becomes a "znver3" though PoCL sees AVX-512 and offers sixteen
+lanes: then LLVM fails during a build, "Cannot select", and ends the process. A Raptor Lake becomes a "goldmont", which
+has no AVX, with the same end. A virtual machine that hides AVX-512, or a Pentium without AVX, becomes a "skylake" of
+some kind, and code for that has instructions that the CPU lacks. PoCL 3.0, the newest that is published as a wheel, has
+no setting for the name, so this module corrects it where PoCL keeps it: in the record of the device.
 """
 
 from __future__ import annotations
@@ -19,11 +18,11 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-RECORD_BYTES = 4096  # more than PoCL's record of a device in any release; what is not mapped is not read
+RECORD_BYTES = 4096  # more than PoCL's record of a device in any release; unmapped memory is not read
 POINTER_BYTES = 8
 HIGHEST_ADDRESS = 2**47 - 1  # of a process on x86-64
 
-# Flags by which Linux names what each level of the x86-64 psABI adds, and Sandy Bridge between two of them.
+# Linux' flags for what each level of the x86-64 psABI adds, with Sandy Bridge between two of them.
 V2 = ("cx16", "lahf_lm", "popcnt", "pni", "sse4_1", "sse4_2", "ssse3")
 AVX = ("avx", "pclmulqdq", "xsave")
 V3 = ("avx2", "bmi1", "bmi2", "f16c", "fma", "movbe")
@@ -31,11 +30,11 @@ V4 = ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl")
 
 
 class Level(NamedTuple):
-    """A target that every LLVM since 12 knows, what it needs, and which names LLVM 14 has for CPUs that are such."""
+    """A target that every LLVM since 12 knows, the flags that it needs, and LLVM 14's names for such CPUs."""
 
     name: bytes
     flags: frozenset[str]
-    lanes: int  # floats in a register; over more of them LLVM gives up in the middle of a build
+    lanes: int  # floats in a register; with more of them LLVM fails during a build
     known: tuple[bytes, ...]  # getHostCPUName in llvm/lib/Support/Host.cpp
 
 
@@ -83,7 +82,7 @@ _names = {
 
 
 def cpu_facts() -> dict[str, str]:
-    """What Linux tells of the first processor, by its own words for it; empty where nothing is told."""
+    """Return what Linux reports of the first processor; empty where it reports nothing."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
@@ -93,27 +92,27 @@ def cpu_facts() -> dict[str, str]:
 
 
 def cpu_name() -> str:
-    """What the processor is called, or where that is not told its kind."""
+    """Return the processor's model name, or where that is unknown its type."""
     return cpu_facts().get("model name") or platform.processor() or platform.machine()
 
 
 def cpu_vendor() -> str:
-    """What the processor calls its maker, as ``GenuineIntel``; empty where that is not told."""
+    """Return the processor's word for its maker, such as ``GenuineIntel``; empty where it is unknown."""
     return cpu_facts().get("vendor_id", "")
 
 
 def cpu_flags() -> frozenset[str]:
-    """What the CPU can do, in Linux' words; empty where that is not told."""
+    """Return the CPU's features, as Linux names them; empty where they are unknown."""
     return frozenset(cpu_facts().get("flags", "").split())
 
 
 def level_of(flags: frozenset[str]) -> Level:
-    """The highest level that a CPU with these flags has."""
+    """Return the highest level whose flags a CPU has."""
     return next(level for level in LEVELS if level.flags <= flags)
 
 
 def known_lanes() -> int | None:
-    """Floats in a register of what this CPU is taken for; None where that is not told."""
+    """Return the floats in a register of this CPU's level; None where that is unknown."""
     return level_of(cpu_flags()).lanes if _applies() else None
 
 
@@ -122,10 +121,10 @@ def _applies() -> bool:
 
 
 def name_unknown_cpu(record: int) -> bool:
-    """Replace a name that does not fit in PoCL's record of a device, at address ``record``; True where there was one.
+    """Replace a wrong name in PoCL's record of a device, at address ``record``; True where there was one.
 
-    Only on Linux on x86-64. Nothing but a pointer to exactly the text ``generic``, or to one of the names of a level
-    that is not this CPU's, is touched.
+    Only on Linux on x86-64. It changes only a pointer to exactly the text ``generic``, or to one of the names of a
+    level that is not this CPU's.
     """
     if not _applies():
         return False
@@ -150,8 +149,8 @@ def name_unknown_cpu(record: int) -> bool:
 
 
 def _read(memory: int, address: int, count: int) -> bytes:
-    """What stands at ``address`` of this process, asked of the system: where nothing can be read it says so, and other
-    threads may unmap memory at any time. Behind the record lies what is no pointer at all."""
+    """Return the bytes at ``address`` of this process, by a system call, which fails safely: other threads may unmap
+    memory at any time, and beyond the record lie values that are no pointers."""
     try:
         return os.pread(memory, count, address) if address <= HIGHEST_ADDRESS else b""
     except OSError:

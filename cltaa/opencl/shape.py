@@ -1,7 +1,7 @@
-"""How kernels are cut up for a device: lanes, rows, groups and registers of a work-item.
+"""Shapes of kernels, which fit them to a device: lanes, rows, groups and registers of a work-item.
 
-Each class of devices has its shape; that which ``cltaa bench devices`` found the fastest on a device is kept in a file
-of the user's cache.
+Each class of devices has its shape; a file in the user's cache keeps the fastest one that ``cltaa bench devices`` found
+on a device.
 """
 
 from __future__ import annotations
@@ -22,33 +22,33 @@ from cltaa.core.parameters import HistoryFilter, HistoryKind, Illumination, Rect
 from cltaa.printable import printable
 from cltaa.process import user_cache
 
-LEAST_ROWS = 8  # of a work-item where rows are chosen by the image; fewer have not been measured
-UNIT_REGISTERS = 65536  # of a compute unit of NVIDIA's, since compute capability 3.0 (CUDA C++ Programming Guide)
-START_ROWS = 3  # what a column costs at its start, in rows: two of the frame and three of the history are read anew
+LEAST_ROWS = 8  # of a work-item where the image decides the rows; fewer were not measured
+UNIT_REGISTERS = 65536  # of an NVIDIA compute unit, since compute capability 3.0 (CUDA C++ Programming Guide)
+START_ROWS = 3  # cost of a column's start, in rows: it reads two of the frame and three of the history again
 
 
 class Shape(NamedTuple):
-    """How kernels are cut up for a class of devices, as was measured to be fast: docs/performance.md, Shapes."""
+    """How kernels are divided on a class of devices, as measured to be fast: docs/performance.md, Shapes."""
 
-    lanes: int  # pixels that a work-item computes side by side: a vector of a CPU, one on a GPU
-    rows: int  # rows that it slides down: long on a CPU, short on a GPU, which needs many work-items
+    lanes: int  # pixels that a work-item computes side by side: a vector on a CPU, one on a GPU
+    rows: int  # rows that it slides down: many on a CPU, few on a GPU, which needs many work-items
     group: tuple[int, int]  # work-items a group
-    registers: int = 0  # the most that a work-item may have; 0: as many as the compiler likes
+    registers: int = 0  # most registers of a work-item; 0: no limit
     one_size: bool = False  # whether the resolve is built for one size of planes
-    registers_to_reject: int = 0  # the same where history is rejected by its depth, which takes more of them
-    registers_for_illumination: int = 0  # the same where changing light is tested
-    registers_in_place: int = 0  # the same where history is neither moved nor rectified, which takes few
-    registers_for_few: int = 0  # the same where history is read from four texels at most
-    columns_ahead: int = 0  # work-items right of one whose texels it fetches into the second cache; 0: next, first
-    far_first: bool = False  # whether, where history moves, it fetches these into the first, not the second alone
-    most_rows: int = 0  # up to which a resolve of whole images takes as many rows as fill the device; 0: ``rows``
+    registers_to_reject: int = 0  # the same where history is rejected by depth, which needs more of them
+    registers_for_illumination: int = 0  # the same with the illumination test
+    registers_in_place: int = 0  # the same where history is neither moved nor rectified, which needs few
+    registers_for_few: int = 0  # the same where history is read from at most four texels
+    columns_ahead: int = 0  # distance of the prefetch into the second cache, in work-items to the right; 0: next, first
+    far_first: bool = False  # whether, where history moves, that prefetch fills the first cache too
+    most_rows: int = 0  # limit of the rows that a resolve of whole images chooses to fill the device; 0: ``rows``
     gather_rows: int = 0  # rows of a work-item that gathers; 0: ``rows``
-    gather_group: tuple[int, int] | None = None  # work-items a group of those; None: ``group``
-    gather_registers: int = 0  # the most registers of one of those; 0: as of others
+    gather_group: tuple[int, int] | None = None  # work-items in a group of those; None: ``group``
+    gather_registers: int = 0  # most registers of one of those; 0: as of others
 
     def registers_of(self, build: Build) -> int:
-        """The most registers that a work-item of a kernel with this build may have; with more of them fewer work-items
-        are under way at once."""
+        """Return the most registers of a work-item of a kernel with this build; with more of them fewer work-items run
+        at once."""
         choices = build.choices
         if choices.illumination is not Illumination.STATIC and choices.history is HistoryKind.ACCUMULATED:
             return self.registers_for_illumination
@@ -60,10 +60,11 @@ class Shape(NamedTuple):
         return self.registers_for_few if few else self.registers
 
     def even_rows(self, width: int, height: int, registers: int, units: int) -> int:
-        """Rows a work-item for an image, so that the last groups leave few of a device's ``units`` compute units idle.
+        """Return the rows of a work-item with which the last groups leave few of a device's ``units`` compute units
+        idle.
 
-        Groups start and end nearly together, in turns of as many as are under way at once; a column costs its rows and
-        its start. Columns so long that one turn does are slower where motion varies.
+        Groups start and end nearly together, in rounds of as many as run at once; a column costs its rows and its
+        start. Columns long enough for a single round are slower where motion varies.
         """
         across, down = self.group
         at_once = units * max(UNIT_REGISTERS // (max(registers, 1) * across * down), 1)
@@ -81,9 +82,9 @@ def in_place(build: Build) -> bool:
     return not moves and build.choices.rectify is Rectify.NONE
 
 
-# 45 rows share the usual heights (720, 1080, 1440, 2160) out evenly, and leave many cores work-items enough.
+# 45 rows divide the usual heights (720, 1080, 1440, 2160) evenly, and leave enough work-items for many cores.
 CPU_8 = Shape(lanes=8, rows=45, group=(1, 1), columns_ahead=3)
-CPU_4 = CPU_8._replace(lanes=4, rows=32)  # without AVX, where LLVM gives up over eight (docs/decisions/14)
+CPU_4 = CPU_8._replace(lanes=4, rows=32)  # without AVX, where LLVM fails over eight (docs/decisions/14)
 CPU_16 = Shape(lanes=16, rows=64, group=(1, 1), columns_ahead=3, far_first=True)
 INTEL_16 = CPU_16._replace(rows=45, far_first=False)
 GPU = Shape(lanes=1, rows=8, group=(64, 2))
@@ -116,7 +117,7 @@ SHAPES = {
 
 
 class Kept(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The content of a file."""
+    """The content of the file of a kept shape."""
 
     measured_on: dict[str, str]  # the device, its runtime, its processor
     code: str  # SHA-256 of the kernels
@@ -124,19 +125,19 @@ class Kept(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 def kept_folder() -> Path:
-    """Where kept shapes lie; raises RuntimeError where the user has no home."""
+    """Return the folder of kept shapes; raises RuntimeError where the user has no home."""
     return user_cache() / "cltaa" / "shapes"
 
 
 def kept_path(measured_on: Mapping[str, str]) -> Path:
-    """The file for a device of these facts."""
+    """Return the file for a device with these facts."""
     return kept_folder() / f"{hashlib.sha256(json.dumps(measured_on, sort_keys=True).encode()).hexdigest()[:32]}.json"
 
 
 def kept_shape(measured_on: Mapping[str, str], known: Collection[str]) -> str | None:
-    """The name kept for a device, None where there is none.
+    """Return the name kept for a device, None where there is none.
 
-    A file that cannot be used, or whose shape is none of those ``known``, is told of in one line and left alone.
+    A file that cannot be used, or whose shape is not among the ``known``, is reported in one line and left alone.
     """
     try:
         path = kept_path(measured_on)
@@ -154,7 +155,7 @@ def kept_shape(measured_on: Mapping[str, str], known: Collection[str]) -> str | 
     return kept.shape
 
 
-@cache  # told once in a process
+@cache  # reported once per process
 def _ignored(path: Path, why: str, device: str) -> None:
     cure = f"run: cltaa bench devices --device {shlex.quote(device)}, or: cltaa bench devices --forget"
     print(printable(f"cltaa: {path}: this shape of kernels is ignored: {why}; {cure}"), file=sys.stderr, flush=True)

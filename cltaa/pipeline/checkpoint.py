@@ -1,8 +1,8 @@
-"""The recurrent state of a resolve on disk, so that a run that was cut short goes on with the same bits.
+"""The recurrent state of a resolve on disk, so that an interrupted run resumes with the same bits.
 
-What a frame leaves to the next cannot be read back from the written images: they may be halves, and the counts and
-the depth of the last frame are not in them. Two slots change places, each written atomically, so that one of them is
-whole whenever the process or the machine stops; a slot that is damaged, or of other settings, counts as absent.
+The written images do not hold that state: they may be halves, and lack the counts and the depth of the last frame. Two
+slots alternate, each written atomically, so that one of them is whole whenever the process or the machine stops; a slot
+that is damaged, or of other settings, is ignored.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from cltaa.core.record import Past
 from cltaa.core.resolver import Resolver
 from cltaa.io.atomic import atomic_path
 
-CHECKPOINT_EVERY = 32  # frames; what an interruption without a warning can cost
+CHECKPOINT_EVERY = 32  # frames; what an interruption without warning can cost
 SLOTS = (".checkpoint-0.npz", ".checkpoint-1.npz")
-# What a damaged slot raises, whichever of its bytes is wrong.
+# Exceptions from reading a damaged slot, whichever of its bytes is wrong.
 _DAMAGED = (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error, NotImplementedError)
 
 
 class _Facts(msgspec.Struct, frozen=True):
-    """What a slot holds beside planes of pixels: whose state it is and after which frame."""
+    """What a slot holds besides planes of pixels: the key of its state, and the last frame."""
 
     key: str
     past: Past
@@ -39,7 +39,7 @@ class _Slot(NamedTuple):
 
 
 class Checkpoints:
-    """The two slots of one output folder; ``key`` stands for everything that decides the bits of the state."""
+    """The two slots of one output folder; ``key`` identifies everything that decides the bits of the state."""
 
     def __init__(self, folder: Path, key: str) -> None:
         self._paths, self._key = [folder / name for name in SLOTS], key
@@ -58,7 +58,8 @@ class Checkpoints:
                 np.savez(stream, **planes, facts=np.frombuffer(facts, np.uint8))
 
     def restore(self, resolver: Resolver, before: int) -> int | None:
-        """Put ``resolver`` after the latest saved frame below ``before``; return its number, or None without one."""
+        """Restore the latest saved frame below ``before`` into ``resolver``; returns its number, or None without
+        one."""
         for slot in self._slots():
             if slot.past.index < before and self._restored(slot, resolver):
                 return slot.past.index
@@ -71,7 +72,7 @@ class Checkpoints:
             path.unlink(missing_ok=True)
 
     def _slots(self) -> list[_Slot]:
-        """Slots of this key, the latest first; their planes are not read yet."""
+        """Return the slots of this key, the latest first, without reading their planes."""
         found = []
         for path in self._paths:
             try:
@@ -98,7 +99,7 @@ class Checkpoints:
 
 
 def _encoded(value: Any) -> Any:
-    """Matrices as lists: the shortest decimals that give the same doubles again."""
+    """Encode matrices as lists: the shortest decimals that give the same doubles again."""
     return value.tolist()
 
 

@@ -1,8 +1,8 @@
 """Parts of a sequence on the workers of a Dask cluster, which share a file system with this process.
 
-A worker resolves a part, writes its results into a folder of its own beside the finished ones, and tells of each; this
-process alone moves them to their names and vouches for them. A part whose worker is lost begins anew on another, after
-what was told of it.
+A worker resolves a part, writes its results into a folder of its own beside the finished ones, and reports each; only
+this process moves them to their names and vouches for them. A part whose worker is lost restarts on another, after the
+results already reported.
 """
 
 from __future__ import annotations
@@ -36,21 +36,21 @@ from cltaa.pipeline.run import Order, Result
 from cltaa.process import Stop, is_own
 from cltaa.reference.launcher import NumpyLauncher
 
-PATIENCE = "10s"  # for a scheduler that does not answer
-RETRIES = 2  # of a part that failed in a way that may not come again; Dask itself begins those of lost workers anew
-LOOK = 0.2  # seconds between looks for a wish to stop
+PATIENCE = "10s"  # timeout for a scheduler's answer
+RETRIES = 2  # of a part that failed in a way that may not recur; Dask itself restarts those of lost workers
+LOOK = 0.2  # seconds between checks for a request to stop
 SHARED = "share it with every worker under the same path"
 AGAIN = "run the same again: what is finished is kept"
 
 
 @contextmanager
 def connected(address: str) -> Iterator[Any]:
-    """A ``distributed.Client`` of the scheduler at ``address``.
+    """Yield a ``distributed.Client`` of the scheduler at ``address``.
 
     Raises UsageError where Dask is not installed or no scheduler answers.
     """
     distributed: Any = import_extra("distributed", package="distributed", extra="dask", purpose="--dask")
-    if is_own():  # else a scheduler that goes away shows its traceback beside our line
+    if is_own():  # else the loss of a scheduler prints a traceback beside our line
         for name in ("distributed", "distributed.client"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
@@ -62,7 +62,7 @@ def connected(address: str) -> Iterator[Any]:
 
 
 class Tool(NamedTuple):
-    """How a worker makes its resolver."""
+    """How a worker creates its resolver."""
 
     preset: Preset
     device: str | None
@@ -73,12 +73,12 @@ class Tool(NamedTuple):
     jobs: int = 1  # parts at once in one worker
 
     def elsewhere(self, description: str) -> Resolver:
-        """A resolver that says what those on the workers' devices are, and is not to resolve."""
+        """Return a resolver that only describes those on the workers' devices."""
         return Resolver(self.preset, _Described(description), storage=self.storage, strict=self.strict)
 
 
 class _Described(NumpyLauncher):
-    """Stands for a device of another process."""
+    """Describes a device of another process."""
 
     def __init__(self, description: str) -> None:
         super().__init__()
@@ -86,10 +86,10 @@ class _Described(NumpyLauncher):
 
 
 class Cluster:
-    """The workers of the Dask cluster that ``client`` knows: ``Elsewhere`` for ``resolve_sequence``.
+    """The workers of the Dask cluster of ``client``: ``Elsewhere`` for ``resolve_sequence``.
 
-    ``parts`` are as many as they have threads unless ``jobs`` says another number. Raises UsageError where there are
-    none, or where one of them has another cltaa.
+    ``parts`` is the number of their threads unless ``jobs`` gives another. Raises UsageError where there are none, or
+    where one of them has another cltaa.
     """
 
     def __init__(self, client: Any, tool: Tool, jobs: int | None) -> None:
@@ -108,18 +108,19 @@ class Cluster:
         self._tool = tool._replace(device=device, jobs=max(threads.values(), default=1))
 
     def description(self) -> str:
-        """What the device of the worker that has time first is called; raises what opening it raises, and ResourceError
-        where the cluster failed."""
+        """Return the description of a worker's device, from the first that is free; raises the errors of opening it,
+        and ResourceError where the cluster failed."""
         asked = self._client.submit(_description, self._tool.device, pure=False, retries=RETRIES)
         with suppress(Exception):
             asked.result()
         return str(_outcome(asked, "opening a device"))
 
     def resolve(self, orders: list[Order], stop: Stop, seconds: dict[str, list[float]]) -> Iterator[Result]:
-        """Each result as it is written, some perhaps twice; adds to ``seconds`` what frames took in each stage.
+        """Yield each result as it is written, some perhaps twice; adds to ``seconds`` the time of each frame in each
+        stage.
 
-        Raises KeyboardInterrupt once ``stop`` is requested, the error that a part ended with, and ResourceError where
-        the cluster failed. What was told until then comes first.
+        Raises KeyboardInterrupt once ``stop`` is requested, the error of a failed part, and ResourceError where the
+        cluster failed. Results reported until then come first.
         """
         client, topic, inbox = self._client, f"cltaa-{secrets.token_hex(8)}", queue.SimpleQueue[Any]()
         client.subscribe_topic(topic, lambda event: inbox.put(event[1]))
@@ -153,20 +154,20 @@ class Cluster:
                     yield msgspec.msgpack.decode(told, type=Result)
             raise
         finally:
-            with suppress(Exception):  # where the scheduler is gone there is nothing to cancel
+            with suppress(Exception):  # a lost scheduler has nothing to cancel
                 client.cancel(list(left))
                 client.unsubscribe_topic(topic)
 
 
 class Done(NamedTuple):
-    """What a worker did of a part, and how long its frames took in each stage."""
+    """The results of a part from one worker, and the time of its frames in each stage."""
 
     results: list[Result]
     seconds: dict[str, list[float]]
 
 
 def _outcome(future: Any, what: str) -> Any:
-    """The result of a task that has ended, which did ``what``; raises its error."""
+    """Return the result of a finished task, which did ``what``; raises its error."""
     if future.status not in ("finished", "error"):
         raise ResourceError("the Dask scheduler was lost", cure=AGAIN)
     outcome = future.result() if future.status == "finished" else future.exception()
@@ -182,7 +183,7 @@ def _description(device: str | None) -> str:
 
 
 class _Packed(pickle.Pickler):
-    """Pickles paths so that they mean the same in every folder."""
+    """Pickles paths so that they mean the same in every working folder."""
 
     def reducer_override(self, thing: object) -> Any:
         """Make a path absolute."""
@@ -196,9 +197,9 @@ def _packed(thing: object) -> bytes:
 
 
 def resolve_part(work: bytes) -> Done | CltaaError:
-    """Resolve a part that ``Cluster.resolve`` packed; a worker of Dask calls it.
+    """Resolve a part that ``Cluster.resolve`` packed; a Dask worker calls it.
 
-    Returns an error that another try would meet again. Raises ResourceError and StorageError.
+    Returns an error that another try would repeat. Raises ResourceError and StorageError.
     """
     from distributed import get_worker
 
@@ -213,7 +214,7 @@ def resolve_part(work: bytes) -> Done | CltaaError:
 
 
 class _Outbox:
-    """The folder of one try of a part, of whose results it tells."""
+    """The folder of one try of a part, which reports each result."""
 
     def __init__(self, place: Path, tell: Any) -> None:
         self.folder, self._tell = place / secrets.token_hex(4), tell
@@ -221,7 +222,7 @@ class _Outbox:
         self.resolver: Resolver | None = None
 
     def finish(self, written: Written) -> None:
-        """Tell of a result."""
+        """Report a result."""
         cuts = [] if self.resolver is None else [*self.resolver.cuts_found]
         self.results.append(Result(self.folder.name, written, cuts))
         self._tell(msgspec.msgpack.encode(self.results[-1]))
@@ -237,7 +238,7 @@ def _resolve_part(order: Order, tool: Tool, at: int, worker: str, tell: Any) -> 
     except OSError as error:
         what = f"Dask worker {worker} cannot write there: {error.strerror}"
         raise OutputError(what, path=order.output, cure=SHARED) from error
-    entries = Manifest(order.output).entries  # of a try before this one, whose worker was lost
+    entries = Manifest(order.output).entries  # of an earlier try, whose worker was lost
     names = {number: sequence.path(number).name for number in order.wanted}
     done = {name for name, entry in entries.items() if entry.sha256 != order.stale.get(name)}
     wanted = [number for number, name in names.items() if name not in done]

@@ -1,4 +1,4 @@
-"""What the resolve decided at each pixel, as layers of EXRs and as pictures to look at."""
+"""Debug views, the decisions of the resolve at each pixel, as layers of EXRs and as pictures."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ COLOURS = {
     Reason.DEPTH: (255, 40, 30),
     Reason.REACTIVE: (255, 220, 0),
 }
-MOST_SAMPLES = 1023  # at which the picture of a count is white, where the run has no fewer frames
-GREY_PX = 8.0  # motion at which its picture's red or green is three quarters of the way (tanh 1) to its end
-WHITE_CLIP = 0.5  # change of colour at which its picture is white
+MOST_SAMPLES = 1023  # count that its picture shows as white, unless the run has fewer frames
+GREY_PX = 8.0  # motion at which red or green of its picture is three quarters of the way (tanh 1) to its end
+WHITE_CLIP = 0.5  # change of colour that its picture shows as white
 
 
 class DebugViews:
-    """Looks at the frame that ``resolver`` resolved last, of a run of so many ``frames``."""
+    """The debug views of the frame that ``resolver`` resolved last, in a run of so many ``frames``."""
 
     def __init__(self, resolver: Resolver, views: Iterable[View], frames: int = MOST_SAMPLES) -> None:
         self.views = tuple(views)
         self._resolver, self._frames = resolver, min(frames, MOST_SAMPLES)
 
     def layers(self) -> dict[str, Image]:
-        """EXR layers ``debug.*`` of the views, [H, W] float32; raises ValueError before the first frame."""
+        """Return EXR layers ``debug.*`` of the views, [H, W] float32; raises ValueError before the first frame."""
         layers: dict[str, Image] = {}
         for name, image in self._resolver.debug(*self.views).items():
             if image.ndim == 2:
@@ -55,7 +55,7 @@ class DebugViews:
 
 
 def view_picture(view: View, layers: dict[str, Image], frames: int = MOST_SAMPLES) -> Picture:
-    """A view as an 8-bit picture [H, W, 3] to look at; the colours are explained in docs/debug-views.md.
+    """Return a view as an 8-bit picture [H, W, 3]; docs/debug-views.md explains the colours.
 
     The count is white at as many samples as the run has ``frames``.
     """

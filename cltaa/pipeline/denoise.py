@@ -1,4 +1,4 @@
-"""A denoiser of single frames before the resolve: Intel's Open Image Denoise, which is installed as an extra."""
+"""A denoiser of single frames before the resolve: Intel's Open Image Denoise, which is an optional extra."""
 
 from __future__ import annotations
 
@@ -22,23 +22,24 @@ Denoise = Callable[[Frame, Mapping[str, Image]], Frame]
 
 
 def guide_line(guides: Mapping[str, tuple[str, ...]], faults: Mapping[str, str]) -> str:
-    """Which channels guide a denoiser, or why none does, for who renders them elsewhere or under other names."""
+    """Return the line that names the channels that guide a denoiser, or says why none does, as they may have other
+    names."""
     without = {role: f"no {role}{f' ({faults[role]})' if role in faults else ''}" for role in GUIDES}
     told = (f"{role} {written(guides[role])}" if role in guides else without[role] for role in GUIDES)
     return f"denoised with: {'; '.join(told)}"
 
 
 def denoises(name: str) -> bool:
-    """Whether a denoiser of that name does anything; raises UsageError for no such denoiser."""
+    """True where a denoiser of that name does anything; raises UsageError for an unknown one."""
     if name not in DENOISERS:
         raise UsageError("no such denoiser", expected=", ".join(DENOISERS), found=repr(name))
     return name != "none"
 
 
 def denoiser(name: str) -> Denoise | None:
-    """What denoises a frame, from it and from its guides [H, W, 3]; None for ``none``.
+    """Return a function that denoises a frame by its guides [H, W, 3]; None for ``none``.
 
-    Raises UsageError for no such denoiser, and where the extra is not installed.
+    Raises UsageError for an unknown denoiser, and where the extra is not installed.
     """
     if not denoises(name):
         return None
@@ -52,14 +53,14 @@ def denoiser(name: str) -> Denoise | None:
             cleaned = oidn.denoise(_filled(colour) if lost.any() else colour, **sound, hdr=True)
         except (RuntimeError, TypeError, ValueError) as error:
             raise DataError(f"the denoiser failed: {error}", path=frame.path, frame=frame.index) from error
-        cleaned[lost] = np.nan  # a missing sample stays one, for its history to stand in
+        cleaned[lost] = np.nan  # missing samples stay missing, so that their history replaces them
         return replace(frame, colour=cleaned)
 
     return denoise
 
 
 def _filled(colour: Image) -> Image:
-    """[H, W, 3] with its missing samples filled as a resolve without history fills them."""
+    """Fill the missing samples of [H, W, 3] as a resolve without history does."""
     layout = Layout(colour.shape[1], colour.shape[0])
     planes = layout.zeros(3)
     layout.inside(planes)[:] = np.moveaxis(colour, -1, 0)

@@ -1,4 +1,4 @@
-"""A folder of frames to a folder of results, as ``cltaa resolve`` makes it: the resolver, the channels, the jobs."""
+"""``cltaa resolve``, from a folder of frames to a folder of results: the resolver, the channels, the jobs."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ from cltaa.progress import Advance, shown_progress
 
 
 def band_rows_for(whole: Memory, jobs: int = 1) -> int:
-    """Rows of a band that suit ``jobs`` runs that take ``whole`` each over whole images; 0 where there is as much."""
+    """Return the rows of a band for ``jobs`` runs that take ``whole`` each in whole images; 0 where memory suffices."""
     return BAND_ROWS if whole.whole * jobs > memory_limit() else 0
 
 
 def of_whole(sequence: FrameSequence, resolver: Resolver, *, half: bool, layers: Mapping[str, str]) -> Memory:
-    """Memory of a resolve of ``sequence`` by ``resolver`` over whole images, with each step that its channels allow; no
-    frames kept. ``layers`` are as for ``of_resolve``."""
+    """Return the memory of a resolve of ``sequence`` by ``resolver`` in whole images, with each step that its channels
+    allow; no frames kept. ``layers`` are as for ``of_resolve``."""
     holds, shared = sequence.holds, resolver.launcher.shares_memory
     held = DevicePlanes(
         Steps(own_motion="motion" in holds, alpha="alpha" in holds, reactive="reactive" in holds),
@@ -62,7 +62,7 @@ def of_whole(sequence: FrameSequence, resolver: Resolver, *, half: bool, layers:
 
 
 def has_bands(resolver: Resolver) -> bool:
-    """True where the device and the preset of ``resolver`` can do with bands."""
+    """True where the device and the preset of ``resolver`` support bands."""
     return resolver.launcher.takes_bands and resolver.preset.choices.history is HistoryKind.ACCUMULATED
 
 
@@ -78,14 +78,13 @@ def resolver_for(
     jobs: int = 1,
     **options: Any,
 ) -> Resolver:
-    """A resolver for the frames of ``sequence``: in bands where whole ones take more memory than this machine has.
+    """Return a resolver for ``sequence``: in bands where whole images take more memory than this machine has.
 
-    ``half`` says that halves will be written, ``layers`` are as ``of_resolve`` takes them, and ``jobs`` how many
-    resolvers run at the same time. ``band_rows`` chooses in the machine's place; 0 is whole images. Raises
-    ResourceError where they would have to be resolved in bands and the preset keeps frames, which only whole images
-    can.
+    ``half`` says that halves will be written, ``layers`` are as for ``of_resolve``, and ``jobs`` resolvers run at the
+    same time. ``band_rows`` overrides the choice; 0 means whole images. Raises ResourceError where bands are needed and
+    the preset keeps frames, which requires whole images.
     """
-    resolver = Resolver(preset, device, storage=storage, **options)  # first: what shares its memory takes less of it
+    resolver = Resolver(preset, device, storage=storage, **options)  # first: one that shares memory takes less of it
     if band_rows is None:
         whole = of_whole(sequence, resolver, half=half, layers=layers)
         band_rows = band_rows_for(whole, jobs)
@@ -107,9 +106,11 @@ def resolver_for(
 
 
 def with_fireflies(preset: Preset, sequence: FrameSequence, asked: str | None) -> Preset:
-    """``preset`` with what is ``asked`` of fireflies, or by itself with what the profile of ``sequence`` says of them.
+    """Return ``preset`` with the treatment of fireflies that is ``asked`` for, by default that of the profile of
+    ``sequence``.
 
-    Presets that gather, and transcriptions, keep theirs. Raises UsageError where they are asked for another.
+    By default presets that gather, and transcriptions, keep theirs. Raises UsageError where one that gathers is asked
+    to clamp.
     """
     gathers = preset.choices.history is not HistoryKind.ACCUMULATED
     if asked is None:
@@ -123,28 +124,29 @@ def with_fireflies(preset: Preset, sequence: FrameSequence, asked: str | None) -
 
 
 def for_denoised(preset: Preset) -> Preset:
-    """``preset`` for frames that a denoiser has filtered already; a transcription does what it does with all frames."""
+    """Return ``preset`` for frames that a denoiser has filtered already: without a current filter, but a transcription
+    as it is."""
     return preset if preset.published is not Published.NO else override(preset, {"current_filter": "none"})
 
 
 def find_for(sequence: FrameSequence, *, denoised: bool, advance: Advance | None = None) -> Found:
-    """The effects of ``sequence``; frames that are denoised first have no noise."""
+    """Find the effects of ``sequence``; frames that are denoised first have no noise."""
     found = find_effects(sequence, advance)
     return found.without(Effect.NOISE, "each frame is denoised first") if denoised else found
 
 
 def guided(sequence: FrameSequence, *, told: bool) -> FrameSequence:
-    """``sequence`` with what guides a denoiser among what is read, of which a line is ``told``."""
+    """Return ``sequence`` with a denoiser's guides among the channels to read; ``told`` prints a line about them."""
     sequence, faults = sequence.with_guides()
     if told:
         print(guide_line(sequence.guides, faults), file=sys.stderr)
     return sequence
 
 
-# Arguments of open_input; effects are the resolve's too.
+# Arguments of open_input; effects are also the resolve's.
 OPENING = {*signature(open_input).parameters, *signature(open_sequence).parameters}
 READING = frozenset(OPENING - {"named", "effects", "options"})
-# Those of resolve_sequence that a program may give.
+# Arguments of resolve_sequence that a program may give.
 OWN = {"sequence", "output", "resolver", "arrivals", "others", "found", "elsewhere"}
 RESOLVING = frozenset(signature(resolve_sequence).parameters) - OWN
 
@@ -152,9 +154,9 @@ RESOLVING = frozenset(signature(resolve_sequence).parameters) - OWN
 def how_read(
     source: object, reading: Mapping[str, Any], options: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The arguments of opening ``source``, and of the others those of ``resolve_sequence``.
+    """Return the arguments of opening ``source``, and among the others those of ``resolve_sequence``.
 
-    Raises UsageError for a name that is of neither, and for any of the former where it is open.
+    Raises UsageError for a name that neither takes, and for any of the former where ``source`` is open.
     """
     told = {**reading, **{name: options[name] for name in READING & options.keys()}}
     rest = {name: value for name, value in options.items() if name not in READING}
@@ -191,24 +193,21 @@ def resolve_folder(
     reading: Mapping[str, Any] = MappingProxyType({}),
     **options: Any,
 ) -> ResolveReport:
-    """Resolve a folder of frames into ``output`` as ``cltaa resolve`` does, whose options these are.
+    """Resolve a folder of frames into ``output``, with the options of ``cltaa resolve``.
 
-    With ``follow`` a folder that is still being written: each frame as it appears, until the last one of ``frames``,
+    ``follow`` takes a folder that is still being written: each frame as it appears, until the last one of ``frames``,
     until none came for ``idle`` seconds, or until interrupted.
 
-    ``jobs`` parts of the sequence are resolved at once, on all devices like the one that ``device`` names in turn, if
-    the preset gathers: each begins with as many frames before its own as that keeps. With ``dask``, the address of a
-    scheduler, its workers do so, as many parts as they have threads unless ``jobs`` says another number; they have the
-    folders under the same paths, and devices that are alike. ``profile``, ``side_file``,
-    ``frames`` and the other arguments of ``cltaa.open`` say how a ``source`` that is not opened yet is read; they may
-    stand in ``reading`` too.
-    ``fireflies`` is ``keep`` or ``clamp``; by itself what the preset or else the profile says. Frames that ``denoise``
-    in ``options`` filters are not filtered again (``current_filter``) by a preset that is named; one that is given does
-    what it says.
-    Of a sequence that declares no effects they are found first (``cltaa.inputs.found``), but with ``follow``, and for a
-    transcription, which does what it does on every scene.
-    What is given neither ``compression`` nor ``layers`` keeps those that the command keeps.
-    ``options`` are those of ``resolve_sequence`` that are not named here. Raises what that and opening raise.
+    If the preset gathers, ``jobs`` parts of the sequence are resolved at once, in turn on all devices like the one that
+    ``device`` names: each begins with as many frames before its own as the preset keeps. With ``dask``, the address of
+    a scheduler, its workers resolve them, as many parts as they have threads unless ``jobs`` gives another number; they
+    need the folders under the same paths, and devices that are alike. ``profile``, ``side_file``, ``frames`` and the
+    other arguments of ``cltaa.open``, here or in ``reading``, say how a ``source`` that is not open yet is read.
+    ``fireflies`` is ``keep`` or ``clamp``; by default the preset or else the profile decides. A preset given by name
+    does not filter again (``current_filter``) what ``denoise`` in ``options`` has filtered; a ``Preset`` is not
+    changed. Undeclared effects are found first (``cltaa.inputs.found``), except with ``follow``, and for a
+    transcription, which is the same on every scene. ``compression`` and ``layers`` default to those that the command
+    keeps. ``options`` are other arguments of ``resolve_sequence``. Raises the errors of that and of opening.
     """
     reading, options = how_read(source, reading, options)
     denoised = denoiser(options.get("denoise", "none")) is not None
@@ -241,7 +240,7 @@ def resolve_folder(
     }
     with ExitStack() as stack:
         if dask is not None:
-            from cltaa.pipeline.cluster import Cluster, Tool, connected  # here: an extra, and it takes from this module
+            from cltaa.pipeline.cluster import Cluster, Tool, connected  # here: an extra, which imports this module
 
             if not isinstance(device, str | None):
                 raise UsageError("--dask: workers open devices by name", expected="a name", found=repr(device))
@@ -254,8 +253,8 @@ def resolve_folder(
             resolver, *how["others"] = (
                 resolver_for(preset, each, sequence, band_rows, **made, **kept) for each in devices_of(device, jobs)
             )
-        # Of what is followed none are looked for, nor for a transcription, which does what it does on every scene; else
-        # when all else was found to be right: it takes a while.
+        # Effects are not searched for when following, nor for a transcription, which is the same on every scene; else
+        # last, after all other checks: it takes a while.
         looks = arrivals is None and preset.published is Published.NO and looked_for(sequence, effects)
         anew = options.get("restart", False)
         sequence, found = with_known_effects(
@@ -269,11 +268,12 @@ def resolve_folder(
 def with_known_effects(
     sequence: FrameSequence, output: Path, *, looks: bool, anew: bool, progress: bool, denoised: bool
 ) -> tuple[FrameSequence, Found | None]:
-    """``sequence`` as it is to be resolved into ``output``, with the effects that it ``looks`` for in its frames.
+    """Return ``sequence`` for a resolve into ``output``, with the effects found in its frames where it ``looks`` for
+    them.
 
-    A run that goes on takes those that it was begun with, so that it makes the same bits, also where a frame that could
-    not be read was mended, or more frames are there now. Raises UsageError where headers show effects that the run was
-    not begun with, DataError for a damaged manifest, and what finding raises.
+    A resumed run takes those that it began with, so that it makes the same bits, even where an unreadable frame was
+    mended, or more frames are there now. Raises UsageError where headers show effects that the run did not begin with,
+    DataError for a damaged manifest, and the errors of finding.
     """
     begun = None if anew else Manifest(output)
     if begun is not None and begun.settings is not None and begun.entries:
@@ -288,7 +288,7 @@ def with_known_effects(
                 raise UsageError(what, path=output, expected=known, found=format_effects(new), cure=RESTART_CURE)
             line = f"effects found: {known} (as the run began)"
     elif looks:
-        check_ownable(output)  # else whoever cannot write there would wait for an error
+        check_ownable(output)  # before a user without access waits for an error
         with shown_progress("finding effects") if progress else nullcontext() as advance:
             found = find_for(sequence, denoised=denoised, advance=advance)
         line = found.line
@@ -300,7 +300,7 @@ def with_known_effects(
 
 
 def found_before(output: Path, effects: frozenset[Effect]) -> Found:
-    """The evidence for ``effects`` that the last run into ``output`` recorded; without one, that it had them."""
+    """Return the evidence for ``effects`` that the last run into ``output`` recorded; without one, that it had them."""
     with suppress(OSError, ValueError, KeyError, TypeError):
         recorded = msgspec.json.decode((output / RECORD).read_bytes())["outcome"]["found"]
         found = msgspec.convert(recorded, Found)
@@ -312,8 +312,8 @@ def found_before(output: Path, effects: frozenset[Effect]) -> Found:
 
 
 def devices_of(device: str | int | Launcher | None, jobs: int) -> list[str | int | Launcher | None]:
-    """What each of ``jobs`` resolvers is to open: in turn all devices of the name that ``device`` chooses, or the same
-    again where it is an index, ``numpy`` or a launcher."""
+    """Return what each of ``jobs`` resolvers opens: in turn all devices with the name of the one that ``device``
+    chooses, or always the same for an index, ``numpy`` or a launcher."""
     wish = os.environ.get(DEVICE_VARIABLE, "") if device is None else device
     if jobs == 1 or not isinstance(wish, str) or wish.isdigit() or wish == "numpy":
         return [device] * jobs
@@ -326,7 +326,7 @@ def devices_of(device: str | int | Launcher | None, jobs: int) -> list[str | int
 def arrivals_of(
     source: object, preset: Preset, idle: float | None, reading: Mapping[str, Any], options: Mapping[str, Any]
 ) -> Arrivals:
-    """What is to be followed; raises UsageError for what only a finished sequence has."""
+    """Return the arrivals to follow; raises UsageError for options that need a finished sequence."""
     if not isinstance(source, str | Path):
         raise UsageError("only a folder or a pattern of files can be followed", found=type(source).__name__)
     if preset.settings.look_ahead:

@@ -18,12 +18,12 @@ from cltaa.io.numbered import FrameRange, OnBreak, files_in, frame_missing, on_b
 from cltaa.io.sequence import FrameSequence
 from cltaa.process import Stop
 
-POLL = 0.2  # seconds between two looks at a folder
+POLL = 0.2  # seconds between two checks of a folder
 
 
 def check_whole(path: Path) -> None:
-    """Raise DataError or InputMissing for an EXR file that is not all there: its writer fills in the table of chunks
-    last, and a copy ends before the chunks that the table names."""
+    """Raise DataError or InputMissing for an incomplete EXR file: its writer fills in the table of chunks last, and an
+    incomplete copy ends before the chunks that the table names."""
     with open_regular(path) as file:
         checked_outline(path, file)
 
@@ -31,9 +31,9 @@ def check_whole(path: Path) -> None:
 class Arrivals:
     """The frames of a folder as they are finished.
 
-    It begins with the first of ``frames``, or with the lowest number that is there at first, and ends with the last of
-    them, or when none came for ``idle`` seconds. ``reading`` are the other arguments of ``open_input``. Frames that are
-    ``guided`` come with what guides a denoiser.
+    It begins with the first of ``frames``, or with the lowest number found at first, and ends with the last of them, or
+    when none came for ``idle`` seconds. ``reading`` are the other arguments of ``open_input``. ``guided`` frames
+    include a denoiser's guides.
     """
 
     def __init__(
@@ -45,27 +45,27 @@ class Arrivals:
         *,
         guided: bool = False,
     ) -> None:
-        """Nothing is looked at yet."""
+        """Store the arguments; nothing is read yet."""
         self._source, self._idle, self._reading, self._guided = Path(source), idle, reading, guided
         self._first: int | None = None if frames is None else frames[0]
         self._end: int | None = None if frames is None else frames[1]
         self._step, self._gaps = int(reading.get("step", 1)), on_break(reading.get("gaps", OnBreak.ERROR))
-        self._last: int | None = None  # of those that were taken
+        self._last: int | None = None  # number that was taken
         self._taken: list[Path] = []
-        self.ended = False  # with the last of the frames that were asked for
-        self.found: frozenset[Effect] | None = None  # as the run was begun with
+        self.ended = False  # after the last of the requested frames
+        self.found: frozenset[Effect] | None = None  # as the run began
 
     @property
     def count(self) -> int | None:
-        """How many there are to be, where that was told."""
+        """How many frames to expect, None where that is unknown."""
         if self._first is None or self._end is None:
             return None
         return (self._end - self._first) // self._step + 1
 
     def first(self) -> FrameSequence:
-        """Wait for the first frame; returns it and those behind it that are whole.
+        """Wait for the first frame; returns it and the whole ones after it.
 
-        Raises what ``open_input`` does where none came.
+        Raises the errors of ``open_input`` where none came.
         """
         found = self._wait(Stop())
         if found is None:
@@ -74,9 +74,9 @@ class Arrivals:
         return found
 
     def behind(self, stop: Stop) -> Iterator[FrameSequence]:
-        """Those behind them, as many at once as are whole; ends early where ``stop`` is requested.
+        """Yield later frames, as many at once as are whole; ends early where ``stop`` is requested.
 
-        Raises DataError for a frame that is never finished, and InputMissing for one that others came behind, unless
+        Raises DataError for a frame that is never finished, and InputMissing for a missing one before others, unless
         gaps are allowed.
         """
         while not self.ended and (found := self._wait(stop)) is not None:
@@ -85,7 +85,7 @@ class Arrivals:
             self._raise_why()
 
     def whole(self) -> FrameSequence:
-        """All that were taken, as one sequence."""
+        """Return all frames that were taken, as one sequence."""
         return self._opened(self._taken)
 
     def _wait(self, stop: Stop) -> FrameSequence | None:
@@ -117,11 +117,11 @@ class Arrivals:
     def _place(self) -> Selection:
         try:
             return selection_of(self._source)
-        except InputMissing:  # a pattern that no file has yet
+        except InputMissing:  # a pattern that matches no file yet
             return Selection(self._source.parent, (), (str(self._source),))
 
     def _files(self) -> dict[int, list[Path]]:
-        """The files of each frame that has one of each name that there is."""
+        """Return the files of each frame that has one of every name."""
         place = self._place()
         try:
             names = place.by_name(files_in(place)).values()
@@ -131,7 +131,7 @@ class Arrivals:
         return {n: [files[n] for files in names] for n in numbers if all(n in files for files in names)}
 
     def _due(self, ahead: list[int]) -> int | None:
-        """The number that comes next."""
+        """Return the number that comes next."""
         if self._last is not None:
             return self._last + self._step
         return self._first if self._first is not None else min(ahead, default=None)
@@ -141,7 +141,7 @@ class Arrivals:
         return [n for n in files if (last is None or n > last) and (end is None or n <= end)]
 
     def _ready(self, *, skip: bool) -> list[int]:
-        """Numbers of the next frames in a row that are whole; the row may begin later where one is to ``skip``."""
+        """Return the numbers of the next whole frames in a row; with ``skip`` the row may begin later."""
         files = self._files()
         ahead = self._ahead(files)
         due, ready = self._due(ahead), list[int]()
@@ -161,7 +161,7 @@ class Arrivals:
         return None
 
     def _raise_why(self) -> None:
-        """Raise what keeps the frames from going on, if anything but that no more came."""
+        """Raise the error that blocks the next frame, if any."""
         files = self._files()
         ahead = self._ahead(files)
         due = self._due(ahead)

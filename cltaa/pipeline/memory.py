@@ -1,4 +1,4 @@
-"""How much memory a resolve takes: counted in planes, so that it is known before anything is allocated."""
+"""The memory of a resolve, counted in planes, so that it is known before anything is allocated."""
 
 from __future__ import annotations
 
@@ -22,43 +22,43 @@ from cltaa.io.sequence import FrameSequence
 from cltaa.io.streams import AHEAD, BEHIND
 
 REAL, HALF = 4, 2  # bytes of a float, and of a half
-FRAMES = 1 + AHEAD  # in work, and those that are decoded or being decoded
-RESULTS = 1 + BEHIND  # just made, and those that wait to be written or are being written
-# Blocks of the size of what it works on that each thread that packs or unpacks holds: packed, unpacked, between the
-# two. Seen with 2 and 16 threads of OpenEXR: 2.5 to 3.1. What is packed waits besides until its file is written so far.
+FRAMES = 1 + AHEAD  # the current one, and those decoded or being decoded
+RESULTS = 1 + BEHIND  # the latest, and those that wait to be written or are being written
+# Blocks that each packing or unpacking thread holds, of the size of its work: packed, unpacked, and one between.
+# Measured with 2 and 16 threads of OpenEXR: 2.5 to 3.1. Packed blocks also wait until the file is written up to them.
 BLOCKS = 3
 # Interpreter, libraries and driver: the peak of a resolve of 16 x 16 pixels with built kernels, PoCL 3.0, 2026-11-21,
-# and what of it is no file's (2026-11-22). Kernels that have to be built first take 100 to 190 MB more, and keep them.
+# and its part that no file backs (2026-11-22). Kernels that must be built first take 100 to 190 MB more, and keep them.
 PROGRAM, ALLOCATED = 102_000_000, 38_000_000
-RUNNING = 12_000_000  # of files, seen to be touched by the first frame that is read and resolved (2026-11-24)
+RUNNING = 12_000_000  # pages of files that the first frame to be read and resolved touches, as measured (2026-11-24)
 STATUS = Path("/proc/self/status")
-MADE = frozenset("RGBA")  # channels that a result has of its own
+MADE = frozenset("RGBA")  # channels of the result itself
 NO_LAYERS: Mapping[str, str] = MappingProxyType({})
 
 
 class DevicePlanes(msgspec.Struct, frozen=True):
-    """What decides how many planes a resolve holds."""
+    """Everything that decides how many planes a resolve holds."""
 
     steps: Steps
     storage: Storage = Storage.FLOAT
     band_rows: int = 0  # of a band, the only part of the frame and its result that is held at a time; 0: all rows
     history_frames: int = 0  # a ring holds these and one more
     look_ahead: int = 0  # and these, whose results wait
-    windows: int = 0  # temporal ones that are weighed, and hold planes
-    recursion: bool = False  # beside the ring, whose result is not what recurs then
-    changes: bool = False  # of light, beside the count of what recurs and of the result
-    shared: bool = False  # the device has the host's memory: of a whole frame only inverse depth lies anywhere else
-    half: bool = False  # the result goes in halves
-    staged: bool = False  # the device holds the arrays too that frames come in and results go in
+    windows: int = 0  # temporal windows that hold planes
+    recursion: bool = False  # beside the ring, whose result then is not the recurrent one
+    changes: bool = False  # illumination changes, beside the recurrent count and that of the result
+    shared: bool = False  # the device uses the host's memory: of a whole frame only inverse depth lies elsewhere
+    half: bool = False  # the result is in halves
+    staged: bool = False  # the device also holds the arrays of frames and of results
 
 
 def device_bytes(width: int, height: int, held: DevicePlanes) -> int:
-    """Bytes of the planes on the device, halos included.
+    """Return the bytes of the planes on the device, halos included.
 
     Per texel and in floats: the frame holds 4 (R G B, inverse depth), and 2, 1 and 1 more for own motion, alpha and
-    reactive; what recurs holds count and inverse depth; the result its count, and each count the illumination change
-    where that is tested for. Both hold 3 or, with alpha, 4 planes of ``storage``. A device with memory of its own holds
-    the arrays too that frame and result are unpacked from and packed into.
+    reactive; the recurrent state holds count and inverse depth; the result its count. With the illumination test each
+    count has a second plane. State and result hold 3 or, with alpha, 4 planes of ``storage``. A device with memory of
+    its own also holds the arrays from which the frame is unpacked and into which the result is packed.
     """
     steps, whole = held.steps, Layout(width, height)
     band = Layout(width, held.band_rows) if held.band_rows else whole
@@ -70,7 +70,7 @@ def device_bytes(width: int, height: int, held: DevicePlanes) -> int:
     ring = REAL * ring_planes(steps) * kept
     ring += REAL * held.windows * window_planes(steps)
     count = REAL * (1 + held.changes)
-    # As arrays, without a halo: what comes, and the result in the numbers in which it goes.
+    # Arrays have no halo: those of the frame, and the result in its output type.
     arrays = frame + (HALF if held.half else REAL) * (3 + steps.alpha) if held.staged else 0
     planes = (frame + colour + count) * band.plane + (colour + count + REAL + ring) * whole.plane
     planes += (colour + REAL) * whole.plane if held.recursion else 0
@@ -78,31 +78,32 @@ def device_bytes(width: int, height: int, held: DevicePlanes) -> int:
 
 
 class Memory(msgspec.Struct, frozen=True, kw_only=True):
-    """Bytes that ``cltaa resolve`` takes at its peak; on a CPU the planes of the device are the process's too."""
+    """Peak memory of ``cltaa resolve`` in bytes; on a CPU it includes the planes of the device."""
 
     device: int
     frames: int
     layers: int = 0  # channels that are carried over from a frame's file to that of its result
     results: int
-    reading: int  # packed files, and planes that stand beside those of their frames while they are decoded
-    packing: int  # what the threads that unpack hold of each file that is read, those that pack, and those that hash
+    reading: int  # packed files, and planes decoded beside those of their frames
+    packing: int  # blocks of the threads that unpack each file that is read, of those that pack, and of those that hash
     program: int = PROGRAM
 
     @property
     def whole(self) -> int:
-        """All of it together."""
+        """The sum of all parts."""
         return self.device + self.frames + self.layers + self.results + self.reading + self.packing + self.program
 
 
 def program_bytes() -> int:
-    """Bytes that this process takes without planes: what it allocates, and the pages of files that it has touched,
-    the device opened and no kernel run: one that is built here leaves pages of the compiler that a resolve never sees.
+    """Return the bytes that this process takes without planes: its allocations, and the pages of files that it has
+    touched, with the device open and no kernel run: building one here leaves pages of the compiler that a resolve never
+    touches.
 
-    With the device the drivers of every OpenCL platform are loaded that is installed, and those may be large.
+    Opening the device loads the drivers of every installed OpenCL platform, and those may be large.
     """
     try:
         status = STATUS.read_text(encoding="utf-8")
-    except OSError:  # another system than Linux
+    except OSError:  # not Linux
         return PROGRAM
     return (
         ALLOCATED
@@ -123,16 +124,16 @@ def of_resolve(
     converted: bool,
     layers: Mapping[str, str],
 ) -> Memory:
-    """Memory of a resolve of frames in float ``channels``, whose packed files have ``file`` bytes.
+    """Return the memory of a resolve of frames in float ``channels``, whose packed files have ``file`` bytes.
 
-    ``chunk`` is what a chunk of such a file unpacks to. Memory of packed files, of groups of planes and of results is
-    kept from frame to frame. What is decoded stands beside the planes of the frame until it is moved there, and is
-    counted for one of the frames that are read at a time, since they seldom are in one step. In bands one frame at a
-    time is in memory, its result in its place, and beside it the count of each pixel, and the result in halves where
-    that is what is written; nothing is kept. Those that read hash files too, of which no hash was ``recorded``.
-    ``layers`` are channels that are carried over -> "uint", "half" or "float": each stays until its result is written,
-    and is not there yet while its file is being read. Those of another tool are ``converted``: then each that reads
-    holds channels as they were decoded, and beside each other, until they are.
+    ``chunk`` is the unpacked size of a chunk of such a file. Memory of packed files, of groups of planes and of results
+    is reused from frame to frame. Decoded channels exist beside the planes of their frame until they are moved there;
+    this counts for one of the frames read at a time, since they are seldom in step. In bands, one frame at a time is in
+    memory, its result in its place, and beside it the count of each pixel, and the result in halves if those are
+    written; nothing is reused. Readers also hash files without a ``recorded`` hash. ``layers`` are channels that are
+    carried over -> "uint", "half" or "float": each stays until its result is written, and is not there yet while its
+    file is being read. Frames of another tool are ``converted``: until then each reader holds its channels twice, as
+    decoded, and beside each other.
     """
     banded, half = bool(held.band_rows), held.half
     plane, planes = REAL * width * height, 3 + held.steps.alpha
@@ -162,12 +163,12 @@ def of_resolve(
 
 
 def _mapped(size: int, banded: bool) -> int:
-    """Bytes that what is kept from frame to frame takes for planes of that ``size``."""
+    """Return the bytes of planes of that ``size`` in memory that is reused from frame to frame."""
     return size if banded or size < SMALLEST else in_large_pages(size)
 
 
 def of_sequence(sequence: FrameSequence, held: DevicePlanes, layers: Mapping[str, str] = NO_LAYERS) -> Memory:
-    """Memory of a resolve of ``sequence``; ``layers`` as for ``of_resolve``."""
+    """Return the memory of a resolve of ``sequence``; ``layers`` as for ``of_resolve``."""
     memory = of_resolve(
         sequence.width,
         sequence.height,

@@ -36,32 +36,33 @@ INFINITE, BELOW_ZERO = 0x7C00, 0x8000  # bits of an infinite half, and of the si
 
 
 def image_channels(image: NDArray[Any]) -> dict[str, Pixels]:
-    """A resolved image [H, W, 3 or 4] as EXR channels R G B [A]."""
+    """Return a resolved image [H, W, 3 or 4] as EXR channels R G B [A]."""
     return {name: image[..., channel] for channel, name in enumerate("RGBA"[: image.shape[-1]])}
 
 
 def limit_halves(image: NDArray[np.float16]) -> int:
-    """Make the largest half of each infinite one of [H, W, 3 or 4], in place; returns the pixels that have such.
+    """Replace each infinite half of [H, W, 3 or 4] by the largest half, in place; returns the pixels that have such.
 
-    Those are the pixels that were cut: a result in halves is infinite from the largest half on.
+    Those pixels are saturated: a result in halves is infinite from the largest half on.
     """
     signed, bits = image.view(np.int16), image.view(np.uint16)
-    if signed.max() < INFINITE and bits.max() < INFINITE | BELOW_ZERO:  # as whole numbers the greatest of either sign
+    if signed.max() < INFINITE and bits.max() < INFINITE | BELOW_ZERO:  # compared as integers, for either sign
         return 0
     infinite = np.isinf(image)
-    bits -= infinite  # the half before it
+    bits -= infinite  # the half below it
     return int(infinite.any(axis=-1).sum())
 
 
 def saturated_pixels(image: Image) -> int:
-    """Count the pixels of floats [H, W, 3 or 4] that halves cut: with a channel at the largest half, 65504, or more."""
+    """Count the pixels of floats [H, W, 3 or 4] that halves saturate: with a channel at the largest half, 65504, or
+    more."""
     largest = value("HALF_LIMIT")
     if -largest < float(image.min()) and float(image.max()) < largest:
         return 0
     return int((np.abs(image) >= largest).any(axis=-1).sum())
 
 
-# Attributes that describe how the input's file was made up, and not what is to be seen in it.
+# Attributes that describe the structure of the input's file, and not its image.
 _OF_THE_FILE = frozenset({"name", "type", "chunkCount", "version", "multiView", "view", "cltaa:samples"})
 
 ALL = ("*",)  # layers
@@ -76,22 +77,22 @@ class CarriedOver(NamedTuple):
 
 
 def carried_channels(layout: Layout, layers: tuple[str, ...], replaced: frozenset[str]) -> frozenset[str]:
-    """The channels of a file that are carried over: those whose names match one of ``layers``.
+    """Return the channels of a file that are carried over: those whose names match one of ``layers``.
 
-    Where ``layers`` are all, those that the resolve ``replaced`` are none of them: who opens the result would take the
-    colour that it was made of for it.
+    Where ``layers`` are all, those that the resolve ``replaced`` are excluded: a user of the result would mistake the
+    input's colour for it.
     """
     left_out = replaced if layers == ALL else frozenset[str]()
     return frozenset(name for name in layout.channels if any(_is(name, layer) for layer in layers)) - left_out
 
 
 def _is(name: str, layer: str) -> bool:
-    """True for the channel itself and one that the pattern matches: brackets and stars may be in a name, too."""
+    """True for the channel itself and one that the pattern matches: names may hold brackets and stars, too."""
     return name == layer or fnmatchcase(name, layer)
 
 
 def chosen_layers(names: str | tuple[str, ...] | None, sequence: FrameSequence) -> tuple[str, ...]:
-    """Layers by what ``--layers`` says: names, ``all`` or ``none``; by itself all of another tool's files.
+    """Return the layers that ``--layers`` names: names, ``all`` or ``none``; by default all of another tool's files.
 
     A text is one name.
     """
@@ -102,7 +103,8 @@ def chosen_layers(names: str | tuple[str, ...] | None, sequence: FrameSequence) 
 
 
 def carried_kinds(sequence: FrameSequence, layers: tuple[str, ...]) -> dict[str, str]:
-    """The channels that any file of ``sequence`` has carried over -> "uint", "half" or "float"; nothing is read."""
+    """Return the channels that any file of ``sequence`` has carried over -> "uint", "half" or "float"; reads
+    nothing."""
     kept: dict[str, str] = {}
     for layout in sequence.layouts.values():
         names = carried_channels(layout, layers, sequence.replaced)
@@ -111,9 +113,10 @@ def carried_kinds(sequence: FrameSequence, layers: tuple[str, ...]) -> dict[str,
 
 
 def carried_over(path: Path, kept: frozenset[str], file: FrameFile) -> CarriedOver:
-    """What is carried over from ``path``, which was read as ``file``: every attribute, and the ``kept`` channels.
+    """Return what is carried over from ``path``, which was read as ``file``: every attribute, and the ``kept``
+    channels.
 
-    Raises what reading channels raises that were not decoded with the frame.
+    Raises the errors of reading channels that were not decoded with the frame.
     """
     layout, planes = file.header.layout, file.planes
     if planes is None:
@@ -124,9 +127,10 @@ def carried_over(path: Path, kept: frozenset[str], file: FrameFile) -> CarriedOv
 
 
 def merged(carried: CarriedOver, attributes: Mapping[str, object], undeclared: frozenset[str]) -> dict[str, object]:
-    """The attributes of a result over what is carried over; those that the input did not declare are not made up.
+    """Return the attributes of a result over the carried ones, without those that the input did not declare.
 
-    Matrices of a file speak of its display window, and those of a frame of its picture: of a region the file's stay.
+    Matrices of a file refer to its display window, those of a frame to its data window: where these differ, the file's
+    stay.
     """
     if carried.windows[0] != carried.windows[1]:
         undeclared = undeclared | MATRICES
@@ -134,7 +138,7 @@ def merged(carried: CarriedOver, attributes: Mapping[str, object], undeclared: f
 
 
 def check_layers(sequence: FrameSequence, layers: tuple[str, ...]) -> None:
-    """Raise UsageError for a name among ``layers`` that no channel of the first frame matches: it is a slip."""
+    """Raise UsageError for a name among ``layers`` that no channel of the first frame matches."""
     channels = sequence.layouts[sequence.first].channels
     for layer in layers:
         if not any(_is(name, layer) for name in channels):
@@ -142,25 +146,25 @@ def check_layers(sequence: FrameSequence, layers: tuple[str, ...]) -> None:
 
 
 def carried_compression(sequence: FrameSequence) -> str:
-    """The compression of the input if it loses nothing, else ZIP."""
+    """Return the compression of the input if it is lossless, else ZIP."""
     compression = sequence.layouts[sequence.first].compression
     return compression if compression in LOSSLESS else "zip"
 
 
 DEBUG = "debug"  # folder of the pictures of debug views
-CODE = "code_sha256"  # the key of the settings that says which code
+CODE = "code_sha256"  # the key of the settings with the hash of the code
 
 
 def sequence_settings(sequence: FrameSequence) -> dict[str, Any]:
-    """What of a sequence decides the bits of all its frames; their files are compared with their hashes one by one."""
+    """Return the settings of a sequence that decide the bits of all its frames; their files are compared by hash one by
+    one."""
     size = [sequence.width, sequence.height]
     return {"sequence": sequence.name, "first_frame": sequence.first, "size": size, **sequence.reading}
 
 
 class Source(NamedTuple):
-    """What a frame was made from: the SHA-256 of its file, the frame that it continues (None: the first), and the
-    SHA-256 of what else it was made from (None: nothing).
-    """
+    """The inputs of a frame: the SHA-256 of its file, the frame that it continues (None: the first), and the SHA-256 of
+    all its other inputs (None: there are none)."""
 
     sha256: str
     after: int | None
@@ -168,7 +172,7 @@ class Source(NamedTuple):
 
 
 class Written(msgspec.Struct, frozen=True, kw_only=True):
-    """A result that has been written: what vouches for its file, and what a user is to hear of its frame."""
+    """A result that has been written: what vouches for its file, and what to report of its frame."""
 
     number: int
     name: str  # of its file
@@ -177,36 +181,35 @@ class Written(msgspec.Struct, frozen=True, kw_only=True):
     source: Source
     missing: Missing | None = None  # samples
     opaque: bool = False  # its alpha is 1 everywhere
-    saturated: int = 0  # pixels as bright as the largest half
+    saturated: int = 0  # Return that of a file that has just been written; raises StorageError.
 
     @classmethod
     def now(cls, path: Path, number: int, source: Source, **facts: Any) -> Written:
-        """That of a file that has just been written; raises StorageError."""
+        """Return that of a file that has just been written; raises StorageError."""
         digest, size = file_sha256(path), path.stat().st_size
         return cls(number=number, name=path.name, sha256=digest, size=size, source=source, **facts)
 
 
 class Results(Protocol):
-    """Where results are written, and who hears of each."""
+    """Where results are written, and what records each."""
 
     folder: Path
 
     def finish(self, written: Written) -> None:
-        """Take note of a result that has its name in the folder; raises StorageError."""
+        """Record a result that has its name in the folder; raises StorageError."""
 
 
 class OutputFolder:
-    """Which frames are finished, by what settings they were made, and their hashes. Use it inside ``atomic.owned``."""
+    """The finished frames of a folder, the settings that made them, and their hashes. Use it inside
+    ``atomic.owned``."""
 
     def __init__(self, folder: Path, settings: Mapping[str, Any], *, restart: bool, preset: str = "") -> None:
-        """Begin the folder, or go on with it; ``restart`` deletes what its manifest lists first.
+        """Begin the folder, or resume it; ``restart`` deletes what its manifest lists first.
 
-        ``preset`` is what the preset is called, which decides nothing and is named where another is refused.
-
-        A folder that was begun and in which nothing was finished is begun anew: a run that was refused at its first
-        frame does not stand in the way of one with mended options.
-        Raises UsageError where the folder was begun with other settings or holds EXR files that no manifest lists,
-        DataError for a damaged manifest, OutputError and StorageError.
+        ``preset`` is the name of the preset, which decides nothing and appears where another is refused. A folder in
+        which nothing was finished is begun anew: a run that was refused at its first frame does not block one with
+        mended options. Raises UsageError where the folder was begun with other settings or holds EXR files that no
+        manifest lists, DataError for a damaged manifest, OutputError and StorageError.
         """
         self.folder = folder
         asked = json.loads(json.dumps(settings))
@@ -226,12 +229,12 @@ class OutputFolder:
 
     def _refuse_difference(self, begun: Mapping[str, Any], asked: Mapping[str, Any], preset: str) -> None:
         before, now, path = dict(_flat(begun)), dict(_flat(asked)), self.manifest.path
-        # What was asked for before the code, and the build last, which follows from both.
+        # Options come before the code, and the build last, which follows from both.
         late = ("build.", "found")
         for key in sorted(before.keys() | now.keys(), key=lambda key: (key.startswith(late), key == CODE, key)):
             if before.get(key) == now.get(key):
                 continue
-            if key == CODE:  # 64 digits tell nobody anything
+            if key == CODE:  # 64 digits do not help a user
                 raise UsageError("was begun with another version of cltaa's code", path=path, cure=RESTART_CURE)
             earlier = self._preset_begun_with() if key.startswith("preset.") else preset
             what = f"preset {earlier}, not {preset}:" if earlier not in ("", preset) else "another"
@@ -239,17 +242,17 @@ class OutputFolder:
             raise UsageError(what, path=path, expected=expected, found=found, cure=RESTART_CURE)
 
     def _preset_begun_with(self) -> str:
-        """What the first finished image says of its preset, empty where none can tell: the manifest has no names."""
+        """Return the preset that the first finished image names, empty where none does: the manifest has no names."""
         try:
             return str(read_header(self.folder / min(self.manifest.entries)).attributes.get(RESOLVED, ""))
-        except (CltaaError, ValueError):  # nothing is finished, or it is not there or damaged now
+        except (CltaaError, ValueError):  # nothing is finished, or its file is missing or damaged
             return ""
 
     def missing(self, sequence: FrameSequence, look_ahead: int, *, shown: bool = False) -> list[int]:
-        """Return the frames that are not finished, after a look at every file of those that are; with them the
-        ``look_ahead`` frames before each, since their results hold it and nothing vouches yet for what it was.
+        """Return the frames that are not finished, after a check of every file of those that are; with them the
+        ``look_ahead`` frames before each, since their results depend on it and nothing vouches yet for its content.
 
-        Raises DataError where the input of a finished frame is another than it was made from.
+        Raises DataError where the input of a finished frame has changed.
         """
         if not self.manifest.entries:
             return list(sequence.numbers)
@@ -302,7 +305,7 @@ def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
 
 
 class Read(NamedTuple):
-    """A frame, what vouches for its input, its missing samples, whether its alpha is all 1, what its output carries."""
+    """A frame, its source, its missing samples, whether its alpha is 1 everywhere, and what its output carries over."""
 
     frame: Frame
     source: Source
@@ -314,7 +317,8 @@ class Read(NamedTuple):
 def reads(
     sequence: FrameSequence, before: int | None, layers: tuple[str, ...], denoise: Denoise | None = None
 ) -> Iterator[Callable[[], Read]]:
-    """A task for each frame of a sequence, in any thread; ``before`` is the frame that the first one continues."""
+    """Yield a task for each frame of a sequence, for any thread; ``before`` is the frame that the first one
+    continues."""
     for number in sequence.numbers:
         yield partial(_read, sequence, number, before, layers, denoise)
         before = number
@@ -326,51 +330,51 @@ def _read(
     path, kept = sequence.path(number), carried_channels(sequence.layouts[number], layers, sequence.replaced)
     found = _stamps(sequence, number)
     frame, file = sequence.frame_and_file(number, kept)
-    # What was verified while it was read need not be hashed again.
+    # Files verified while they were read need not be hashed again.
     digest = sequence.sha256(number) or file_sha256(path)
     source = Source(digest, before, sequence.beside_sha256(number))
     carried = carried_over(path, kept, file)
     missing = missing_samples(frame.colour, number)
     if denoise is not None:
         frame = denoise(frame, sequence.guide_images(number))
-    if _stamps(sequence, number) != found:  # else a file of now would vouch for a result of before
+    if _stamps(sequence, number) != found:  # else the changed file would vouch for this result
         raise DataError("a file changed while it was read", path=path, frame=number, cure="run again")
     return Read(frame, source, missing, is_opaque(frame.alpha), carried)
 
 
 def _stamps(sequence: FrameSequence, number: int) -> list[tuple[int, ...]]:
-    """What tells the files of a frame from others that are written in their place."""
+    """Return what distinguishes the files of a frame from others written in their place."""
     found = (path.stat() for path in sorted(sequence.files_of(number)) if path.exists())
     return [(status.st_ino, status.st_size, status.st_mtime_ns) for status in found]
 
 
 class ResolvedFiles:
-    """Writes results into ``folder`` under the names of their inputs, and keeps what a user is to hear of them.
+    """Writes results into ``folder`` under the names of their inputs, and collects what to report of them.
 
-    ``undeclared`` are the attributes that no input declared and that are not made up for a result.
+    ``undeclared`` are the attributes that no input declared, so that results omit them.
     """
 
     def __init__(self, folder: Results, resolver: Resolver, debug: DebugViews, *, undeclared: frozenset[str]) -> None:
         self.folder = folder
         self._resolver, self._debug, self._undeclared = resolver, debug, undeclared
-        self._finished: dict[int, Written] = {}  # by the frame, from the threads that write
-        self.sizes: list[int] = []  # bytes of each file that is finished
+        self._finished: dict[int, Written] = {}  # by frame; filled by the writing threads
+        self.sizes: list[int] = []  # bytes of each finished file
 
     @property
     def finished(self) -> list[Written]:
-        """What was written of each frame, once the writer is closed."""
+        """The record of each written frame, once the writer is closed."""
         return [self._finished[number] for number in sorted(self._finished)]
 
     def write(self, writer: Writer, read: Read, image: NDArray[Any]) -> None:
         """Queue the result ``image`` [H, W, 3 or 4], floats or halves, of the frame ``read`` and resolved last.
 
-        Raises OutputError and StorageError, which may be those of an earlier image that was queued.
+        Raises OutputError and StorageError, possibly of an earlier image in the queue.
         """
         assert read.frame.path is not None
         views = self._debug.write(self.folder.folder / DEBUG, read.frame.index)
         path, saturated = self.folder.folder / read.frame.path.name, list[int]()
         number, source, missing, opaque = read.frame.index, read.source, read.missing, read.opaque
-        kept, windows = read.carried.channels, read.carried.windows  # and not the frame, whose pixels may go
+        kept, windows = read.carried.channels, read.carried.windows  # not the frame, so that its pixels can be freed
 
         def channels() -> dict[str, Pixels]:
             saturated.append(self._limited(image))
@@ -386,13 +390,14 @@ class ResolvedFiles:
         writer.write(path, channels, attributes, then=finish, windows=windows)
 
     def take(self, written: Written) -> None:
-        """Count a result that has its final name; raises StorageError."""
+        """Record a result that has its final name; raises StorageError."""
         self.folder.finish(written)
         self._finished[written.number] = written
         self.sizes.append(written.size)
 
     def _limited(self, image: NDArray[Any]) -> int:
-        """Limit a result to what halves hold, in the thread that writes it; returns how many pixels that cuts."""
+        """Limit a result to the range of halves, in the thread that writes it; returns how many pixels that
+        saturates."""
         if image.dtype == np.float16:
             return limit_halves(image)
         return saturated_pixels(image) if self._resolver.keeps_halves else 0

@@ -27,7 +27,7 @@ Shown = Callable[[list[int]], Iterator[int]]
 
 
 class How(msgspec.Struct, frozen=True, kw_only=True):
-    """How frames are read, resolved and written, beside the resolver; as ``resolve_sequence`` takes it."""
+    """How to read, resolve and write frames, apart from the resolver; as ``resolve_sequence`` takes it."""
 
     effects: Asked
     half: bool
@@ -37,13 +37,13 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def from_ring_alone(preset: Preset, sequence: FrameSequence, how: How) -> bool:
-    """True where frames are gathered, and no effect that is known asks for more than the ring holds."""
+    """True where frames are gathered, and no known effect needs more than the ring holds."""
     return plan.from_ring_alone(preset, how.effects, sequence.effects, sequence.found)
 
 
 def gathered_from(sequence: FrameSequence, wanted: Sequence[int], preset: Preset, how: How) -> FrameSequence:
-    """The frames that the ``wanted`` ones are made of without a checkpoint: of a ring, so many before and behind them
-    as ``preset`` keeps; else all before."""
+    """Return the frames from which the ``wanted`` ones are made without a checkpoint: with a ring, as many before and
+    after them as ``preset`` keeps; else all before."""
     numbers, kept, ahead = list(sequence.numbers), preset.settings.history_frames, preset.settings.look_ahead
     first, last = numbers.index(wanted[0]), numbers.index(wanted[-1])
     begin = max(0, first - kept) if from_ring_alone(preset, sequence, how) else 0
@@ -51,16 +51,17 @@ def gathered_from(sequence: FrameSequence, wanted: Sequence[int], preset: Preset
 
 
 def in_parts(wanted: list[int], count: int) -> list[list[int]]:
-    """The ``wanted`` frames in up to ``count`` runs of like length."""
+    """Split the ``wanted`` frames into up to ``count`` runs of about equal length."""
     begins = [len(wanted) * at // count for at in range(count + 1)]
     return [wanted[begin:end] for begin, end in pairwise(begins) if begin < end]
 
 
 class Parts:
-    """Resolves parts of a sequence, and writes the frames that are wanted by ``files``; in several threads, if need be.
+    """Resolves parts of a sequence, and writes the wanted frames by ``files``; several threads may use it.
 
-    ``seconds`` holds what each frame took in each stage. Once ``stop`` is requested KeyboardInterrupt is raised behind
-    the frame in work; where ``halted`` is set all end there. ``look`` is told the bytes of each file that is finished.
+    ``seconds`` holds the time of each frame in each stage. Once ``stop`` is requested KeyboardInterrupt is raised after
+    the current frame; where ``halted`` is set all threads end after theirs. ``look`` receives the bytes of each
+    finished file.
     """
 
     def __init__(self, files: ResolvedFiles, how: How, stop: Stop) -> None:
@@ -80,15 +81,16 @@ class Parts:
         checkpoints: Checkpoints | None = None,
         every: int = 0,
     ) -> None:
-        """Resolve ``part``, whose history goes on behind frame ``after``, and write the ``wanted`` frames.
+        """Resolve ``part``, whose history continues after frame ``after``, and write the ``wanted`` frames.
 
-        Those before them are only kept where they are gathered from. ``shown`` passes numbers of frames on as they are
-        resolved. The state is saved in ``checkpoints`` after ``every`` frames, never where that is 0.
+        Frames before those are only kept, where the wanted ones are gathered from them. ``shown`` passes numbers of
+        frames on as they are resolved. The state is saved in ``checkpoints`` after ``every`` frames, never where that
+        is 0.
         """
         numbers = [number for number in part.numbers if number <= wanted[-1]]
         lead = numbers.index(wanted[0]) if from_ring_alone(resolver.preset, part, self._how) else 0
         asked, started = frozenset(wanted), time.perf_counter()
-        in_turn = isinstance(resolver, BandedResolver)  # so large that no second image waits beside it
+        in_turn = isinstance(resolver, BandedResolver)  # so large that no second image fits beside it
         tasks = reads(part, after, self._how.layers, self._denoise)
         reading = InTurn(tasks) if in_turn else ReadAhead(tasks)
         with Writer(compression=self._how.compression) as writer, reading as frames:
@@ -121,7 +123,7 @@ class Parts:
         self.seconds["whole"].append((time.perf_counter() - started) / len(numbers))
 
     def _keep(self, resolver: Resolver, numbers: list[int], given: Iterator[Frame], waiting: deque[Read]) -> None:
-        """Let ``resolver`` keep the next of the ``given`` frames, which are ``numbers``."""
+        """Let ``resolver`` keep the next of the ``given`` frames, those of ``numbers``."""
         for _, frame in zip(self._going(iter(numbers)), given, strict=False):
             resolver.keep(frame)
             waiting.popleft()
@@ -129,14 +131,15 @@ class Parts:
                 raise KeyboardInterrupt
 
     def _going(self, numbers: Iterator[int]) -> Iterator[int]:
-        """``numbers`` until all are halted."""
+        """Yield ``numbers`` until all are halted."""
         for number in numbers:
             if self.halted.is_set():
                 return
             yield number
 
     def _given(self, frames: Iterator[Read], count: int, waiting: deque[Read], *, outlines: bool) -> Iterator[Frame]:
-        """The next ``count`` of ``frames``, which wait in ``waiting``, whole or as ``outlines``, for their images."""
+        """Yield the next ``count`` of ``frames``, which stay in ``waiting``, whole or as ``outlines``, for their
+        images."""
         for _ in range(count):
             read = next(frames)
             frame = with_effects(read.frame, self._how.effects)
@@ -145,7 +148,7 @@ class Parts:
             del read, frame
 
     def _reserve(self, resolver: Resolver, part: FrameSequence) -> None:
-        """Let a resolver allocate what the first frame will need, while that is decoded."""
+        """Let a resolver allocate what the first frame needs, while that is decoded."""
         wanted = isinstance(self._how.effects, str) or Effect.ALPHA in self._how.effects
         alpha = wanted and "alpha" in part.holds
         resolver.reserve(part.width, part.height, alpha=alpha, half=self._how.half)

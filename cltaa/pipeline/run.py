@@ -45,25 +45,25 @@ from cltaa.printable import bytes_of, counted, printable
 from cltaa.process import Stop
 from cltaa.progress import shown_progress, track
 
-CHECKED_AFTER = 2  # files, of which frames of one sequence differ little
+CHECKED_AFTER = 2  # files; frames of one sequence differ little
 
 
 class DiskSpace:
-    """Looks once whether ``count`` results fit into ``folder``; a guess, so that it warns and refuses nothing."""
+    """Checks once whether ``count`` results fit into ``folder``; an estimate, so it warns and refuses nothing."""
 
     def __init__(self, folder: Path, count: int) -> None:
-        """Nothing is looked at before results are there."""
+        """Store the arguments; the check waits for results."""
         self._folder, self._count, self._looked = folder, count, False
 
     def look(self, sizes: Sequence[int]) -> None:
-        """Warn on standard error if as many bytes a file as ``sizes``, of those that are finished, will not fit."""
+        """Warn on standard error if the remaining files, of the mean size of the finished ones, will not fit."""
         finished = len(sizes)
         if self._looked or finished < CHECKED_AFTER:
             return
         self._looked = True
         try:
             free = shutil.disk_usage(self._folder).free
-        except OSError:  # a folder that is gone: the next file tells
+        except OSError:  # the folder is gone: writing the next file reports that
             return
         left = self._count - finished
         wanted = left * sum(sizes) / finished
@@ -74,10 +74,10 @@ class DiskSpace:
 
 
 class StageTimes(msgspec.Struct, kw_only=True):
-    """Seconds a frame: the median of each stage, and ``whole``, the mean of a run by the clock.
+    """Seconds per frame: the median of each stage, and ``whole``, the mean elapsed time.
 
-    Stages overlap, so that the whole of many frames is less than their sum; it holds what no stage does too, such as
-    building kernels and drawing debug views, which is most of it where few frames are resolved.
+    Stages overlap, so that the whole of many frames is less than their sum; it includes work outside the stages, such
+    as building kernels and drawing debug views, which dominates where few frames are resolved.
     """
 
     read: float
@@ -89,13 +89,12 @@ class StageTimes(msgspec.Struct, kw_only=True):
 
 
 class ResolveReport(msgspec.Struct, kw_only=True):
-    """What a run of ``resolve_sequence`` did: of ``frames``, ``resolved`` were written now, the others before.
+    """What a run of ``resolve_sequence`` did: of ``frames``, it wrote ``resolved``, and earlier runs the others.
 
     ``repaired`` counts the pixels of those whose colour was no usable number (NaN, infinite, beyond 2^50), ``missing``
-    says which frame lacks how many of them and where, ``opaque``
-    the frames whose alpha is 1 everywhere, ``saturated`` the pixels as bright as the largest half, where halves are
-    written or kept as history, ``cuts_found`` the frames that were found to begin another shot though nobody says so,
-    ``found`` the effects where none are declared, and why.
+    says which frame lacks how many of them and where, ``opaque`` counts the frames whose alpha is 1 everywhere,
+    ``saturated`` the pixels at the largest half, where halves are written or stored as history. ``cuts_found`` are
+    frames that begin another shot, undeclared but found; ``found`` are the effects where none are declared, and why.
     """
 
     output: str
@@ -118,14 +117,14 @@ RECORD = "resolve.json"
 
 
 def write_record(folder: Path, report: ResolveReport, preset: Preset) -> None:
-    """Write ``resolve.json``: beside the images, what made them. Raises OutputError and StorageError."""
+    """Write ``resolve.json``, which says what made the images. Raises OutputError and StorageError."""
     record: dict[str, Any] = {"outcome": msgspec.to_builtins(report), "preset": msgspec.to_builtins(preset)}
     with atomic_path(folder / RECORD) as temporary:
         temporary.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
 
 
 def stage_rows(seconds: StageTimes) -> Iterable[tuple[str, float]]:
-    """Name and milliseconds a frame of each stage, for a table."""
+    """Return name and milliseconds per frame of each stage, for a table."""
     return ((field.replace("_", " "), getattr(seconds, field) * 1e3) for field in StageTimes.__struct_fields__)
 
 
@@ -145,19 +144,19 @@ def check_jobs(jobs: int, preset: Preset, *, follow: bool, debug: bool, dask: bo
 
 
 class Order(NamedTuple):
-    """What a worker elsewhere needs to resolve a part of a sequence, beside how it makes its resolver."""
+    """What a worker elsewhere needs to resolve a part of a sequence, apart from what creates its resolver."""
 
-    sequence: FrameSequence  # the frames that are wanted and those around them that they are made of
+    sequence: FrameSequence  # the wanted frames and those around them that they need
     wanted: list[int]
     how: How
-    settings: dict[str, Any]  # what its resolver's must be
+    settings: dict[str, Any]  # required of its resolver
     output: Path
-    place: Path  # a folder in it, for results in folders of their own
-    stale: dict[str, str]  # SHA-256 of results that are to be made anew, by their names
+    place: Path  # a folder in it, for folders of results
+    stale: dict[str, str]  # SHA-256 of results to replace, by their names
 
 
 class Result(msgspec.Struct, frozen=True):
-    """What a worker has written into a ``folder`` of the place, and the cuts that it has found so far."""
+    """A result that a worker has written into a ``folder`` of the place, and the cuts that it has found so far."""
 
     folder: str
     written: Written
@@ -165,14 +164,15 @@ class Result(msgspec.Struct, frozen=True):
 
 
 class Elsewhere(Protocol):
-    """Workers in other processes that resolve up to so many ``parts`` at the same time."""
+    """Workers in other processes that resolve up to ``parts`` parts at the same time."""
 
     parts: int
 
     def resolve(self, orders: list[Order], stop: Stop, seconds: dict[str, list[float]]) -> Iterator[Result]:
-        """Each result as it is written, some perhaps twice; adds to ``seconds`` what frames took in each stage.
+        """Yield each result as it is written, some perhaps twice; adds to ``seconds`` the time of each frame in each
+        stage.
 
-        Raises KeyboardInterrupt once ``stop`` is requested, and what resolving raises.
+        Raises KeyboardInterrupt once ``stop`` is requested, and the errors of resolving.
         """
 
 
@@ -201,27 +201,26 @@ def resolve_sequence(
     found: Found | None = None,
     elsewhere: Elsewhere | None = None,
 ) -> ResolveReport:
-    """Resolve every frame of ``sequence`` into ``output``, one EXR a frame under the same names.
+    """Resolve every frame of ``sequence`` into ``output``, one EXR per frame under the same names.
 
     ``effects`` overrides what the sequence declares: ``auto`` keeps it, or what was found where it declares nothing,
-    ``find`` takes that alone, ``all`` counts on nothing, so that ``cltaa.resolve`` runs every step of the preset, and a
-    set leaves out the steps and channels of all other effects. ``preview`` is an MP4 of the result, with ``compare`` of
-    the input beside it (``side``) or under a line that sweeps over it (``wipe``). A run that was cut short goes on
-    where it stopped, to the same bits. A device that is lost is opened once more. Views to ``debug`` become layers of
-    the EXRs, and PNGs in a folder of that name. Channels of the input that match one of ``layers`` are kept beside the
+    ``find`` takes only what was found, ``all`` assumes nothing, so that ``cltaa.resolve`` runs every step of the
+    preset, and a set omits the steps and channels of all other effects. ``preview`` is an MP4 of the result;
+    ``compare`` shows the input beside it (``side``) or under a line that sweeps over it (``wipe``). An interrupted run
+    resumes where it stopped, to the same bits. A lost device is opened once more. ``debug`` views become layers of the
+    EXRs, and PNGs in a folder of that name. Channels of the input that match one of ``layers`` are kept beside the
     resolved ones, and its attributes and windows always. ``denoise`` is ``none``, or ``oidn`` for Intel's Open Image
-    Denoise on each frame's colour before it is resolved. Without ``progress`` nothing is shown while it runs.
+    Denoise on each frame's colour before the resolve. Without ``progress`` nothing is shown during the run.
 
-    ``stopping`` is entered for the run and tells when to stop: then the frame in work is finished, the state saved and
-    KeyboardInterrupt raised. ``cltaa.process.stop_signals()`` does so for SIGINT and SIGTERM; signals are left alone
-    without it. What follows among ``arrivals``, whose first frames are ``sequence``, is resolved as it comes. With
-    ``others``, which are as ``resolver`` is and gather, each resolves a part of the sequence at the same time. Where
-    workers ``elsewhere`` do, ``resolver`` only says what theirs are.
-    ``found`` is what the effects that ``sequence`` was told rest on, for the report.
+    ``stopping`` is entered for the run and says when to stop: then the current frame is finished, the state saved and
+    KeyboardInterrupt raised. ``cltaa.process.stop_signals()`` does so for SIGINT and SIGTERM; without it signals are
+    left alone. Frames of ``arrivals``, whose first are ``sequence``, are resolved as they come. Each of ``others``,
+    which equal ``resolver`` and gather, resolves a part of the sequence at the same time. With workers ``elsewhere``,
+    ``resolver`` only describes theirs. ``found`` is the evidence for the effects of ``sequence``, for the report.
 
     Raises UsageError where ``output`` is a folder with files of the sequence or was begun with other settings (unless
-    ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
-    what reading, resolving and writing raise; finished frames stay complete.
+    ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and the
+    errors of reading, resolving and writing; finished frames stay complete.
     """
     follows, dask = arrivals is not None, elsewhere is not None
     check_jobs(1 + len(others), resolver.preset, follow=follows, debug=bool(debug), dask=dask)
@@ -246,7 +245,7 @@ def resolve_sequence(
         options["denoise"] = denoise
     how = How(effects=effects, half=half, compression=compression, layers=layers, denoise=denoise)
     if resolver.look_ahead:
-        options["last_frame"] = sequence.last  # the frames before it would have more ahead in a longer sequence
+        options["last_frame"] = sequence.last  # in a longer sequence, frames before it would have more ahead
     settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
     if preview is not None:
         check_film(preview, sequence, output, beside=compare == "side")
@@ -255,7 +254,7 @@ def resolve_sequence(
     resolvers = [resolver, *others]
     with keeping, owned(output), stopping or nullcontext(Stop()) as stop:
         if preview is not None:
-            check_creatable(preview)  # again, now that the output is there, which may be the film's folder
+            check_creatable(preview)  # again: the output folder now exists, and may be the film's
         folder = OutputFolder(output, settings, preset=resolver.preset.name, restart=restart)
         checkpoints = Checkpoints(output, folder.key)
         if restart:
@@ -283,7 +282,7 @@ def resolve_sequence(
 def _write_film(
     path: Path, sequence: FrameSequence, results: ImageSequence, compare: str | None, rate: Fraction
 ) -> None:
-    """A film of the results alone, or beside what they were resolved from."""
+    """Write a film of the results alone, or beside their input."""
     if compare is None:
         write_video(path, results, rate=rate)
         return
@@ -293,13 +292,14 @@ def _write_film(
 
 
 def _results(output: Path, sequence: FrameSequence) -> Selection:
-    """The results of a sequence among all that may be in its output folder."""
+    """Return the results of a sequence among all files of its output folder."""
     numbers = {output / sequence.path(number).name: number for number in sequence.numbers}
     return Selection(output, tuple(numbers), tuple(map(str, numbers)), numbers)
 
 
 def refuse_place(output: str | Path, sequence: FrameSequence) -> None:
-    """Raise UsageError for a folder with a file of the sequence, one in which its truth is looked for, and none."""
+    """Raise UsageError for a folder with a file of the sequence, one where its reference is looked for, and no
+    folder."""
     if not isinstance(output, str | Path) or output == "":
         raise UsageError("no folder for the results is named", found=repr(output))
     output = Path(output)
@@ -357,7 +357,7 @@ class _Run:
     def _beside(self, missing: list[int]) -> None:
         """Resolve the ``missing`` frames in as many runs of them as there are resolvers, at the same time.
 
-        Where one fails or the process is interrupted, all end with the frame in work, and the first failure is raised.
+        After a failure or an interrupt all end with their current frame, and the first failure is raised.
         """
         runs = in_parts(missing, len(self._resolvers))
         started, done, lock = time.perf_counter(), 0, threading.Lock()
@@ -395,7 +395,7 @@ class _Run:
         self._parts.seconds["whole"] = [(time.perf_counter() - started) / len(missing)]
 
     def _by_workers(self, elsewhere: Elsewhere, missing: list[int]) -> None:
-        """Let the ``missing`` frames be resolved elsewhere, and take each result into the folder as it comes."""
+        """Let workers elsewhere resolve the ``missing`` frames, and move each result into the folder as it comes."""
         entries, started, taken = self._folder.manifest.entries, time.perf_counter(), set[int]()
         names = {number: self._sequence.path(number).name for number in missing}
         showing = shown_progress("resolving") if self._progress else nullcontext(lambda _done, _total: None)
@@ -416,7 +416,7 @@ class _Run:
             for result in elsewhere.resolve(orders, self._stop, self._parts.seconds):
                 self._cuts.update(result.cuts)
                 number = result.written.number
-                if number in taken:  # of a part that two workers began
+                if number in taken:  # from a part that two workers began
                     continue
                 move_into(place / result.folder / result.written.name, self._folder.folder)
                 self._files.take(result.written)
@@ -426,10 +426,10 @@ class _Run:
         self._parts.seconds["whole"] = [(time.perf_counter() - started) / len(missing)]
 
     def follow(self, arrivals: Arrivals, checkpoint_every: int) -> None:
-        """Go on with what arrives behind the sequence, and save the state where more may come."""
+        """Resolve what arrives after the sequence, and save the state where more may come."""
         shows = self._progress and not arrivals.ended
         shown = shown_progress("following") if shows else nullcontext(lambda _done, _total: None)
-        self._progress = False  # of each part
+        self._progress = False  # none for each part
         with shown as advance:
             advance(self._frames, arrivals.count or self._frames + 1)
             for part in arrivals.behind(self._stop):
@@ -438,7 +438,7 @@ class _Run:
                     every = checkpoint_every
                     self._parts.resolve(self._resolver, part, before, part.numbers, iter, self._checkpoints, every)
                     self._sequence = part
-                else:  # nothing was missing before
+                else:  # no frame was missing, so the resolver has no history
                     self._sequence = arrivals.whole()
                     self.resolve(checkpoint_every)
                 advance(self._frames, arrivals.count or self._frames)
@@ -448,14 +448,15 @@ class _Run:
             raise KeyboardInterrupt
 
     def _stands_behind(self, number: int) -> bool:
-        """Whether the resolver holds the history that frame ``number`` left."""
+        """True where the resolver holds the history after frame ``number``."""
         try:
             return self._resolver.recurrent()[0].index == number
         except ValueError:
             return False
 
     def _given(self, missing: list[int]) -> tuple[int | None, FrameSequence]:
-        """The frame that the resolver goes on after, and those that it has to be given for the ``missing`` ones."""
+        """Return the frame after which the resolver continues, and the frames that it needs for the ``missing``
+        ones."""
         preset = self._resolver.preset
         after = None if preset.settings.look_ahead else self._checkpoints.restore(self._resolver, before=missing[0])
         if after is None:
@@ -468,7 +469,7 @@ class _Run:
         return from_ring_alone(self._resolver.preset, self._sequence, self._how)
 
     def report(self) -> ResolveReport:
-        """What was done; stages that nothing had to be done in took no time."""
+        """Return what was done; stages without work took no time."""
         finished = self._files.finished
         missing = [each.missing for each in finished if each.missing]
         cuts = self._cuts.union(*(each.cuts_found for each in self._resolvers))
