@@ -31,32 +31,32 @@ class HistoryFilter(Choice):
     NEAREST = "nearest"
     BILINEAR = "bilinear"
     CATMULL_ROM = "catmull-rom", "4x4 texels"
-    CATMULL_ROM_5 = "catmull-rom-5", "regrouped into nine reads between texels, without the four in the corners"
-    CATMULL_ROM_5_RAW = "catmull-rom-5-raw", "those five as they are: between texels they sum to less than 1"
-    CROSS_20 = "cross-20", "20 texels: six along each axis, ringing held within a quarter of the contrast"
+    CATMULL_ROM_5 = "catmull-rom-5", "nine bilinear reads, without the four in the corners, normalised"
+    CATMULL_ROM_5_RAW = "catmull-rom-5-raw", "the same five reads, not normalised: their weights sum to less than 1"
+    CROSS_20 = "cross-20", "20 texels, six along each axis; ringing limited to a quarter of the contrast"
 
 
 class HistoryRange(Choice):
     """The range in which the history is sampled between its texels."""
 
-    LINEAR = "linear", "as light; what was read is tonemapped"
-    TONEMAPPED = "tonemapped", "each texel is tonemapped before, as where tonemapped colour is what is kept"
+    LINEAR = "linear", "linear light; the sample is tonemapped afterwards"
+    TONEMAPPED = "tonemapped", "each texel is tonemapped first, as if the history were stored tonemapped"
 
 
 class CurrentFilter(Choice):
     """How the sample at the pixel's centre is reconstructed from the jittered samples of its 3x3."""
 
-    NONE = "none", "the pixel's own sample stands for the pixel"
-    BILINEAR = "bilinear", "read between the samples, as a texture unit would at the unjittered place"
+    NONE = "none", "the pixel's own sample, unfiltered"
+    BILINEAR = "bilinear", "interpolated at the unjittered position, as by a texture unit"
     GAUSSIAN = "gaussian", "exp(-filter_falloff d^2), d in pixels from the centre"
-    LANCZOS = "lanczos", "windowed sinc of radius 2, its ringing held inside the extremes of the 3x3"
+    LANCZOS = "lanczos", "windowed sinc of radius 2, clamped to the extremes of the 3x3"
 
 
 class FilterUse(Choice):
     """Where the current filter replaces the pixel's own sample."""
 
     ALWAYS = "always"
-    FEW = "few-samples", "the less, the more samples there are: its share goes as 1 / n, of a history later as 1 / n^2"
+    FEW = "few-samples", "in part, while samples are few: its share falls as 1 / n, in a longer history as 1 / n^2"
 
 
 def _number(meaning: str, low: float, high: float, unit: str, source: str) -> Meta:
@@ -111,16 +111,16 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
         int, _number("later frames whose samples are gathered too (history frames)", 0, 64, "frames", "measured")
     ] = 0
     fit_ridge: Annotated[
-        float, _number("even samples' worth that holds the fitted slope back", 2.0**-6, 2.0**20, "1", "measured")
+        float, _number("damping of the fitted slope, in evenly placed samples", 2.0**-6, 2.0**20, "1", "measured")
     ] = 0.125
     fit_reach: Annotated[
         float,
-        _number("where few samples no longer count, from the centre along an axis", 0.5625, 1.0, "pixels", "measured"),
+        _number("distance along an axis from which few samples do not count", 0.5625, 1.0, "pixels", "measured"),
     ] = 0.8
     drift_t: Annotated[
         float,
         _number(
-            "Student's t from which light has moved since a longer window; twice that where none is known to change",
+            "Student's t above which a longer window is shifted to the shortest; doubled under constant light",
             0.5,
             2.0**20,
             "1",
@@ -128,42 +128,43 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
         ),
     ] = 2.0
     subpixel_frames: Annotated[
-        int, _number("frames in the ring in which sub-pixel features are looked for", 0, 64, "frames", "measured")
+        int, _number("frames of the ring that are searched for sub-pixel features", 0, 64, "frames", "measured")
     ] = 4
     sample_limit: Annotated[
-        float, _number("most samples that the history counts for", 1.0, 2.0**20, "samples", "measured")
+        float, _number("upper limit of the effective sample count", 1.0, 2.0**20, "samples", "measured")
     ] = 24.0
     illumination_t: Annotated[
-        float, _number("Student's t of the 3x3 from which light that goes on has changed", 0.125, 1e6, "1", "measured")
+        float,
+        _number("Student's t of the 3x3, over frames, above which light has changed", 0.125, 1e6, "1", "measured"),
     ] = 2.6
     disocclusion_t: Annotated[
         float,
-        _number("such a t where something nearer stood beside the place of the history", 0.125, 1e6, "1", "measured"),
+        _number("the same where an occluder was beside the history position", 0.125, 1e6, "1", "measured"),
     ] = 0.8
     passing_t: Annotated[
-        float, _number("such a t where something nearer has passed by that place", 0.125, 1e6, "1", "measured")
+        float, _number("the same where an occluder has passed that position", 0.125, 1e6, "1", "measured")
     ] = 0.4
     behind_t: Annotated[
         float,
-        _number("such a t where a pixel follows something nearer past what it shows", 0.125, 1e6, "1", "measured"),
+        _number("the same where a pixel follows a nearer surface past its own", 0.125, 1e6, "1", "measured"),
     ] = 1.0
     illumination_decay: Annotated[
-        float, _number("share of such a t that is added to that of the next frame", 0.0, 1.0, "1", "measured")
+        float, _number("share of that t carried over to the next frame", 0.0, 1.0, "1", "measured")
     ] = 0.72
     falling_t: Annotated[
-        float, _number("each of these where light falls, over where it rises", 0.125, 8.0, "1", "even")
+        float, _number("factor of these thresholds where light decreases", 0.125, 8.0, "1", "even")
     ] = 1.0
     illumination_floor: Annotated[
-        float, _number("standard error added to that of the 3x3, over its luminance", 0.0, 1.0, "1", "measured")
+        float, _number("standard error added to that of the 3x3, relative to its luminance", 0.0, 1.0, "1", "measured")
     ] = 0.03
     first_samples: Annotated[
-        float, _number("samples that the first image of a history counts for", 0.0, 2.0**20, "samples", "what it is: 1")
+        float, _number("sample count of the first frame of a history", 0.0, 2.0**20, "samples", "what it is: 1")
     ] = 1.0
     resampling_penalty: Annotated[
-        float, _number("loss of count per fraction f(1-f) read between texels", 0.0, 16.0, "1", "measured")
+        float, _number("loss of sample count per f(1-f), f the fraction between texels", 0.0, 16.0, "1", "measured")
     ] = 1.5
     clip_penalty: Annotated[
-        float, _number("loss of count per half extent that rectification moved the history", 0.0, 64.0, "1", "measured")
+        float, _number("loss of sample count per half extent of rectification", 0.0, 64.0, "1", "measured")
     ] = 0.5
     box_scale_static: Annotated[
         float, _number("half width of the box where nothing moves", 0.0, 64.0, "deviations, half extents", "measured")
@@ -172,31 +173,31 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
         float, _number("half width of the box in motion", 0.0, 64.0, "the same", "Salvi 2016: 0.75 to 1.25")
     ] = 1.0
     luma_scale: Annotated[
-        float, _number("times as wide the box is in its first channel (variance)", 0.0, 64.0, "1", "FSR 3.1: 1.7")
+        float, _number("factor of the box's width in its first channel (variance)", 0.0, 64.0, "1", "FSR 3.1: 1.7")
     ] = 1.0
     box_leak: Annotated[
         float,
-        _number("share that a full history keeps of what lies outside its box", 0.0, 1.0, "1", "FSR 3.1's flicker"),
+        _number("share of a full history outside the box that is kept", 0.0, 1.0, "1", "FSR 3.1's flicker"),
     ] = 0.0
     motion_widths: Annotated[
         float, _number("motion_px as a share of the image's width; 0: motion_px", 0.0, 16.0, "widths a frame", "-")
     ] = 0.0
     motion_px: Annotated[
-        float, _number("motion from which box_scale_moving holds", 1e-3, 1e6, "pixels a frame", "measured")
+        float, _number("motion from which box_scale_moving applies", 1e-3, 1e6, "pixels a frame", "measured")
     ] = 1.0
     box_floor: Annotated[
         float, _number("least half extent of the box over its size (clip, ellipsoid)", 0.0, 1.0, "1", "2^-10: no jumps")
     ] = 2.0**-10
     depth_tolerance: Annotated[
-        float, _number("relative slack of the depth test", 0.0, 1.0, "1", "0.02, two engines' value")
+        float, _number("relative tolerance of the depth test", 0.0, 1.0, "1", "0.02, two engines' value")
     ] = 0.05
     covered_share: Annotated[
         float,
-        _number("share of its place that a nearer thing covered, from which history is its", 0.0, 1.0, "1", "measured"),
+        _number("share covered by an occluder above which history is dropped", 0.0, 1.0, "1", "measured"),
     ] = 0.25
     edge_samples: Annotated[
         float,
-        _number("most samples of an edge past which what is behind it moved", 0.0, 2.0**20, "samples", "measured"),
+        _number("limit of samples on an edge whose background moves", 0.0, 2.0**20, "samples", "measured"),
     ] = 2.0
     edge_tolerance: Annotated[
         float, _number("relative skew of inverse depth in the 3x3 that makes a depth edge", 0.0, 1.0, "1", "measured")
@@ -207,7 +208,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     ] = 4.0
     firefly_threshold: Annotated[
         float,
-        _number("luminance of a sample over its 3x3's second greatest or its history's", 1.0, 1e6, "1", "measured"),
+        _number("luminance of a firefly over its 3x3's second greatest and history", 1.0, 1e6, "1", "measured"),
     ] = 5.0
     firefly_floor: Annotated[
         float, _number("luminance up to which no sample is a firefly", 0.0, 1e6, "scene units", "measured")
@@ -231,18 +232,18 @@ KERNEL_SETTINGS = tuple(name for name in Settings.__struct_fields__ if name not 
 class HistoryKind(Choice):
     """What is kept of earlier frames."""
 
-    ACCUMULATED = "accumulated", "their resolved image: any number of frames in one"
-    FRAMES = "frames", "the samples of the last history_frames frames, as they were drawn"
+    ACCUMULATED = "accumulated", "one resolved image"
+    FRAMES = "frames", "the samples of the last history_frames frames, unresampled"
 
 
 class GatherFit(Choice):
     """How the gathered samples of a pixel are modelled (history frames)."""
 
-    MEAN = "mean", "as many draws of one value"
+    MEAN = "mean", "their mean"
     LAYERS = (
         "layers",
-        "points of a plane over the pixel, whose value at the centre is taken; across a depth edge of a nearer surface "
-        "and a farther one, each on its own way",
+        "a plane fitted to them, evaluated at the pixel's centre; at a depth edge the nearer and the farther surface, "
+        "each reprojected by its own motion",
     )
 
 
@@ -250,7 +251,7 @@ class Recursion(Choice):
     """Whether a recursive resolve runs beside the gathered samples (history frames, illumination window)."""
 
     NONE = "none"
-    STANDING = "standing", "where a pixel stands it takes the place of the window without motion: it holds more samples"
+    STANDING = "standing", "while the camera stands still, where its history holds more samples than a window"
 
 
 class Tonemap(Choice):
@@ -258,7 +259,7 @@ class Tonemap(Choice):
 
     NONE = "none"
     PEAK = "peak", "c / (1 + max(r, g, b)), undone when the result is stored"
-    BLEND = "blend", "as peak, for the blend alone: boxes and comparisons are of light"
+    BLEND = "blend", "as peak, for the blend alone: boxes and comparisons use linear light"
     CHANNEL = "channel", "c / (1 + c), each channel by itself, undone in the same way (Reinhard et al. 2002)"
 
 
@@ -280,21 +281,21 @@ class OnCameraMove(Choice):
 class RayThrough(Choice):
     """Where in the pixel the surface at its depth is assumed to lie."""
 
-    SAMPLE = "sample", "at the jittered sample that was drawn"
-    CENTRE = "centre", "at the pixel's centre, as resolves that reproject by unjittered matrices have it"
+    SAMPLE = "sample", "at the jittered sample"
+    CENTRE = "centre", "at the pixel's centre, as in resolves that reproject with unjittered matrices"
 
 
 class ExposureChange(Choice):
     """What a change of exposure does to the history."""
 
-    FOLLOW = "follow", "it is scaled by the ratio"
+    FOLLOW = "follow", "scales it by the ratio"
     IGNORE = "ignore"
 
 
 class ReactiveMask(Choice):
     """What the reactive channel does."""
 
-    USE = "use", "less history where it is high"
+    USE = "use", "reduces the history where it is high"
     IGNORE = "ignore"
 
 
@@ -330,8 +331,8 @@ class Neighbourhood(Choice):
 class Variance(Choice):
     """How the deviation of the neighbourhood is computed."""
 
-    SHIFTED = "shifted", "of differences from the centre: right at any mean"
-    NAIVE = "naive", "E[x^2] - E[x]^2, the popular form: it cancels where the mean is large beside the deviation"
+    SHIFTED = "shifted", "from differences to the centre: accurate at any mean"
+    NAIVE = "naive", "E[x^2] - E[x]^2, the popular form: cancels where the mean is much larger than the deviation"
 
 
 class Box(Choice):
@@ -340,8 +341,8 @@ class Box(Choice):
     VARIANCE = "variance", "mean +- gamma standard deviations"
     EXTREMES = "extremes", "least and greatest value of each channel"
     BOTH = "both", "the intersection of the two"
-    ROUNDED = "rounded", "the mean of the extremes of the 3x3 and of its cross: without the corners"
-    UNIT = "unit", "the extremes, but at least [0, 1] is inside"
+    ROUNDED = "rounded", "the mean of the extremes of the 3x3 and of its cross without corners"
+    UNIT = "unit", "the extremes, widened to contain [0, 1]"
 
 
 class BoxSpace(Choice):
@@ -355,7 +356,7 @@ class Rectify(Choice):
     """How implausible history is moved into the box."""
 
     NONE = "none"
-    CLAMP = "clamp", "each channel on its own; moves no further than the history moved"
+    CLAMP = "clamp", "each channel by itself"
     CLIP = "clip", "along the line to the centre, extents floored"
     CLIP_UNGUARDED = "clip-unguarded", "the popular form, 1e-8 added to its extents: discontinuous for flat boxes"
     CLIP_CURRENT = "clip-current", "along the line to the current sample, itself clamped"
@@ -368,45 +369,45 @@ class Dilation(Choice):
     NONE = "none", "its own"
     CLOSEST = "closest", "that of the nearest surface in its 3x3"
     EDGE = "edge", "the same, but only across a depth edge"
-    CORNERS = "corners", "that of the nearest of itself and of the texels two away along both diagonals"
-    BESIDE = "beside", "that of the texel left above the nearest surface in its 3x3; none beyond the image"
+    CORNERS = "corners", "that of the nearest among itself and the texels two away along both diagonals"
+    BESIDE = "beside", "that of the texel above left of the nearest surface in its 3x3; none beyond the image"
 
 
 class Illumination(Choice):
     """How history is treated whose light has changed since."""
 
-    STATIC = "static", "its box alone tells"
-    TEST = "test", "the more the 3x3 of now differs from that of the history all one way, the less it counts; of "
+    STATIC = "static", "not tested: only the box limits it"
+    TEST = "test", "fewer samples, the more consistently the current 3x3 differs from its history; of "
     "gathered samples: window"
-    WINDOW = "window", "the temporal window that agrees with the latest samples; without gathered samples: test"
+    WINDOW = "window", "mixes the temporal windows that agree with the latest samples; without gathered samples: test"
 
 
 class Reject(Choice):
     """How history of another surface is recognised."""
 
     NONE = "none"
-    DEPTH = "depth", "by the inverse depth that the previous frame should have had there"
+    DEPTH = "depth", "by the inverse depth expected in the previous frame"
 
 
 class Accumulate(Choice):
     """How the weight of the current sample follows from the number of samples in the history."""
 
     COUNT = "count", "running mean: 1 / (count + 1)"
-    EXPONENTIAL = "exponential", "the same, but never below blend_weight"
+    EXPONENTIAL = "exponential", "the same, but at least blend_weight"
     CONSTANT = "constant", "blend_weight from the second frame on"
-    ADAPTIVE = "adaptive", "from blend_weight to moving_weight, by motion and by what rectification moved"
+    ADAPTIVE = "adaptive", "from blend_weight to moving_weight, by motion and by the distance of rectification"
     CAPPED = (
         "capped",
-        "history grows with count / sample_limit until a sample has blend_weight; in motion moving_weight",
+        "the history's weight grows with count / sample_limit until a sample has blend_weight; in motion moving_weight",
     )
-    STANDING = "standing", "moving_weight; where nothing moves 1 / count, which then grows by ten, down to blend_weight"
+    STANDING = "standing", "moving_weight; at rest 1 / count, down to blend_weight, the count growing by ten a frame"
 
 
 class Weighting(Choice):
     """Further weights in the blend."""
 
     NONE = "none"
-    LUMINANCE = "luminance", "1 / (knee + Y): one firefly does not outweigh a pixel's whole past"
+    LUMINANCE = "luminance", "1 / (knee + Y), so that a firefly does not outweigh the history"
 
 
 class AntiFlicker(Choice):
@@ -421,7 +422,7 @@ class Fireflies(Choice):
     """How isolated samples far above their 3x3 and their history are treated (history accumulated alone)."""
 
     KEEP = "keep"
-    CLAMP = "clamp", "above firefly_threshold times the greater of both they add nothing to the history"
+    CLAMP = "clamp", "above firefly_threshold times the greater of both they are ignored"
 
 
 class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
