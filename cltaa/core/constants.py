@@ -16,33 +16,35 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "DOMAIN_LIMIT": Constant(2.0**50, "largest usable magnitude: nine squares of it stay below the largest float32"),
     "TINY": Constant(2.0**-100, "smaller magnitudes are stored as 0: well above the denormals, below any light"),
     "MOTION_LIMIT": Constant(2.0**20, "largest displacement in pixels; larger ones, and NaN, mean no history"),
-    "LEAST_W": Constant(2.0**-6, "least previous w over current w: nearer to the camera plane nothing was seen"),
+    "LEAST_W": Constant(2.0**-6, "least previous w over current w: points nearer to the camera plane have no history"),
     "SUBPIXEL_REACH": Constant(
-        0.75, "pixels from the centre to which a thing that the 3x3 misses is looked for: measured"
+        0.75, "pixels from the centre within which a missed sub-pixel feature is searched: measured"
     ),
-    "SUBPIXEL_HITS": Constant(3.0, "samples of a 3x3 that a line through it hits: what hits more is not thin"),
-    "AHEAD_CLOSE": Constant(
-        0.5, "pixels by which the last round of a step ahead may move it: half a sample's distance"
-    ),
-    "HALF_LIMIT": Constant(65504.0, "largest half; larger magnitudes are stored as it"),
+    "SUBPIXEL_HITS": Constant(3.0, "samples of a 3x3 that a line hits; a feature with more hits is not thin"),
+    "AHEAD_CLOSE": Constant(0.5, "largest move in pixels of the last round of a step ahead: half a sample's distance"),
+    "HALF_LIMIT": Constant(65504.0, "largest half; larger magnitudes saturate"),
     "HALF_NORMAL": Constant(2.0**-14, "least normal half; below it halves have one distance"),
     "HALF_STEP": Constant(2.0**-10, "distance of halves over the power of two below them"),
     "HALF_TINY": Constant(2.0**-25, "half the least half: smaller magnitudes round to 0, and are stored as +0"),
     "DITHER_STEP": Constant(2.0**-24, "24 bits as a number in [0, 1)"),
     "LEAST_TRUST": Constant(2.0**-6, "least ratio of two windows' errors: its 16th power is well above the denormals"),
-    "DRIFT_FLOOR": Constant(0.01, "share of the light below which nobody sees that"),
+    "DRIFT_FLOOR": Constant(0.01, "share of the light below which a change is invisible"),
     "REACTIVE_FALL": Constant(
         10.0,
-        "1 over how far beside the reactivities of the 3x3 of now that of a sample may lie: measured (decisions/08)",
+        "1 / the largest distance of a sample's reactivity from the range of the 3x3: measured (decisions/08)",
     ),
-    "DOUBTFUL_SAMPLES": Constant(7.0, "samples of the recursive resolve below which a past is doubtful: measured"),
-    "PRESENT_PENALTY": Constant(2.0, "of neighbours' error over that of samples of the pixel itself: measured"),
-    "LEAST_BESIDE": Constant(0.25, "share of the filter that lies beside its centre; of less, neighbours tell little"),
-    "PASSES": Constant(0.25, "pixels against a surface by which what was before it has passed, jitter apart: measured"),
+    "DOUBTFUL_SAMPLES": Constant(
+        7.0, "sample count of the recursive resolve below which history is doubtful: measured"
+    ),
+    "PRESENT_PENALTY": Constant(
+        2.0, "factor of the neighbours' error beside that of the pixel's own samples: measured"
+    ),
+    "LEAST_BESIDE": Constant(0.25, "least share of the filter beside its centre for neighbours to be evidence"),
+    "PASSES": Constant(0.25, "parallax in pixels from which an occluder has passed a surface: measured"),
     "ADDED_EXTENT": Constant(1e-8, "added to half extents that the popular clip divides by: Playdead's and Bevy's"),
-    "STANDS": Constant(0.01, "pixels of motion along an axis below which a pixel stands (standing): Bevy's"),
-    "STANDING_GAIN": Constant(10.0, "by which the count of a pixel that stands grows a frame (standing): Bevy's"),
-    "MOST_CHANGE": Constant(8.0, "most of Student's t that is kept of an illumination change"),
+    "STANDS": Constant(0.01, "motion in pixels along an axis below which a pixel is static (standing): Bevy's"),
+    "STANDING_GAIN": Constant(10.0, "growth a frame of a static pixel's count (standing): Bevy's"),
+    "MOST_CHANGE": Constant(8.0, "largest stored Student's t of an illumination change"),
     "LEAST_HEADROOM": Constant(2.0**-16, "least 1 - peak when a tonemap is undone: half's largest number, 65504"),
     "ONE_THIRD": Constant(1.0 / 3.0, "mean of a row of three"),
     "TWO_27THS": Constant(2.0 / 27.0, "variance over the spread of the 3x3: a ninth of that"),

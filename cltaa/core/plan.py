@@ -152,10 +152,10 @@ def among_noise(choices: Choices, settings: Settings) -> Settings:
 
 def _why_rectified(preset: Preset, rectified: bool) -> str:
     if rectified:
-        return "as published" if preset.published else "something may make history wrong"
+        return "as published" if preset.published else "the history may be wrong"
     if preset.choices.rectify is Rectify.NONE:
         return "the preset says rectify = none"
-    return "declared still: plain mean of all samples"
+    return "declared static: plain mean of all samples"
 
 
 def _illumination_may_change(declared: frozenset[Effect] | None) -> bool:
@@ -200,7 +200,7 @@ def _with_recursion(
     elif declared is not None and Effect.CAMERA in declared:
         why = f"effect camera is {word}"
     else:
-        return choices, Reason(RECURSION, True, "a pixel that stands has more samples before the ring")
+        return choices, Reason(RECURSION, True, "static pixels have more samples than the ring holds")
     return msgspec.structs.replace(choices, recursion=Recursion.NONE), Reason(RECURSION, False, why)
 
 
@@ -223,12 +223,12 @@ def _ring_holds_less(choices: Choices, settings: Settings) -> bool:
 def _gathered(choices: Choices, *, still: bool, recursive: bool) -> Reason:
     """Return why samples are gathered, or not."""
     if recursive:
-        return Reason(GATHERING, False, "all stands as found: a running mean holds more samples than the ring")
+        return Reason(GATHERING, False, "found static: a running mean holds more samples than the ring")
     if still:
-        return Reason(GATHERING, False, "declared still: plain mean of all samples")
+        return Reason(GATHERING, False, "declared static: plain mean of all samples")
     if choices.illumination is Illumination.WINDOW:
-        return Reason(GATHERING, True, "each pixel from the temporal window that agrees with its latest samples")
-    return Reason(GATHERING, True, "light stands: all samples of the same surface count")
+        return Reason(GATHERING, True, "mixes the temporal windows that agree with the latest samples")
+    return Reason(GATHERING, True, "constant light: uses all samples of a surface")
 
 
 def _rejecting(
@@ -240,7 +240,7 @@ def _rejecting(
     if not_wanted := declined(preset, "reject", Reject.DEPTH):
         why = not_wanted
     elif free and choices.history is HistoryKind.FRAMES:
-        why = "which surface a sample in the ring shows"
+        why = "tells which surface a sample of the ring shows"
     elif free and declared is not None and Effect.DISOCCLUSION not in declared:
         choices = msgspec.structs.replace(choices, reject=Reject.NONE)
     return choices, Reason(REJECTION, choices.reject is not Reject.NONE, why)
@@ -386,7 +386,7 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
     if not facts.camera:
         reasons = [reason._replace(why="no camera") if reason.step == REPROJECTION else reason for reason in reasons]
     elif facts.first and moves:
-        why = "no frame before it: the camera may move"
+        why = "first frame: the camera may move"
         reasons = [reason._replace(why=why) if reason.step == REPROJECTION else reason for reason in reasons]
     settings = preset.settings
     if settings.motion_widths:
@@ -402,7 +402,7 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
         estimated = [Reason(REJECTION, False, "no depth") if why.step == REJECTION else why for why in estimated]
     if (moves or facts.repeats) and choices.recursion is not Recursion.NONE:
         choices = msgspec.structs.replace(choices, recursion=Recursion.NONE)
-        why = "no frame before it" if facts.first else "the camera moves, so that nothing stands"
+        why = "first frame" if facts.first else "the camera moves, so no pixel is static"
         why = "the jitter repeats within the ring" if facts.repeats else why
         alone = Reason(RECURSION, False, why)
         estimated = [alone if reason.step == RECURSION else reason for reason in estimated]
@@ -461,7 +461,7 @@ def _steps(preset: Preset, facts: Facts, moves: bool, *, every: bool) -> Steps:
 
 def _reasons(preset: Preset, steps: Steps, camera_moves: bool, facts: Facts, *, every: bool) -> list[Reason]:
     called_for = {
-        "camera_motion": "the camera moves" if camera_moves else "the camera stands",
+        "camera_motion": "the camera moves" if camera_moves else "the camera stands still",
         "own_motion": "channel backward.u" if steps.own_motion else "no motion channel",
         "exposure": declared_or_not(Effect.EXPOSURE, facts.effects, facts.word),
         "alpha": "channel A" if steps.alpha else "no alpha channel",
@@ -470,6 +470,6 @@ def _reasons(preset: Preset, steps: Steps, camera_moves: bool, facts: Facts, *, 
     reasons = []
     for name, said in STEP_NAMES.items():
         why = declined(preset, *WANTED[name]) if name in WANTED else ""
-        why = why or ("every step is asked for" if every else called_for[name])
+        why = why or ("every step was requested" if every else called_for[name])
         reasons.append(Reason(said, getattr(steps, name), why))
     return reasons

@@ -75,8 +75,8 @@ def reasons(frame: Frame, previous: Camera | None) -> dict[str, tuple[bool, str]
 def test_a_camera_that_stops_is_not_reprojected() -> None:
     frame = make_frame(1, camera=STANDING)
     assert reasons(frame, make_camera((1.0, 0.0, 5.0)))["reprojection"] == (True, "the camera moves")
-    assert reasons(frame, None)["reprojection"] == (True, "no frame before it: the camera may move")
-    assert reasons(frame, STANDING)["reprojection"] == (False, "the camera stands")
+    assert reasons(frame, None)["reprojection"] == (True, "first frame: the camera may move")
+    assert reasons(frame, STANDING)["reprojection"] == (False, "the camera stands still")
 
 
 @pytest.mark.parametrize(

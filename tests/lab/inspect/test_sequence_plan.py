@@ -93,7 +93,7 @@ def test_no_other_step_is_turned_with_one(name: str, effects: frozenset[Effect] 
 @pytest.mark.parametrize(
     ("preset", "on", "why"),
     [
-        ("basic", True, "something may make history wrong"),
+        ("basic", True, "the history may be wrong"),
         ("default", False, "the preset says rectify = none"),
         ("accumulate", False, "the preset says rectify = none"),
         ("gather-48", False, "the preset says rectify = none"),
