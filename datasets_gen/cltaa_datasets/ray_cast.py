@@ -471,18 +471,23 @@ def draw(family: str, output: Path, frames: int, size: tuple[int, int], period: 
 
 @click.command(short_help="Draw a scene of formulas, which declares nothing.")
 @click.argument("family", type=click.Choice(sorted(FAMILIES)))
-@click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder of the sequence; made if need be.")
+@click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder for the sequence; created if missing.")
 @click.option("--frames", type=click.IntRange(1), default=48, help="Number of frames.")
 @click.option("--size", type=SIZE, default="320x180", help="Size of a frame in pixels.")
-@click.option("--period", type=click.IntRange(1), default=64, help="Period of the jitter, Halton.")
-@click.option("--reference", type=click.IntRange(0), default=0, help="Samples of the truth.")
-@click.option("--seed", type=click.IntRange(0), default=0, help="Changes colours, places, phase.")
+@click.option("--period", type=click.IntRange(1), default=64, help="Period of the Halton jitter.")
+@click.option(
+    "--reference",
+    type=click.IntRange(0),
+    default=0,
+    help="Also draw the truth with this many samples a pixel into reference/.",
+)
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of colours, places and phase.")
 def raycast(
     family: str, output: Path, frames: int, size: tuple[int, int], period: int, reference: int, seed: int
 ) -> None:
     """Draw FAMILY as a jittered EXR sequence that declares no effects, with exact depth and motion vectors.
 
-    What a resolve makes of it is what it makes of a stranger's frames.
+    A resolve treats it as it treats frames of another tool.
     """
     draw(family, output, frames, size, period, reference, seed)
 
