@@ -1,4 +1,4 @@
-"""Reader profiles: the meaning of another tool's channels and attributes, read from ``cltaa/inputs/profiles/*.toml``."""
+"""Reader profiles: the meaning of another tool's channels and attributes (``cltaa/inputs/profiles/*.toml``)."""
 
 from __future__ import annotations
 
