@@ -86,7 +86,7 @@ class Likeness(NamedTuple):
 
 
 def measure_likeness(shot: Shot) -> Likeness | None:
-    """Return the likeness of all frames of a still camera at resting points; None if it moves or the picture is flat."""
+    """Return the likeness of all frames of a still camera at resting points; None if it moves or the light is flat."""
     frames = shot.frames[:MOST_FRAMES]
     stands = all(is_still(frame.camera, frames[0].camera) for frame in frames)
     if not (shot.has_camera and stands and 0 < len(shot.pairs) == len(shot.frames) - 1):  # no cut, no gap
