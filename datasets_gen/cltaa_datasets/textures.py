@@ -169,7 +169,7 @@ def leaves(rng: Generator, low: Colour, high: Colour, count: int = 320) -> Textu
 
 
 def zone_plate(size: int = SIZE) -> Texture:
-    """Make rings cos(pi r^2 / size); their frequency grows from 0 in the middle to half a cycle per texel at the edge."""
+    """Make rings cos(pi r^2 / size); their frequency grows from 0 to half a cycle per texel at the edge."""
     across, down = coordinates(size)
     squared = ((across - 0.5) ** 2 + (down - 0.5) ** 2) * size**2
     return make_texture(paint(0.5 + 0.5 * np.cos(np.pi * squared / size), (0.02, 0.02, 0.02), (0.9, 0.9, 0.9)))
