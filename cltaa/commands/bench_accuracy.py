@@ -62,7 +62,7 @@ from cltaa.printable import counted, json_of, printable, shown
     default=20.0,
     type=click.FloatRange(min=0),
     metavar="SECONDS",
-    help="Extra time for more rounds on a sequence, while the default is slower or faster than its own copy.",
+    help="Extra time for more rounds on a sequence, while the default and its own copy differ too much to rank.",
 )
 @click.option(
     "--pixels",
@@ -76,7 +76,7 @@ from cltaa.printable import counted, json_of, printable, shown
     "--pictured",
     default=4,
     type=click.IntRange(min=0),
-    help="The page shows frames and plots of the first this many sequences.",
+    help="Number of sequences, from the first, with frames and plots on the page.",
 )
 @measured_options
 @json_option

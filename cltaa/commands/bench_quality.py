@@ -84,7 +84,7 @@ ALL_SCENES = "all"  # all that cltaa scenes lists
     multiple=True,
     type=FOLDER,
     metavar="DIR",
-    help="Sequence with its truth in reference/, also another tool's; replaces the default scenes; repeatable.",
+    help="Sequence with its truth in reference/, also another tool's; judged in addition to any --scene; repeatable.",
 )
 @click.option(
     "--preset",
@@ -100,8 +100,8 @@ ALL_SCENES = "all"  # all that cltaa scenes lists
     type=FILE_PATH,
     multiple=True,
     metavar="FILE",
-    help="TOML file of parameters that override the default preset, or the one that it names; replaces the default "
-    "presets; repeatable.",
+    help="TOML file of parameters that override the default preset, or the one that it names; judged in addition to "
+    "any --preset; repeatable.",
 )
 @device_option
 @click.option("--size", type=SIZE, default="320x180", help="Frame size of a capture in pixels.")
@@ -128,7 +128,7 @@ ALL_SCENES = "all"  # all that cltaa scenes lists
     "--pictures",
     type=FILE_PATH,
     metavar="DIR",
-    help="Write a picture of each preset's worst place beside the truth, if it is worse than the default there.",
+    help="Write a picture of each preset's worst place beside the truth, unless it is never worse than the default.",
 )
 @partial(measured_options, effects="find")
 @json_option

@@ -51,8 +51,8 @@ def kernels(
 ) -> None:
     """Time the resolve's kernels against a shader, a plain port and the copy bandwidth.
 
-    All contenders compute the same core: 3x3 variance, the nearest surface's motion, 16 taps of Catmull-Rom, clip,
-    weighted blend, a counter. Every round runs all contenders in a new order. Ratios are medians over rounds with 95 %
+    "core" is the algorithm that shader and port compute too: 3x3 variance, the nearest surface's motion, 16 taps of
+    Catmull-Rom, clip, weighted blend, a counter. Every round runs all contenders in a new order. Ratios are medians over rounds with 95 %
     intervals, by the device's clock if it has one (column device, ns a pixel), else by the host's (ns/px). "floor" is
     the share of the copy bandwidth that a contender reaches. "core again" is a copy of the core: if its ratio is not 1
     or its interval is wide, the machine is too noisy to rank anything.
@@ -108,7 +108,7 @@ def _print_timing(bench: KernelBench, timing: Timing) -> None:
 @click.option("--forget", is_flag=True, help="Remove the stored answers of all devices and measure nothing.")
 @json_option
 def devices(device: str | None, forget: bool, as_json: bool) -> None:
-    """Measure the fastest kernel shape (lanes, rows, registers ...) for a device, and store it for later resolves.
+    """Find the fastest kernel shape (lanes, rows, registers ...) for a device, and store it for later resolves.
 
     Use it where cltaa doctor says that the device's shape is a guess. The default preset runs in each of a few shapes,
     in rounds. The usual shape stays unless another is 5 % faster, beyond chance. The answer applies to this device,

@@ -210,8 +210,8 @@ def compare(
     Error maps run from black over red and yellow to white. They show FLIP if it is among the metrics, else the
     absolute difference on the display.
 
-    --table compares other resolves with ours on standard sequences. Each A holds a folder of frames named as each B,
-    and entry.toml with its name, version, settings, device and milliseconds. See docs/leaderboard.md.
+    --table compares other resolves with ours on standard sequences. Each A holds one folder of frames for each B, with
+    the same name, and entry.toml with its name, version, settings, device and milliseconds. See docs/leaderboard.md.
 
     A warning on standard error says if headers or records contradict the comparison (A and B show different things, B
     is no truth), or if A lacks frames of B, as after an interrupted resolve.

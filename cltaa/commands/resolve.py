@@ -75,8 +75,8 @@ from cltaa.process import stop_signals
 @click.option(
     "--follow",
     is_flag=True,
-    help="Resolve a folder while a renderer writes it, each frame once it is complete; stops after the last of "
-    "--frames, after --idle seconds, or on Ctrl-C.",
+    help="Resolve a folder while a renderer writes it, each frame once it is complete, until the last of --frames, "
+    "--idle, or Ctrl-C.",
 )
 @click.option(
     "--idle",
@@ -131,7 +131,7 @@ from cltaa.process import stop_signals
     "[default: as the profile says]",
 )
 @denoise_option
-@click.option("--restart", is_flag=True, help="Replace what the output folder holds, whatever its settings were.")
+@click.option("--restart", is_flag=True, help="Delete an earlier run's frames in the output folder and begin again.")
 @click.option(
     "--checkpoint",
     type=click.IntRange(min=1),

@@ -57,7 +57,7 @@ def command(
     reading: Reading,
     as_json: bool,
 ) -> None:
-    """Search for the settings with the least error within a time, or the least time for an error.
+    """Search for the settings with the least error within a time, or the least time within an error.
 
     Every SEQUENCE is a capture with its truth, or another tool's frames with the truth in a folder reference/
     (docs/inputs.md). The search also tries every preset unchanged. It then measures the outcome on sequences that it

@@ -483,7 +483,7 @@ def raycast(
 ) -> None:
     """Draw FAMILY as a jittered EXR sequence that declares no effects, with exact depth and motion vectors.
 
-    A resolve treats it as it treats frames of another tool.
+    It tests a resolve on files that declare as little as most other tools' do.
     """
     draw(family, output, frames, size, period, reference, seed)
 
