@@ -52,10 +52,10 @@ def kernels(
     """Time the resolve's kernels against a shader, a plain port and the copy bandwidth.
 
     "core" is the algorithm that shader and port compute too: 3x3 variance, the nearest surface's motion, 16 taps of
-    Catmull-Rom, clip, weighted blend, a counter. Every round runs all contenders in a new order. Ratios are medians over rounds with 95 %
-    intervals, by the device's clock if it has one (column device, ns a pixel), else by the host's (ns/px). "floor" is
-    the share of the copy bandwidth that a contender reaches. "core again" is a copy of the core: if its ratio is not 1
-    or its interval is wide, the machine is too noisy to rank anything.
+    Catmull-Rom, clip, weighted blend, a counter. Every round runs all contenders in a new order. Ratios are medians
+    over rounds with 95 % intervals, by the device's clock if it has one (column device, ns a pixel), else by the host's
+    (ns/px). "floor" is the share of the copy bandwidth that a contender reaches. "core again" is a copy of the core: if
+    its ratio is not 1 or its interval is wide, the machine is too noisy to rank anything.
     """
     bench = bench_kernels(
         [load_preset(name) for name in presets],
