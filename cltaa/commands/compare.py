@@ -338,7 +338,7 @@ def _warn(name: str, comparison: Comparison, lacking: list[int], in_time: bool, 
 
 
 def _check_followed(comparison: Comparison) -> None:
-    """Raise UsageError if the motion of A is unknown, or no pixel can be tracked from frame to frame."""
+    """Raise UsageError if --video cannot judge A: no capture, only a region, or no consecutive frames."""
     if comparison.capture is None:
         raise UsageError(
             "--video needs the capture", cure="give the sequence as B, or alone as A, with its truth in reference/"

@@ -56,7 +56,7 @@ THIN_SHARE = 3e-4
 EDGES_SHARE = 0.022
 MOVED_PX, MOVED_SHARE = 0.1, 1e-4  # least difference from the camera's motion, and share of pixels that have it
 LOOKED_AT = 2**20  # most pixels examined in a pair of frames, in whole rows
-LEAP = 0.25  # share of the picture that infinity moves in a frame before it counts as a cut
+LEAP = 0.25  # share of the picture that points at infinity may move in a frame; a cut moves them farther
 BRIGHT = 8.0  # radiance "far above 1"
 LARGEST = 2.0**50  # greater light counts as missing
 

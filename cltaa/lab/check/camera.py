@@ -123,7 +123,8 @@ def vectors_uphold(pairs: Sequence[Pair], others: Sequence[Vector], motions: Seq
     """Return True if vectors equal the motion of matrices and depth, or ``motions``, to rounding on a share of the
     picture, and differ far more from it, by ``others`` [2, n], under another reading.
 
-    Such exact agreement is no chance: these points have no own motion. Pictures of moving things cannot refute it.
+    Such exact agreement is no chance: these points have no own motion, and pictures of things with own motion say
+    nothing about the camera.
     """
     shares = []
     for pair, other, motion in zip(pairs, others, motions or [pair.camera_motion() for pair in pairs], strict=True):

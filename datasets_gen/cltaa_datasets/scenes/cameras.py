@@ -66,7 +66,7 @@ def dolly(seed: int) -> Staging:
 
 @register("parallel", "A camera with a parallel lens slides to and fro", (Effect.CAMERA, Effect.DISOCCLUSION))
 def parallel(seed: int) -> Staging:
-    """Slide and turn a little under an orthographic projection, where depth does not change sideways motion."""
+    """Slide and turn a little under an orthographic projection, where a slide moves all depths equally."""
 
     def camera(time: float) -> tuple[Matrix, Lens]:
         turn = animation.rotation(animation.UP, 0.5 * PAN * animation.swing(time, QUICK))
