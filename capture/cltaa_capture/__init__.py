@@ -1,1 +1,1 @@
-"""Draws jittered colour, depth and motion of a scene off-screen and writes an EXR sequence."""
+"""Draw jittered colour, depth and motion of a scene off-screen and write an EXR sequence."""

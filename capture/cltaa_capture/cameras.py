@@ -1,6 +1,6 @@
-"""Camera matrices, float64: the un-jittered ones that are written, and those that the rasteriser is given.
+"""Camera matrices, float64: the un-jittered ones for files, and those for the rasteriser.
 
-The rasteriser works with reversed depth (1 near, 0 at infinity), where float32 resolves depth evenly in proportion:
+The rasteriser uses reversed depth (1 near, 0 at infinity), for which float32 has nearly constant relative precision:
 Reed, "Depth Precision Visualized" (2015). Only the third row of the projection differs from the written matrix.
 """
 
@@ -14,7 +14,7 @@ from cltaa_datasets.scene import Instant, Lens, Orthographic
 
 
 def view_to_clip(lens: Lens, aspect: float) -> Matrix:
-    """Projection in OpenGL clip space; ``aspect`` is width / height. A perspective lens has no far plane."""
+    """Return the projection to OpenGL clip space; ``aspect`` is width / height. A perspective lens has no far plane."""
     matrix = np.zeros((4, 4))
     if isinstance(lens, Orthographic):
         depth = lens.far - lens.near
@@ -45,27 +45,27 @@ def reversed_projection(lens: Lens, aspect: float) -> Matrix:
 
 
 def planar_depth(device_depth: NDArray[np.float32], lens: Lens) -> NDArray[np.float32]:
-    """Turn reversed depth [H, W] into distance along the view axis; where nothing was drawn (0) it is +inf."""
+    """Convert reversed depth [H, W] to distance along the view axis; +inf where nothing was drawn (0)."""
     device = device_depth.astype(np.float64)
     with np.errstate(divide="ignore"):
         if isinstance(lens, Orthographic):
             planar = np.where(device == 0.0, np.inf, lens.far - device * (lens.far - lens.near))
         else:
-            # The device was given the near distance rounded; to divide by anything else would shift every depth.
+            # The device uses the near distance rounded to float32; any other dividend would shift every depth.
             planar = np.float64(np.float32(lens.near)) / device
     return planar.astype(np.float32)
 
 
 def jitter_ndc(jitter_px: tuple[float, float], width: int, height: int) -> tuple[float, float]:
-    """Shift of the picture, in NDC, that takes the sample of a pixel at its centre plus ``jitter_px``.
+    """Return the shift of the picture, in NDC, that places each pixel's sample at its centre plus ``jitter_px``.
 
-    ``P_jittered = T(-2 jx / W, +2 jy / H) P``: the picture moves against the sample, and NDC y points up.
+    ``P_jittered = T(-2 jx / W, +2 jy / H) P``: the picture moves opposite to the sample, and NDC y points up.
     """
     return -2.0 * jitter_px[0] / width, 2.0 * jitter_px[1] / height
 
 
 def clip_to_world_direction(camera: Camera) -> Matrix:
-    """3x3 matrix from (ndc_x, ndc_y, 1) to the world direction seen there, not normalised."""
+    """Return the 3x3 matrix from (ndc_x, ndc_y, 1) to the world direction seen there, not normalised."""
     projection, view_to_world = camera.view_to_clip, camera.world_to_view[:3, :3].T
     ray = np.zeros((3, 3))
     if not camera.orthographic:

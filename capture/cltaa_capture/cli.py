@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def complete_scene(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[str]:
-    """Scenes whose names begin as what is typed does."""
+    """Return the scenes whose names begin with ``incomplete``."""
     from cltaa_datasets.scenes import registered
 
     return [entry.name for entry in registered() if entry.name.startswith(incomplete)]
@@ -32,47 +32,50 @@ def complete_scene(_context: click.Context, _parameter: click.Parameter, incompl
 
 @click.command(short_help="Draw a scene into a jittered EXR sequence.")
 @click.argument("scene", shell_complete=complete_scene)
-@click.option("-o", "--output", type=FILE_PATH, help="Folder of the sequence; made if need be.")
+@click.option("-o", "--output", type=FILE_PATH, help="Folder for the sequence; created if missing.")
 @click.option("--frames", type=click.IntRange(1), default=48, help="Number of frames.")
 @click.option("--size", type=SIZE, default="640x360", help="Size of a frame in pixels.")
 @click.option(
     "--jitter",
     default=USUAL,
-    help="Sample positions: none, halton:N, r2:N, lattice:N, grid:N or hammersley:N with period N, centred; or vireo, "
-    "babylon, simvx, as published.",
+    help="Sample positions: none; halton:N, r2:N, lattice:N, grid:N or hammersley:N, centred, with period N; or vireo, "
+    "babylon or simvx as published.",
 )
 @click.option(
     "--reference",
     type=click.IntRange(0),
     default=0,
     metavar="N",
-    help="Also draw the truth of the same instants, N samples a pixel, into reference/.",
+    help="Also draw the truth of each frame, N samples a pixel, into reference/.",
 )
 @click.option(
     "--yardstick",
     type=FROM_2,
     default="",
     show_default=False,
-    help="Also draw the frames with N samples a pixel into reference-N/ and note the time, for bench accuracy.",
+    help="For each N of a comma-separated list, also draw the frames with N samples a pixel into reference-N/ and "
+    "record the time, for cltaa bench accuracy.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, help="Changes textures, placement, phase.")
-@click.option("--fps", type=click.FloatRange(0.0, min_open=True), default=30.0, help="Frames a second.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of textures, placement and phase.")
+@click.option("--fps", type=click.FloatRange(0.0, min_open=True), default=30.0, help="Frames per second.")
 @click.option(
     "--motion",
     type=click.Choice(MOTIONS),
-    help="How a model of file:PATH is shown.  [default: play where it is animated, else turntable]",
+    help="Motion of a model from file:PATH.  [default: play if it is animated, else turntable]",
 )
-@click.option("--backend", type=click.Choice(BACKENDS), default="auto", help="Off-screen OpenGL.")
-@click.option("--restart", is_flag=True, help="Begin anew in a folder begun with other settings.")
-@click.option("--explain", "explained", is_flag=True, help="Say what is drawn for each effect; without -o, only that.")
+@click.option("--backend", type=click.Choice(BACKENDS), default="auto", help="Off-screen OpenGL implementation.")
+@click.option("--restart", is_flag=True, help="Replace the capture in a folder that was begun with other settings.")
+@click.option(
+    "--explain", "explained", is_flag=True, help="Print what is drawn for each effect; without -o, draw nothing."
+)
 @json_option
 def capture(
     scene: str, output: Path | None, size: tuple[int, int], explained: bool, as_json: bool, **options: Any
 ) -> None:
     """Draw SCENE (a name of cltaa scenes, or file:PATH) into a jittered EXR sequence.
 
-    Every frame holds one sample a pixel: linear HDR colour, planar depth, un-jittered matrices, the jitter, and only
-    the channels that the scene's effects call for. A capture that was cut short goes on where it stopped.
+    Every frame holds one sample a pixel: linear HDR colour, planar depth, un-jittered matrices, the jitter, and those
+    channels that the scene's effects need. The same command continues an interrupted capture.
     """
     if output is None and not explained:
         raise UsageError("no output folder", cure="say where with -o DIR")
@@ -80,7 +83,7 @@ def capture(
         _print_explanation(scene, size, as_json, alone=output is None, **options)
     if output is None:
         return
-    from cltaa_capture.sequence import Request, capture_sequence  # here: it loads trimesh, and help must not
+    from cltaa_capture.sequence import Request, capture_sequence  # imported late: loads trimesh, which help must not
 
     request = Request(scene=scene, output=output, width=size[0], height=size[1], **options)
     begin = time.perf_counter()
@@ -100,7 +103,7 @@ def _print_explanation(
     backend: str,
     **_: Any,
 ) -> None:
-    """On standard output where it is what was asked for, ``alone``; beside a capture, as JSON too, on the other."""
+    """Print the explanation: to standard output if ``alone``, and to standard error beside a capture."""
     from cltaa_capture.explain import ALWAYS, explain, measure_costs
     from cltaa_datasets.scenes import build_scene
 
@@ -113,7 +116,7 @@ def _print_explanation(
     for row in rows:
         size_text = f"{row.bytes_a_frame / 1e6:.2f}" if row.channels else ""
         cost = "" if row.milliseconds is None else f"{row.milliseconds:.1f}"
-        # In brackets what is not drawn: what it would take.
+        # Brackets mark the cost that an effect would have if it were drawn.
         cost = cost if row.on or not cost else f"({cost})"
         table.add_row(row.effect, "yes" if row.on else "no", row.reason, " ".join(row.channels), size_text, cost)
     Console(stderr=not alone).print(table)

@@ -1,7 +1,7 @@
-"""What a capture draws and writes for each effect, what it leaves out, and what either costs.
+"""Explain what a capture draws and writes for each effect, what it leaves out, and the cost of each.
 
-The cost is processor time, of all threads together: llvmpipe draws on the processor, and what else runs on the machine
-does not count. A frame is drawn and written with an effect and without it, in turn.
+The cost is processor time of all threads, because llvmpipe draws on the processor; other programs do not count. Frames
+are drawn and written with and without an effect, in turn.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from cltaa_datasets.scene import Instant, Scene, Sun
 
 ROUNDS = 9
 SHADOW = "shadow map"
-# Effects that a capture does something of its own for; the others are in the colour and in attributes.
+# Effects with drawing of their own; the others only affect colour and attributes.
 DRAWN = (Effect.MOTION, Effect.REACTIVE, Effect.ALPHA, Effect.SKY)
-INSTANT, BEFORE = 0.5, 0.5 - 1.0 / 30.0  # seconds: a frame in the middle of things
+INSTANT, BEFORE = 0.5, 0.5 - 1.0 / 30.0  # seconds: a frame in the middle of the action
 
 
 def measure_costs(scene: Scene, width: int, height: int, backend: str = "auto") -> dict[str, float]:
-    """Seconds of processor time a frame that each of ``DRAWN`` takes in ``scene``, or would take.
+    """Return the processor seconds per frame that each of ``DRAWN`` takes in ``scene``, or would take.
 
-    The shadow map is among them where one is drawn.
-    Medians of paired differences over ``ROUNDS`` rounds. Raises what opening a context raises.
+    Includes the shadow map if the scene has one. Medians of paired differences over ``ROUNDS`` rounds. Raises what
+    opening a context raises.
     """
     context = open_context(backend)
     try:
@@ -40,7 +40,7 @@ def measure_costs(scene: Scene, width: int, height: int, backend: str = "auto") 
 
 
 def casts_shadow(scene: Scene) -> bool:
-    """Tell whether a sun of the scene casts shadows."""
+    """Return whether a sun of the scene casts shadows."""
     return any(isinstance(light, Sun) and light.shadow is not None for light in scene.at(INSTANT).lights)
 
 
@@ -65,12 +65,12 @@ def _measure(scene: Scene, size: tuple[int, int], folder: Path) -> dict[str, flo
 def _drawing(
     scene: Scene, change: Callable[[Instant], Instant], size: tuple[int, int], folder: Path
 ) -> tuple[Callable[[], None], Callable[[], None]]:
-    """A call that draws and writes one frame of a scene, and one that frees what that takes."""
-    from cltaa_capture.render import SceneRenderer  # binds PyOpenGL to the platform, which is chosen only now
+    """Return a call that draws and writes one frame of a scene, and one that frees its resources."""
+    from cltaa_capture.render import SceneRenderer  # imported late: binds PyOpenGL to the platform chosen by now
 
     renderer = SceneRenderer(scene, *size)
     now = change(scene.at(INSTANT))
-    # Where no motion is drawn, nothing may move.
+    # A scene without motion must not move.
     before = change(scene.at(BEFORE)) if Effect.MOTION in scene.effects else now
 
     def run() -> None:
@@ -81,7 +81,7 @@ def _drawing(
 
 
 def _paired(runs: dict[str, Callable[[], None]], present: set[str]) -> dict[str, float]:
-    """Seconds that each variant differs by from the first; positive is what the effect takes."""
+    """Return the seconds by which each variant differs from the first; positive is the cost of the effect."""
     seconds: dict[str, list[float]] = {name: [] for name in runs}
     for number in range(ROUNDS + 1):
         for name, run in runs.items():
@@ -105,7 +105,7 @@ def _without_shadow(instant: Instant) -> Instant:
 
 BYTES_A_CHANNEL = 4  # float32
 
-# Effect -> (what it is drawn as, channels that it adds to a frame)
+# Effect -> (how it is drawn, channels that it adds to a frame)
 DRAWN_AS: dict[Effect, tuple[str, tuple[str, ...]]] = {
     Effect.CAMERA: ("another world_to_view or view_to_clip every frame", ()),
     Effect.MOTION: ("previous poses; motion of what moves by itself", ("backward.u", "backward.v")),
@@ -135,13 +135,13 @@ class Explanation:
     reason: str
     channels: tuple[str, ...]
     bytes_a_frame: int  # uncompressed
-    milliseconds: float | None = None  # processor time to draw and write it; where it is off, what it would take
+    milliseconds: float | None = None  # processor time to draw and write it, even if it is off
 
 
 def explain(scene: Scene, width: int, height: int, seconds: Mapping[str, float] | None = None) -> list[Explanation]:
-    """Say of every effect whether ``scene`` calls for it, and what that adds to a frame of this size.
+    """Return for every effect whether ``scene`` declares it, and what it adds to a frame of this size.
 
-    ``seconds`` is what ``measure_costs`` found.
+    ``seconds`` is the result of ``measure_costs``.
     """
     seconds = seconds or {}
 

@@ -18,13 +18,13 @@ Offsets = NDArray[np.float64]  # [N, 2]
 PLASTIC = 1.3247179572447460
 
 USUAL = "lattice:64"  # measured: docs/decisions/09
-LONGEST_PERIOD = 1 << 16  # samples; half a second to make, and far beyond what a float32 sum resolves
-FADING = 0.95  # what a frame counts in the order of a lattice after each later one; measured: docs/decisions/09
-LONGEST_LATTICE = 1 << 10  # samples; its order takes memory with their square, 25 MB here
+LONGEST_PERIOD = 1 << 16  # samples; takes half a second to make, and is far beyond the precision of a float32 sum
+FADING = 0.95  # factor on an earlier sample's weight for each later one, in the lattice order; docs/decisions/09
+LONGEST_LATTICE = 1 << 10  # samples; ordering takes memory proportional to their square, 25 MB here
 
 
 def radical_inverse(index: int, base: int) -> float:
-    """Mirror the digits of ``index`` about the point (van der Corput)."""
+    """Return the radical inverse: the digits of ``index`` mirrored about the point (van der Corput)."""
     value, digit = 0.0, 1.0
     while index > 0:
         digit /= base
@@ -34,18 +34,18 @@ def radical_inverse(index: int, base: int) -> float:
 
 
 def halton(count: int) -> Offsets:
-    """Halton points in bases 2 and 3, from index 1, as games use them."""
+    """Return Halton points in bases 2 and 3, from index 1, as in games."""
     return np.array([[radical_inverse(i, 2), radical_inverse(i, 3)] for i in range(1, count + 1)])
 
 
 def r2(count: int) -> Offsets:
-    """Roberts' R2 sequence, the plane's counterpart of the golden ratio."""
+    """Return Roberts' R2 sequence, the two-dimensional counterpart of the golden-ratio sequence."""
     steps = np.array([1.0 / PLASTIC, 1.0 / PLASTIC**2])
     return np.asarray((np.arange(1, count + 1)[:, None] * steps) % 1.0)
 
 
 def grid(count: int) -> Offsets:
-    """Centres of a square grid, row by row; raises UsageError where ``count`` is no square."""
+    """Return the centres of a square grid, row by row; raises UsageError if ``count`` is no square."""
     side = isqrt(count)
     if side * side != count:
         raise UsageError(f"grid:{count} is not a square number of samples", cure=f"use grid:{(side + 1) ** 2}")
@@ -54,20 +54,20 @@ def grid(count: int) -> Offsets:
 
 
 def hammersley(count: int) -> Offsets:
-    """Hammersley points in base 2: one point in each of N columns; for a power of two a (0, m, 2)-net.
+    """Return Hammersley points in base 2: one point in each of N columns; for a power of two a (0, m, 2)-net.
 
-    Every way of cutting the pixel into N equal dyadic boxes then has one point a box (Niederreiter 1992, ch. 4),
-    so that an edge of any of those directions is integrated with an error of 1/N, where a grid's is 1/sqrt(N).
+    Each division of the pixel into N equal dyadic boxes then has one point per box (Niederreiter 1992, ch. 4), so that
+    an edge along any of those directions is integrated with an error of 1/N; a grid's is 1/sqrt(N).
     """
     return np.array([[(i + 0.5) / count, radical_inverse(i, 2)] for i in range(count)])
 
 
 @cache
 def lattice(count: int) -> Offsets:
-    """Rank-1 lattice (i, z i) / N in the order in which each frame adds the most to those before.
+    """Return the rank-1 lattice (i, z i) / N, ordered so that each frame adds the most to those before (``herded``).
 
-    z is chosen for the longest shortest vector (Niederreiter 1992, ch. 5), coprime to N, so that each of N columns and
-    rows holds one point. Raises UsageError beyond LONGEST_LATTICE points.
+    z maximises the shortest vector (Niederreiter 1992, ch. 5) and is coprime to N, so that each of N columns and rows
+    has one point. Raises UsageError beyond LONGEST_LATTICE points.
     """
     if count > LONGEST_LATTICE:
         raise UsageError(f"lattice:{count} is too long to put in order", cure=f"use lattice:{LONGEST_LATTICE} at most")
@@ -78,25 +78,25 @@ def lattice(count: int) -> Offsets:
 
 
 def _shortest_vector(index: NDArray[np.int64], factor: int) -> int:
-    """Squared length of the shortest vector of the lattice (i, z i) on the torus of N x N squares."""
+    """Return the squared length of the shortest vector of the lattice (i, z i) on the torus of N x N squares."""
     count = len(index)
     across, down = ((v + count // 2) % count - count // 2 for v in (index[1:], index[1:] * factor))
     return int((across**2 + down**2).min(initial=2 * count**2))
 
 
 def herded(points: Offsets) -> Offsets:
-    """Put points [N, 2] in the order in which each makes those so far the most like all of them.
+    """Order points [N, 2] so that each next point makes the set so far most like the whole set.
 
     Kernel herding (Chen, Welling, Smola, "Super-Samples from Kernel Herding", 2010) for the covariance exp(-2 d) of
-    places d pixels apart, about that of a picture full of edges. Earlier points fade, so that the latest are even among
-    themselves too, which is what is left where things move. It begins in the middle, and its steps from point to point
-    follow no rule that a steady drift could undo.
+    positions d pixels apart, about that of a picture full of edges. Weights of earlier points fade, so that the latest
+    points are also even by themselves, because motion leaves only those. The order begins in the middle, and its steps
+    follow no pattern that a steady drift could cancel.
     """
     covariance = np.exp(-2.0 * np.hypot(*(points[:, None] - points).transpose(2, 0, 1)))
     to_all, to_taken, taken = covariance.mean(axis=0), np.zeros(len(points)), 1.0
     order: list[int] = []
     for _ in points:
-        # Rounded, so that of mirrored points, which are equally good, the first is taken on every machine.
+        # Rounded, so that every machine takes the first of mirrored points, which are equally good.
         gain = np.round(to_all - to_taken / taken, 12)
         gain[order] = -np.inf
         order.append(int(gain.argmax()))
@@ -114,23 +114,23 @@ PATTERNS: dict[str, Callable[[int], Offsets]] = {
 }
 
 
-# Sequences as three published resolves draw them, not centred: they belong to the presets of those names.
+# Uncentred sequences of three published resolves, for the presets of those names.
 PUBLISHED: dict[str, Offsets] = {
-    # (h - 1/2) / size in NDC, which spans 2: half of a pixel; y up
+    # (h - 1/2) / size in NDC, which spans 2, is half a pixel; y up
     "vireo": (halton(16) - 0.5) * (0.5, -0.5),
-    # the image moves by (h - 1/2) px, y up, so the sample moves against it
+    # the image moves by (h - 1/2) px, y up, and the sample opposite to it
     "babylon": (halton(8) - 0.5) * (-1.0, 1.0),
-    # the index is raised before its first use
+    # the index is incremented before its first use
     "simvx": np.roll(halton(8), -1, axis=0) - 0.5,
 }
 
 
 def centred(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Turn points [N] of the unit circle [0, 1) so that as offsets in [-0.5, 0.5) their mean is zero.
+    """Rotate points [N] of the unit circle [0, 1) so that as offsets in [-0.5, 0.5) their mean is zero.
 
-    A mean left in would shift the picture for good. Subtracting it may push k points over the edge, where they come
-    in again at the other side and change the mean by k/N; so the turn that we look for is -mean + k/N for some k.
-    One exists: the mean rises steadily with the turn, falls only by jumps of 1/N, and averages zero over a full turn.
+    A remaining mean would shift the picture permanently. Subtracting it may push k points over the edge, where they
+    wrap around and change the mean by k/N; so the wanted rotation is -mean + k/N for some k. One exists: the mean rises
+    continuously with the rotation, falls only by jumps of 1/N, and averages zero over a full rotation.
     """
     offsets, count = points - 0.5, len(points)
     for wrapped in sorted(range(-count, count + 1), key=abs):
@@ -142,9 +142,9 @@ def centred(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def jitter_sequence(text: str) -> Offsets:
-    """Read ``none``, ``PATTERN:N`` or a published name into offsets [N, 2]; raises UsageError for anything else.
+    """Parse ``none``, ``PATTERN:N`` or a published name into offsets [N, 2]; raises UsageError for anything else.
 
-    The patterns are centred, what is published is as it was published.
+    Patterns are centred; published sequences stay as published.
     """
     if text == "none":
         return np.zeros((1, 2))

@@ -1,7 +1,7 @@
-"""``sequence.json``: what a capture was asked for, what drew it, and a SHA-256 for every finished file.
+"""``sequence.json``: the arguments of a capture, the versions that drew it, and a SHA-256 for every finished file.
 
-It is written before the first frame and again as frames are finished; a frame that it does not vouch for is drawn
-again, to the same bits, so that a capture may be killed at any moment.
+It is written before the first frame and again as frames finish. A frame that it does not list is drawn again, with the
+same bits, so that a capture may be killed at any moment.
 """
 
 from __future__ import annotations
@@ -28,19 +28,17 @@ from cltaa.io.manifest import CAPTURE, LARGEST_RECORD, RESTART_CURE, file_sha256
 REFERENCE = "reference"
 FORMAT = 1
 LIBRARIES = ("numpy", "OpenEXR", "pyrender", "PyOpenGL", "trimesh", "scipy", "Pillow")
-SAVE_EVERY = 1.0  # seconds; what a kill can cost
+SAVE_EVERY = 1.0  # seconds; the most work that a kill can lose
 SHADER_SUFFIXES = (".vert", ".frag", ".glsl")
-# What talks, measures or keeps the record, and draws nothing.
+# Modules that draw nothing.
 NOT_DRAWING = ("cltaa_capture/cli.py", "cltaa_capture/explain.py", "cltaa_capture/manifest.py", "cltaa_datasets/cli.py")
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
 
 
 @cache
 def code_sha256() -> str:
-    """SHA-256 over the code and shaders of capture and scenes that draw: other code may draw other pixels.
-
-    Comments, docstrings and white space of Python do not count.
-    """
+    """Return the SHA-256 of the drawing code and shaders of capture and scenes, because other code may draw other
+    pixels; comments, docstrings and white space of Python do not count."""
     digest = hashlib.sha256()
     for package in ("cltaa_capture", "cltaa_datasets"):
         for name, content in sorted(_code_files(files(package), package)):
@@ -62,18 +60,18 @@ def _code_files(folder: Traversable, prefix: str) -> list[tuple[str, bytes]]:
 
 
 def what_runs(source: str) -> bytes:
-    """Python source without what does not run, comments, docstrings and white space; the same in every Python."""
+    """Return Python source without comments, docstrings and white space; equal in every version of Python."""
     tree = ast.parse(source)
     for node in ast.walk(tree):
         if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
             del node.body[0]
-        if isinstance(node, ast.JoinedStr):  # 3.12 ends a width that is computed by an empty text
+        if isinstance(node, ast.JoinedStr):  # 3.12 adds an empty constant after a computed width
             node.values = [part for part in node.values if not isinstance(part, ast.Constant) or part.value != ""]
     return _written(tree).encode()
 
 
 def _written(node: object) -> str:
-    """A syntax tree as text, without fields that are empty: of those ``ast.dump`` shows others in each Python."""
+    """Return a syntax tree as text without empty fields, which ``ast.dump`` shows differently in each version."""
     if isinstance(node, list):
         return f"[{', '.join(map(_written, node))}]"
     if not isinstance(node, ast.AST):
@@ -84,7 +82,7 @@ def _written(node: object) -> str:
 
 
 def versions(opengl: str) -> dict[str, str]:
-    """Return the versions of what draws and writes; ``opengl`` is the driver's own words."""
+    """Return the versions of the software that draws and writes; ``opengl`` is the driver's own description."""
     ours = {"python": platform.python_version(), "opengl": opengl, "cltaa": __version__}
     return ours | {name: version(name) for name in LIBRARIES}
 
@@ -93,10 +91,10 @@ class Manifest:
     """The finished files of one capture folder."""
 
     def __init__(self, folder: Path, settings: dict[str, Any], facts: dict[str, Any], *, restart: bool = False) -> None:
-        """Open or begin the manifest of ``folder``, which is this process' own (``cltaa.io.atomic.owned``).
+        """Open or begin the manifest of ``folder``, which this process must own (``cltaa.io.atomic.owned``).
 
-        ``settings`` decide the pixels: a folder begun with others is refused by a UsageError that names the
-        difference, unless ``restart``, which deletes what the folder's own manifest began. ``facts`` are only noted.
+        ``settings`` decide the pixels: raises UsageError with the difference for a folder begun with others, unless
+        ``restart``, which deletes the frames of the folder's earlier capture. ``facts`` are only recorded.
         Raises OutputError for a folder that cannot be made, DataError for a damaged manifest.
         """
         self._folder, self._settings, self._facts = make_folder(folder), settings, facts
@@ -117,7 +115,7 @@ class Manifest:
         self.save()
 
     def _folders(self) -> list[Path]:
-        """The folder itself, then those of its references that are there."""
+        """Return the folder itself, then its existing reference folders."""
         truths = (self._folder / REFERENCE, *self._folder.glob(f"{REFERENCE}-[0-9]*"))
         return [self._folder, *(truth for truth in truths if truth.is_dir())]
 
@@ -132,10 +130,10 @@ class Manifest:
             raise DataError(
                 f"cannot be resumed from ({error})", path=path, cure="use --restart to begin anew"
             ) from error
-        for key in dict.fromkeys([*self._settings, *settings]):  # what was asked for first, the scene above all
+        for key in dict.fromkeys([*self._settings, *settings]):  # requested settings first, beginning with the scene
             asked, begun = self._settings.get(key), settings.get(key)
             if asked != begun:
-                if key == "code_sha256":  # 64 digits tell nobody anything
+                if key == "code_sha256":  # 64 digits would not help a reader
                     what = "was begun by another version of capture or scenes, which may draw other pixels"
                     raise UsageError(what, path=path, cure=RESTART_CURE)
                 if key == "model_sha256":
@@ -151,13 +149,13 @@ class Manifest:
         for folder in self._folders():
             for path in folder.glob("*.[0-9][0-9][0-9][0-9]*.exr"):
                 path.unlink()
-            # An empty reference folder would say that there is a truth.
+            # An empty reference folder would look like a truth.
             if folder != self._folder:
                 with suppress(OSError):
                     folder.rmdir()
 
     def vouches_for(self, path: Path) -> bool:
-        """Tell whether a file is finished: it is listed, and its content has the SHA-256 that is listed."""
+        """Return whether a file is finished: listed, with the listed SHA-256."""
         expected = self._files.get(self._key(path))
         return expected is not None and path.is_file() and file_sha256(path) == expected
 
@@ -168,7 +166,7 @@ class Manifest:
             self.save()
 
     def note_seconds(self, samples: int, seconds: float) -> None:
-        """Note what drawing a frame of so many samples a pixel took, read-back included: a median of this run."""
+        """Record the median time of drawing a frame with this many samples a pixel, including read-back."""
         self._seconds[str(samples)] = round(seconds, 6)
 
     def save(self) -> None:

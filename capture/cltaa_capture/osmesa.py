@@ -1,6 +1,6 @@
-"""Off-screen OpenGL without a display: OSMesa where it can be loaded, else EGL, surfaceless or on a device of its own.
+"""Off-screen OpenGL without a display: OSMesa if it can be loaded, else EGL, surfaceless or on a device.
 
-PyOpenGL binds to its platform when it is first imported, so ``choose_backend`` comes before any ``import OpenGL``.
+PyOpenGL binds to its platform on its first import, so ``choose_backend`` must run before any ``import OpenGL``.
 pyrender 0.1.45 pins PyOpenGL 3.1.0; ``_mend_pyrender`` supplies the five things that this pair lacks.
 """
 
@@ -22,7 +22,7 @@ from cltaa.errors import DeviceMissing, UsageError
 BACKENDS = ("auto", "osmesa", "egl")
 INSTALL = "install libosmesa6 (Debian, Ubuntu: apt-get install libosmesa6), or libegl1 and libegl-mesa0"
 
-# What the linker knows a library by, newest first.
+# Names of the shared libraries, newest first.
 LIBRARIES = {
     "OSMesa": ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so"),
     "EGL": ("libEGL.so.1", "libEGL.so"),
@@ -38,11 +38,11 @@ OSMESA_CONSTANTS = {
     "OSMESA_CONTEXT_MINOR_VERSION": 0x37,
 }
 EGL_PLATFORM_SURFACELESS_MESA = 0x31DD  # EGL_MESA_platform_surfaceless
-EGL_DEVICE = "EGL_DEVICE_ID"  # the variable by which pyrender too is told which of several cards draws
+EGL_DEVICE = "EGL_DEVICE_ID"  # environment variable that chooses among several cards; pyrender reads it too
 
 
 def _first_library(names: tuple[str, ...]) -> str | None:
-    """Return the first of some shared libraries that can be loaded."""
+    """Return the first shared library of ``names`` that can be loaded."""
     for name in names:
         try:
             ctypes.CDLL(name, mode=ctypes.RTLD_GLOBAL)
@@ -53,7 +53,7 @@ def _first_library(names: tuple[str, ...]) -> str | None:
 
 
 def choose_backend(backend: str = "auto") -> str:
-    """Decide between ``osmesa`` and ``egl`` and tell PyOpenGL; raises DeviceMissing where neither can be loaded."""
+    """Choose ``osmesa`` or ``egl`` and configure PyOpenGL; raises DeviceMissing if neither can be loaded."""
     if backend not in BACKENDS:
         raise UsageError(f"no such backend: {backend}", cure=f"use one of {', '.join(BACKENDS)}")
     bound = os.environ.get("PYOPENGL_PLATFORM") if "OpenGL" in sys.modules else None
@@ -76,9 +76,9 @@ def choose_backend(backend: str = "auto") -> str:
 
 def _mend_pyrender(backend: str) -> None:
     """Supply what pyrender 0.1.45 with PyOpenGL 3.1.0 lacks; safe to call twice."""
-    if not hasattr(np, "infty"):  # gone in NumPy 2, used for bounds
+    if not hasattr(np, "infty"):  # removed in NumPy 2; pyrender uses it for bounds
         setattr(np, "infty", np.inf)  # noqa: B010 (NumPy's types know of no such name)
-    # pyrender's viewer needs pyglet and an X server, both for nothing here.
+    # pyrender's viewer, unused here, needs pyglet and an X server.
     viewer: Any = types.ModuleType("pyrender.viewer")
     viewer.Viewer = None
     sys.modules.setdefault("pyrender.viewer", viewer)
@@ -94,9 +94,9 @@ def _mend_pyrender(backend: str) -> None:
 
 
 def _mend_loader() -> None:
-    """Let PyOpenGL load what the linker finds, from the library that it binds to when it is imported on.
+    """Let PyOpenGL find libraries by our names first, during its import and later.
 
-    By itself it asks the linker's cache, which knows neither LD_LIBRARY_PATH nor libraries without a development link.
+    By itself it asks only the linker's cache, which lacks LD_LIBRARY_PATH and libraries without a development link.
     """
     find = ctypes.util.find_library
 
@@ -108,11 +108,11 @@ def _mend_loader() -> None:
         from OpenGL.platform import ctypesloader
     finally:
         ctypes.util.find_library = find
-    ctypesloader.util = types.SimpleNamespace(find_library=found)  # for what it loads later
+    ctypesloader.util = types.SimpleNamespace(find_library=found)  # for libraries that it loads later
 
 
 def _hashable_context(context: Any = None) -> int:
-    """Return the context's address: OSMesa gives a new pointer object a call, which as a key is never found again."""
+    """Return the context's address, because OSMesa returns a new pointer object on each call, useless as a key."""
     import OpenGL.contextdata as contextdata
 
     pointer = contextdata.cltaa_get_context(context)
@@ -120,7 +120,7 @@ def _hashable_context(context: Any = None) -> int:
 
 
 def _mend_arguments() -> None:
-    """Tell PyOpenGL 3.1.0, which finds handlers by a type's name, the name of ctypes.byref's type since Python 3.13."""
+    """Register the new name of ctypes.byref's type in Python 3.13; PyOpenGL 3.1.0 finds handlers by type name."""
     from OpenGL.plugins import FormatHandler
 
     by_reference = type(ctypes.byref(ctypes.c_int()))
@@ -131,7 +131,7 @@ def _mend_arguments() -> None:
 
 
 def _mend_osmesa() -> None:
-    """Declare OSMesaCreateContextAttribs, which PyOpenGL 3.1.0 does not know."""
+    """Declare OSMesaCreateContextAttribs, which PyOpenGL 3.1.0 lacks."""
     import OpenGL.osmesa as osmesa
     from OpenGL import platform as gl_platform
 
@@ -149,7 +149,7 @@ def _mend_osmesa() -> None:
 
 @dataclass(slots=True)
 class Context:
-    """A current OpenGL context; ``close`` it when every object in it has been deleted."""
+    """A current OpenGL context; ``close`` it after deleting every object in it."""
 
     backend: str  # osmesa or egl
     version: str  # GL_VERSION
@@ -162,7 +162,7 @@ class Context:
 
 
 def open_context(backend: str = "auto") -> Context:
-    """Open an off-screen OpenGL context and make it current; raises DeviceMissing where there is none."""
+    """Open an off-screen OpenGL context and make it current; raises DeviceMissing if there is none."""
     chosen = choose_backend(backend)
     if sys.flags.optimize:
         cure = "run it without python -O and without the variable PYTHONOPTIMIZE"
@@ -183,17 +183,17 @@ def open_context(backend: str = "auto") -> Context:
 
 
 def _osmesa_platform() -> Any:
-    """Return pyrender's OSMesa platform; its own buffer is never drawn to, so one pixel will do."""
+    """Return pyrender's OSMesa platform, with one pixel because its own buffer is never drawn to."""
     from pyrender.platforms.osmesa import OSMesaPlatform
 
     return OSMesaPlatform(1, 1)
 
 
 def _egl_platforms() -> Iterator[Any]:
-    """Yield pyrender's EGL platform on displays that need no X server: surfaceless, then each device that EGL knows.
+    """Yield pyrender's EGL platform on displays that need no X server: surfaceless, then each EGL device.
 
-    Mesa has the first; NVIDIA's driver has the second only (EGL_EXT_platform_device). EGL_DEVICE_ID, a number, leaves
-    that device alone. Raises UsageError where there is none of that number.
+    Mesa supports the first; NVIDIA's driver only the second (EGL_EXT_platform_device). A number in EGL_DEVICE_ID
+    restricts it to that device. Raises UsageError if that device does not exist.
     """
     from pyrender.platforms import egl
 
@@ -216,7 +216,7 @@ def _egl_platforms() -> Iterator[Any]:
 
 
 def _started(platforms: Iterable[Any]) -> Any:
-    """Return the first platform that gives a context, current; raises RuntimeError with the words of the last."""
+    """Return the first platform that gives a context, made current; raises RuntimeError with the last error."""
     from OpenGL.error import Error
 
     failure: Exception | None = None

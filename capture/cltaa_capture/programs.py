@@ -1,4 +1,4 @@
-"""Shader programs: GLSL files specialised by ``#define`` lines, uniforms bound by name, nothing left unset."""
+"""Shader programs: GLSL files specialised by ``#define`` lines, with every uniform bound by name."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Uniforms = Mapping[str, Any]
 
 SHADERS = files("cltaa_capture") / "shaders"
 
-# GLSL type -> call that sets one uniform; matrices are row-major on the host, hence transposed on the way.
+# GLSL type -> call that sets one uniform; transposes matrices, which are row-major on the host.
 SETTERS: dict[int, Callable[[int, Any], None]] = {
     GL.GL_FLOAT: GL.glUniform1f,
     GL.GL_SAMPLER_2D: GL.glUniform1i,
@@ -29,7 +29,7 @@ SETTERS: dict[int, Callable[[int, Any], None]] = {
 
 
 def shader_text(name: str, defines: Defines) -> str:
-    """Return a shader's text with its includes pasted and its defines below the version line."""
+    """Return a shader's source with its includes pasted and its defines after the version line."""
     lines = []
     for line in (SHADERS / name).read_text(encoding="utf-8").splitlines():
         if line.startswith("#include"):
@@ -57,7 +57,7 @@ class Program:
     """A linked vertex and fragment shader."""
 
     def __init__(self, vertex: str, fragment: str, defines: Defines) -> None:
-        """Compile and link two files of ``shaders/``; raises InternalError with the compiler's own words."""
+        """Compile and link two files of ``shaders/``; raises InternalError with the compiler's log."""
         self._name = f"{vertex} + {fragment}"
         shaders = [
             _compile(kind, name, defines)
@@ -83,9 +83,9 @@ class Program:
         return slots
 
     def bind(self, *layers: Uniforms) -> None:
-        """Use the program with each uniform taken from the first layer that has it; raises InternalError if none has.
+        """Use the program with each uniform from the first layer that has it; raises InternalError if none has.
 
-        A value that is the very object bound last time is still there and is not sent again.
+        Does not send a value again if it is the same object as last time.
         """
         GL.glUseProgram(self._id)
         for name, location, setter in self._slots:
@@ -105,7 +105,7 @@ class ProgramShelf:
     """Programs compiled on first use, one for each set of defines."""
 
     def __init__(self) -> None:
-        """Start empty."""
+        """Begin without programs."""
         self._programs: dict[tuple[str, str, frozenset[tuple[str, int]]], Program] = {}
 
     def get(self, vertex: str, fragment: str, defines: Defines) -> Program:

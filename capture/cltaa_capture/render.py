@@ -1,4 +1,4 @@
-"""Draws one instant of a scene: linear float32 colour, planar depth, and motion where the scene calls for it."""
+"""Draw one instant of a scene: linear float32 colour, planar depth, and motion if the scene declares it."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from cltaa_capture.targets import Readback, Target, use_reversed_depth
 from cltaa_capture.upload import Drawable, upload
 from cltaa_datasets.scene import Instant, Scene, Shadow
 
-# Output of a target -> effect that calls for it; colour is always drawn.
-SHADOW_DEFINES = ("TEXCOORD_SLOT", "MASK", "BASE_TEXTURE")  # what shadow.vert and shadow.frag know
+# Output of a target -> effect that needs it; colour is always drawn.
+SHADOW_DEFINES = ("TEXCOORD_SLOT", "MASK", "BASE_TEXTURE")  # defines of shadow.vert and shadow.frag
 CALLED_FOR_BY = {"motion": Effect.MOTION, "reactive": Effect.REACTIVE}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Drawn:
-    """One sample a pixel of one instant, row 0 at the top; what the scene does not call for is None."""
+    """One sample a pixel of one instant, row 0 at the top; None for channels that the scene does not need."""
 
     colour: Image  # [H, W, 4], premultiplied, alpha last
     depth: Image  # [H, W], planar, +inf where nothing was drawn
-    motion: Image | None  # [H, W, 2], pixels, y down, NaN where nothing but the camera moves
-    reactive: Image | None  # [H, W], share of the colour that depth and motion know nothing of
+    motion: Image | None  # [H, W, 2], pixels, y down, NaN where only the camera moves
+    reactive: Image | None  # [H, W], share of the colour without depth and motion
 
     def frame(self, scene: Scene, now: Instant, *, index: int, jitter_px: tuple[float, float], cut: bool) -> Frame:
-        """Return it as a frame of ``scene``, with the channels that its effects call for."""
+        """Return a frame of ``scene``, with the channels that its effects need."""
         height, width = self.depth.shape
         return Frame(
             index=index,
@@ -54,9 +54,9 @@ class Drawn:
 
 
 class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
-    """Draws the instants of one scene, which is uploaded once; needs a current context (``open_context``).
+    """Draws the instants of one scene, uploaded once; needs a current context (``open_context``).
 
-    pyrender keeps meshes and textures in the context; shaders, targets and the drawing itself are this package's.
+    pyrender holds meshes and textures in the context; this package has its own shaders, targets and drawing.
     """
 
     def __init__(self, scene: Scene, width: int, height: int) -> None:
@@ -74,17 +74,17 @@ class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
         self._readback: Readback | None = None
 
     def delete(self) -> None:
-        """Free everything that this renderer put into the context."""
+        """Free all resources of this renderer in the context."""
         self._programs.delete()
         self._free_shadow_map()
         GL.glDeleteVertexArrays(1, [self._no_vertices])
         super().delete()
 
     def __del__(self) -> None:
-        """Do nothing: pyrender's own would free the same numbers again, in whichever context is current by then."""
+        """Do nothing: pyrender's own ``__del__`` would free the same names again, in any context current by then."""
 
     def _delete_main_framebuffer(self) -> None:
-        # Called by pyrender's delete; pyrender's own framebuffer is never made.
+        # Called by pyrender's delete, whose own framebuffer is never created.
         self._target.delete()
         self._colour_target.delete()
         if self._readback is not None:
@@ -113,7 +113,7 @@ class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
         return np.asarray(total / len(offsets), np.float32)
 
     def _stage(self, now: Instant, before: Instant) -> Staged:
-        """Compose an instant and send what every drawing of it shares."""
+        """Compose an instant and upload the data that all its drawings share."""
         staged = stage(self._scene, self._drawables, now, before, self._size)
         for item in (*staged.solid, *staged.glassy):
             if item.vertices is not None and item.drawable.vertices is not None:
@@ -123,7 +123,7 @@ class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
         return staged
 
     def _draw_shadow(self, staged: Staged, shadow: Shadow) -> None:
-        """Draw what casts shadows as the sun sees it, once for all samples of an instant."""
+        """Draw the shadow casters from the sun, once for all samples of an instant."""
         if self._shadow_map is None or self._shadow_map.texels != shadow.texels:
             self._free_shadow_map()
             self._shadow_map = ShadowMap(shadow.texels)
@@ -142,7 +142,7 @@ class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
             self._shadow_map = None
 
     def _paint(self, target: Target, staged: Staged, jitter_px: tuple[float, float]) -> None:
-        """Draw into ``target``: what hides, then the sky behind it, then what can be seen through."""
+        """Draw into ``target``: solid parts, then the sky behind them, then translucent parts."""
         outputs = {output.upper(): place for place, output in enumerate(target.outputs) if place > 0}
         jitter = jitter_uniforms(jitter_px, self._size)
         target.begin()
@@ -151,7 +151,7 @@ class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
         if staged.has_sky:
             self._draw_sky(outputs, (staged.uniforms, jitter))
         if staged.glassy:
-            # Premultiplied colour over what is there, whose depth and motion stay.
+            # Premultiplied colour over the solid parts, whose depth and motion stay.
             GL.glEnable(GL.GL_BLEND)
             GL.glBlendFunc(GL.GL_ONE, GL.GL_ONE_MINUS_SRC_ALPHA)
             target.keep_geometry(True)
@@ -166,7 +166,7 @@ class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
             program = self._programs.get("mesh.vert", "mesh.frag", defines | drawable.defines | moving)
             program.bind(item.uniforms, drawable.uniforms, *frame)
             (GL.glDisable if drawable.part.material.double_sided else GL.glEnable)(GL.GL_CULL_FACE)
-            # A mirroring pose turns the triangles round (glTF 2.0 section 3.7.4).
+            # A mirroring pose reverses the winding of triangles (glTF 2.0 section 3.7.4).
             GL.glFrontFace(GL.GL_CW if item.mirrored else GL.GL_CCW)
             self._draw_elements(drawable)
 
@@ -183,7 +183,7 @@ class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
         stars = {"STARS": 1} if frame[0]["stars"] > 0.0 else {}
         self._programs.get("sky.vert", "sky.frag", outputs | stars).bind(*frame)
         GL.glDisable(GL.GL_CULL_FACE)
-        # At infinity, reversed depth is 0 as cleared: only "greater or equal" lets the sky through.
+        # Reversed depth at infinity equals the cleared 0, so only "greater or equal" draws the sky.
         GL.glDepthFunc(GL.GL_GEQUAL)
         GL.glBindVertexArray(self._no_vertices)
         GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)

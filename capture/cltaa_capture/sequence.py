@@ -1,4 +1,4 @@
-"""Captures a sequence: draws the frames that are not there yet, writes them in a thread, and keeps the manifest."""
+"""Capture a sequence: draw the missing frames, write them in a thread, and update the manifest."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from cltaa_datasets.scenes import FILE_PREFIX, build_scene
 if TYPE_CHECKING:
     from cltaa_capture.render import SceneRenderer
 
-UNWRITTEN = 3  # finished pictures in memory behind the one that is being drawn
+UNWRITTEN = 3  # most finished pictures in memory that are not written yet
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What a capture is asked for."""
+    """Arguments of a capture."""
 
     scene: str  # registered name or file:PATH
     output: Path
@@ -42,7 +42,7 @@ class Request:
     height: int = 360
     jitter: str = USUAL
     reference: int = 0  # samples a pixel of the reference; 0 draws none
-    yardstick: tuple[int, ...] = ()  # samples a pixel of supersampled sequences to measure against
+    yardstick: tuple[int, ...] = ()  # samples a pixel of each supersampled sequence for comparison
     seed: int = 0
     fps: float = 30.0
     motion: str | None = None  # of file:PATH
@@ -50,7 +50,7 @@ class Request:
     restart: bool = False
 
     def settings(self) -> dict[str, Any]:
-        """Return everything that decides the pixels of a frame; frames and yardstick do not, so they may grow."""
+        """Return everything that decides the pixels of a frame; not frames and yardstick, which may grow later."""
         settings = {
             "scene": self.scene,
             "seed": self.seed,
@@ -69,20 +69,20 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Captured:
-    """What a capture did."""
+    """Result of a capture."""
 
     scene: Scene
     backend: str  # osmesa or egl
     opengl: str
     drawn: int  # frames drawn in this run
-    kept: int  # frames that were there already
+    kept: int  # frames kept from an earlier run
 
 
 def capture_sequence(request: Request, progress: Callable[[int, int], None] | None = None) -> Captured:
-    """Capture ``request``; ``progress(done, total)`` is called as frames are finished, those kept included.
+    """Capture ``request``; calls ``progress(done, total)`` after each frame, including kept ones.
 
     The output folder then holds ``<scene>.<frame:04d>.exr``, ``reference/`` with the same names, and
-    ``sequence.json``. A run that was cut short goes on where it stopped; two runs of one request are bit-identical.
+    ``sequence.json``. The same request continues an interrupted run; two runs of one request are bit-identical.
     Raises UsageError, InputMissing, DataError, DeviceMissing, OutputError, StorageError and ResourceError.
     """
     if min(request.frames, request.width, request.height) < 1 or not 0.0 < request.fps < float("inf"):
@@ -91,7 +91,7 @@ def capture_sequence(request: Request, progress: Callable[[int, int], None] | No
     if max(request.width, request.height) > LARGEST_SIDE:
         expected, found = f"at most {LARGEST_SIDE} pixels a side", f"{request.width} x {request.height}"
         raise UsageError("the frames are too large", expected=expected, found=found)
-    jitter_sequence(request.jitter)  # refuse a wrong one before anything is opened
+    jitter_sequence(request.jitter)  # raises for a wrong name before anything is opened
     scene = build_scene(request.scene, request.seed, request.motion)
     with owned(request.output):
         context = open_context(request.backend)
@@ -102,7 +102,7 @@ def capture_sequence(request: Request, progress: Callable[[int, int], None] | No
 
 
 def _capture(request: Request, scene: Scene, context: Context, progress: Callable[[int, int], None] | None) -> Captured:
-    # Both bind PyOpenGL to the platform, which is chosen only now.
+    # Imported late: both bind PyOpenGL to the platform, which is chosen by now.
     from OpenGL.error import GLError
     from OpenGL.GL import GL_OUT_OF_MEMORY
 
@@ -144,23 +144,23 @@ def _capture(request: Request, scene: Scene, context: Context, progress: Callabl
 
 @contextmanager
 def _saved(manifest: Manifest) -> Iterator[None]:
-    """Save the manifest when the block ends; an error that ended it is the one to show."""
+    """Save the manifest at the end of the block; an error of the block takes precedence over one of saving."""
     try:
         yield
     except BaseException:
-        with suppress(CltaaError):  # what is finished is worth keeping
+        with suppress(CltaaError):  # still record the finished files
             manifest.save()
         raise
     manifest.save()
 
 
 def _vouch(manifest: Manifest, path: Path) -> None:
-    """List a file that has its final name."""
+    """List a file in the manifest once it has its final name."""
     manifest.add(path, file_sha256(path))
 
 
 class _Seconds:
-    """What drawing took, by samples a pixel: what the time of a resolve is compared with."""
+    """Drawing times by samples a pixel, to compare with the time of a resolve."""
 
     def __init__(self) -> None:
         self._spent: dict[int, list[float]] = {}
@@ -177,7 +177,7 @@ class _Seconds:
 
 
 class _Pen:
-    """Draws, and keeps the time; a reference only where something has changed since the last one."""
+    """Draws and records the time; reuses the last reference if nothing has changed since."""
 
     def __init__(self, renderer: SceneRenderer, seconds: _Seconds) -> None:
         self._renderer, self._seconds = renderer, seconds
@@ -198,7 +198,7 @@ class _Pen:
 
 
 class _File(NamedTuple):
-    """What is to be written."""
+    """A file to write."""
 
     path: Path
     channels: Mapping[str, Pixels]
@@ -206,14 +206,14 @@ class _File(NamedTuple):
 
 
 def _missing_files(request: Request, scene: Scene, index: int, pen: _Pen, manifest: Manifest) -> Iterator[_File]:
-    """Draw what the manifest does not vouch for of one frame."""
+    """Draw the files of one frame that the manifest does not list as finished."""
     name = f"{scene.name}.{index:04d}.exr"
     now, before = scene.at(index / request.fps), scene.at((index - 1) / request.fps)
     path = request.output / name
     if not manifest.vouches_for(path):
         frame = pen.frame(request, scene, index, now, before)
         yield _File(path, frame_planes(frame, path), frame_attributes(frame))
-    # A yardstick is also a measurement of time, so each of its frames is drawn.
+    # A yardstick also measures time, so each of its frames is drawn.
     folders = {f"{REFERENCE}-{samples}": (samples, pen.samples) for samples in request.yardstick}
     if request.reference:
         folders[REFERENCE] = request.reference, pen.reference

@@ -1,4 +1,4 @@
-"""Shadow maps: the depth of a scene as a sun sees it, drawn only where a sun casts shadows, once an instant.
+"""Shadow maps: the depth of a scene from a sun, drawn once per instant, only if a sun casts shadows.
 
 Reeves et al., "Rendering Antialiased Shadows with Depth Maps" (1987), with two by two comparisons filtered bilinearly.
 """
@@ -17,13 +17,13 @@ from cltaa_capture.cameras import reversed_projection
 from cltaa_datasets.animation import look_at
 from cltaa_datasets.scene import Instant, Light, Orthographic, Shadow, Sun
 
-UNIT = 3  # of the map's texture, behind those of a material
-# A lit surface is compared this many texels off itself, along its normal: more than half a texel's diagonal.
+UNIT = 3  # texture unit of the map, after those of a material
+# The lookup is offset by this many texels along the surface normal: more than half a texel's diagonal.
 OFFSET_TEXELS = 2.0
 
 
 def casting_sun(lights: Sequence[Light]) -> tuple[int, Sun, Shadow] | None:
-    """Return the sun that casts shadows and its place among the suns; raises InternalError where several do."""
+    """Return the sun that casts shadows and its index among the suns; raises InternalError for several."""
     suns = [light for light in lights if isinstance(light, Sun)]
     casting = [(place, sun, sun.shadow) for place, sun in enumerate(suns) if sun.shadow is not None]
     if len(casting) > 1:
@@ -32,7 +32,8 @@ def casting_sun(lights: Sequence[Light]) -> tuple[int, Sun, Shadow] | None:
 
 
 def world_to_shadow(sun: Sun, shadow: Shadow) -> Matrix:
-    """World to the clip space of the map, float64: reversed depth, the ball around ``shadow.centre`` fills it."""
+    """Return the matrix from world to the map's clip space, float64, with reversed depth; the ball around
+    ``shadow.centre`` fills it."""
     centre, towards = np.asarray(shadow.centre, np.float64), np.asarray(sun.direction, np.float64)
     up = (1.0, 0.0, 0.0) if abs(towards[1]) > 0.9 else (0.0, 1.0, 0.0)
     eye = centre + shadow.radius * towards
@@ -41,7 +42,7 @@ def world_to_shadow(sun: Sun, shadow: Shadow) -> Matrix:
 
 
 def shadow_uniforms(now: Instant) -> dict[str, Any]:
-    """What a shaded fragment needs to look itself up in the map; empty where no sun casts shadows."""
+    """Return the uniforms for a lookup in the map; empty if no sun casts shadows."""
     found = casting_sun(now.lights)
     if found is None:
         return {}
@@ -56,10 +57,10 @@ def shadow_uniforms(now: Instant) -> dict[str, Any]:
 
 
 class ShadowMap:
-    """A square depth texture that compares, and the framebuffer that draws into it."""
+    """A square depth texture with comparison, and the framebuffer that draws into it."""
 
     def __init__(self, texels: int) -> None:
-        """Allocate; raises ResourceError where the driver will not."""
+        """Allocate; raises ResourceError if the driver refuses."""
         self.texels = texels
         self._framebuffer, self._texture = GL.glGenFramebuffers(1), GL.glGenTextures(1)
         GL.glBindTexture(GL.GL_TEXTURE_2D, self._texture)
@@ -69,9 +70,9 @@ class ShadowMap:
             (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR),
             (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
             (GL.GL_TEXTURE_WRAP_S, GL.GL_CLAMP_TO_BORDER),
-            (GL.GL_TEXTURE_WRAP_T, GL.GL_CLAMP_TO_BORDER),  # the border is 0, as far as can be: lit
+            (GL.GL_TEXTURE_WRAP_T, GL.GL_CLAMP_TO_BORDER),  # the border is 0, the farthest depth: lit
             (GL.GL_TEXTURE_COMPARE_MODE, GL.GL_COMPARE_REF_TO_TEXTURE),
-            (GL.GL_TEXTURE_COMPARE_FUNC, GL.GL_GEQUAL),  # reversed depth: lit is nearer to the sun, or as near
+            (GL.GL_TEXTURE_COMPARE_FUNC, GL.GL_GEQUAL),  # reversed depth: lit if as near to the sun or nearer
         ):
             GL.glTexParameteri(GL.GL_TEXTURE_2D, parameter, value)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffer)
@@ -84,7 +85,7 @@ class ShadowMap:
             )
 
     def begin(self) -> None:
-        """Draw into the map from now on, over nothing."""
+        """Clear the map and direct drawing into it."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffer)
         GL.glViewport(0, 0, self.texels, self.texels)
         GL.glDepthMask(GL.GL_TRUE)
@@ -93,7 +94,7 @@ class ShadowMap:
         GL.glClearBufferfv(GL.GL_DEPTH, 0, np.zeros(1, np.float32))
 
     def bind(self) -> None:
-        """Let shaders look into the map."""
+        """Bind the map for shaders."""
         GL.glActiveTexture(GL.GL_TEXTURE0 + UNIT)
         GL.glBindTexture(GL.GL_TEXTURE_2D, self._texture)
 

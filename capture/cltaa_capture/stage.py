@@ -1,4 +1,4 @@
-"""What the device is told about one instant: every matrix composed in float64, relative to the camera, rounded once."""
+"""Prepare one instant for the device: compose every matrix in float64, relative to the camera, and round it once."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ class Placed:
     """A drawable at one instant."""
 
     drawable: Drawable
-    depth: float  # of its centre: the order of drawing
+    depth: float  # depth of its centre, which sets the order of drawing
     moves: bool
     mirrored: bool
     uniforms: dict[str, Any]
-    vertices: NDArray[np.float32] | None = None  # [V, 9] of a part that deforms: position, normal, step to before
+    vertices: NDArray[np.float32] | None = None  # [V, 9] of a deforming part: position, normal, step to previous
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Staged:
-    """An instant ready to be drawn any number of times, each with its own jitter."""
+    """An instant that can be drawn repeatedly, each time with its own jitter."""
 
-    solid: list[Placed]  # near to far: what is hidden is not shaded
+    solid: list[Placed]  # near to far, so that hidden fragments are not shaded
     glassy: list[Placed]  # far to near
     has_sky: bool
     defines: dict[str, int]
@@ -44,14 +44,14 @@ class Staged:
 
 
 def float32(values: Any) -> NDArray[np.float32]:
-    """Round a vector or matrix once, to what the device works with."""
+    """Round a vector or matrix to float32."""
     return np.ascontiguousarray(values, np.float32)
 
 
 def stage(scene: Scene, drawables: Sequence[Drawable], now: Instant, before: Instant, size: tuple[int, int]) -> Staged:
     """Prepare ``now`` for a picture of ``size`` (width, height) pixels; motion leads to ``before``.
 
-    Raises InternalError where something moves in a scene that declares no motion.
+    Raises InternalError for a moving part in a scene that declares no motion.
     """
     placed = _place(scene, drawables, now, before, size[0] / size[1])
     solid = [item for item in placed if item.drawable.part.material.alpha_mode is not AlphaMode.BLEND]
@@ -92,7 +92,7 @@ def _place(scene: Scene, drawables: Sequence[Drawable], now: Instant, before: In
         }
         if to_shadow is not None:
             uniforms["model_to_shadow"] = float32(to_shadow @ pose)
-        # What can be seen through writes no motion, and so may move undeclared: the channel reactive tells.
+        # Translucent parts write no motion, so they may move undeclared; the channel reactive covers them.
         solid = drawable.part.material.alpha_mode is not AlphaMode.BLEND
         shapes = _shapes(drawable.part, now, before)
         changes = shapes is not None and shapes[0] is not shapes[1]
@@ -112,7 +112,7 @@ def _place(scene: Scene, drawables: Sequence[Drawable], now: Instant, before: In
 
 
 def _shapes(part: Part, now: Instant, before: Instant) -> tuple[Shape, Shape] | None:
-    """The shapes of a part that deforms, now and before; one that was not there before stands as it is now."""
+    """Return the shapes of a deforming part, now and before; a part absent before uses its present shape."""
     if not part.deforms:
         return None
     if part.name not in now.shapes:
@@ -122,10 +122,10 @@ def _shapes(part: Part, now: Instant, before: Instant) -> tuple[Shape, Shape] | 
 
 
 def vertex_data(now: Shape, before: Shape) -> NDArray[np.float32]:
-    """What the device is given of a deformed part: position, normal, and the step to the previous position.
+    """Return the vertex data of a deformed part: position, normal, and the step to the previous position.
 
-    The step is subtracted between the positions as they were and are drawn, rounded to float32, so that a vertex that
-    stays has a step of exactly 0.
+    The step is the difference of positions rounded to float32, as they are drawn, so that a still vertex has a step of
+    exactly 0.
     """
     position, previous = float32(now.positions), float32(before.positions)
     step = previous.astype(np.float64) - position
@@ -160,13 +160,13 @@ def _frame_uniforms(now: Instant, size: tuple[int, int]) -> dict[str, Any]:
 
 
 def jitter_uniforms(jitter_px: tuple[float, float], size: tuple[int, int]) -> dict[str, Any]:
-    """Shift of the picture, and of the sample in it, in NDC."""
+    """Return the shift of the picture, and of the sample in it, in NDC."""
     shift = float32(jitter_ndc(jitter_px, *size))
     return {"jitter_ndc": shift, "sample_shift": -shift}
 
 
 def normal_matrix(pose: Matrix) -> Matrix:
-    """Inverse transpose of a pose's upper 3x3, up to a positive factor: the cofactors, which exist for any pose."""
+    """Return the inverse transpose of a pose's upper 3x3, up to a positive factor, by cofactors, which always exist."""
     a, b, c = pose[:3, :3]
     cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
     return np.asarray(cofactors * np.copysign(1.0, np.linalg.det(pose[:3, :3])))

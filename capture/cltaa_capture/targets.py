@@ -1,4 +1,4 @@
-"""Where pixels land: one sample a pixel, float32 from the shader to the array, no default framebuffer involved."""
+"""Render targets: one sample a pixel, float32 from the shader to the array, without the default framebuffer."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL, platform
-from OpenGL.raw.GL.VERSION import GL_1_0, GL_1_5  # the wrappers want an array where a buffer is read into
+from OpenGL.raw.GL.VERSION import GL_1_0, GL_1_5  # raw, because the wrappers cannot read into a buffer object
 
 from cltaa.errors import DeviceMissing, ResourceError
 
-GL_ZERO_TO_ONE = 0x935F  # GL_ARB_clip_control, which PyOpenGL 3.1.0 does not know
+GL_ZERO_TO_ONE = 0x935F  # GL_ARB_clip_control, which PyOpenGL 3.1.0 lacks
 
-# Output -> (internal format, format read back, channels). Their order is that of the shaders' output locations.
+# Output -> (internal format, read-back format, channels), in the order of the shaders' output locations.
 FORMATS = {
     "colour": (GL.GL_RGBA32F, GL.GL_RGBA, 4),
     "motion": (GL.GL_RG32F, GL.GL_RG, 2),
@@ -23,11 +23,11 @@ FORMATS = {
 }
 CLEARED = {"colour": 0.0, "motion": np.nan, "reactive": 0.0}
 FAR = 0.0  # reversed depth of infinity
-MOST_WAITING, WAITING_BYTES = 8, 2**25  # of pictures that a Readback holds
+MOST_WAITING, WAITING_BYTES = 8, 2**25  # most pictures, and bytes, that a Readback holds
 
 
 def use_reversed_depth() -> None:
-    """Make clip space z run over [0, 1] and nearer mean greater; raises DeviceMissing without GL_ARB_clip_control."""
+    """Set clip space z to [0, 1], with greater meaning nearer; raises DeviceMissing without GL_ARB_clip_control."""
     address = platform.PLATFORM.getExtensionProcedure(b"glClipControl")
     pointer = ctypes.cast(address, ctypes.c_void_p).value
     if pointer is None:
@@ -45,7 +45,7 @@ class Target:
     """A framebuffer of single-sample float textures and a 32-bit float depth buffer."""
 
     def __init__(self, width: int, height: int, outputs: Sequence[str]) -> None:
-        """Allocate; ``outputs`` are keys of FORMATS in order. Raises ResourceError where the driver will not."""
+        """Allocate; ``outputs`` are keys of FORMATS in order. Raises ResourceError if the driver refuses."""
         self.width, self.height, self.outputs = width, height, tuple(outputs)
         self._framebuffer = GL.glGenFramebuffers(1)
         self._textures = [int(name) for name in np.atleast_1d(GL.glGenTextures(len(self.outputs) + 1))]
@@ -64,7 +64,7 @@ class Target:
         GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, attachment, GL.GL_TEXTURE_2D, texture, 0)
 
     def begin(self) -> None:
-        """Draw here from now on, over a cleared picture."""
+        """Clear the picture and direct drawing into it."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffer)
         GL.glViewport(0, 0, self.width, self.height)
         GL.glDepthMask(GL.GL_TRUE)
@@ -73,14 +73,14 @@ class Target:
         GL.glClearBufferfv(GL.GL_DEPTH, 0, np.full(1, FAR, np.float32))
 
     def keep_geometry(self, keep: bool) -> None:
-        """Leave depth and motion as they are from now on, or (False) write them again."""
+        """Disable writes of depth and motion, or (False) enable them."""
         write = GL.GL_FALSE if keep else GL.GL_TRUE
         GL.glDepthMask(write)
         if "motion" in self.outputs:
             GL.glColorMaski(self.outputs.index("motion"), write, write, write, write)
 
     def read(self, output: str) -> NDArray[np.float32]:
-        """Read one output [H, W] or [H, W, C], row 0 at the top: the one place where OpenGL's rows are turned over."""
+        """Read one output [H, W] or [H, W, C], row 0 at the top: the only place that flips OpenGL's rows."""
         _, layout, channels = FORMATS[output]
         self.choose(output)
         shape = (self.height, self.width) if channels == 1 else (self.height, self.width, channels)
@@ -91,7 +91,7 @@ class Target:
         return self._read(GL.GL_DEPTH_COMPONENT, np.empty((self.height, self.width), np.float32))
 
     def choose(self, output: str) -> None:
-        """Let what is read next come from ``output``."""
+        """Select ``output`` for the next read."""
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._framebuffer)
         GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT0 + self.outputs.index(output))
 
@@ -107,14 +107,14 @@ class Target:
 
 
 class Readback:
-    """Reads one output of a target behind the drawing: several pictures are under way before the first is waited for.
+    """Reads one output of a target asynchronously: several pictures are in flight before it waits for the first.
 
-    To wait for each picture at once would leave a GPU idle meanwhile, and let it change between the contexts of
-    several processes at every picture.
+    Waiting for each picture at once would leave a GPU idle, and make it switch between the contexts of several
+    processes at every picture.
     """
 
     def __init__(self, target: Target, output: str) -> None:
-        """Allocate as many buffers of the driver's as fit into WAITING_BYTES, one at least."""
+        """Allocate as many driver buffers as fit into WAITING_BYTES, at least one and at most MOST_WAITING."""
         _, self._layout, channels = FORMATS[output]
         self._target, self._output = target, output
         self._shape = (target.height, target.width, channels)
@@ -128,9 +128,9 @@ class Readback:
         GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, 0)
 
     def each(self, drawings: Iterable[Callable[[], None]]) -> Iterator[NDArray[np.float32]]:
-        """Draw into the target again and again; yields the pixels [H, W, C] of each, in order, row 0 at the top.
+        """Draw into the target repeatedly; yields the pixels [H, W, C] of each drawing, in order, row 0 at the top.
 
-        They are to be looked at before the next ones are asked for.
+        An array is valid only until the next one is requested.
         """
         for draw in drawings:
             draw()
@@ -149,7 +149,7 @@ class Readback:
         self._waiting.append(name)
 
     def _finish(self) -> Iterator[NDArray[np.float32]]:
-        """Wait for the oldest picture and yield it where the driver has it; it is gone after that."""
+        """Wait for the oldest picture and yield it in the driver's memory, valid until the generator resumes."""
         name = self._waiting.popleft()
         GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, name)
         address = GL_1_5.glMapBuffer(GL.GL_PIXEL_PACK_BUFFER, GL.GL_READ_ONLY)

@@ -1,4 +1,4 @@
-"""From a scene's parts to pyrender's meshes and textures, which know how to enter and leave an OpenGL context."""
+"""Convert a scene's parts to pyrender's meshes and textures, which manage their OpenGL objects."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from cltaa_datasets.meshes import texture_coordinates
 from cltaa_datasets.scene import AlphaMode, Material, Part, Scene, Texture
 
 POSE_SLOTS = 4
-SMALLEST_ALPHA = 1e-6  # of a base colour that is divided by
+SMALLEST_ALPHA = 1e-6  # least alpha of a base colour as a divisor
 
 
 class Texels(pyrender.Texture):  # type: ignore[misc]
-    """A texture that is decoded before it is filtered, and has no mipmaps (see ``cltaa_datasets.scene.Texture``)."""
+    """A texture that is decoded before filtering and has no mipmaps (see ``cltaa_datasets.scene.Texture``)."""
 
     def __init__(self, texture: Texture) -> None:
-        """Take the texels; nothing is uploaded yet."""
+        """Take the texels without uploading them."""
         super().__init__(source=texture.texels, source_channels="RGBA")
         self._texture = texture
 
     def _add_to_context(self) -> None:
-        # OpenGL's first row is v = 0, the bottom.
+        # OpenGL's first row is the bottom, v = 0.
         rows = np.ascontiguousarray(self._texture.texels[::-1])
         self._texid = GL.glGenTextures(1)
         GL.glBindTexture(GL.GL_TEXTURE_2D, self._texid)
@@ -48,10 +48,10 @@ class Texels(pyrender.Texture):  # type: ignore[misc]
 
 
 class Vertices:
-    """Positions, normals and steps of a part that deforms: they lie over pyrender's own, and change every instant."""
+    """Positions, normals and steps of a deforming part, which replace pyrender's own and change every instant."""
 
     def __init__(self, primitive: Any, slots: tuple[int, int, int]) -> None:
-        """Know where they go; nothing is allocated before they are filled."""
+        """Store the attribute slots; ``fill`` allocates."""
         self._primitive, self._slots, self._buffer = primitive, slots, 0
 
     def fill(self, vertices: NDArray[np.float32]) -> None:
@@ -59,7 +59,7 @@ class Vertices:
         self._primitive._bind()
         if not self._buffer:
             self._buffer = int(GL.glGenBuffers(1))
-            self._primitive._buffers.append(self._buffer)  # pyrender frees it with its own
+            self._primitive._buffers.append(self._buffer)  # so that pyrender frees it with its own
             GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._buffer)
             for place, slot in enumerate(self._slots):
                 offset = ctypes.c_void_p(place * 3 * vertices.itemsize)
@@ -71,15 +71,15 @@ class Vertices:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Drawable:
-    """One part on the device: what to draw, the defines that its shader needs, and its constant uniforms."""
+    """One part on the device: its primitive, the defines of its shader, and its constant uniforms."""
 
     part: Part
     primitive: Any  # pyrender.Primitive
     defines: dict[str, int]
     uniforms: dict[str, Any]
-    textures: tuple[Texels, ...]  # texture unit = place in this tuple
+    textures: tuple[Texels, ...]  # the index is the texture unit
     centre: Matrix  # [4], of the bounding box, homogeneous
-    vertices: Vertices | None  # of a part that deforms
+    vertices: Vertices | None  # of a deforming part
 
 
 def _texture_slots(material: Material) -> dict[str, Texture]:
@@ -92,11 +92,11 @@ def _texture_slots(material: Material) -> dict[str, Texture]:
 
 
 def _primitive(part: Part, textures: dict[str, Texels]) -> tuple[Any, dict[str, int]]:
-    """Return pyrender's primitive and the attribute slots that its buffer is laid out in."""
+    """Return pyrender's primitive and the attribute slots of its buffer."""
     mesh = part.mesh
     uv = texture_coordinates(mesh)
     material = pyrender.MetallicRoughnessMaterial(
-        # pyrender's own names; only used to decide what enters and leaves the context.
+        # pyrender's own names, used only to manage OpenGL objects.
         baseColorTexture=textures.get("base_texture"),
         metallicRoughnessTexture=textures.get("metallic_roughness_texture"),
         emissiveTexture=textures.get("emissive_texture"),
@@ -144,16 +144,16 @@ def _drawable(part: Part, shared: dict[int, Texels]) -> Drawable:
     centre = np.append(part.mesh.bounds.mean(axis=0), 1.0)
     vertices = None
     if part.deforms:
-        # pyrender keeps four slots behind its own attributes for the pose of an instance.
+        # pyrender reserves four slots after its own attributes for the pose of an instance.
         defines["STEP_SLOT"] = sum(name.endswith("_SLOT") for name in defines) + 1 + POSE_SLOTS
         vertices = Vertices(primitive, (0, defines["NORMAL_SLOT"], defines["STEP_SLOT"]))
     return Drawable(part, primitive, defines, uniforms, tuple(texels.values()), centre, vertices)
 
 
 def upload(scene: Scene) -> tuple[Any, list[Drawable]]:
-    """Prepare a scene's parts: the pyrender scene that holds them, and what to draw; textures are shared.
+    """Prepare a scene's parts: return a pyrender scene that holds them, and the drawables; parts share textures.
 
-    Raises DataError for a texture that is larger than OpenGL takes.
+    Raises DataError for a texture larger than OpenGL supports.
     """
     shared: dict[int, Texels] = {}
     drawables = [_drawable(part, shared) for part in scene.parts]

@@ -1,4 +1,4 @@
-"""``cltaa bench accuracy`` and ``cltaa bench overview``: what each step of accuracy costs in time."""
+"""``cltaa bench accuracy`` and ``cltaa bench overview``: the time that each step of accuracy costs."""
 
 from __future__ import annotations
 
@@ -37,44 +37,46 @@ from cltaa.printable import counted, json_of, printable, shown
 
 @click.command("accuracy")
 @click.argument("sequences", nargs=-1, required=True, type=FOLDER, metavar="SEQUENCE...")
-@click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder of the report.")
+@click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder for the report.")
 @device_option
-@click.option("--preset", type=PRESET, default="default", help="Preset that the steps depart from.")
-@click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
+@click.option("--preset", type=PRESET, default="default", help="Preset that the variants are derived from.")
+@click.option("--config", type=FILE_PATH, help="TOML file of parameters that override the preset.")
 @click.option(
     "--only",
     multiple=True,
     metavar="NAME",
-    help="Only this variant, or these groups of them, comma-separated, beside the default; repeatable.",
+    help="Only the default and this variant, or these comma-separated variants or groups; repeatable.",
 )
-@click.option("--metrics", default="mse,flip", metavar="LIST", help="Errors against the truth; see cltaa compare.")
+@click.option(
+    "--metrics", default="mse,flip", metavar="LIST", help="Metrics against the truth; cltaa compare lists them."
+)
 @click.option(
     "--rounding-frames",
     default=8,
     type=click.IntRange(min=0),
-    help="Frames that are also resolved in float64, by NumPy, to measure rounding; 0 for none.",
+    help="Number of frames to resolve also in float64 with NumPy, to measure rounding; 0 for none.",
 )
-@click.option("--rounds", default=15, type=click.IntRange(min=3), help="Rounds of timing, at least.")
+@click.option("--rounds", default=15, type=click.IntRange(min=3), help="Least number of timing rounds.")
 @click.option(
     "--patience",
     default=20.0,
     type=click.FloatRange(min=0),
     metavar="SECONDS",
-    help="Time for more rounds of a sequence, while the default is not like its own copy.",
+    help="Extra time for more rounds on a sequence, while the default and its own copy differ too much to rank.",
 )
 @click.option(
     "--pixels",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Pixels of the frames that are timed, at least.  [default: what fills the device]",
+    help="Least number of pixels of the timed frames.  [default: enough to fill the device]",
 )
-@click.option("--jobs", default=1, type=click.IntRange(min=1), help="Processes to measure errors in.")
-@click.option("--dask", metavar="ADDRESS", help="Measure errors on a Dask cluster: the scheduler's address.")
+@click.option("--jobs", default=1, type=click.IntRange(min=1), help="Number of processes that measure errors.")
+@click.option("--dask", metavar="ADDRESS", help="Measure errors on the Dask cluster whose scheduler has this address.")
 @click.option(
     "--pictured",
     default=4,
     type=click.IntRange(min=0),
-    help="Sequences, the first ones, whose frames the page shows and that are plotted.",
+    help="Number of sequences, from the first, with frames and plots on the page.",
 )
 @measured_options
 @json_option
@@ -92,20 +94,20 @@ def accuracy(
     as_json: bool,
     **work: Any,
 ) -> None:
-    """Measure error and time of every variant of the resolve over each SEQUENCE, and write a report.
+    """Measure error and time of every variant of the resolve on each SEQUENCE, and write a report.
 
-    A SEQUENCE is a capture with its truth: cltaa capture SCENE -o DIR --reference 256 --yardstick 2,4,8,16,32,64; or
-    frames of another tool with theirs in a folder reference/ (docs/inputs.md).
-    Errors are measured in two axes: against the truth, and against the same algorithm in float64. Finished tasks are
-    kept in the output folder: the same command again, or with other --jobs, goes on where the last one stopped.
-    Timing is always done here, by this process, in shuffled rounds, after all errors.
+    A SEQUENCE is a capture with its truth (cltaa capture SCENE -o DIR --reference 256 --yardstick 2,4,8,16,32,64), or
+    another tool's frames with the truth in a folder reference/ (docs/inputs.md). Errors are measured against the truth
+    and against the same algorithm in float64. The output folder keeps finished tasks: the same command, also with
+    other --jobs, continues where the last one stopped. This process itself does all timing, in shuffled rounds, after
+    all errors.
     """
     names = tuple(metric.name for metric in parse_metrics(metrics))
     variants = chosen_variants(preset_of(preset, config), only)
     judging = Judging(metrics=names, rounding_frames=rounding_frames, pictures=True)
     tasks = tasks_of(sequences, variants, device, judging, reading)
     make_folder(output)
-    import_pyplot()  # this and what is read how are told before the work, not after it
+    import_pyplot()  # a missing package, and how files are read, show before the work, not after it
     open_each(sequences, reading)
     result = bench_accuracy(tasks, output, **work)
     write_report(result, output, pictured, {"index.html": page(result, tasks, output, pictured)})
@@ -115,7 +117,7 @@ def accuracy(
 
 
 def chosen_variants(preset: Preset, only: Sequence[str]) -> list[Variant]:
-    """The ladder from that preset, or the named variants and groups of it; raises UsageError for one that is not."""
+    """Return the ladder of ``preset``, or its variants and groups named in ``only``; UsageError for unknown names."""
     every = ladder(preset, [load_preset(name) for name in preset_names()])
     there = {name for variant in every for name in (variant.group, variant.name)}
     names = {name for text in only for name in ([text] if text in there else listed(text))}
@@ -128,7 +130,7 @@ def chosen_variants(preset: Preset, only: Sequence[str]) -> list[Variant]:
 
 
 def print_accuracy(result: Accuracy) -> None:
-    """Print the front and the dearest steps of each sequence."""
+    """Print a table of all variants for each sequence, and the environment."""
     for measured in result.sequences:
         print_table(_table(result, measured))
         if measured.noisy:
@@ -166,16 +168,19 @@ def _table(result: Accuracy, measured: MeasuredSequence) -> Table:
 
 @click.command("overview")
 @click.argument("reports", nargs=-1, required=True, type=FILE_PATH, metavar="REPORT...")
-@click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder to write into.")
+@click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder for the merged report.")
 @click.option(
-    "--pictured", default=4, type=click.IntRange(min=0), help="Sequences, the first ones, that have plots of their own."
+    "--pictured",
+    default=4,
+    type=click.IntRange(min=0),
+    help="Number of sequences, from the first, with plots of their own.",
 )
 @json_option
 def overview(reports: tuple[Path, ...], output: Path, pictured: int, as_json: bool) -> None:
-    """Put the reports of cltaa bench accuracy together: their sequences in one figure, one table, one JSON and CSV.
+    """Merge reports of cltaa bench accuracy: all sequences in one figure, one table, one JSON and one CSV.
 
-    Each REPORT is the folder of one; all must be of the same device, kernels and variants, as when several processes,
-    each on a card of its own, measured some of the sequences.
+    Each REPORT is the output folder of one run. All runs must share device, kernels and variants, as when several
+    processes, each on its own card, measured some of the sequences.
     """
     result = merged([(folder, read_report(folder)) for folder in reports])
     if not falling_metrics(result):

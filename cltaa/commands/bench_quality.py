@@ -1,4 +1,4 @@
-"""``cltaa bench quality``: scene by preset by score, against the truth."""
+"""``cltaa bench quality``: scores of each preset on each scene, against the truth."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ from cltaa.lab.bench.variants import Variant
 from cltaa.lab.judge.metrics import METRICS, versions_of
 from cltaa.printable import json_of, printable, shown
 
-ALL_SCENES = "all"  # of cltaa scenes
+ALL_SCENES = "all"  # all that cltaa scenes lists
 
 
 @click.command("quality")
@@ -76,7 +76,7 @@ ALL_SCENES = "all"  # of cltaa scenes
     multiple=True,
     type=SCENE,
     metavar="NAME",
-    help="Scene, file:PATH, or all (of cltaa scenes); repeatable.  [default: all]",
+    help="Scene name, file:PATH, or all that cltaa scenes lists; repeatable.  [default: all]",
 )
 @click.option(
     "--sequence",
@@ -84,44 +84,51 @@ ALL_SCENES = "all"  # of cltaa scenes
     multiple=True,
     type=FOLDER,
     metavar="DIR",
-    help="A sequence with its truth in reference/, also another tool's, beside scenes or in their place; repeatable.",
+    help="Sequence with its truth in reference/, also another tool's; judged in addition to any --scene; repeatable.",
 )
-@click.option("--preset", "presets", type=PRESET, multiple=True, metavar="NAME", help="Repeatable.  [default: all]")
+@click.option(
+    "--preset",
+    "presets",
+    type=PRESET,
+    multiple=True,
+    metavar="NAME",
+    help="Preset to judge; repeatable.  [default: all]",
+)
 @click.option(
     "--config",
     "configs",
     type=FILE_PATH,
     multiple=True,
     metavar="FILE",
-    help="TOML file of parameters, over the default or what it names, as for cltaa resolve; beside the "
-    "presets or in their place; repeatable.",
+    help="TOML file of parameters that override the default preset, or the one that it names; judged in addition to "
+    "any --preset; repeatable.",
 )
 @device_option
-@click.option("--size", type=SIZE, default="320x180", help="Pixels of a capture.")
-@click.option("--frames", default=64, type=click.IntRange(min=2), help="Frames of a capture.")
+@click.option("--size", type=SIZE, default="320x180", help="Frame size of a capture in pixels.")
+@click.option("--frames", default=64, type=click.IntRange(min=2), help="Number of frames of a capture.")
 @click.option(
     "--samples",
     default=256,
     type=click.IntRange(min=1),
-    help="Samples of the truth; 4 times as many where nothing moves.",
+    help="Samples a pixel of the truth; 4 times as many where nothing moves.",
 )
 @click.option("--jitter", default="lattice:64", help="Sample positions, as for cltaa capture.")
-@click.option("--train", type=FROM_0, default="0", help="Seeds that presets were tuned on.")
-@click.option("--held-out", type=FROM_0, default="1", help="Other seeds; may be empty.")
+@click.option("--train", type=FROM_0, default="0", help="Scene seeds that presets were tuned on.")
+@click.option("--held-out", type=FROM_0, default="1", help="Scene seeds that they were not tuned on; may be empty.")
 @click.option("--settled", default=8, type=click.IntRange(min=0), help="First frame that is judged.")
-@click.option("--work", default=Path("quality"), type=FILE_PATH, help="Folder of captures and finished cells.")
+@click.option("--work", default=Path("quality"), type=FILE_PATH, help="Folder for captures and finished results.")
 @click.option(
     "--page",
     type=FILE_PATH,
     metavar="PAGE.md",
-    help="Markdown page to put the table into, between its marks, or to begin; each scene goes to "
-    "PAGE-scenes.md beside it.",
+    help="Write the table into this Markdown page, between its marks if it exists; PAGE-scenes.md beside it gets the "
+    "rows of each scene.",
 )
 @click.option(
     "--pictures",
     type=FILE_PATH,
     metavar="DIR",
-    help="Write a picture of each preset's worst place beside the truth, where it is worse than the default's.",
+    help="Write a picture of each preset's worst place beside the truth, unless it is never worse than the default.",
 )
 @partial(measured_options, effects="find")
 @json_option
@@ -144,14 +151,14 @@ def quality(
     reading: Reading,
     as_json: bool,
 ) -> None:
-    """Judge presets on sequences with a truth: PSNR, SSIM, FLIP, equal-quality samples and the faults in time.
+    """Judge presets on sequences with a truth: PSNR, SSIM, FLIP, equal-quality samples and faults over time.
 
-    Missing captures are drawn by cltaa capture. All presets resolve the same frames. Cells that are finished are kept
-    and measured again only where sequence, preset or code changed, so that a run can be cut short and go on. Runs of
-    other scenes may share --work at the same time. What a sequence declares of its effects is not heard, as most files
-    declare none; with --effects auto it is.
+    cltaa capture draws missing captures. All presets resolve the same frames. --work keeps finished results, and only
+    a change of sequence, preset or code measures them again, so an interrupted run can continue. Runs on other scenes
+    may use the same --work at the same time. The effects that a sequence declares are ignored, because most files
+    declare none; --effects auto uses them.
     """
-    import_judges()  # this and the next before what may take hours
+    import_judges()  # a missing package or page stops the run before hours of work
     if page is not None:
         check_pages(page)
     chosen = chosen_presets(presets, configs)
@@ -166,7 +173,7 @@ def quality(
     by_name(folders, "sequences")
     opened = open_each(folders, reading)
     for sequence in opened.values():
-        check_judged(sequence, settled)  # told before the work
+        check_judged(sequence, settled)  # fails before the work
     judging, ways = msgspec.structs.replace(QUALITY, settled=settled), readings(folders, reading)
     variants = [Variant.of(preset) for preset in chosen]
     judged: list[tuple[Case, dict[str, Judged]]] = []
@@ -178,7 +185,7 @@ def quality(
         else:
             how = Reading(effects=reading.effects)
             sequence = open_case(case) or capture(case, shape)
-            if how != DEFAULT_READING:  # other effects than the scene's
+            if how != DEFAULT_READING:  # effects other than those that the scene declares
                 sequence = how.open(case.folder)
         task = task_of(sequence, variants, device, judging, how)
         for _ in run_all([task], work):
@@ -204,9 +211,9 @@ def quality(
 
 
 def chosen_presets(names: Sequence[str], configs: Sequence[Path]) -> list[Preset]:
-    """The presets of these names and those of TOML files, each called as its file is; without either all of cltaa's.
+    """Return the named presets and one preset for each TOML file, named as the file; without either all of cltaa's.
 
-    A file begins with the default unless it names another preset, and says in its description over which it is.
+    A file overrides the default unless it names another preset; its description says which one.
     Raises UsageError for two files of one name, and what ``load_preset`` and ``load_config`` raise.
     """
     chosen = [load_preset(name) for name in dict.fromkeys(names) or (() if configs else preset_names())]
@@ -217,7 +224,7 @@ def chosen_presets(names: Sequence[str], configs: Sequence[Path]) -> list[Preset
 
 
 def _effects_of(scenes: tuple[str, ...]) -> dict[str, frozenset[str]]:
-    """The effects of the scenes that are asked for, all unless any is; raises UsageError for one that is none."""
+    """Return the effects of each of ``scenes`` (all if empty); raises UsageError for an unknown scene."""
     registered = known_scenes()
     check_scenes(scenes, (ALL_SCENES,))
     names = [name for scene in scenes or [ALL_SCENES] for name in (registered if scene == ALL_SCENES else [scene])]
@@ -239,7 +246,7 @@ def _print(table: Table) -> None:
 
 
 def _print_captions(texts: Mapping[str, str], pictures: Path) -> None:
-    """Print what each picture shows, and why a preset has none."""
+    """Print the caption of each picture, or the reason why a preset has none."""
     print_line(f"the worst place of each preset is shown in {shown(pictures)}")
     for name, text in texts.items():
         caption, _, picture = text.partition("\n\n")

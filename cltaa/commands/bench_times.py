@@ -1,4 +1,4 @@
-"""``cltaa bench kernels``, ``devices``, ``api``, ``files`` and ``effects``: what takes how long, and beside what."""
+"""``cltaa bench kernels``, ``devices``, ``api``, ``files`` and ``effects``: times, each beside a baseline."""
 
 from __future__ import annotations
 
@@ -26,18 +26,20 @@ from cltaa.process import run_cltaa
 
 
 @click.command("kernels")
-@click.option("--preset", "presets", type=PRESET, multiple=True, default=["default"], help="To time; repeatable.")
-@click.option("--size", type=SIZE, default="1920x1080", help="Pixels.")
+@click.option(
+    "--preset", "presets", type=PRESET, multiple=True, default=["default"], help="Preset to time; repeatable."
+)
+@click.option("--size", type=SIZE, default="1920x1080", help="Frame size in pixels.")
 @device_option
 @click.option(
     "--motion",
     "motions",
     multiple=True,
     type=click.Choice([kind.value for kind in Motion]),
-    help="Camera motion: uniform, or turn (rotation with zoom, another displacement at each pixel); "
-    "repeatable; both unless given.",
+    help="Camera motion: uniform, or turn (rotation and zoom: each pixel has another displacement); repeatable.  "
+    "[default: both]",
 )
-@click.option("--rounds", default=31, type=click.IntRange(min=3), help="Rounds of all contenders.")
+@click.option("--rounds", default=31, type=click.IntRange(min=3), help="Number of rounds, each over all contenders.")
 @json_option
 def kernels(
     presets: tuple[str, ...],
@@ -47,13 +49,13 @@ def kernels(
     rounds: int,
     as_json: bool,
 ) -> None:
-    """Time the resolve's kernels against a shader, a plain port and the floor.
+    """Time the resolve's kernels against a shader, a plain port and the copy bandwidth.
 
-    The core is the algorithm that all of them compute: 3x3 variance, the nearest surface's motion, 16 taps of
-    Catmull-Rom, clip, weighted blend, a counter. Every round runs all contenders in a new order; ratios are medians
-    over rounds with 95 % intervals, by the device's clock where it has one (column device, ns a pixel), else by the
-    host's (ns/px). "floor" is the share of the copy bandwidth that is reached. "core again" is a copy of the core:
-    where its ratio is not 1, or its interval wide, the machine is too noisy to rank anything.
+    "core" is the algorithm that shader and port compute too: 3x3 variance, the nearest surface's motion, 16 taps of
+    Catmull-Rom, clip, weighted blend, a counter. Every round runs all contenders in a new order. Ratios are medians
+    over rounds with 95 % intervals, by the device's clock if it has one (column device, ns a pixel), else by the host's
+    (ns/px). "floor" is the share of the copy bandwidth that a contender reaches. "core again" is a copy of the core: if
+    its ratio is not 1 or its interval is wide, the machine is too noisy to rank anything.
     """
     bench = bench_kernels(
         [load_preset(name) for name in presets],
@@ -67,7 +69,7 @@ def kernels(
 
 
 def _print_kernels(bench: KernelBench) -> None:
-    """Print one table for each kind of motion, and where it was measured."""
+    """Print one table for each kind of motion, and the environment of the measurement."""
     for timing in bench.timings:
         _print_timing(bench, timing)
         print_line(f"floor {timing.floor_ns:.3g} ns a pixel: {timing.copy_gigabytes_a_second:.3g} GB/s by copying")
@@ -84,7 +86,7 @@ def _print_timing(bench: KernelBench, timing: Timing) -> None:
     title = f"{bench.width} x {bench.height}, {timing.motion} motion, {bench.rounds} rounds"
     table = figures(title, "contender", "ns/px", "least", "device", "GB/s", "floor", "x core", "95 %", named=True)
     for row in timing.rows:
-        # By the device's clock where it has one, else by the host's.
+        # By the device's clock if it has one, else by the host's.
         ratio, noisy = (row.ratio, timing.noisy)
         if row.device_ratio is not None:
             ratio, noisy = (row.device_ratio, timing.device_noisy)
@@ -103,14 +105,14 @@ def _print_timing(bench: KernelBench, timing: Timing) -> None:
 
 @click.command("devices")
 @device_option
-@click.option("--forget", is_flag=True, help="Remove what was kept, of every device, and measure nothing.")
+@click.option("--forget", is_flag=True, help="Remove the stored answers of all devices and measure nothing.")
 @json_option
 def devices(device: str | None, forget: bool, as_json: bool) -> None:
-    """Measure how the kernels are best cut up for a device, and keep the answer for later resolves on it.
+    """Find the fastest kernel shape (lanes, rows, registers ...) for a device, and store it for later resolves.
 
-    For a device whose shape is a guess, as cltaa doctor says. The default preset runs in each of a few shapes, in
-    rounds; the usual one stays unless another takes 5 % less, beyond chance. The answer holds for this device, runtime,
-    processor and version of the kernels, and changes no bit of a strict build.
+    Use it where cltaa doctor says that the device's shape is a guess. The default preset runs in each of a few shapes,
+    in rounds. The usual shape stays unless another is 5 % faster, beyond chance. The answer applies to this device,
+    runtime, processor and version of the kernels, and changes no bit of a strict build.
     """
     if forget:
         told = {"forgotten": forget_shapes()}
@@ -135,7 +137,7 @@ def _print_devices(bench: ShapesBench) -> None:
 
 
 @click.command("api")
-@click.option("--preset", type=PRESET, default="default", help="That resolves.")
+@click.option("--preset", type=PRESET, default="default", help="Preset to resolve with.")
 @click.option(
     "--size",
     "sizes",
@@ -143,18 +145,18 @@ def _print_devices(bench: ShapesBench) -> None:
     multiple=True,
     default=[f"{width}x{height}" for width, height in SIZES],
     metavar="WxH",
-    help="Of the frames; may be repeated.",
+    help="Frame size in pixels; repeatable.",
 )
 @device_option
-@click.option("--rounds", default=9, type=click.IntRange(min=3), help="Rounds a size.")
+@click.option("--rounds", default=9, type=click.IntRange(min=3), help="Number of rounds for each size.")
 @json_option
 def api(preset: str, sizes: tuple[tuple[int, int], ...], device: str | None, rounds: int, as_json: bool) -> None:
     """Time Resolver.resolve as a program calls it, in milliseconds a frame of colour and depth.
 
-    "kernels" is the device's own time of a call with arrays that are there already, "device arrays" the same by the
-    clock, of several calls in a row. "host arrays" are NumPy's, in and out, "pinned arrays" those of Resolver.empty.
-    "copies" are a plain pyopencl loop that brings the same arrays to the device and a result back, "pinned copies" the
-    same in pinned memory, at the speed of the bus.
+    "kernels" is the device's own time for a call whose arrays are on the device already. "device arrays" is the wall
+    time of such calls, several in a row. "host arrays" takes and returns NumPy arrays, "pinned arrays" those of
+    Resolver.empty. "copies" is a plain pyopencl loop that copies the same arrays to the device and a result back;
+    "pinned copies" does so in pinned memory, at the speed of the bus.
     """
     preset_of = load_preset(preset)
     if preset_of.settings.look_ahead:
@@ -176,11 +178,11 @@ def _print_api(bench: ApiBench) -> None:
 
 @click.command("files")
 @click.argument("sequence", type=FILE_PATH)
-@click.option("--preset", type=PRESET, default="default", help="That resolves.")
+@click.option("--preset", type=PRESET, default="default", help="Preset to resolve with.")
 @device_option
 @click.option("--half", is_flag=True, help="Write half-precision EXRs.")
-@click.option("--compression", default="zip", help="EXR compression that loses nothing.")
-@click.option("--rounds", default=5, type=click.IntRange(min=3), help="Rounds.")
+@click.option("--compression", default="zip", help="Lossless EXR compression.")
+@click.option("--rounds", default=5, type=click.IntRange(min=3), help="Number of rounds.")
 @reading_options
 @json_option
 def files(
@@ -195,10 +197,10 @@ def files(
 ) -> None:
     """Time the whole resolve of SEQUENCE against its stages.
 
-    "alone" is a stage with nothing beside it: reading (with all checks), resolving (with the way to the device and
-    back) and writing. "whole" is cltaa resolve --layers none, where they overlap; "over slowest" is its time a frame
-    over that of the slowest stage, which it cannot pass, and "at best" what that would be if no core was ever idle, by
-    the "processor" time of all of them together.
+    "alone" is one stage by itself: reading (with all checks), resolving (with transfers to the device and back) and
+    writing. "whole" is cltaa resolve --layers none, where the stages overlap. "over slowest" is its time a frame
+    divided by that of the slowest stage, the least it can reach. "at best" is that ratio if no core were ever idle,
+    from the "processor" time of all cores together.
     """
     check_lossless(compression)
     opened = open_each([sequence], reading)[sequence]
@@ -228,12 +230,12 @@ def _range(value: Interval, form: str = ".0f") -> str:
 
 @click.command("effects")
 @click.argument("scenes", nargs=-1)
-@click.option("--work", type=FILE_PATH, default=Path("effects"), help="Folder of captures.")
-@click.option("--size", type=SIZE, default="320x180", help="Pixels of a capture.")
-@click.option("--frames", default=16, type=click.IntRange(min=2), help="Frames of a capture.")
-@click.option("--preset", type=PRESET, default="default", help="Whose steps.")
+@click.option("--work", type=FILE_PATH, default=Path("effects"), help="Folder for captures.")
+@click.option("--size", type=SIZE, default="320x180", help="Frame size of a capture in pixels.")
+@click.option("--frames", default=16, type=click.IntRange(min=2), help="Number of frames of a capture.")
+@click.option("--preset", type=PRESET, default="default", help="Preset whose steps are planned.")
 @device_option
-@click.option("--rounds", default=21, type=click.IntRange(min=3), help="Rounds of timing.")
+@click.option("--rounds", default=21, type=click.IntRange(min=3), help="Number of timing rounds.")
 @json_option
 @click.pass_context
 def effects(
@@ -247,10 +249,10 @@ def effects(
     rounds: int,
     as_json: bool,
 ) -> None:
-    """Resolve SCENES (all, unless named) as planned and with every effect on; compare bits and time.
+    """Resolve SCENES (default: all) as planned and with every effect on; compare bits and time.
 
-    Missing captures are drawn by cltaa capture. The table is Markdown, as in docs/generated/effects.md. The exit code
-    is 65 where a step that was left out would have changed a bit.
+    cltaa capture draws missing captures. The table is Markdown, as in docs/generated/effects.md. The exit code is 65
+    if a step that the plan left out would have changed a bit.
     """
     rows: list[EffectRow] = []
     check_scenes(scenes)
@@ -261,7 +263,7 @@ def effects(
         folder = work / f"{scene}-{pixels}x{frames}"
         run_cltaa(["capture", scene, "-o", str(folder), "--frames", str(frames), "--size", pixels])
         rows.append(judge_effects(open_sequence(folder), preset, launcher, rounds=rounds))
-        if not as_json:  # as soon as it is known: all scenes take a while
+        if not as_json:  # print each row at once, because all scenes take a while
             row = effect_cells(rows[-1])
             click.echo(markdown(row, [row.values()]) if number == 1 else markdown_row(row.values()), nl=False)
     if as_json:

@@ -1,4 +1,4 @@
-"""``cltaa check``: whether a sequence means what it says."""
+"""``cltaa check``: find wrong conventions in a sequence."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from cltaa.lab.check.report import FRAMES, Report, check_folder, profile_options
 from cltaa.printable import counted, json_of, printable, shown
 
 
-@click.command(context_settings={"allow_extra_args": True})  # of files that a shell lists
+@click.command(context_settings={"allow_extra_args": True})  # a shell expands a pattern into many files
 @click.argument("sequence", type=FILE_PATH)
 @input_options
 @click.option(
     "--frames",
     type=SOME_FRAMES,
     default=FRAMES,
-    help="Only these frames, both included, or the first N; 8 or more tell the jitter's mistakes apart.",
+    help="Only these frames, both included, or the first N; jitter mistakes need 8 or more to tell them apart.",
 )
-@click.option("--fix", type=FILE_PATH, metavar="FILE.toml", help="Write a profile that reads the sequence right.")
+@click.option("--fix", type=FILE_PATH, metavar="FILE.toml", help="Write a profile with all corrections, for --profile.")
 @json_option
 @click.pass_context
 def check(
@@ -42,11 +42,11 @@ def check(
 ) -> None:
     """Find wrong conventions in SEQUENCE from its pixels: jitter, motion, depth, matrices, colour.
 
-    Each finding comes with its confidence, the evidence, and the option of cltaa resolve that mends it. One below 80 %
-    is a question, and prescribes nothing. The exit code is 0 where no mistake is found, else 65.
+    Each finding has a confidence, its evidence, and the option of cltaa resolve that corrects it. A finding below 80 %
+    is a question and suggests no option. The exit code is 0 if no mistake is found, else 65.
     """
     if fix is not None:
-        check_creatable(fix)  # told before the work, not after it
+        check_creatable(fix)  # fail before the work, not after it
     named = one_sequence(ctx, sequence)
     report, mended = check_folder(named, frames=frames, **reading)
     if fix is not None:
@@ -65,7 +65,7 @@ def check(
 
 
 def _print(report: Report, words: tuple[str, ...], options: str) -> None:
-    """Print the findings, and the command that reads what ``words`` name right with ``options``."""
+    """Print the findings, and the command that reads the sequence ``words`` correctly with ``options``."""
     for line in report.reading[:2]:
         print_line(shown(line), "dim")
     for finding in report.findings:

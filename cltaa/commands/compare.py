@@ -29,13 +29,13 @@ BOUNDS = {None: "", "at least": "≥ ", "at most": "≤ "}
 
 
 def score_heads(metrics: Sequence[Metric], *, moving: bool, samples: bool) -> list[str]:
-    """Heads of columns of metrics, of scores as ``moving`` pictures, and of equal-quality ``samples``."""
+    """Return column heads for metrics, with ``moving`` for video scores, with ``samples`` for equal-quality samples."""
     heads = [measure.head for measure in (*metrics, *(SCORES if moving else ()))]
     return [*heads, *(["samples ↑"] if samples else [])]
 
 
 def score_cells(result: Mapping[str, Any], metrics: Sequence[Metric], *, moving: bool, samples: bool) -> list[str]:
-    """The cells of a result under these heads."""
+    """Return the cells of a result under the heads of ``score_heads``."""
     cells = value_cells(result["mean"], metrics)
     if moving:
         scores = result.get("video", dict.fromkeys((score.name for score in SCORES), math.nan))
@@ -44,12 +44,12 @@ def score_cells(result: Mapping[str, Any], metrics: Sequence[Metric], *, moving:
 
 
 def value_cells(values: Values, metrics: Sequence[Metric]) -> list[str]:
-    """The metrics of a row."""
+    """Format the metrics of a row."""
     return ["identical" if math.isinf(v) else format(v, m.form) for m in metrics for v in (values[m.name],)]
 
 
 def sample_cell(result: Mapping[str, Any]) -> str:
-    """The equal-quality samples as a cell."""
+    """Format the equal-quality samples of a result."""
     equal = result.get("equal_quality_samples")
     if equal is None:
         return "–"
@@ -57,13 +57,13 @@ def sample_cell(result: Mapping[str, Any]) -> str:
 
 
 def print_meanings(measures: Iterable[Measure]) -> None:
-    """Print what each column says."""
+    """Print the meaning of each column."""
     for measure in measures:
         print_line(f"  {measure.name}: {measure.title}", "dim")
 
 
 def print_one(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
-    """Print a result frame by frame, with its mean and what was found besides."""
+    """Print a result frame by frame, with its mean, alpha, video scores and equal-quality samples."""
     print_line(f"{shown(result['test'])} against {shown(result['reference'])}")
     table = figures(None, "frame", *score_heads(metrics, moving=False, samples=False))
     for row in result["frames"]:
@@ -84,7 +84,7 @@ def print_one(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
 
 
 def _alpha_text(values: Values) -> str:
-    """The errors of alpha, and of the picture over white and grey, for a reader."""
+    """Describe the errors of alpha, and of the picture over white and grey."""
     said = [f"mse {three_digits(values['mse'])}, worst {three_digits(values['worst'])}"]
     for name in ("white", "grey"):
         value = values[f"psnr-{name}"]
@@ -93,7 +93,7 @@ def _alpha_text(values: Values) -> str:
 
 
 def _print_equal_quality(equal: dict[str, Any]) -> None:
-    if math.isinf(equal["samples"]):  # no number of samples errs as little as nothing
+    if math.isinf(equal["samples"]):  # no finite number of samples has zero error
         print_line("equal-quality samples: no number, for A equals its truth up to white")
         return
     bound = f"{equal['bound']} " if equal["bound"] else ""
@@ -111,9 +111,9 @@ def _print_video(result: dict[str, Any]) -> None:
 
 
 def print_several(results: Sequence[dict[str, Any]], metrics: tuple[Metric, ...]) -> None:
-    """Print the means of several results that were judged against one reference, a line each."""
+    """Print the means of several results against one reference, one row each."""
     first = results[0]
-    single = next((result for result in results if "mean_one_sample" in result), None)  # none beside the capture itself
+    single = next((result for result in results if "mean_one_sample" in result), None)  # None for the capture itself
     kinds = {"moving": "video" in first, "samples": single is not None}
     print_line(f"{shown(first['reference'])} is the truth; means of {counted(len(first['frames']), 'frame')}")
     table = figures(None, "", *score_heads(metrics, **kinds), named=True)
@@ -130,7 +130,7 @@ def print_several(results: Sequence[dict[str, Any]], metrics: tuple[Metric, ...]
 
 
 def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bool) -> None:
-    """Print the rows of ``--table``, sequence by sequence, and their means over several."""
+    """Print the rows of ``--table`` by sequence, and their means over all sequences."""
     timed, several = any("milliseconds" in row for row in rows), len({row["sequence"] for row in rows}) > 1
     heads = [*score_heads(metrics, moving=True, samples=True), *(["cvvdp ↑"] * cvvdp), *(["ms ↓"] * timed)]
     table = figures(None, "", "", *heads, named=True)
@@ -155,26 +155,28 @@ def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bo
     "metric_names",
     default=",".join(DEFAULT_METRICS),
     metavar="LIST",
-    help=f"Comma-separated, or all: {', '.join(METRICS)}.",
+    help=f"Metrics, comma-separated, or all: {', '.join(METRICS)}.",
 )
 @click.option("--frames", type=SOME_FRAMES, help="Only these frames, both included, or the first N of A.")
-@click.option("--stops", type=STOPS, default=0.0, help="Exposure before the display transform, in stops.")
-@click.option("--heatmap", type=FILE_PATH, metavar="DIR", help="Write an error map a frame as PNG.")
+@click.option("--stops", type=STOPS, default=0.0, help="Change the exposure before the display transform, in stops.")
+@click.option("--heatmap", type=FILE_PATH, metavar="DIR", help="Write an error map of each frame as PNG.")
 @click.option(
     "--video",
     "in_time",
     is_flag=True,
-    help=f"Also judge A as moving pictures: {', '.join(score.name for score in SCORES)}.",
+    help=f"Also score A over time: {', '.join(score.name for score in SCORES)}.",
 )
-@click.option("--table", is_flag=True, help="A... are entries of a leaderboard, B... captured sequences: one table.")
+@click.option("--table", is_flag=True, help="Make one table of leaderboard entries A... on captured sequences B...")
 @click.option(
     "--ours",
     default="default,fast,gather-8",
     metavar="LIST",
-    help="Presets that stand beside the entries of --table; an empty list for none.",
+    help="Presets to add to --table; an empty list for none.",
 )
-@click.option("--cvvdp", is_flag=True, help="ColorVideoVDP too, of --table (extra vdp).")
-@click.option("--film", type=FILE_PATH, metavar="DIR", help="A film a sequence of --table, side by side at 2x.")
+@click.option("--cvvdp", is_flag=True, help="Add ColorVideoVDP to --table (pip extra cltaa[vdp]).")
+@click.option(
+    "--film", type=FILE_PATH, metavar="DIR", help="Write a film of each sequence of --table, side by side at 2x."
+)
 @input_options
 @verify_option
 @json_option
@@ -193,29 +195,29 @@ def compare(
     as_json: bool,
     **reading: Any,
 ) -> None:
-    """Judge A against B, frame by frame and in the mean; several A, each against B, in the mean.
+    """Measure the error of A against B, for each frame and in the mean; of several A only the means.
 
-    A and B are folders of numbered EXR frames, of cltaa or of another tool, or of PNGs, which are taken for sRGB;
-    patterns of such (x.####.exr), or single files. Where B is a captured sequence, A is judged against the truth in
-    its folder reference/, beside the single samples that were captured, and the equal-quality samples are stated: how
-    many samples a pixel a supersampler needs for the same error. Where B is left out, A is a captured sequence and its
-    single samples are judged against its own truth.
+    A and B are folders of numbered EXR frames (from cltaa or another tool) or of PNGs (read as sRGB), patterns
+    (x.####.exr), or single files. If B is a captured sequence, its folder reference/ is the truth. The result then
+    also has the error of the captured frames, one sample a pixel, and the equal-quality samples: the samples a pixel
+    that a supersampler needs for the same error as A. Without B, A is a captured sequence, and its frames are compared
+    with its own truth.
 
-    --video needs the capture, for the motion in it, and tells apart what an error of single images cannot: ghosting
-    (the past shows at disoccluded pixels), flicker (changes that are not in the truth), blur (fine detail lost) and
-    aliasing (fine detail that is false). docs/metrics.md has the formulas.
+    --video needs the motion of the capture. It separates ghosting (the past shows at disoccluded pixels), flicker
+    (changes that are not in the truth), blur (lost fine detail) and aliasing (false fine detail). docs/metrics.md has
+    the formulas.
 
-    Heat maps run from black over red and yellow to white; they show FLIP where it is among the metrics, else the
+    Error maps run from black over red and yellow to white. They show FLIP if it is among the metrics, else the
     absolute difference on the display.
 
-    --table puts results of standard sequences beside ours: each A holds a folder of frames for each B, of its name,
-    and entry.toml where it says its name, version, settings, device and milliseconds. docs/leaderboard.md tells how.
+    --table compares other resolves with ours on standard sequences. Each A holds one folder of frames for each B, with
+    the same name, and entry.toml with its name, version, settings, device and milliseconds. See docs/leaderboard.md.
 
-    Where headers or records say that A and B show different things, or that B is no truth, or where A has not all of
-    the frames of B, as a resolve that was interrupted, that is said on standard error, as a warning.
+    A warning on standard error says if headers or records contradict the comparison (A and B show different things, B
+    is no truth), or if A lacks frames of B, as after an interrupted resolve.
     """
     asked = parse_metrics(metric_names)
-    metrics = tuple(dict.fromkeys((*asked, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
+    metrics = tuple(dict.fromkeys((*asked, METRICS["mse"])))  # equal-quality samples need it
     if table:
         if heatmap is not None:
             raise UsageError("--heatmap does not go with --table", cure="draw maps of one A at a time")
@@ -244,7 +246,7 @@ def compare(
         for comparison in comparisons:
             _check_followed(comparison)
     _tell_reading(named, in_time)
-    # Who names a single file asks for it alone.
+    # A single file lacks no frames: the user asked for that one only.
     lacking = [
         [] if test.alone else comparison.not_judged(chosen) for test, comparison in zip(tests, comparisons, strict=True)
     ]
@@ -270,7 +272,7 @@ def compare(
 
 
 def _sequences(paths: tuple[Path, ...]) -> list[Path | tuple[Path, ...]]:
-    """The words of the command, files of one sequence that follow each other as one: so a shell lists a pattern."""
+    """Group the arguments: consecutive files of one sequence, as a shell expands a pattern, become one."""
     found: list[tuple[Path, ...]] = []
     for path in paths:
         last = found[-1][-1] if found and len(paths) > 2 else None
@@ -283,7 +285,7 @@ def _sequences(paths: tuple[Path, ...]) -> list[Path | tuple[Path, ...]]:
 
 
 def _check_alike(comparisons: Mapping[str, Comparison], heatmap: Path | None) -> None:
-    """Raise UsageError where the means of several would be of other frames, or their maps would have one name."""
+    """Raise UsageError if several A have different frames or regions, or if their error maps would share names."""
     first, *others = comparisons
     if heatmap is not None and others:
         raise UsageError("--heatmap: maps of several would have one name", cure="draw those of one A at a time")
@@ -298,11 +300,11 @@ def _check_alike(comparisons: Mapping[str, Comparison], heatmap: Path | None) ->
 
 
 def _tell_reading(comparisons: Mapping[str, Comparison], in_time: bool) -> None:
-    """Say on standard error how each A, by its name, and B are read."""
+    """Print to standard error how each A, by its name, and B are read."""
     read: dict[str, ImageSequence | FrameSequence] = {}
     for name, comparison in comparisons.items():
         read |= {name: comparison.test, "B": comparison.reference}
-        if in_time and comparison.capture is not None:  # more of it is read than its colour
+        if in_time and comparison.capture is not None:  # depth and motion of the capture are read too
             read[name if comparison.of_itself else "B"] = comparison.capture
     for label, images in read.items():
         if images.notes:
@@ -315,7 +317,7 @@ def _tell_reading(comparisons: Mapping[str, Comparison], in_time: bool) -> None:
 
 
 def _warn(name: str, comparison: Comparison, lacking: list[int], in_time: bool, heatmap: Path | None) -> list[str]:
-    """Return what speaks against a comparison with A, after saying it on standard error, where A is called ``name``."""
+    """Return the warnings of a comparison, after printing them to standard error with the ``name`` of A."""
     warnings = doubts(comparison, followed=in_time)
     if lacking:
         have, which = len(comparison.test), printable(named_frames(lacking), longest=LONGEST_VALUE)
@@ -336,7 +338,7 @@ def _warn(name: str, comparison: Comparison, lacking: list[int], in_time: bool, 
 
 
 def _check_followed(comparison: Comparison) -> None:
-    """Raise UsageError where nothing tells how A moves, or nothing of it can be followed."""
+    """Raise UsageError if --video cannot judge A: no capture, only a region, or no consecutive frames."""
     if comparison.capture is None:
         raise UsageError(
             "--video needs the capture", cure="give the sequence as B, or alone as A, with its truth in reference/"

@@ -1,4 +1,4 @@
-"""``cltaa demo``: capture a scene, resolve it and show what was gained."""
+"""``cltaa demo``: capture a scene, resolve it and measure the gain."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from cltaa.pipeline.run import ResolveReport, resolve_sequence
 from cltaa.printable import counted, shown
 from cltaa.process import call_cltaa, stop_signals
 
-SETTLED = 8  # frames after which the history is full enough to be judged
-FLIP_EVERY = 8  # FLIP takes longer than the resolve, so only every so many-th frame is judged by it
-ZOOM = 4  # of the crop
+SETTLED = 8  # first judged frame, because the history needs some frames to fill
+FLIP_EVERY = 8  # FLIP is slower than the resolve, so only every 8th frame is judged by it
+ZOOM = 4  # magnification of the crop
 TRUTH_SAMPLES = 32
 
 
 @dataclass(frozen=True, slots=True)
 class Gain:
-    """What the demo found, means over the frames from ``SETTLED`` on."""
+    """Results of the demo: means over the frames from ``SETTLED`` on."""
 
     psnr_one_sample: float
     psnr_resolved: float
@@ -43,17 +43,17 @@ class Gain:
 
 @click.command("demo")
 @click.option(
-    "-o", "--output", type=FILE_PATH, default=Path("demo"), help="Folder for everything that the demo leaves."
+    "-o", "--output", type=FILE_PATH, default=Path("demo"), help="Folder for everything that the demo writes."
 )
-@click.option("--scene", type=SCENE, default="spinner", help="What to capture; list scenes with: cltaa scenes")
-@click.option("--frames", type=click.IntRange(min=SETTLED + 1), default=40, help="Frames to capture.")
+@click.option("--scene", type=SCENE, default="spinner", help="Scene to capture; cltaa scenes lists them.")
+@click.option("--frames", type=click.IntRange(min=SETTLED + 1), default=40, help="Number of frames to capture.")
 @click.option("--size", type=SIZE, default="640x360", help="Size of a frame in pixels.")
 @device_option
 @json_option
 def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: str | None, as_json: bool) -> None:
-    """Capture a scene with its truth, resolve it, and leave pictures, a film and a table of what was gained.
+    """Capture a scene with its truth, resolve it, write pictures and a film, and print a table of the gain.
 
-    A second run keeps the captured frames and only resolves them again.
+    A second run reuses the captured frames and only resolves them again.
     """
     folder, resolved = output / "sequence", output / "resolved"
     if min(size) < ZOOM:
@@ -61,7 +61,7 @@ def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: s
         raise UsageError("--size: too small", expected=expected, found=found)
     named_metrics(("mse", "psnr", "flip"))
     import_av()
-    resolver = Resolver(device=device)  # a device that is not there is told before the work, not after it
+    resolver = Resolver(device=device)  # fails for a missing device before the work, not after it
     _capture(scene, folder, frames, size)
     sequence = open_sequence(folder).select(0, frames - 1)
     report = resolve_sequence(sequence, resolved, resolver, restart=True, stopping=stop_signals())
@@ -73,7 +73,7 @@ def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: s
 
 
 def _capture(scene: str, folder: Path, frames: int, size: tuple[int, int]) -> None:
-    """Run ``cltaa capture`` in a process of its own, so that OpenGL and OpenCL never meet in one."""
+    """Run ``cltaa capture`` in a separate process, so that no process loads both OpenGL and OpenCL."""
     asked = ["--frames", str(frames), "--size", f"{size[0]}x{size[1]}", "--reference", str(TRUTH_SAMPLES)]
     arguments = ["capture", scene, "-o", str(folder), *asked]
     begun = folder.exists()
@@ -82,7 +82,7 @@ def _capture(scene: str, folder: Path, frames: int, size: tuple[int, int]) -> No
         click.echo("cltaa: the folder is the demo's own: captured anew", err=True)
         code = call_cltaa([*arguments, "--restart"]).returncode
     if code:
-        click.get_current_context().exit(code)  # it has said why
+        click.get_current_context().exit(code)  # the child process has printed why
 
 
 def _judge(before: ImageSequence, after: ImageSequence, truth: ImageSequence, report: ResolveReport) -> Gain:
@@ -111,7 +111,7 @@ def _judge(before: ImageSequence, after: ImageSequence, truth: ImageSequence, re
 
 
 def _show(output: Path, before: ImageSequence, after: ImageSequence) -> None:
-    """Pictures of the last frame and a film of all."""
+    """Write pictures of the last frame and a film of all frames."""
     left, right = before.image(after.last), after.image(after.last)
     write_png(output / "before.png", to_picture(left))
     write_png(output / "after.png", to_picture(right))
@@ -120,7 +120,7 @@ def _show(output: Path, before: ImageSequence, after: ImageSequence) -> None:
 
 
 def _crop(image: Image) -> Image:
-    """The middle of an image, ``ZOOM`` times larger, each pixel a square."""
+    """Crop the middle of an image and magnify it ``ZOOM`` times without interpolation."""
     height, width = (size // ZOOM for size in image.shape[:2])
     top, left = (image.shape[0] - height) // 2, (image.shape[1] - width) // 2
     return image[top : top + height, left : left + width].repeat(ZOOM, axis=0).repeat(ZOOM, axis=1)

@@ -1,8 +1,8 @@
-"""``cltaa doctor``: what this machine offers to capture and resolve, each probed apart, each fault with its cure.
+"""``cltaa doctor``: probe what capture and resolve need on this machine; every failure comes with its cure.
 
-A driver that is not set up right may end the whole process (PoCL without a linker does), and a choice such as OSMesa or
-EGL can be made once a process. So each probe has its own: ``python -m cltaa.commands.doctor NAME [ARGUMENT]`` prints
-what it found as one line of JSON.
+A badly set up driver may end the whole process (PoCL without a linker does), and a process can choose only once
+between OSMesa and EGL. So each probe runs in its own process: ``python -m cltaa.commands.doctor NAME [ARGUMENT]``
+prints its finding as one line of JSON.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ from cltaa.opencl.pocl_cpu_name import cpu_facts, cpu_flags, cpu_name, level_of
 from cltaa.printable import counted, json_of, shown
 from cltaa.process import configure
 
-# A cold build of every kernel takes about 10 s on one core, 60 s on one that ten others want too; far beyond that a
-# probe hangs.
+# A cold build of every kernel takes about 10 s on one core, and 60 s on a core shared by ten processes. A probe that
+# takes far longer hangs.
 PROBE_SECONDS = 600
 
 LINKER_CURE = "sudo apt-get install -y gcc libc6-dev"
@@ -55,9 +55,9 @@ PACKAGES_CURE = "sh scripts/setup, or python -m pip install 'cltaa[all]'"
 
 
 class Finding(msgspec.Struct, frozen=True):
-    """One thing looked for: ``found`` says what there is or what went wrong, ``cure`` what to do where it is not ok.
+    """Result of one probe: ``found`` says what exists or what went wrong, ``cure`` what to do if it is not ``ok``.
 
-    ``serves`` is what the thing is for, "capture" or "resolve", or "both"; ``died`` whether the driver ended the probe.
+    ``serves`` is the part that needs it: "capture", "resolve" or "both". ``died``: the driver ended the probe.
     """
 
     name: str
@@ -70,21 +70,21 @@ class Finding(msgspec.Struct, frozen=True):
 
 
 class Diagnosis(msgspec.Struct, frozen=True):
-    """Every finding, and the two answers that count."""
+    """All findings, and whether capture and resolve work."""
 
     capture: bool
     resolve: bool
     findings: list[Finding]
 
     def hurts(self, finding: Finding) -> bool:
-        """Return whether what the finding serves does not work; without EGL, say, capture may still have OSMesa."""
+        """Return True if the part that the finding serves fails; without EGL, say, capture may still use OSMesa."""
         works = {"capture": self.capture, "resolve": self.resolve, "both": self.capture and self.resolve}
         return not finding.ok and not works[finding.serves]
 
 
 def diagnose() -> Diagnosis:
-    """Look at everything, the slow things side by side, and return the findings in a fixed order."""
-    python = f"{platform.python_version()} on {platform.platform(terse=True)}"  # one too old has no cltaa in it
+    """Run all probes in parallel and return the findings in a fixed order."""
+    python = f"{platform.python_version()} on {platform.platform(terse=True)}"  # an older Python cannot have cltaa
     looks: list[Callable[[], Finding]] = [
         lambda: Finding("Python", "both", ok=True, found=python),
         look_at_processor,
@@ -107,7 +107,7 @@ def diagnose() -> Diagnosis:
 
 
 def probe(name: str, serves: str, cure: str, *arguments: str, **environment: str) -> Finding:
-    """Run a probe with its arguments in a process of its own, which may die, and say what came of it."""
+    """Run a probe with its arguments in a separate process, which may die, and return its finding."""
     command = [sys.executable, "-m", "cltaa.commands.doctor", *arguments]
     try:
         child = subprocess.run(
@@ -122,7 +122,7 @@ def probe(name: str, serves: str, cure: str, *arguments: str, **environment: str
     except subprocess.TimeoutExpired:
         return Finding(name, serves, ok=False, found=f"no answer in {PROBE_SECONDS} s", cure=cure)
     if child.returncode:
-        if child.returncode == UsageError.exit_code:  # of a probe: a Python package is missing, and no driver's fault
+        if child.returncode == UsageError.exit_code:  # a Python package is missing; the driver is not at fault
             cure = PACKAGES_CURE
         died = child.returncode < 0
         found = why_it_died(child.stderr, -child.returncode) if died else _last_line(child.stderr, child.returncode)
@@ -140,9 +140,9 @@ def _last_line(said: str, code: int) -> str:
 
 
 def why_it_died(said: str, number: int) -> str:
-    """The line in which a driver that ended its process says why, and the signal.
+    """Return the line in which a driver that ended its process says why, and the signal.
 
-    That is seldom the last: LLVM goes on about the function, and PoCL about what it still holds.
+    It is seldom the last line: LLVM then prints the function, and PoCL the objects that it still holds.
     """
     lines = [line.strip() for line in said.splitlines() if line.strip()]
     telling = [line for mark in ("LLVM ERROR", "error:") for line in lines if mark in line] or lines
@@ -150,9 +150,9 @@ def why_it_died(said: str, number: int) -> str:
 
 
 def look_at_resolve() -> Finding:
-    """Resolve with the kernels that are kept; where that ends the process, again with none.
+    """Resolve with the cached kernels; if that ends the process, again with an empty cache.
 
-    What an aborted build leaves behind makes the driver say something else the second time.
+    The remains of an aborted build in the cache would make the driver report another error the second time.
     """
     kept = probe("resolve", "resolve", RESOLVE_CURE, "resolve")
     if not kept.died:
@@ -163,7 +163,7 @@ def look_at_resolve() -> Finding:
 
 
 def look_at_processor() -> Finding:
-    """Name the processor, and on x86-64 its level, which is what kernels are built for where PoCL does not know it."""
+    """Name the processor, and on x86-64 its level, the build target of kernels if PoCL does not know the processor."""
     told, words = cpu_facts(), [cpu_name()]
     words += [f"{key.removeprefix('cpu ')} {told[key]}" for key in ("cpu family", "model") if key in told]
     words += [level_of(cpu_flags()).name.decode()] * (platform.machine() == "x86_64")
@@ -192,9 +192,9 @@ def look_at_linker() -> Finding:
 def doctor(ctx: click.Context, as_json: bool) -> None:
     """Look for what capture and resolve need on this machine.
 
-    Each thing is tried in a process of its own, so that a driver that aborts is only a line in the table, and each
-    failure comes with its cure. Capture needs OSMesa or EGL, one of them. The exit code is 0 when capture and resolve
-    both work, else 69.
+    Each probe runs in its own process, so that a driver that aborts costs only one line of the table. Each failure
+    comes with its cure. Capture needs either OSMesa or EGL. The exit code is 0 if capture and resolve both work, else
+    69.
     """
     console = Console(stderr=as_json)
     with console.status("Trying files, linker, OpenCL and OpenGL ..."):
@@ -250,11 +250,11 @@ def _cell(name: str, value: object) -> str:
 FP_DENORM = 1 << 0
 FP_CORRECTLY_ROUNDED_DIVIDE_SQRT = 1 << 7
 
-# How the names of extensions begin by which a driver takes memory of Vulkan, CUDA, OpenGL and other devices, and waits
-# for it (OpenCL 3.0 Extension Specification; that of Arm).
+# Prefixes of the extensions that share memory and semaphores with Vulkan, CUDA, OpenGL and other devices (OpenCL 3.0
+# Extension Specification; Arm's own).
 EXTERNAL = ("cl_khr_external_", "cl_khr_gl_", "cl_khr_egl_", "cl_arm_import_memory")
 
-# Large enough that every lane of a CPU kernel and its remainder run, small enough to cost nothing.
+# Large enough to run every lane of a CPU kernel and its remainder, small enough to cost nothing.
 WIDTH, HEIGHT = 40, 24
 
 
@@ -274,8 +274,8 @@ def _try_files() -> str:
 
 
 def _try_cache() -> str:
-    """Write into the folder where the driver keeps built kernels, and look at the space left there."""
-    import_module("cltaa.opencl.device")  # decides where that folder is
+    """Write into the folder where the driver caches built kernels, and return it with its free space."""
+    import_module("cltaa.opencl.device")  # sets the folder
     try:
         return f"{kernel_cache.cache_folder()}, {kernel_cache.check_cache() / 1e9:.1f} GB free"
     except CltaaError as error:
@@ -283,7 +283,7 @@ def _try_cache() -> str:
 
 
 def _try_devices() -> list[dict[str, object]]:
-    """Return what each OpenCL device can do, in the order in which they are chosen from."""
+    """Return the properties of each OpenCL device, in the order of choice."""
     from cltaa.opencl.device import chosen_shape, devices
 
     return [_facts(device) | {"shape": ", ".join(chosen_shape(device))} for device in devices()]
@@ -308,7 +308,7 @@ def _facts(device: Any) -> dict[str, object]:
 
 
 def _try_resolve() -> str:
-    """Build the production kernel, resolve three frames of noise and look at the result."""
+    """Build the production kernel, resolve three frames of noise and check the range of the result."""
     from cltaa.core.resolver import Resolver
 
     resolver = Resolver()
@@ -324,7 +324,7 @@ def _try_resolve() -> str:
 
 
 def _try_capture(backend: str) -> str:
-    """Draw one frame of a scene with ``cltaa capture`` on one back end and return what drew it."""
+    """Draw one frame of a scene with ``cltaa capture`` on one back end and return its OpenGL version."""
     from cltaa.cli import main
 
     with tempfile.TemporaryDirectory() as folder:
@@ -346,7 +346,7 @@ PROBES: dict[str, Callable[..., object]] = {
 
 
 def _run_probe(name: str, *arguments: str) -> None:
-    """Run one probe; what goes wrong ends the process with one line on standard error."""
+    """Run one probe; an error ends the process with one line on standard error."""
     try:
         found = PROBES[name](*arguments)
     except CltaaError as error:

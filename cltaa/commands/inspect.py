@@ -1,4 +1,4 @@
-"""``cltaa inspect``: what is in a sequence, what is wrong with it, and the plan of its resolve."""
+"""``cltaa inspect``: the contents and problems of a sequence, and the plan of its resolve."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from cltaa.progress import shown_progress
 
 
 def print_plan(plan: SequencePlan) -> None:
-    """Print a table for each run of frames that share a plan; one that was shown before is only named."""
+    """Print a table for each run of frames with one plan; a repeated plan only refers to the earlier table."""
     builds = counted(plan.kernels, "build")
     print_line(f"preset {shown(plan.preset)}, {builds} of the resolve, on {shown(plan.device)}")
     parts = {
@@ -80,49 +80,50 @@ def _evidence(found: Found) -> Table:
 def _table(section: Section, title: str) -> Table:
     planned, every = section.milliseconds, section.every_milliseconds
     if planned is not None and every is not None:
-        # Without what would make another estimate, such as the test for an illumination change: that has its own line
-        # alone.
+        # Excludes steps that change the result, such as the illumination-change test: those only have their own rows.
         same_bits = f"{every:.2f} with every step that leaves the bits as they are ({every / planned:.2f} x)"
         title += f": {planned:.2f} ms a frame, {same_bits}"
     table = listing("step", "runs", "why", title=title)
     table.add_column("ms a frame", justify="right")
     for step in section.steps:
         cost = "" if step.milliseconds is None else f"{step.milliseconds:+.2f}"
-        # What runs is paid for; what does not is shown in brackets as what it would cost.
+        # Brackets mark the cost that a step would have if it ran.
         table.add_row(step.name, "yes" if step.on else "no", step.why, cost if step.on or not cost else f"({cost})")
     return table
 
 
-CENTRED_TO_PX = 1e-3  # a mean jitter beyond it shows
+CENTRED_TO_PX = 1e-3  # a larger mean jitter visibly shifts the image
 OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_rows", "config", "changes", "denoise")
 
 
-@click.command(context_settings={"allow_extra_args": True})  # of files that a shell lists
+@click.command(context_settings={"allow_extra_args": True})  # a shell expands a pattern into many files
 @click.argument("folder", metavar="SEQUENCE", type=FILE_PATH)
-@click.option("--pixels", is_flag=True, help="Decode every frame: ranges, NaN, infinities, promises kept.")
-@click.option("--plan", "planned", is_flag=True, help="Say which steps a resolve runs, why, and what each costs here.")
-@click.option("--preset", type=PRESET, default="default", help="With --plan: whose steps.")
-@click.option("--device", metavar="NAME", help="With --plan: where; its index or a part of its name.")
+@click.option("--pixels", is_flag=True, help="Also decode every frame: ranges, NaN, infinities, false declarations.")
+@click.option(
+    "--plan", "planned", is_flag=True, help="Instead print the steps that a resolve runs, with reason and cost."
+)
+@click.option("--preset", type=PRESET, default="default", help="With --plan: preset to plan for.")
+@click.option("--device", metavar="NAME", help="With --plan: OpenCL device, by index or part of its name.")
 @click.option(
     "--effects",
     metavar="LIST",
     default="auto",
-    help="With --plan: auto (as declared, else found), find, all, or names.",
+    help="With --plan: auto (as declared, else found), find, all, none, or a comma-separated list.",
 )
-@click.option("--config", type=FILE_PATH, help="With --plan: TOML file of parameters, over the preset.")
+@click.option("--config", type=FILE_PATH, help="With --plan: TOML file of parameters that override the preset.")
 @click.option(
-    "--set", "changes", multiple=True, metavar="KEY=VALUE", help="With --plan: one parameter; may be repeated."
+    "--set", "changes", multiple=True, metavar="KEY=VALUE", help="With --plan: override one parameter; repeatable."
 )
 @partial(storage_option, where="With --plan: ")
 @click.option(
     "--band-rows",
     type=click.IntRange(min=0),
     metavar="N",
-    help="With --plan: of a resolve in bands of N rows (0: whole images).",
+    help="With --plan: plan a resolve in bands of N rows (0: whole images).",
 )
-@click.option("--half", is_flag=True, help="With --plan: of results in half precision, which take less memory.")
+@click.option("--half", is_flag=True, help="With --plan: plan for half-precision results, which take less memory.")
 @click.option(
-    "--layers", type=LAYERS, help="With --plan: channels of the input that are kept, as cltaa resolve has it."
+    "--layers", type=LAYERS, help="With --plan: input channels to copy into the result, as for cltaa resolve."
 )
 @partial(denoise_option, where="With --plan: ")
 @input_options
@@ -147,14 +148,14 @@ def inspect(
     as_json: bool,
     **reading: Any,
 ) -> None:
-    """Say what is in a captured sequence: size, channels, effects, jitter, camera, cuts, truth, and every problem.
+    """Describe a captured sequence: size, channels, effects, jitter, camera, cuts, truth, and every problem.
 
-    SEQUENCE is a folder of frames, or a pattern of them (x.####.exr, x.%04d.exr, 'x.*.exr'), or one or more files.
+    SEQUENCE is a folder of frames, a pattern (x.####.exr, x.%04d.exr, 'x.*.exr'), or one or more files.
 
-    Only headers are read, which takes well under a millisecond a frame; a truncated file is found all the same. The
-    exit code is 0 when nothing is wrong, else 65. --plan prints the plan of a resolve instead, for which effects that
-    nobody declares are found in the pixels of a few frames. Of the files of another
-    tool it says how they would be read, and with --pixels what a resolve then takes.
+    Reads only headers, well under a millisecond a frame, and still finds truncated files. The exit code is 0 if there
+    is no problem, else 65. For another tool's files it prints how they would be read, and with --pixels the values
+    that a resolve would get. --plan prints the plan of a resolve instead; if no effects are declared, it finds them
+    in the pixels of a few frames.
     """
     _check_options(ctx, planned=planned, pixels=pixels)
     place = selection_of(one_sequence(ctx, folder))
@@ -175,7 +176,7 @@ def inspect(
 
 
 def _check_options(ctx: click.Context, *, planned: bool, pixels: bool) -> None:
-    """Raise UsageError for an option that would change nothing: who gave it waits for what does not come."""
+    """Raise UsageError for an option that would have no effect, rather than ignore it."""
     if planned and pixels:
         raise UsageError("--pixels and --plan are two reports", cure="leave one of them out")
     for option in ctx.command.params:
@@ -187,7 +188,7 @@ def _check_options(ctx: click.Context, *, planned: bool, pixels: bool) -> None:
 def _print(found: Inspection | Description) -> None:
     own = isinstance(found, Inspection)
     for name, text in _facts(found) if isinstance(found, Inspection) else _facts_of_reading(found):
-        print_line(f"[dim]{name:<11}[/] {shown(text)}")  # each a line, so that the options in it can be pasted back
+        print_line(f"[dim]{name:<11}[/] {shown(text)}")  # never wrapped, so that options in it can be pasted back
     if found.statistics:
         print_table(_statistics(found.statistics))
     for idle in found.idle if isinstance(found, Inspection) else ():

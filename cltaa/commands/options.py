@@ -1,4 +1,4 @@
-"""Options and types of arguments that several subcommands share, and what a shell completes."""
+"""Options and argument types that several subcommands share, and their shell completion."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class _Name(click.ParamType[str]):
-    """One name, of those ``listed`` when a shell asks: no command needs them before it runs."""
+    """A name. Only shell completion calls ``listed``, so that no command loads the names before it runs."""
 
     name = "name"
 
@@ -64,11 +64,11 @@ KERNEL, SCENE = _Name(kernel_names), _Name(_scenes)
 
 
 Command = Callable[..., Any]
-DIGITS = "[0-9]{1,20}"  # of a whole number: Python refuses to read one of thousands
+DIGITS = "[0-9]{1,20}"  # bounded, because Python refuses to parse an integer of thousands of digits
 
 
 class _FilePath(click.Path):
-    """A path that is not empty: an unset variable in a script would mean the folder that one stands in."""
+    """A path that is not empty: an unset variable in a script would otherwise mean the working directory."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if value == "":
@@ -77,7 +77,7 @@ class _FilePath(click.Path):
 
 
 class _Folder(_FilePath):
-    """A folder that tables and plots name by the last word of its path: of ``.`` and ``..`` they need the whole one."""
+    """A folder. Tables and plots show the last part of its path, so ``.`` and ``..`` become absolute."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         folder: Path = super().convert(value, param, ctx)
@@ -85,9 +85,9 @@ class _Folder(_FilePath):
 
 
 def one_sequence(ctx: click.Context, first: Path, hint: str = "") -> Named:
-    """The sequence that the words of a command name: ``first``, or with ``ctx.args`` its files, as a shell lists them.
+    """Return the sequence that the arguments name: ``first``, or ``first`` and ``ctx.args`` where a shell listed files.
 
-    Other words than files are refused, with a ``hint``.
+    Any extra argument that is not a frame file ends the command with an error that ends in ``hint``.
     """
     words = [first, *map(Path, ctx.args)]
     if ctx.args and not all(path.suffix in SUFFIXES for path in words):
@@ -96,7 +96,7 @@ def one_sequence(ctx: click.Context, first: Path, hint: str = "") -> Named:
 
 
 class _Number(click.FloatRange):
-    """A number with its unit or without; neither without end nor NaN."""
+    """A finite number, with or without its unit."""
 
     def __init__(self, unit: str = "", **limits: Any) -> None:
         super().__init__(**limits)
@@ -105,13 +105,13 @@ class _Number(click.FloatRange):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         text: Any = value.removesuffix(self._unit) if isinstance(value, str) else value
         number = super().convert(text, param, ctx)
-        if not math.isfinite(number):  # NaN lies within every range
+        if not math.isfinite(number):  # NaN passes every range check
             self.fail(f"{value!r} is not a number", param, ctx)
         return number
 
 
 class _Text(click.ParamType[Any]):
-    """What ``read`` makes of a text; ``name`` is how that is written, which help shows as it is."""
+    """A value that ``read`` parses from text; help shows ``name`` unchanged as its metavar."""
 
     def __init__(self, name: str, read: Callable[[str], Any]) -> None:
         self.name, self._read = name, read
@@ -124,7 +124,7 @@ class _Text(click.ParamType[Any]):
 
 
 def _size(text: str) -> tuple[int, int]:
-    """Width and height in pixels."""
+    """Parse width and height in pixels."""
     match = re.fullmatch(rf"({DIGITS})x({DIGITS})", text, re.IGNORECASE)
     if match is None or not int(match[1]) * int(match[2]):
         raise click.BadParameter(f"{text!r} is not WIDTHxHEIGHT, such as 640x360")
@@ -132,7 +132,7 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _some_frames(text: str) -> int | tuple[int, int]:
-    """A number of frames from the first on, or the numbers of the first and the last, both included."""
+    """Parse a count of frames from the first on, or the first and last frame number, both included."""
     if re.fullmatch(DIGITS, text):
         return click.IntRange(min=1).convert(int(text), None, None)
     match = re.fullmatch(rf"(-?{DIGITS})(?:-(-?{DIGITS}))?", text)
@@ -142,7 +142,7 @@ def _some_frames(text: str) -> int | tuple[int, int]:
 
 
 def frame_range(named: Named, frames: int | FrameRange | None) -> FrameRange | None:
-    """The range that ``--frames`` asks for: of the first N of what is named from the first one to the N-th."""
+    """Return the frame range of ``--frames``; a count N becomes the numbers of the first and the N-th frame."""
     if not isinstance(frames, int):
         return frames
     from cltaa.inputs.roles import file_sets
@@ -152,17 +152,17 @@ def frame_range(named: Named, frames: int | FrameRange | None) -> FrameRange | N
 
 
 def listed(text: str) -> tuple[str, ...]:
-    """The names of a comma-separated list; spaces around them and empty ones count as nothing."""
+    """Split a comma-separated list into names; strips spaces and drops empty names."""
     return tuple(name for part in text.split(",") if (name := part.strip()))
 
 
 def _layers(text: str) -> tuple[str, ...]:
-    """A comma-separated list of channels, in which one whose name holds a comma stands in quotes."""
+    """Split a comma-separated list of channels; a name that contains a comma is quoted."""
     return tuple(name for (name,) in names_in(text) if name)
 
 
 def _whole_numbers(least: int, text: str) -> tuple[int, ...]:
-    """A comma-separated list of whole numbers from ``least`` on."""
+    """Parse a comma-separated list of whole numbers, each at least ``least``."""
     numbers = listed(text)
     if not all(re.fullmatch(DIGITS, number) and int(number) >= least for number in numbers):
         raise click.BadParameter(f"{text!r} is no list of whole numbers from {least} on, such as 2,4,8")
@@ -178,23 +178,23 @@ STOPS = _Number(min=-EXPOSURE_STOPS, max=EXPOSURE_STOPS)
 verify_option = click.option(
     "--verify/--no-verify",
     default=True,
-    help="Refuse a file whose SHA-256 is not the one recorded beside it (sequence.json, manifest.jsonl).",
+    help="Refuse a file whose SHA-256 differs from the one in sequence.json or manifest.jsonl beside it.",
 )
 
 
 device_option = click.option(
-    "--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor."
+    "--device", metavar="NAME", help="OpenCL device, by index or part of its name; cltaa doctor lists them."
 )
 
 
 def effects_option_of(default: str) -> Callable[[Command], Command]:
-    """``--effects`` with that default."""
+    """Return the option ``--effects`` with ``default``."""
     return click.option(
         "--effects",
         metavar="LIST",
         default=default,
-        help="auto (as declared, else found in the pixels), find (found, whatever is declared), all (every step), none"
-        ", or a comma-separated list.",
+        help="What happens in the sequence: auto (as the files declare, else found in the pixels), find (always found "
+        "in the pixels), all (run every step), none, or a comma-separated list of effects.",
     )
 
 
@@ -204,29 +204,29 @@ step_option = click.option(
     type=click.IntRange(min=1),
     default=1,
     metavar="N",
-    help="Frame numbers are N apart, and motion vectors span N (docs/inputs.md).",
+    help="Frame numbers increase by N, and motion vectors span N numbers (docs/inputs.md).",
 )
 
 
 def storage_option(command: Command, where: str = "") -> Command:
-    """Add ``--storage``; ``where`` it counts begins its help."""
+    """Add ``--storage``; its help begins with ``where``, the mode in which it applies."""
     return click.option(
         "--storage",
         type=click.Choice([kind.value for kind in STORAGES]),
         default=Storage.FLOAT.value,
-        help=f"{where}Number that the history is kept in.",
+        help=f"{where}Number format of the stored history.",
     )(command)
 
 
 def denoise_option(command: Command, where: str = "") -> Command:
-    """Add ``--denoise``; ``where`` it counts begins its help."""
-    from cltaa.pipeline.denoise import DENOISERS  # here: most commands need none of it
+    """Add ``--denoise``; its help begins with ``where``, the mode in which it applies."""
+    from cltaa.pipeline.denoise import DENOISERS  # imported late, because most commands do not need it
 
     return click.option(
         "--denoise",
         type=click.Choice(DENOISERS),
         default="none",
-        help=f"{where}Denoise each frame before the resolve: oidn is Open Image Denoise, the extra cltaa[denoise].",
+        help=f"{where}Denoise each frame before the resolve: oidn is Open Image Denoise (pip extra cltaa[denoise]).",
     )(command)
 
 
@@ -234,7 +234,7 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print the re
 
 
 def input_options(command: Command) -> Command:
-    """Add ``--profile``, ``--input``, ``--camera`` and ``--step``, by the names of ``open_input``."""
+    """Add ``--profile``, ``--input``, ``--camera`` and ``--step``, named as the arguments of ``open_input``."""
     for option in (
         step_option,
         click.option(
@@ -242,21 +242,22 @@ def input_options(command: Command) -> Command:
             "side_file",
             type=FILE_PATH,
             metavar="FILE",
-            help="Matrices, jitter, exposure and cuts of each frame: .json, .csv or text (docs/inputs.md).",
+            help="File with the matrices, jitter, exposure and cuts of each frame: .json, .csv or text "
+            "(docs/inputs.md).",
         ),
         click.option(
             "--input",
             "assignments",
             multiple=True,
             metavar="SECTION.KEY=VALUE",
-            help="One key of the profile, such as motion.scale=1,-1; may be repeated.",
+            help="Override one key of the profile, such as motion.scale=1,-1; repeatable.",
         ),
         click.option(
             "--profile",
             type=PROFILE,
             metavar="NAME",
             default="auto",
-            help="Who wrote the files: auto, a name (cltaa profiles), or FILE.toml.",
+            help="Conventions of the files: auto, a name (cltaa profiles lists them), or FILE.toml.",
         ),
     ):
         command = option(command)
@@ -264,13 +265,13 @@ def input_options(command: Command) -> Command:
 
 
 def reading_options(command: Command, effects: str = "auto") -> Command:
-    """Add ``--effects`` and ``input_options``, all as one argument ``reading``, to what measures."""
+    """Add ``--effects`` and ``input_options`` to a command that measures; passes them as one argument ``reading``."""
 
     @wraps(command)
     def read(*, side_file: Path | None, truth: Path | None = None, **others: Any) -> Any:
         from cltaa.inputs.open import Reading
 
-        declared = chosen_effects(others["effects"])  # a name that is none is told here
+        declared = chosen_effects(others["effects"])  # raises for an unknown name before anything is opened
         others["effects"] = declared if isinstance(declared, str) else format_effects(declared)
         files: dict[str, Any] = {"side_file": side_file and str(side_file), "truth": truth and str(truth)}
         told = {name: others.pop(name) for name in ("profile", "assignments", "effects", "step")}
@@ -280,24 +281,24 @@ def reading_options(command: Command, effects: str = "auto") -> Command:
 
 
 def measured_options(command: Command, effects: str = "auto") -> Command:
-    """Add ``--truth`` and ``reading_options``, all as one argument ``reading``, to what judges by a truth."""
+    """Add ``--truth`` and ``reading_options`` to a command that judges; passes them as one argument ``reading``."""
     truth = click.option(
         "--truth",
         type=FILE_PATH,
         metavar="DIR",
-        help="Where the truth is, as B of cltaa compare.  [default: reference/ of each sequence]",
+        help="Frames of the truth, as B of cltaa compare.  [default: reference/ of each sequence]",
     )
     return reading_options(truth(command), effects)
 
 
 def open_each(folders: Iterable[Path], reading: Reading) -> dict[Path, FrameSequence]:
-    """Open sequences as they are asked to be read; says on standard error what was decided about another tool's."""
+    """Open each sequence as ``reading`` asks; prints to standard error how another tool's files are read."""
     from cltaa.inputs.open import is_own, readings
 
     opened = {folder: how.open(folder) for folder, how in readings(folders, reading).items()}
     asked = (reading.profile, reading.assignments, reading.side_file) != ("auto", (), None)
     for folder, sequence in opened.items():
-        if sequence.notes and (asked or not is_own(folder)):  # of own frames other effects decide nothing that is told
+        if sequence.notes and (asked or not is_own(folder)):  # other effects of own frames need no report
             click.echo(printable(f"{folder}: {'; '.join(sequence.notes)}"), err=True)
     return opened
 
@@ -306,12 +307,12 @@ NO_EFFECT = "none"
 
 
 def chosen_effects(text: str) -> Asked:
-    """``auto``, ``find``, ``all``, ``none``, or the effects of a comma-separated list."""
+    """Parse ``auto``, ``find``, ``all``, ``none``, or a comma-separated list of effects; raises UsageError."""
     for word in ASKED:
         if text == word:
             return word
     names = listed(text)
-    if not names:  # as of a variable that a shell does not know: it would be a promise
+    if not names:  # an unset shell variable must not promise that nothing happens
         raise UsageError("--effects names no effect", cure="--effects none promises that nothing happens")
     for name in () if names == (NO_EFFECT,) else names:
         if current(name, EFFECTS, frozenset(Effect), "effect") not in [*Effect]:
@@ -321,8 +322,10 @@ def chosen_effects(text: str) -> Asked:
 
 
 def preset_of(name: str, config: Path | None, before: Callable[[Preset], Preset] | None = None) -> Preset:
-    """The preset of that name, with ``before`` and then a TOML file over it where they are given; raises what reading
-    either raises."""
+    """Load the preset ``name``, apply ``before``, then the TOML file ``config``, where given.
+
+    Raises what ``load_preset`` and ``load_config`` raise.
+    """
     from cltaa.core.presets import load_preset
     from cltaa.io.preset_file import load_config
 
@@ -331,7 +334,10 @@ def preset_of(name: str, config: Path | None, before: Callable[[Preset], Preset]
 
 
 def assigned(preset: Preset, assignments: tuple[str, ...], option: str = "--set") -> Preset:
-    """``preset`` with what an option says, which its name tells; raises UsageError for what is no assignment."""
+    """Return ``preset`` with the assignments KEY=VALUE applied and added to its name.
+
+    Raises UsageError, naming ``option``, for text that is no assignment.
+    """
     from cltaa.core.presets import override, renamed
 
     values = renamed(_values(assignments))

@@ -1,4 +1,4 @@
-"""``cltaa presets``, ``profiles`` and ``kernels``: what comes with cltaa, and every parameter there is."""
+"""``cltaa presets``, ``profiles`` and ``kernels``: list what comes with cltaa, and every parameter."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from cltaa.printable import json_of
 
 @click.command("presets")
 @click.argument("name", required=False, type=PRESET)
-@click.option("--against", type=PRESET, help="Print only what NAME sets otherwise than this preset does.")
+@click.option("--against", type=PRESET, help="Print only the parameters that differ between NAME and this preset.")
 @click.option(
     "--parameters",
     is_flag=True,
-    help="List every parameter with its range, unit and meaning, and what NAME sets it to.",
+    help="List every parameter with its range, unit and meaning, and its value in NAME.",
 )
 @json_option
 def presets(name: str | None, against: str | None, parameters: bool, as_json: bool) -> None:
-    """List the presets; with NAME, print that one as TOML for cltaa resolve --config."""
+    """List the presets; with NAME, print that preset as TOML for cltaa resolve --config."""
     if against is not None:
         if parameters:
             raise UsageError("--against and --parameters are two lists", cure="leave one of them out")
@@ -55,7 +55,7 @@ def presets(name: str | None, against: str | None, parameters: bool, as_json: bo
 
 
 def parameter_rows(preset: Preset | None = None) -> list[dict[str, Any]]:
-    """One row a parameter, from its declaration, and with the value that a preset gives it."""
+    """Return one row for each parameter: its declaration, and its value in ``preset`` if given."""
     rows: list[dict[str, Any]] = []
     values: dict[str, Any] = {}
     if preset is not None:
@@ -89,7 +89,7 @@ def _toml(preset: Preset) -> str:
 
 
 def difference(preset: Preset, other: Preset) -> list[dict[str, Any]]:
-    """One row for everything that decides a result and that the two set otherwise."""
+    """Return one row for each parameter that affects the result and differs between the two presets."""
     ours, theirs = preset.deciding(), other.deciding()
     pairs = [(key, ours[part][key], theirs[part][key]) for part in ("choices", "settings") for key in ours[part]]
     pairs.append(("published", ours["published"], theirs["published"]))
@@ -105,14 +105,14 @@ def _toml_over(base: Preset, rows: list[dict[str, Any]]) -> str:
 
 def _print_presets(presets: list[Preset]) -> None:
     table = listing("preset", "description")
-    table.columns[0].no_wrap, table.columns[0].overflow = True, "ignore"  # it is there to be copied
+    table.columns[0].no_wrap, table.columns[0].overflow = True, "ignore"  # whole names, so that they can be copied
     for preset in presets:
         table.add_row(preset.name, escape(preset.description))
     Console().print(table)
 
 
 def _print_parameters(rows: list[dict[str, Any]], preset: Preset | None) -> None:
-    """A paragraph each: a table of four columns leaves the text a few letters a line in a terminal of usual width."""
+    """Print one paragraph for each row, because four columns leave too little width for the text."""
     console = Console()
     if preset is None:
         sets = "cltaa presets NAME --parameters"
@@ -133,7 +133,7 @@ def _print_parameters(rows: list[dict[str, Any]], preset: Preset | None) -> None
 @click.argument("name", required=False, type=PROFILE)
 @json_option
 def profiles(name: str | None, as_json: bool) -> None:
-    """List the reader profiles, or print every key of NAME as TOML to start one's own from."""
+    """List the reader profiles; with NAME, print all its keys as TOML, to start your own from."""
     if name is not None:
         profile = load_profile(name)
         click.echo(json_of(profile) if as_json else toml_text(profile), nl=as_json)
@@ -150,14 +150,14 @@ def profiles(name: str | None, as_json: bool) -> None:
 
 @click.command("kernels")
 @click.option(
-    "--show", type=KERNEL, metavar="KERNEL", help="Print the whole text of a kernel, prelude and includes pasted."
+    "--show", type=KERNEL, metavar="KERNEL", help="Print the whole source of a kernel, with prelude and includes."
 )
-@click.option("--preset", type=PRESET, default="default", help="Preset whose choices the prelude carries.")
-@click.option("--lanes", type=click.Choice(["1", "4", "8", "16"]), default="8", help="Pixels a work-item.")
-@click.option("--strict", is_flag=True, help="The strict build.")
+@click.option("--preset", type=PRESET, default="default", help="Preset whose choices the prelude defines.")
+@click.option("--lanes", type=click.Choice(["1", "4", "8", "16"]), default="8", help="Pixels of a work-item.")
+@click.option("--strict", is_flag=True, help="Print the strict build.")
 @json_option
 def kernels(show: str | None, preset: str, lanes: str, strict: bool, as_json: bool) -> None:
-    """List the OpenCL kernels with the hash of their text, or print one as the compiler sees it."""
+    """List the OpenCL kernels with the hash of their source, or print one as the compiler sees it."""
     build = Build(choices=load_preset(preset).choices, steps=Steps(), lanes=int(lanes), rows=32, strict=strict)
     if show is not None:
         text = source(show, build)

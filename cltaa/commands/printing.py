@@ -1,4 +1,4 @@
-"""Lines and tables of what a command found, in which names from outside stay as they are (``printable.shown``)."""
+"""Lines and tables of a command's results; names from outside keep their text (``printable.shown``)."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from cltaa.printable import json_of
 
 Found = TypeVar("Found")
 
-WIDEST = 1000  # columns; no table of ours comes near
+WIDEST = 1000  # columns, more than any table here needs
 
-Console = partial(console.Console, highlight=False, emoji=False)  # numbers are not coloured, nor :names: drawn
+Console = partial(console.Console, highlight=False, emoji=False)  # no coloured numbers, no :name: emoji
 
 
 def print_line(text: str, style: str | None = None) -> None:
-    """Print ``text``, which may have markup of rich's, as the one line that it is."""
+    """Print ``text``, which may contain rich markup, as one unwrapped line."""
     Console().print(text, style=style, soft_wrap=True)
 
 
 def three_digits(value: float) -> str:
-    """A number to three digits, and one of thousands in full: no reader takes ``2.57e+03`` in at a glance."""
+    """Format a number to three digits, and from 1000 on in full, because ``2.57e+03`` is hard to read."""
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 def answer(found: Found, as_json: bool, tell: Callable[[Found], object]) -> None:
-    """Print what was found as JSON, or for a reader as ``tell`` does."""
+    """Print ``found`` as JSON, or with ``tell`` for a reader."""
     if as_json:
         click.echo(json_of(found))
     else:
@@ -40,7 +40,7 @@ def answer(found: Found, as_json: bool, tell: Callable[[Found], object]) -> None
 
 
 def figures(title: str | None, *headings: str, named: bool = False) -> Table:
-    """A table of figures, each whole and to the right; with ``named`` the first column is of names, to the left."""
+    """Make a table of unwrapped, right-aligned figures; with ``named`` the first column is left-aligned."""
     table = Table(title=title)
     for place, heading in enumerate(headings):
         table.add_column(heading, justify="left" if named and not place else "right", no_wrap=True)
@@ -48,15 +48,14 @@ def figures(title: str | None, *headings: str, named: bool = False) -> Table:
 
 
 def listing(*headings: str, title: str | None = None) -> Table:
-    """A table of words without lines between them."""
+    """Make a table of words without rules."""
     return Table(*headings, title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
 
 
 def print_table(table: Table) -> None:
-    """Print ``table`` without a figure cut short: where it is wider than the terminal, some columns after the others.
+    """Print ``table`` without truncating a figure: a table wider than the terminal is split by columns.
 
-    Each part begins with the first column, and is as wide as it has to be. A file or a pipe has no width, unless the
-    variable COLUMNS gives it one.
+    Each part repeats the first column. A file or a pipe has no width limit, unless the variable COLUMNS sets one.
     """
     console = Console()
     room = console.width if console.is_terminal or "COLUMNS" in os.environ else WIDEST
@@ -65,7 +64,7 @@ def print_table(table: Table) -> None:
 
 
 def _parts(table: Table, room: int) -> Iterator[Table]:
-    """The table, or as many columns of it at a time as fit into ``room``, behind its first."""
+    """Yield ``table`` in parts, each with the first column and as many others as fit into ``room``."""
     last, begin = len(table.columns), 1
     while begin < last or begin == 1:
         end = last
@@ -76,7 +75,7 @@ def _parts(table: Table, room: int) -> Iterator[Table]:
 
 
 def _with(table: Table, begin: int, end: int) -> Table:
-    """The table with its first column and those from ``begin`` to before ``end``; its title over the first alone."""
+    """Return ``table`` with its first column and columns [begin, end); only the first part keeps the title."""
     if (begin, end) == (1, len(table.columns)):
         return table
     part, chosen = copy(table), [table.columns[0], *table.columns[begin:end]]
@@ -90,6 +89,6 @@ def _with(table: Table, begin: int, end: int) -> Table:
 
 
 def _width(table: Table) -> int:
-    """Columns of a terminal that a table takes where nothing in it is wrapped."""
+    """Return the terminal columns that ``table`` needs without wrapping."""
     ruler = Console(width=WIDEST)
     return ruler.measure(table).maximum

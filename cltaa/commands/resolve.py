@@ -41,100 +41,103 @@ from cltaa.process import stop_signals
 @click.command(
     "resolve",
     epilog="Parameters for --set and --config, with their ranges: cltaa presets --parameters",
-    context_settings={"allow_extra_args": True},  # of files that a shell lists
+    context_settings={"allow_extra_args": True},  # a shell expands a pattern into many files
 )
 @click.argument("sequence", type=FILE_PATH)
-@click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder for the resolved EXRs.")
-@click.option("--preset", type=PRESET, default="default", help="Named settings; list them with: cltaa presets")
-@click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
-@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated.")
+@click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder for the resolved EXR frames.")
+@click.option("--preset", type=PRESET, default="default", help="Named settings; cltaa presets lists them.")
+@click.option("--config", type=FILE_PATH, help="TOML file of parameters that override the preset.")
+@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Override one parameter; repeatable.")
 @click.option(
     "--look-ahead",
     type=click.IntRange(min=0),
     metavar="N",
-    help="Gather from the N frames behind each one too; for presets that keep frames.  [default: the preset's]",
+    help="Also gather samples from the N frames after each one; for gather presets.  [default: the preset's]",
 )
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Resolve N parts of the sequence at once, on all devices of the same name in turn, to the same bits; for "
-    "presets that gather. Each part first reads the frames that its ring holds; no checkpoints.  [default: 1]",
+    help="Resolve N parts of the sequence in parallel, spread over all devices of the same name; for gather presets. "
+    "The result has the same bits. Each part first reads the frames that its ring holds, and saves no checkpoints.  "
+    "[default: 1]",
 )
 @click.option(
     "--dask",
     metavar="ADDRESS",
-    help="Resolve parts on the workers of a Dask cluster, to the same bits: the scheduler's address. They need the "
-    "folders under the same paths, and like devices; the extra cltaa[dask].  [parts: --jobs, or their threads]",
+    help="Resolve parts on the workers of the Dask cluster whose scheduler has this address; same bits. Workers need "
+    "the folders under the same paths, and equal devices (pip extra cltaa[dask]).  [parts: --jobs, else the workers' "
+    "threads]",
 )
-@click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")
+@click.option("--device", help="OpenCL device, by index or part of its name, or numpy.  [default: first, GPUs first]")
 @effects_option
 @click.option("--frames", type=SOME_FRAMES, help="Only these frames, both included, or the first N.")
 @click.option(
     "--follow",
     is_flag=True,
-    help="Resolve a folder that is still being written, each frame as it is finished, up to the last of --frames, "
-    "until --idle or Ctrl-C.",
+    help="Resolve a folder while a renderer writes it, each frame once it is complete, until the last of --frames, "
+    "--idle, or Ctrl-C.",
 )
 @click.option(
     "--idle",
     type=SECONDS,
     metavar="SECONDS",
-    help="End --follow when no frame came for so long.  [default: wait for ever]",
+    help="End --follow after this time without a new frame.  [default: wait for ever]",
 )
 @click.option(
     "--preview",
     type=FILE_PATH,
-    help="Also write the result as an MP4, as fast as captured, as framesPerSecond says, or at 24.",
+    help="Also write the result as an MP4, at the capture's frame rate, else at framesPerSecond, else at 24.",
 )
 @click.option(
     "--compare",
     type=click.Choice(COMPARISONS),
-    help="Of the --preview: the input beside the result, or both parted by a line that sweeps.",
+    help="In the --preview, show the input beside the result (side), or split by a moving line (wipe).",
 )
-@click.option("--half", is_flag=True, help="Write half-precision EXRs (values saturate at 65504).")
-@click.option("--compression", help="EXR compression that loses nothing.  [default: the input's, else zip]")
+@click.option("--half", is_flag=True, help="Write half-precision EXRs; larger values become 65504.")
+@click.option("--compression", help="Lossless EXR compression.  [default: the input's, else zip]")
 @click.option(
     "--layers",
     type=LAYERS,
-    help="Channels of the input to keep beside the resolved ones: all, none, or names separated by commas, "
-    "* for anything.  [default: all of other tools' files]",
+    help="Input channels to copy into the result: all, none, or comma-separated names with * as wildcard.  "
+    "[default: all for other tools' files]",
 )
 @storage_option
-@click.option("--strict", is_flag=True, help="Kernels that match the NumPy oracle bit for bit.")
+@click.option("--strict", is_flag=True, help="Build kernels that match the NumPy oracle bit for bit.")
 @input_options
 @verify_option
 @click.option(
     "--band-rows",
     type=click.IntRange(min=0),
     metavar="N",
-    help="Resolve in bands of N rows (0: whole images).  [default: as memory asks]",
+    help="Resolve in bands of N rows (0: whole images).  [default: as device memory requires]",
 )
 @click.option(
     "--gaps",
     type=click.Choice([mode.value for mode in OnBreak]),
     default=OnBreak.ERROR.value,
-    help="A missing frame: refuse it, or begin a new history behind it.",
+    help="On a missing frame: stop with an error, or begin a new history after it.",
 )
 @click.option(
     "--on-resize",
     type=click.Choice([mode.value for mode in OnBreak]),
     default=OnBreak.ERROR.value,
-    help="Another size: refuse it, or begin a new history with it.",
+    help="When the frame size changes: stop with an error, or begin a new history.",
 )
 @click.option(
     "--fireflies",
     type=click.Choice([kind.value for kind in Fireflies]),
-    help="Isolated samples far above what lies around them and their history.  [default: as the profile says]",
+    help="Keep or clamp isolated samples far brighter than their neighbourhood and history.  "
+    "[default: as the profile says]",
 )
 @denoise_option
-@click.option("--restart", is_flag=True, help="Begin the output folder anew, whatever it was begun with.")
+@click.option("--restart", is_flag=True, help="Delete an earlier run's frames in the output folder and begin again.")
 @click.option(
     "--checkpoint",
     type=click.IntRange(min=1),
     default=CHECKPOINT_EVERY,
     metavar="N",
-    help="Save the state every N frames, for a run that goes on after a kill.",
+    help="Save the history every N frames, so that a killed run can continue.",
 )
 @click.option(
     "--debug",
@@ -142,7 +145,7 @@ from cltaa.process import stop_signals
     default="",
     show_default=False,
     metavar="LIST",
-    help=f"Also show what was decided at each pixel, as EXR layers and PNGs: {', '.join(View)}.",
+    help=f"Also write per-pixel decisions as EXR layers and PNGs, comma-separated: {', '.join(View)}.",
 )
 @json_option
 @click.pass_context
@@ -171,15 +174,14 @@ def resolve(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Anti-alias SEQUENCE, a folder of captured EXR frames or a pattern of them (x.####.exr), over time.
+    """Anti-alias SEQUENCE, a folder of EXR frames or a pattern (x.####.exr), over time.
 
-    Reading, the kernels and writing overlap, and only a few frames are in memory at a time. A run that was
-    interrupted goes on where it stopped when the same command is given again, to the same bits. With --follow a file
-    that is half written is waited for.
+    Reading, resolving and writing overlap, and only a few frames are in memory at a time. The same command continues
+    an interrupted run, with the same bits as one whole run. --follow waits for files that are half written.
     """
     if compare is not None and preview is None:
         raise UsageError(f"--compare {compare} is of a film", cure="name it: --preview FILE.mp4")
-    # Behind --debug, which shows tracebacks alone, one may be meant for a view.
+    # After a bare --debug, which shows tracebacks, an extra word was probably meant as a debug view.
     hint = f"; --debug takes views: {', '.join(View)}" if ctx.find_root().params.get("debug") else ""
     if idle is not None and not follow:
         raise UsageError("--idle ends --follow", cure="give both, or neither")
@@ -191,7 +193,7 @@ def resolve(
         cure = f"say which: --frames 1-{frames}"
         raise UsageError("--follow cannot tell yet which frames are the first", found=f"--frames {frames}", cure=cure)
     chosen = frames if follow else frame_range(named, frames)
-    # What is left of the options is given to resolve_folder as it is.
+    # The remaining options go to resolve_folder unchanged.
     reading = {name: options.pop(name) for name in ("profile", "assignments", "side_file", "step", "verify")}
     reading |= {"gaps": OnBreak(gaps), "on_resize": OnBreak(on_resize), "frames": chosen}
     source = sequence if follow else open_input(named, **reading)
@@ -228,7 +230,7 @@ def resolve(
 
 
 def _print_report(report: ResolveReport, preview: Path | None, views: str, *, foreign: bool) -> None:
-    # Here: when the frames are written, and not before the first is read.
+    # Imported here, after all frames are written, so that the imports do not delay the first frame.
     from cltaa.commands.printing import figures, print_line, print_table
     from cltaa.inputs.intake import OPAQUE
     from cltaa.io.pixel_statistics import missing_lines

@@ -1,4 +1,4 @@
-"""``cltaa tune``: the best settings within a time, or the least time for an error."""
+"""``cltaa tune``: search for the least error within a time, or the least time within an error."""
 
 from __future__ import annotations
 
@@ -21,24 +21,22 @@ from cltaa.printable import counted, printable
 
 @click.command("tune")
 @click.argument("sequences", nargs=-1, required=True, type=FOLDER, metavar="SEQUENCE...")
-@click.option(
-    "--budget", metavar="TIME", help="Least error within this time a frame, as 5ms; the kernels' time counts."
-)
-@click.option("--target", metavar="METRIC=VALUE", help="Least time with at most this error, as flip=0.02.")
-@click.option("--metric", default="mse", help="What is minimised within a --budget.")
+@click.option("--budget", metavar="TIME", help="Find the least error within this kernel time a frame, such as 5ms.")
+@click.option("--target", metavar="METRIC=VALUE", help="Find the least time within this error, such as flip=0.02.")
+@click.option("--metric", default="mse", help="Error to minimise within a --budget; see cltaa compare.")
 @click.option(
     "--check",
     "checked",
     multiple=True,
     type=FOLDER,
     metavar="SEQUENCE",
-    help="Only check the outcome on this one; repeatable.  [default: the last SEQUENCE]",
+    help="Measure the outcome on this sequence and do not search on it; repeatable.  [default: the last SEQUENCE]",
 )
-@click.option("--preset", type=PRESET, default="default", help="Where the search begins.")
-@click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
-@click.option("--trials", default=40, type=click.IntRange(min=2), help="Settings to try.")
-@click.option("--seed", default=0, type=click.IntRange(0, 2**32 - 1), help="Of the search.")
-@click.option("--device", metavar="NAME", help="OpenCL device, or numpy.")
+@click.option("--preset", type=PRESET, default="default", help="Preset that the search starts from.")
+@click.option("--config", type=FILE_PATH, help="TOML file of parameters that override the preset.")
+@click.option("--trials", default=40, type=click.IntRange(min=2), help="Number of settings to try.")
+@click.option("--seed", default=0, type=click.IntRange(0, 2**32 - 1), help="Seed of the search.")
+@click.option("--device", metavar="NAME", help="OpenCL device, by index or part of its name, or numpy.")
 @click.option(
     "-o", "--output", required=True, type=FILE_PATH, help="TOML file to write; use it with cltaa resolve --config."
 )
@@ -59,12 +57,12 @@ def command(
     reading: Reading,
     as_json: bool,
 ) -> None:
-    """Search for the settings with the least error within a time, or the least time for an error.
+    """Search for the settings with the least error within a time, or the least time within an error.
 
-    Every SEQUENCE is a capture with its truth, or frames of another tool with theirs in a folder reference/
-    (docs/inputs.md). The outcome is measured on sequences that the search never saw, and said to over-fit where less
-    than half of the gain is left there. Presets are tried as they are, too. A search that was interrupted goes on when
-    the same command is given again, also with more --trials.
+    Every SEQUENCE is a capture with its truth, or another tool's frames with the truth in a folder reference/
+    (docs/inputs.md). The search also tries every preset unchanged. It then measures the outcome on sequences that it
+    did not search on, and reports over-fitting where less than half of the gain is left. The same command continues an
+    interrupted search, also with more --trials.
     """
     goal = parse_goal(budget, target, metric)
     if not checked and len(sequences) > 1:
@@ -88,7 +86,7 @@ def command(
 
 
 def outcome_lines(tuned: Tuned) -> list[str]:
-    """The outcome in a few sentences."""
+    """Describe the outcome in a few lines."""
     goal, best, start = tuned.goal, tuned.best, tuned.start
     lines = [
         f"{goal.metric} {best.error:.4g} in {best.milliseconds:.3g} ms a frame; it began with {start.error:.4g} in "

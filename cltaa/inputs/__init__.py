@@ -1,1 +1,1 @@
-"""Sequences that others wrote, read as a profile says: names, units, signs, kinds, and what to do without them."""
+"""Read sequences of other tools by profiles, which define names, units, signs and kinds of channels."""

@@ -1,4 +1,4 @@
-"""What a profile makes of colour, jitter, vectors, depth and matrices, and corrections of profiles."""
+"""Convert colour, jitter, motion vectors, depth and matrices as a profile says, and correct profiles."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ from cltaa.frame import Camera, Image, Matrix
 from cltaa.inputs.profile import Cameras, Depth, DepthKind, Encoding, Jitter, Motion, Profile, Units, convert_profile
 from cltaa.io.display import decoded
 
-# Keys of a camera that a second correction turns back.
+# Camera keys that go back to their default when the same correction comes again.
 TURNED = ("layout", "view_layout", "projection_layout", "sense")
 
 
 def correct(profile: Profile, fix: Mapping[str, Mapping[str, Any]]) -> Profile:
-    """``profile`` with a correction that the detector found on top: factors multiply, flags turn over, the rest is set.
+    """Apply a correction from ``cltaa check`` to ``profile``: multiply factors, toggle flags, set all other keys.
 
-    A correction speaks of the converted numbers, a profile of the stored ones.
+    A correction describes the converted numbers, a profile the stored ones.
     """
     values = msgspec.to_builtins(profile)
     for section, keys in fix.items():
-        if "sense" in keys:  # of F V M, F and M flips, the inverse is M inv(V) F
+        if "sense" in keys:  # the inverse of F V M, with flips F and M, is M inv(V) F
             held = values[section]
             held["flip_z"], held["mirrored"] = held["mirrored"], held["flip_z"]
         for name, change in keys.items():
             before = values[section][name]
             if name == "scale" and isinstance(before, list | tuple):
-                # Exchanged axes exchange the factors that were there before.
+                # Swapped axes also swap the factors of the profile.
                 first = list(before)[::-1] if keys.get("swap") else list(before)
                 values[section][name] = [a * b for a, b in zip(first, change, strict=True)]
             elif name == "scale":
                 values[section][name] = before * change
-            elif name == "source" and section == "jitter":  # what made pixels of other numbers
+            elif name == "source" and section == "jitter":  # scale, offset, swap and delay belonged to the old source
                 plain = msgspec.to_builtins(Jitter())
                 values[section] |= {key: plain[key] for key in ("scale", "offset", "swap", "delay")} | {name: change}
             elif name in ("offset", "delay") and section == "jitter":
                 values[section][name] = (
                     before + change if name == "delay" else [a + b for a, b in zip(before, change, strict=True)]
                 )
-            elif name == "jittered" and section == "motion":  # what was taken out is put back
+            elif name == "jittered" and section == "motion":  # may cancel what the profile removes
                 values[section][name] = max(-1, min(1, before + change))
             elif isinstance(change, bool):
                 values[section][name] = before != change
@@ -61,14 +61,14 @@ FLIP_Y, FLIP_Z = np.diag([1.0, -1.0, 1.0, 1.0]), np.diag([1.0, 1.0, -1.0, 1.0])
 
 
 def linear_colour(colour: Image, encoding: Encoding) -> Image:
-    """Colour [H, W, 3] in linear light; sRGB is continued above 1."""
+    """Return colour [H, W, 3] in linear light; extends the sRGB curve above 1."""
     if encoding is Encoding.LINEAR:
         return colour
     return decoded(np.maximum(colour.astype(np.float64), 0.0)).astype(np.float32)
 
 
 def jitter_px(declared: Offset, rule: Jitter) -> Offset:
-    """Jitter in pixels, x right, y down."""
+    """Convert declared jitter to pixels, x right, y down."""
     if rule.source == "none":
         return 0.0, 0.0
     x, y = declared[::-1] if rule.swap else declared
@@ -76,9 +76,10 @@ def jitter_px(declared: Offset, rule: Jitter) -> Offset:
 
 
 def motion_px(stored: Image, rule: Motion, now: Offset, before: Offset, size: tuple[int, int]) -> Image:
-    """Motion [H, W, 2] to the previous frame in pixels, y down, without the jitter of the two frames; NaN: by depth.
+    """Convert motion [H, W, 2] to pixels, y down, to the previous frame, without the jitter of both frames.
 
-    ``size`` is the width and height of the display window, whose fractions vectors may be.
+    NaN means that depth and matrices give the motion. ``size`` is the width and height of the display window, which
+    scales vectors in UV or NDC.
     """
     width, height = size
     unit = {Units.PIXELS: (1.0, 1.0), Units.UV: (width, height), Units.NDC: (width / 2, -height / 2)}[rule.units]
@@ -91,14 +92,14 @@ def motion_px(stored: Image, rule: Motion, now: Offset, before: Offset, size: tu
 
 
 def check_depth(rule: Depth, camera: Camera, path: Path, frame: int) -> None:
-    """Raise DataError for device depth of an orthographic camera, whose rule is another than that of perspective."""
+    """Raise DataError for device depth of an orthographic camera, because only the perspective formula is known."""
     if camera.orthographic and rule.kind in (DepthKind.DEVICE, DepthKind.DEVICE_REVERSED):
         what, cure = "device depth of an orthographic camera is not read", "write distances"
         raise DataError(what, path=path, frame=frame, expected="depth.kind planar", found=rule.kind, cure=cure)
 
 
 def planar_depth(stored: Image, rule: Depth, camera: Camera, jitter: Offset) -> Image:
-    """Planar depth [H, W] in scene units, sky +inf."""
+    """Convert depth [H, W] to planar depth in scene units, sky +inf."""
     wide = stored.astype(np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
         if rule.kind is DepthKind.INVERSE:
@@ -108,7 +109,7 @@ def planar_depth(stored: Image, rule: Depth, camera: Camera, jitter: Offset) -> 
         else:
             planar = wide / ray_length(wide.shape, camera, jitter) if rule.kind is DepthKind.RAY else wide
         planar = np.asarray(planar * rule.scale, np.float64)
-    # Zero and less stay so: the resolve takes them for sky, and the detector has to see them.
+    # Zero and negative depths stay: the resolve treats them as sky, and cltaa check must see them.
     sky = np.isnan(planar)
     if rule.sky is not None:
         sky |= wide >= rule.sky
@@ -116,7 +117,7 @@ def planar_depth(stored: Image, rule: Depth, camera: Camera, jitter: Offset) -> 
 
 
 def mended_camera(view: Matrix, projection: Matrix, rule: Cameras, jitter: Offset, width: int, height: int) -> Camera:
-    """The camera as docs/conventions.md defines it, from matrices that are laid out as NumPy's (already transposed)."""
+    """Return the camera in the conventions of docs/conventions.md, from matrices in NumPy layout (transposed)."""
     both = rule.layout == "column"
     view = view.T if both != (rule.view_layout == "column") else view
     projection = projection.T if both != (rule.projection_layout == "column") else projection
@@ -138,41 +139,41 @@ def mended_camera(view: Matrix, projection: Matrix, rule: Cameras, jitter: Offse
 
 
 def without_jitter(cameras: Sequence[Camera], sizes: Sequence[tuple[int, int]]) -> tuple[list[Camera], list[Offset]]:
-    """``cameras`` with their projections' centres where all lie in the mean, and the jitter in pixels that each had.
+    """Move the projection centres of ``cameras`` to their mean; return them and the jitter in pixels that each had.
 
-    ``sizes`` are width and height of their pictures.
+    ``sizes`` are the width and height of each picture.
     """
-    columns = [3 if camera.orthographic else 2 for camera in cameras]  # what w is made of, and the centre times w
+    columns = [3 if camera.orthographic else 2 for camera in cameras]  # matrix column with w and the centre times w
     both = list(zip(cameras, columns, strict=True))
     with np.errstate(divide="ignore", invalid="ignore"):
         centres = np.array([camera.view_to_clip[:2, at] / camera.view_to_clip[3, at] for camera, at in both])
-    known = np.isfinite(centres).all(1)  # what has none is no projection, of which its own frame is told
+    known = np.isfinite(centres).all(1)  # the check of its frame reports a matrix without a centre
     mean = centres[known].mean(0) if known.any() else np.zeros(2)
     steady = []
     for (camera, at), there in zip(both, known, strict=True):
         projection = camera.view_to_clip.copy()
         if there:
-            projection[:2, at] = mean * projection[3, at]  # set, so that what stands has one matrix
+            projection[:2, at] = mean * projection[3, at]  # assigned, so that a still camera has one exact matrix
         steady.append(Camera(camera.world_to_view, projection))
     jitter = np.where(known[:, None], (centres - mean) * sizes * (-0.5, 0.5), 0.0)
     return steady, [(float(x), float(y)) for x, y in jitter]
 
 
 def standard_camera(world_to_camera: Matrix, world_to_ndc: Matrix, near: float) -> tuple[Matrix, Matrix]:
-    """View and projection from the EXR standard's two matrices, whose writers disagree about range and signs.
+    """Return view and projection from the EXR standard's two matrices, whose writers disagree about range and signs.
 
-    View is right-handed and looks along -z whatever the handedness was. Of the projection only the size and the centre
-    of the picture are taken; 0..1 and -1..1 are told apart by the centre; it has no far plane.
+    The view is always right-handed and looks along -z. The projection keeps only the size and the centre of the
+    picture, and has no far plane. The centre tells whether NDC runs from 0 to 1 or from -1 to 1.
     """
     view = world_to_camera
-    # The standard's camera is left-handed; a right-handed one looks along -z already.
+    # The standard's camera is left-handed; a right-handed one already looks along -z.
     view = view if np.linalg.det(view[:3, :3]) > 0 else FLIP_Z @ view
     clip = world_to_ndc @ np.linalg.inv(view)
     orthographic = abs(clip[3, 2]) < 1e-6 * abs(clip[3, 3])
     column = 3 if orthographic else 2
     w = clip[3, column]
     across, up, centre = abs(clip[0, 0] / w), abs(clip[1, 1] / w), clip[:2, column] / w
-    if abs(centre[0]) > 0.25 or abs(centre[1]) > 0.25:  # 0..1: the axis goes through about (0.5, 0.5)
+    if abs(centre[0]) > 0.25 or abs(centre[1]) > 0.25:  # NDC from 0 to 1: the view axis is near (0.5, 0.5)
         across, up, centre = 2 * across, 2 * up, (centre * 2 - 1) * (1.0, -1.0)
     if orthographic:
         return view, np.array([[across, 0, 0, centre[0]], [0, up, 0, centre[1]], [0, 0, -near, 0], [0, 0, 0, 1]])
@@ -181,30 +182,30 @@ def standard_camera(world_to_camera: Matrix, world_to_ndc: Matrix, near: float) 
 
 
 def still_camera(width: int, height: int) -> Camera:
-    """A camera that stands for none: it never moves, so it moves nothing."""
+    """Return a placeholder for an unknown camera; it never moves, so it causes no motion."""
     projection = np.array([[1.0, 0, 0, 0], [0, width / height, 0, 0], [0, 0, -1.0, -0.2], [0, 0, -1.0, 0]])
     return Camera(np.eye(4), projection)
 
 
 def _device_inverse_depth(device: NDArray[np.float64], rule: Depth, camera: Camera) -> NDArray[np.float64]:
-    """1 / planar depth, which is linear in device depth."""
+    """Return 1 / planar depth, which is linear in device depth."""
     near, far = device_planes(rule, camera)
     at_near = device if rule.kind is DepthKind.DEVICE_REVERSED else 1.0 - device
     return np.asarray(far + at_near * (near - far))
 
 
 def device_planes(rule: Depth, camera: Camera) -> tuple[float, float]:
-    """Inverse depth of the near and the far plane of device depth."""
+    """Return the inverse depth of the near and the far plane of device depth."""
     near, far = planes_of(camera.view_to_clip)
     return 1.0 / rule.near if rule.near else near, 1.0 / rule.far if rule.far else far
 
 
 def planes_of(projection: Matrix, *, from_zero: bool = False) -> tuple[float, float]:
-    """Inverse depth (1 / distance) of the near and the far plane of a perspective projection, 0 for none.
+    """Return the inverse depth of the near and the far plane of a perspective projection, 0 for a missing plane.
 
-    In NDC z = b / Z - a, with a and b the last two of its third row. Where it falls with Z (b > 0) it is 1 at the near
-    plane and 0 at the far one; else 1 at the far plane, and at the near one -1, or 0 where clip space begins
-    ``from_zero``, which the matrix does not tell.
+    NDC z = b / Z - a, with a and b the last two entries of its third row. If z falls with Z (b > 0), z is 1 at the near
+    and 0 at the far plane. Else z is 1 at the far plane, and at the near plane -1, or 0 if clip space begins
+    ``from_zero``, which the matrix cannot tell.
     """
     a, b = projection[2, 2:].tolist()
     if b == 0.0:
@@ -214,7 +215,7 @@ def planes_of(projection: Matrix, *, from_zero: bool = False) -> tuple[float, fl
 
 
 def ray_length(shape: tuple[int, ...], camera: Camera, jitter: Offset) -> NDArray[np.float64]:
-    """Length of the ray through each sample for a planar distance of 1, [H, W]; 1 for an orthographic camera."""
+    """Return the length [H, W] of the ray through each sample at planar distance 1; 1 for an orthographic camera."""
     height, width = shape[0], shape[1]
     if camera.orthographic:
         return np.ones((height, width))

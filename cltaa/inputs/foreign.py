@@ -1,4 +1,4 @@
-"""Sequences and pictures of other tools: EXR read by a profile, and PNGs of 8 bits, sRGB, with straight alpha."""
+"""Sequences and pictures of other tools: EXR read by a profile, and 8-bit sRGB PNGs with straight alpha."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ from cltaa.io.numbered import FrameRange, OnBreak, even_step, files_in, frame_mi
 from cltaa.io.sequence import ChangedImages, FrameSequence, ImageSequence, open_images
 
 SUFFIX = ".png"
-HEADER = struct.Struct(">8s4x4sIIB")  # signature, length, kind of the first chunk, columns, rows, bits a channel
+HEADER = struct.Struct(">8s4x4sIIB")  # signature, length, type of the first chunk, columns, rows, bits per channel
 SIGNATURE, FIRST = b"\x89PNG\r\n\x1a\n", b"IHDR"
-DEEPEST = 8  # bits a channel: of 16 Pillow reads the upper 8
+DEEPEST = 8  # bits per channel: Pillow drops the lower 8 of 16
 
 
 def is_png(named: Named) -> bool:
-    """True for PNGs, and for a folder that holds some and no EXR."""
+    """Return True for PNGs, and for a folder with PNGs and no EXR."""
     place = selection_of(named)
     if place.files is not None:
         return all(path.suffix == SUFFIX for path in place.files)
@@ -54,16 +54,16 @@ def is_png(named: Named) -> bool:
 
 
 class PngImages(ImageSequence):
-    """PNGs as linear light, premultiplied where they are see-through."""
+    """PNGs in linear light, premultiplied by alpha."""
 
     @property
     def notes(self) -> list[str]:
-        """How they are read."""
+        """How the files are read."""
         return ["PNG, taken for sRGB: what was above white is lost"]
 
     @staticmethod
     def layout_of(path: Path) -> Layout:
-        """Read the size from the header; raises InputMissing, and DataError for what is no PNG of 8 bits."""
+        """Read the size from the header; raises InputMissing, and DataError for a file that is no 8-bit PNG."""
         with open_regular(path) as file:
             start = file.read(HEADER.size)
         if len(start) < HEADER.size or not start.startswith(SIGNATURE) or HEADER.unpack(start)[1] != FIRST:
@@ -76,9 +76,9 @@ class PngImages(ImageSequence):
         return Layout(path, dict.fromkeys("RGB", "uint"), window, window, "zip")
 
     def image(self, number: int, *, alpha: bool = False) -> Image:
-        """Read one frame number, [H, W, 3] linear float32 over black; raises DataError where it is damaged."""
+        """Read one frame number, [H, W, 3] linear float32 over black; raises DataError for a damaged file."""
         del alpha
-        from PIL import Image as Pillow  # here: most comparisons read none
+        from PIL import Image as Pillow  # imported late, because most comparisons read no PNG
 
         path = self.path(number)
         try:
@@ -89,11 +89,11 @@ class PngImages(ImageSequence):
         return linear_colour(texels[..., :3], Encoding.SRGB) * texels[..., 3:]
 
 
-EFFECT_OF = {"motion": Effect.MOTION, "alpha": Effect.ALPHA, "reactive": Effect.REACTIVE}  # what a channel is there for
+EFFECT_OF = {"motion": Effect.MOTION, "alpha": Effect.ALPHA, "reactive": Effect.REACTIVE}  # the effect of each channel
 
 
 class ForeignSequence(FrameSequence):
-    """A ``Sequence`` whose frames are converted while they are read; ``strict`` False lets wrong matrices pass."""
+    """A ``Sequence`` that converts frames on reading; ``strict`` False accepts wrong matrices."""
 
     converted = True
 
@@ -108,9 +108,10 @@ class ForeignSequence(FrameSequence):
         effects: frozenset[Effect] | None = None,
         guides: Mapping[str, tuple[Place, ...]] = MappingProxyType({}),
     ) -> None:
-        """Take what ``open_intake`` decided; ``effects`` are declared for it, and channels of no other are read.
+        """Take the decisions of ``open_intake``.
 
-        ``guides`` are what guides a denoiser and is read too.
+        ``effects`` are declared for the sequence; channels of other effects are not read. ``guides`` are channels for a
+        denoiser, read as well.
         """
         self.intake, self._strict, self._declared, self._guides = intake, strict, effects, dict(guides)
         left_out = set() if effects is None else {role for role, effect in EFFECT_OF.items() if effect not in effects}
@@ -131,12 +132,12 @@ class ForeignSequence(FrameSequence):
 
     @property
     def effects(self) -> frozenset[Effect] | None:
-        """What was declared for it; its files declare nothing."""
+        """The effects declared on opening; the files themselves declare none."""
         return self._declared
 
     @property
     def reading(self) -> dict[str, Any]:
-        """The profile, and where nothing tells a camera or a jitter that so it is."""
+        """The profile, the undeclared matrices and jitter, and the declared effects."""
         without = {"undeclared": sorted(self.undeclared)}
         declared = {} if self._declared is None else {"effects": sorted(self._declared)}
         return super().reading | {"profile": msgspec.to_builtins(self.intake.profile)} | without | declared
@@ -148,29 +149,29 @@ class ForeignSequence(FrameSequence):
 
     @property
     def attributes(self) -> Mapping[str, object]:
-        """Attributes of the first frame's header, as its files hold them."""
+        """Attributes of the first frame's header, unconverted."""
         return self.intake.attributes[self.first]
 
     @property
     def undeclared(self) -> frozenset[str]:
-        """Matrices and jitter where nothing tells them."""
+        """Names of matrices and jitter that no file declares."""
         names: frozenset[str] = frozenset() if self.intake.has_camera else MATRICES
         return names if self.intake.has_jitter else names | {"cltaa:jitterPx"}
 
     @property
     def notes(self) -> list[str]:
-        """What was decided about its files, line by line."""
+        """How its files are read, line by line."""
         declared = [] if self._declared is None else [f"effects {format_effects(self._declared) or 'none'}, as asked"]
         return [*intake_lines(self.intake), *declared]
 
     @property
     def holds(self) -> frozenset[str]:
-        """Which of motion, alpha and reactive its frames have: all or none, as the profile finds their channels."""
+        """Which of motion, alpha and reactive all its frames have, as the profile finds their channels."""
         return frozenset(CHANNEL_OF.keys() & self._roles.keys())
 
     @property
     def channels(self) -> frozenset[str]:
-        """What they are converted to; depth too where no channel holds it."""
+        """The channels after conversion; depth is always among them, even without a channel for it."""
         shown = {CHANNEL_OF[part] for part in self.holds}
         return frozenset({*COLOUR, "Z"}.union(*(group for group in GROUPS if group[0] in shown)))
 
@@ -187,9 +188,9 @@ class ForeignSequence(FrameSequence):
         return made
 
     def with_guides(self) -> tuple[Self, Mapping[str, str]]:
-        """The same, with what guides a denoiser in all of a frame's files among what is read and vouched for.
+        """Return the sequence with denoiser guides from all of a frame's files among its read and hashed channels.
 
-        And why what else could guide one does not: one of the frames lacks it.
+        Also returns, for each guide that a frame lacks and that is therefore left out, the reason.
         """
         channels = {label: layout.channels for label, layout in self.intake.first.items()}
         guides, faults = guide_places(channels, self.intake.roles["colour"]), dict[str, str]()
@@ -201,7 +202,7 @@ class ForeignSequence(FrameSequence):
         return self._alike(self.numbers, guides), faults
 
     def _guide_fault(self, number: int, places: tuple[Place, ...]) -> CltaaError | None:
-        """Why channels cannot guide a denoiser of one frame, or None where they can."""
+        """Return why channels cannot guide a denoiser of one frame, or None if they can."""
         files = self.intake.sets[places[0].files]
         if number not in files:
             return frame_missing(renumbered(next(iter(files.values())), number), number)
@@ -218,12 +219,12 @@ class ForeignSequence(FrameSequence):
 
     @property
     def guides(self) -> Mapping[str, tuple[str, ...]]:
-        """The channels that guide a denoiser, as a reader is told of them; none before ``with_guides``."""
+        """Display names of the channels that guide a denoiser; empty before ``with_guides``."""
         sets = self.intake.sets
         return {role: tuple(shown_name(place, sets) for place in its) for role, its in self._guides.items()}
 
     def guide_images(self, number: int) -> dict[str, Image]:
-        """Read what guides a denoiser of one frame number, [H, W, 3] float32 each; nothing before ``with_guides``."""
+        """Read the denoiser guides of one frame number, [H, W, 3] float32 each; empty before ``with_guides``."""
         return self._planes(number, self._guides)[0]
 
     def _open_alike(self, folder: Path) -> ImageSequence:
@@ -231,21 +232,21 @@ class ForeignSequence(FrameSequence):
         return open_pictures(folder, verify=self.verify, gaps=OnBreak.RESET, profile=profile, assignments=assignments)
 
     def colour(self, number: int, *, alpha: bool = False) -> Image:
-        """Read and convert the colour of one frame, [H, W, 3] linear float32, with ``alpha`` behind it if there."""
+        """Read and convert the colour of one frame, [H, W, 3] linear float32, then alpha if asked for and present."""
         roles = ["colour", "alpha"] if alpha and "alpha" in self._roles else ["colour"]
         planes, _ = self._planes(number, roles)
         planes["colour"] = linear_colour(planes["colour"], self.intake.profile.colour.encoding)
         return np.concatenate([planes[role] for role in roles], -1) if len(roles) > 1 else planes["colour"]
 
     def frame_and_file(self, number: int, kept: Collection[str] = ()) -> tuple[Frame, FrameFile]:
-        """Read and convert one frame; the file is that of its colour, and its ``kept`` channels are read with it."""
+        """Read and convert one frame; also return the file of its colour, with its ``kept`` channels."""
         planes, there = self._planes(number, self._roles, kept)
         profile, outline = self.intake.profile, self.outline(number)
         colour = linear_colour(planes["colour"], profile.colour.encoding)
         depth = np.full(colour.shape[:2], np.inf, np.float32)
         if "depth" in planes:
             depth = planar_depth(planes["depth"][..., 0], profile.depth, outline.camera, outline.jitter_px)
-            if not self._strict:  # for who looks for it; the resolve takes it for sky
+            if not self._strict:  # cltaa check looks for NaN; the resolve treats it as sky
                 depth[np.isnan(planes["depth"][..., 0]) & self._shown("depth", number)] = np.nan
         motion = planes.get("motion")
         if motion is not None:
@@ -257,7 +258,7 @@ class ForeignSequence(FrameSequence):
         return frame, FrameFile(header, there)
 
     def outline(self, number: int) -> Frame:
-        """A frame of which only the header was read: the channels that it has are there, and empty."""
+        """Return a frame from its header only; the channels that it has are present but empty."""
         layout = self.layouts[number]
         declared = self.intake.declared[number]
         camera = declared.camera or of_region(still_camera(*layout.display_size), layout)
@@ -285,14 +286,14 @@ class ForeignSequence(FrameSequence):
         )
 
     def _jitter(self, number: int, otherwise: int) -> tuple[float, float]:
-        """What frame ``number`` declares, or where there is no such frame ``otherwise``; nothing counts as none."""
+        """Return the jitter of frame ``number``, or of ``otherwise`` if that frame is missing; undeclared is (0, 0)."""
         declared = self.intake.declared
         return declared.get(number, declared[otherwise]).jitter_px or (0.0, 0.0)
 
     def unreadable(self) -> Iterator[tuple[int, DataError]]:
-        """The number and what is wrong of each frame whose files, by their headers, lack what is read of the first.
+        """Yield number and error of each frame whose headers lack a channel that the first frame has.
 
-        Raises InputMissing or DataError for a file that is none.
+        Raises InputMissing or DataError for a file that cannot be read.
         """
         for number in self.numbers:
             layouts = {self.path(number): self.layouts[number]}
@@ -306,7 +307,7 @@ class ForeignSequence(FrameSequence):
                         yield number, missing if kind is None else whole_numbers(place, path)
 
     def beside_sha256(self, number: int) -> str | None:
-        """Return the SHA-256 of a frame's other files and of what is declared, the last frame's jitter included."""
+        """Return the SHA-256 of a frame's other files and its declared values, with the previous frame's jitter."""
         beside = sorted(self.files_of(number) - {self.path(number)})
         told = self._told(number)
         if not beside and not told:
@@ -314,12 +315,12 @@ class ForeignSequence(FrameSequence):
         return hashlib.sha256(msgspec.json.encode([*map(file_sha256, beside), told])).hexdigest()
 
     def files_of(self, number: int) -> set[Path]:
-        """The files that a frame is read from."""
+        """Return the files that a frame is read from."""
         sets = {place.files for places in (self._roles | self._guides).values() for place in places}
         return {self.intake.sets[files][number] for files in sets}
 
     def _told(self, number: int) -> list[float]:
-        """What is declared of a frame: matrices, its jitter and that before, exposure and cut."""
+        """Return the declared values of a frame: matrices, its jitter and the previous one, exposure and cut."""
         declared = self.intake.declared[number]
         camera, told = declared.camera, list[float]()
         if camera is not None:
@@ -333,7 +334,7 @@ class ForeignSequence(FrameSequence):
     def _planes(
         self, number: int, roles: Iterable[str], kept: Collection[str] = ()
     ) -> tuple[dict[str, Image], dict[str, Pixels]]:
-        """The channels of each of these roles, float32 [H, W, C]; and what was read of the colour's file."""
+        """Read the channels of each role, float32 [H, W, C]; also return the planes of the colour's file."""
         every = {**self.intake.roles, **self._guides}
         places = {role: every[role] for role in roles}
         main = self.intake.roles["colour"][0].files
@@ -353,7 +354,7 @@ class ForeignSequence(FrameSequence):
         return stacked, files.get(main, {})
 
     def _shown(self, role: str, number: int) -> NDArray[np.bool_]:
-        """Where in the picture [H, W] the data window of a role's channel lies; outside of it there is nothing."""
+        """Return a mask [H, W] of the picture, True inside the data window of a role's channel."""
         place = self._roles[role][0]
         layout = read_any_header(self.intake.sets[place.files][number], chunks=False).layout
         left, top, right, bottom = window = layout.windows.get(place.channel, layout.data_window)
@@ -361,7 +362,7 @@ class ForeignSequence(FrameSequence):
         return placed(there, window, self.layouts[number].data_window)
 
     def _beside(self, path: Path, number: int) -> Layout:
-        """The layout of one of a frame's files; raises DataError where it shows another picture than the colour's."""
+        """Return the layout of one of a frame's files; raises DataError if its picture differs from the colour's."""
         picture, other = self.layouts[number], read_any_header(path).layout
         if other.display_window != picture.display_window and not other.covers(picture.region):
             what, cure = "shows another picture than the colour", "write all channels with one display window"
@@ -369,18 +370,18 @@ class ForeignSequence(FrameSequence):
         return other
 
     def _read(self, label: str, number: int, names: Collection[str]) -> dict[str, Pixels]:
-        """Channels of a file of that set, of which that of the colour says what the picture is."""
+        """Read channels of one file of the set ``label`` into the picture that the colour's file defines."""
         path, picture = self.intake.sets[label][number], self.layouts[number]
         if path != self.path(number):
             self._beside(path, number)
-        # Where depth and vectors are not, there is nothing: the sky, which moves as the camera has it.
+        # Outside the data window of depth and vectors lies the sky, which moves with the camera.
         nowhere = {place.channel for role in ("depth", "motion") for place in self._roles.get(role, ())}
         outside = dict.fromkeys(nowhere, np.nan)
         return read_planes(path, names, sha256=self.recorded(path), picture=picture.data_window, outside=outside)
 
 
 def _no_channel(place: Place, role: str, count: int, path: Path) -> DataError:
-    """The error for a file without one of the ``count`` channels of a role: what is wrong with a part, if any is."""
+    """Return the error for a file without one of the ``count`` channels of a role, or for a damaged part."""
     header = read_any_header(path)
     return next(iter(header.faults.values()), channel_missing(place, role, count, path, header.layout.channels))
 
@@ -399,13 +400,13 @@ class ForeignImages(ImageSequence):
 
     @property
     def notes(self) -> list[str]:
-        """Profile and why, and the channels that are the colour."""
+        """The profile with its reason, and the colour channels."""
         intake = self.sequence.intake
         channels = describe({"colour": intake.roles["colour"]}, intake.sets)
         return [f"profile {intake.profile.name}: {intake.reason}", channels]
 
     def image(self, number: int, *, alpha: bool = False) -> Image:
-        """Read one frame number, [H, W, 3] linear float32, with ``alpha`` behind the colour where it is there."""
+        """Read one frame number, [H, W, 3] linear float32, then alpha if asked for and present."""
         return self.sequence.colour(number, alpha=alpha)
 
     def select(self, first: int, last: int) -> Self:
@@ -422,10 +423,10 @@ def open_pictures(
     profile: str | Path | Profile = "auto",
     assignments: Many[str] = (),
 ) -> ImageSequence:
-    """Open images as ``open_images`` does, with its options, a folder of another tool's files by a profile, or PNGs.
+    """Open cltaa's images as ``open_images`` does, another tool's files by a profile, or PNGs.
 
-    Of the latter a missing frame is no error before it is asked for. Of channels R, G and B that are not cltaa's own a
-    profile only says how they are encoded. Raises what ``open_images`` and ``open_intake`` raise.
+    A missing frame of another tool is no error until it is read. For plain channels R, G and B that cltaa did not
+    write, a profile sets only the encoding. Raises what ``open_images`` and ``open_intake`` raise.
     """
     place = selection_of(named)
     if is_png(place):
@@ -443,26 +444,26 @@ def open_pictures(
 
 
 def _linear(image: Image) -> Image:
-    """An image [H, W, 3 or 4] in linear light; alpha is no light."""
+    """Decode an image [H, W, 3 or 4] from sRGB to linear light; keeps alpha as it is."""
     return np.concatenate([linear_colour(image[..., :3], Encoding.SRGB), image[..., 3:]], -1)
 
 
 def stated(path: Path) -> dict[str, object]:
-    """The attributes of an EXR's header; a PNG states none. Raises InputMissing or DataError."""
+    """Return the attributes of an EXR's header, none for a PNG. Raises InputMissing or DataError."""
     return {} if is_png(path) else read_any_header(path).attributes
 
 
 def _own(images: ImageSequence) -> bool:
-    """True for what cltaa wrote, which is linear."""
+    """Return True for images that cltaa wrote, which are linear."""
     return any(name.startswith("cltaa:") for name in read_any_header(images.path(images.first)).attributes)
 
 
 def _of_another(place: Selection) -> bool:
-    """True for files of several names, or whose first has its colour under other names, or in a part."""
+    """Return True for files of several names, or if the first file has no plain channels R, G and B."""
     if place.files is None and not place.folder.is_dir():
         return False
     files = files_in(place)
-    if not files or not files[0].exists():  # which who opens it tells
+    if not files or not files[0].exists():  # opening it reports that
         return False
     if len({name_of(file) for file in files if number_of(file) is not None}) > 1:
         return True

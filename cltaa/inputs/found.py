@@ -1,7 +1,7 @@
-"""Effects that nobody declares, found in the headers of all frames and the pixels of a bounded number of them.
+"""Find undeclared effects, in the headers of all frames and in the pixels of a bounded number of frames.
 
-A step of the resolve is left out only where there is evidence against its effect; what cannot be told stays on. The
-frames that are looked at are chosen by their numbers alone, so that a sequence has the same effects on every run.
+The resolve leaves out a step only where there is evidence against its effect; in doubt the step stays on. Frame numbers
+alone decide which frames are decoded, so that a sequence has the same effects on every run.
 """
 
 from __future__ import annotations
@@ -30,41 +30,41 @@ from cltaa.progress import Advance
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Two spans of frames a place, the second 2 * SPAN after the first: light that changes is not the same in both.
+# Each place has two spans of frames, the second 2 * SPAN after the first; changing light differs between them.
 PLACES, SPAN = 3, 8
-BLOCK = 8  # pixels of a block along each side; 3 x 3 blocks are a tile, of which so many are looked at in an image
+BLOCK = 8  # side of a block in pixels; a tile has 3 x 3 blocks, and about TILES tiles of an image are examined
 TILE, TILES = 3 * BLOCK, 256
-SEEN = 0.6  # share of a block's pixels, and of a tile's blocks, that must be seen in both spans
-DEPTH_SLACK = 0.05  # of the inverse depth: as far as two samples of one surface may differ
-# Share of tiles whose mean moves by more than a block's texture explains by chance: 0 in 22 scenes of standing light,
-# under any camera, and beside two lamps that flash faintly; 0.25 behind panes of glass, 0.8 where shadows run.
+SEEN = 0.6  # share of a block's pixels, and of a tile's blocks, that must be visible in both spans
+DEPTH_SLACK = 0.05  # two samples of one surface may differ by this share of the inverse depth
+# Share of tiles whose mean changes by more than a block's texture explains by chance: 0 in 22 scenes of constant light,
+# under any camera, and beside two lamps that flash faintly; 0.25 behind panes of glass, 0.8 with moving shadows.
 SHIFTED_SHARE, LEAST_TILES, LEAST_SHARE = 0.01, 4, 0.2
-# A pixel's light scatters in time by more than this much of it, and its square over that of what texture moves it by:
-# the squared steps to its four neighbours in the mean over time, halved, of which jitter makes a twelfth and chance
-# twice as much. Of the middle pixel: 0.48 at most without noise, 0.7 and more with four samples a pixel. In frames of
-# fewer pixels than NOISE_PIXELS texture is often finer than a pixel and scatters as noise does, by up to 0.94.
+# A noisy pixel's light deviates in time by more than NOISE_LEAST of its mean. NOISE_RATIO divides its variance by the
+# variation of the texture: half the squared steps to its four neighbours in the mean over time, of which jitter makes a
+# twelfth and chance twice as much. The median pixel has 0.48 at most without noise, 0.7 and more with four samples a
+# pixel. In frames below NOISE_PIXELS texture is often finer than a pixel and varies like noise, by up to 0.94.
 NOISE_LEAST, NOISE_RATIO, NOISE_FRAMES, NOISE_PIXELS = 0.02, 0.6, 4, 12_000
-# Of a tile's mean light over a span, and light: in single frames jitter moves it by a tenth, by more where it is dark.
+# A flash changes a tile by FLASH of its mean over the span plus FLASH_LEAST; jitter by a tenth, by more in the dark.
 FLASH, FLASH_LEAST = 0.25, 0.02
-SHADE = 0.02  # of a block's mean: less is no change that anybody sees
-# Pixels whose surface is in none of the 3 x 3 samples before, though nothing hides it: it is thinner than a pixel.
-# Worst seen where nothing is: 2e-4; 4e-4 in hedges, 4e-3 along wires.
+SHADE = 0.02  # share of a block's mean; a smaller change is invisible
+# Share of pixels whose surface is in none of the previous 3 x 3 samples, though nothing occludes it: it is thinner than
+# a pixel. Worst value without thin surfaces: 2e-4; 4e-4 in hedges, 4e-3 along wires.
 THIN_SHARE = 3e-4
-# And pixels in whose place something nearer was sampled, as beside every edge of a thing: where that is so many, what
-# lies between the edges is as narrow. 0.017 at most past walls, columns and posts; 0.027 and more behind a lattice,
-# 0.05 in hedges. To find it where it is not costs 0.5 dB at most, to miss it behind a lattice 3.8 dB.
+# Share of pixels at whose previous position an occluder was sampled, as beside every silhouette: so many silhouettes
+# leave only narrow gaps between them. 0.017 at most past walls, columns and posts; 0.027 and more behind a lattice,
+# 0.05 in hedges. A false positive costs 0.5 dB at most, a miss behind a lattice 3.8 dB.
 EDGES_SHARE = 0.022
-MOVED_PX, MOVED_SHARE = 0.1, 1e-4  # vectors that are not the camera's, and share of pixels that have them
-LOOKED_AT = 2**20  # pixels of a pair of frames at most, in whole rows
-LEAP = 0.25  # of the picture, as far as what lies at infinity moves in a frame; shots that are cut lie farther apart
+MOVED_PX, MOVED_SHARE = 0.1, 1e-4  # least difference from the camera's motion, and share of pixels that have it
+LOOKED_AT = 2**20  # most pixels examined in a pair of frames, in whole rows
+LEAP = 0.25  # share of the picture that points at infinity may move in a frame; a cut moves them farther
 BRIGHT = 8.0  # radiance "far above 1"
-LARGEST = 2.0**50  # light beyond it is missing
+LARGEST = 2.0**50  # greater light counts as missing
 
 NO_FRAME = "no frame looked at: each place has a cut, or cannot be read"
 
 
 class Evidence(msgspec.Struct, kw_only=True, frozen=True):
-    """Whether a sequence has an effect, and what says so."""
+    """Whether a sequence has an effect, and why."""
 
     effect: Effect
     found: bool
@@ -72,7 +72,7 @@ class Evidence(msgspec.Struct, kw_only=True, frozen=True):
 
 
 class Found(msgspec.Struct, kw_only=True, frozen=True):
-    """The effects of a sequence that declares none; ``frames`` were decoded for it, which took ``seconds``."""
+    """The effects found in a sequence, from ``frames`` decoded frames, in ``seconds``."""
 
     evidence: tuple[Evidence, ...]
     frames: int
@@ -80,26 +80,26 @@ class Found(msgspec.Struct, kw_only=True, frozen=True):
 
     @property
     def effects(self) -> frozenset[Effect]:
-        """Those that were found or cannot be told."""
+        """Effects that were found or cannot be excluded."""
         return frozenset(each.effect for each in self.evidence if each.found)
 
     def without(self, effect: Effect, why: str) -> Found:
-        """The same, less one effect."""
+        """Return a copy without one effect."""
         less = Evidence(effect=effect, found=False, why=why)
         evidence = tuple(less if each.effect is effect else each for each in self.evidence)
         return msgspec.structs.replace(self, evidence=evidence)
 
     @property
     def line(self) -> str:
-        """What was found, in one line."""
+        """The found effects in one line."""
         looked = f"{counted(self.frames, 'frame')} looked at, {self.seconds:.1f} s" if self.frames else NO_FRAME
         return f"effects found: {format_effects(self.effects)} ({looked})"
 
 
 def find_effects(sequence: FrameSequence, advance: Advance | None = None) -> Found:
-    """Find the effects of ``sequence`` as if it declared none; a frame that cannot be read tells nothing.
+    """Find the effects of ``sequence`` as if it declared none; skips frames that cannot be read.
 
-    ``advance(done, total)`` is called now and then. Raises what reading headers raises.
+    Calls ``advance(done, total)`` after each place. Raises what reading headers raises.
     """
     started = time.perf_counter()
     outlines = [sequence.outline(number) for number in sequence.numbers]
@@ -110,7 +110,7 @@ def find_effects(sequence: FrameSequence, advance: Advance | None = None) -> Fou
     every = {at for place in places for span in place for at in span}
     for place in places:
         early, late = ([sequence.numbers[at] for at in span] for span in place)
-        with np.errstate(all="ignore"):  # of matrices that lead beyond numbers, which are then out of sight
+        with np.errstate(all="ignore"):  # extreme matrices overflow; such pixels count as out of sight
             witness.look(_readable(sequence, [*early, *late]), set(late))
         if advance is not None:
             advance(len(witness.looked), len(every))
@@ -133,7 +133,7 @@ def find_effects(sequence: FrameSequence, advance: Advance | None = None) -> Fou
 
 
 def by_headers(sequence: FrameSequence, outlines: Sequence[Frame] | None = None) -> dict[Effect, tuple[bool, str]]:
-    """Whether there is each effect that headers alone tell, and why; ``outlines`` are those of all frames."""
+    """Return for each effect that headers alone decide whether it is present, and why; ``outlines`` of all frames."""
     outlines = [sequence.outline(number) for number in sequence.numbers] if outlines is None else outlines
     cameras, exposures = _cameras(sequence, outlines), {each.exposure for each in outlines}
     moves = cameras is not None and not all(is_still(*pair) for pair in pairwise(cameras.values()))
@@ -149,27 +149,27 @@ def by_headers(sequence: FrameSequence, outlines: Sequence[Frame] | None = None)
 
 
 def _cut(sequence: FrameSequence, outlines: Sequence[Frame], cameras: Mapping[int, Camera] | None) -> tuple[bool, str]:
-    """Whether headers say that there is a cut, or a camera turns so far in a frame that it may be one."""
+    """Return whether headers declare a cut, or the camera turns so far in one frame that it may be one; and why."""
     if any(each.cut for each in outlines[1:]):
         return True, "headers say so"
     for before, now in pairwise(cameras.values() if cameras is not None else ()):
         if before.orthographic or now.orthographic or is_still(now, before):
             continue
         (_, _, _, u), (_, _, _, v), (_, _, _, w) = displacement(now, before, sequence.width, sequence.height).rows
-        # Behind the camera 1 + w is negative, and any motion is more.
+        # Behind the camera 1 + w is negative, so any motion exceeds it.
         if max(abs(u) / sequence.width, abs(v) / sequence.height) > LEAP * (1 + w):
             return True, "no header says so, but the camera leaps"
     return False, "no header says so, and the camera leaps nowhere"
 
 
 def _cameras(sequence: FrameSequence, outlines: Sequence[Frame]) -> dict[int, Camera] | None:
-    """The cameras of all frames by their numbers; None where nothing tells them."""
+    """Return the cameras of all frames by number, or None if they are undeclared."""
     told = sequence.undeclared.isdisjoint(MATRICES)
     return {each.index: each.camera for each in outlines} if told else None
 
 
 def with_found(sequence: FrameSequence, found: Found | None) -> FrameSequence:
-    """The same frames, which say what was found."""
+    """Return the same frames with the found effects."""
     if found is None and sequence.found is None:
         return sequence
     copy = sequence.select(sequence.first, sequence.last)
@@ -178,20 +178,20 @@ def with_found(sequence: FrameSequence, found: Found | None) -> FrameSequence:
 
 
 def _places(cuts: Sequence[bool]) -> Iterator[tuple[range, range]]:
-    """Two spans of frames to look at, by their order, in each of up to PLACES places, none with a cut in it."""
+    """Yield two spans of frame positions for each of up to PLACES places; skips places with a cut."""
     count = len(cuts)
     whole = min(count, 3 * SPAN)
-    few = min(max(count // (2 * SPAN), 1), PLACES)  # of a short sequence, so that no frame is read often
+    few = min(max(count // (2 * SPAN), 1), PLACES)  # fewer in a short sequence, so that no frame is read often
     places = {round(at * (count - whole) / max(few - 1, 1)) for at in range(few)}
     for first in sorted(places):
         span = max(whole // 3, 1)
-        late = first + (span if count < 2 * whole else whole - span)  # a short sequence is looked at whole
+        late = first + (span if count < 2 * whole else whole - span)  # examines every frame of a short sequence
         if not any(cuts[first + 1 : first + whole]):
             yield range(first, first + span), range(late, first + whole)
 
 
 def _readable(sequence: FrameSequence, numbers: Sequence[int]) -> Iterator[Frame]:
-    """Those of these frames that can be read; what is wrong with the others is told when they are resolved."""
+    """Yield the readable frames; the resolve reports the errors of the others."""
 
     def read(number: int) -> Frame | None:
         try:
@@ -204,22 +204,22 @@ def _readable(sequence: FrameSequence, numbers: Sequence[int]) -> Iterator[Frame
 
 
 class _Witness:
-    """Gathers what the frames of a sequence show."""
+    """Collects evidence from the frames of a sequence."""
 
     def __init__(self, cameras: Mapping[int, Camera] | None, *, moves: bool) -> None:
         self._cameras = cameras
-        self._shifted: list[float] = []  # share of tiles, of each place that tells
-        self._thin: list[float] = []  # shares of pixels
+        self._shifted: list[float] = []  # share of tiles, for each conclusive place
+        self._thin: list[float] = []  # share of pixels, for each pair of frames
         self._hidden: list[float] = []
         self._moving: list[float] = []
-        self._flashed: list[float] = []  # share of tiles, of each span
-        self._scatter: list[float] = []  # median of pixels, of each span
+        self._flashed: list[float] = []  # share of tiles, for each span
+        self._scatter: list[float] = []  # median over the pixels, for each span
         self._moves, self._depth = moves, False
         self.looked: set[int] = set()
         self.brightest, self.sky = 0.0, False
 
     def look(self, frames: Iterable[Frame], late: set[int]) -> None:
-        """Take in the frames of a place, a few in memory at a time; its second span are those numbered ``late``."""
+        """Examine the frames of a place, few in memory at a time; frame numbers in ``late`` are its second span."""
         spans: tuple[_Span, _Span] | None = None
         before: _Look | None = None
         for frame in frames:
@@ -234,10 +234,10 @@ class _Witness:
                 continue
             span = spans[frame.index in late]
             span.add(look)
-            # Of the frames next to the anchor, at whose pixels both spans look.
+            # From the first frames, next to the anchor, whose pixels both spans use.
             if spans[0].moving is None and (apart := self._apart(look, frame.motion, *span.places)) is not None:
                 spans[0].moving = spans[1].moving = apart > MOVED_PX
-            # The first pair of each span is enough.
+            # One pair of frames for each span is enough.
             if before is not None and frame.index == before.frame.index + frame.step:
                 view = _View(look, before, *_places_of(look, LOOKED_AT))
                 self._thin.append(view.vanished())
@@ -252,13 +252,13 @@ class _Witness:
             self._scatter += [ratio for span in spans if (ratio := span.scatter()) is not None]
 
     def _motion(self, look: _Look, motion: Image | None) -> None:
-        """Compare vectors with those that the camera makes since the frame before, whether that is looked at or not."""
+        """Compare motion vectors with the camera's motion since the previous frame, decoded or not."""
         apart = self._apart(look, motion, *_places_of(look, LOOKED_AT // 8))
         if apart is not None:
-            self._moving.append(float((apart > MOVED_PX).mean()))  # NaN, which means the camera's, is not more
+            self._moving.append(float((apart > MOVED_PX).mean()))  # False for NaN, which means the camera's motion
 
     def _apart(self, look: _Look, motion: Image | None, rows: Array, columns: Array) -> Array | None:
-        """How many pixels vectors are from the camera's at these places; None: nothing tells."""
+        """Return the distance in pixels of vectors from the camera's motion at these places; None if unknown."""
         before = None if self._cameras is None else self._cameras.get(look.frame.index - look.frame.step)
         if motion is None or (self._cameras is not None and before is None):
             return None
@@ -270,7 +270,7 @@ class _Witness:
         return np.asarray(np.maximum(np.abs(motion[..., 0][at] - u), np.abs(motion[..., 1][at] - v)))
 
     def motion(self, sequence: FrameSequence) -> tuple[bool, str]:
-        """Whether something moves on its own."""
+        """Return whether something has own motion, and why."""
         if "motion" not in sequence.holds:
             return False, "no channel"
         if not self._moving:
@@ -279,7 +279,7 @@ class _Witness:
         return share > MOVED_SHARE, f"{share:.2%} of the pixels move otherwise than the camera makes them"
 
     def thin(self) -> tuple[bool, str]:
-        """Whether something is thinner than a pixel."""
+        """Return whether something is thinner than a pixel, and why."""
         if not self._depth:
             return True, "no depth"
         if not self._thin:
@@ -289,7 +289,7 @@ class _Witness:
         return missed > THIN_SHARE or hidden > EDGES_SHARE, why
 
     def illumination(self) -> tuple[bool, str]:
-        """Whether light changes."""
+        """Return whether the illumination changes, and why."""
         if self._moves and not self._depth:
             return True, "no depth tells what a moving camera sees"
         if not self._shifted:
@@ -298,7 +298,7 @@ class _Witness:
         return share > SHIFTED_SHARE, f"{share:.1%} of the image changes its light within {3 * SPAN} frames"
 
     def noise(self) -> tuple[bool, str]:
-        """Whether the samples of one place scatter more than texture explains."""
+        """Return whether the samples of one place vary more than texture explains, and why."""
         if not self._scatter:
             return False, f"frames are small, or too little of one place is seen in {NOISE_FRAMES} of them"
         ratio = float(np.mean(self._scatter))
@@ -306,7 +306,7 @@ class _Witness:
 
 
 class _Look:
-    """A frame, its inverse depth and its light x / (1 + x), [H, W], of which no highlight outweighs all else."""
+    """A frame, its inverse depth and its light x / (1 + x), [H, W], tonemapped so that no highlight dominates."""
 
     def __init__(self, frame: Frame) -> None:
         self.frame = outline(frame)
@@ -321,7 +321,7 @@ class _Look:
 
 
 class _View:
-    """Where pixels of ``now`` were in ``before`` by depth and cameras, and whether they were in sight."""
+    """Pixels of ``now`` reprojected into ``before`` by depth and cameras, and whether they were visible there."""
 
     def __init__(self, now: _Look, before: _Look, rows: Array, columns: Array) -> None:
         height, width = now.inverse.shape
@@ -334,7 +334,7 @@ class _View:
         self.column, self.row = np.where(self.inside, at, 1.0), np.where(self.inside, on, 1.0)
 
     def vanished(self) -> float:
-        """Share of pixels whose surface is in none of the 3 x 3 samples there, all of which lie behind it."""
+        """Return the share of pixels whose surface is nearer than all 3 x 3 samples there, so none of them hit it."""
         column, row = np.rint(self.column).astype(np.intp), np.rint(self.row).astype(np.intp)
         nearest = np.full(self.column.shape, -np.inf)
         for below in (-1, 0, 1):
@@ -343,12 +343,12 @@ class _View:
         return float((self.inside & (self.expected - nearest > DEPTH_SLACK * np.abs(self.expected))).mean())
 
     def hidden(self) -> float:
-        """Share of pixels in whose place something nearer was sampled."""
+        """Return the share of pixels where something nearer was sampled."""
         there = self.before.inverse[np.rint(self.row).astype(np.intp), np.rint(self.column).astype(np.intp)]
         return float((self.inside & (there - self.expected > DEPTH_SLACK * np.abs(there))).mean())
 
     def light(self) -> tuple[Array, Mask]:
-        """The light between the samples there, and where all four are of the surface."""
+        """Return the bilinear light there, and True where all four samples are on the surface."""
         column, row = self.column.astype(np.intp), self.row.astype(np.intp)
         right, below = self.column - column, self.row - row
         result, same = np.zeros(column.shape), self.inside.copy()
@@ -362,8 +362,8 @@ class _View:
 
 
 def _moved(now: _Look, before: Camera, rows: Array, columns: Array) -> tuple[Array, Array, Array, Mask]:
-    """Motion u, v in pixels that ``before`` makes of these pixels, the inverse depth to expect there, and whether it
-    could see them."""
+    """Return the motion u, v in pixels of these pixels into ``before``, their inverse depth there, and whether they
+    were in front of it."""
     height, width = now.inverse.shape
     camera, jitter = now.frame.camera, now.frame.jitter_px
     depth = now.inverse[rows.astype(np.intp), columns.astype(np.intp)].astype(np.float64)
@@ -373,7 +373,7 @@ def _moved(now: _Look, before: Camera, rows: Array, columns: Array) -> tuple[Arr
 
 
 def _places_of(look: _Look, most: int) -> tuple[Array, Array]:
-    """Rows and columns of up to about ``most`` pixels, in whole rows that are spread evenly."""
+    """Return rows and columns of up to about ``most`` pixels, in evenly spread whole rows."""
     height, width = look.inverse.shape
     rows = np.arange(0, height, math.ceil(height * width / most), dtype=np.float64)
     down, across = np.meshgrid(rows, np.arange(width, dtype=np.float64), indexing="ij")
@@ -381,16 +381,16 @@ def _places_of(look: _Look, most: int) -> tuple[Array, Array]:
 
 
 class _Span:
-    """The light of some frames in the tiles of an ``anchor``, as its surfaces have it."""
+    """The light of some frames, reprojected to the surfaces in the tiles of an ``anchor``."""
 
     def __init__(self, anchor: _Look) -> None:
         self._anchor = anchor
         height, width = anchor.inverse.shape
         self._rows, self._columns = _tiles(height, width)
         self._total, self._count = np.zeros(self._rows.shape), np.zeros(self._rows.shape)
-        self._tiles: list[Array] = []  # mean light of each frame's tiles, NaN where little of one is seen
+        self._tiles: list[Array] = []  # mean light of each frame's tiles, NaN where little of a tile is visible
         self._ripple, self._ripples = np.zeros(self._rows.shape), np.zeros(self._rows.shape)
-        self.moving: Mask | None = None  # pixels that move on their own; None: nothing tells
+        self.moving: Mask | None = None  # pixels with own motion; None: unknown
         self.frames = 0
 
     @property
@@ -399,12 +399,12 @@ class _Span:
         return self._rows, self._columns
 
     def fits(self, look: _Look) -> bool:
-        """Whether a frame is as large as the anchor, and seen through as parallel a lens."""
+        """Return whether a frame has the size and the kind of projection of the anchor."""
         one, other = self._anchor.frame.camera, look.frame.camera
         return self._anchor.inverse.shape == look.inverse.shape and one.orthographic == other.orthographic
 
     def add(self, look: _Look) -> None:
-        """Take in a frame."""
+        """Add a frame."""
         light, same = _View(self._anchor, look, self._rows, self._columns).light()
         self._total += np.where(same, light, 0.0)
         self._count += same
@@ -412,16 +412,16 @@ class _Span:
         seen = same.sum((1, 2))
         tiles = np.where(same, light, 0.0).sum((1, 2)) / np.maximum(seen, 1)
         self._tiles.append(np.where(seen >= SEEN * light[0].size, tiles, np.nan))
-        # What changes a whole block is not noise.
+        # A change of a whole block is not noise.
         mean = np.where(same, light, 0.0).sum(2, keepdims=True) / np.maximum(same.sum(2, keepdims=True), 1)
         ripple = np.where(same, light - mean, 0.0)
         self._ripple += ripple
         self._ripples += ripple**2
 
     def scatter(self) -> float | None:
-        """The median over the pixels of how much their light scatters in time (``NOISE_RATIO``); None: too few tell.
+        """Return the median over the pixels of their variation in time (``NOISE_RATIO``); None if too few count.
 
-        They have depth and stand in the world: the sky has no noise, and a texture that moves on its own is none.
+        Only still pixels with depth count: the sky has no noise, and a moving texture would look like noise.
         """
         place = self._rows.astype(np.intp), self._columns.astype(np.intp)
         near = self._anchor.inverse[place] > 0 if not self._anchor.frame.camera.orthographic else True
@@ -443,8 +443,8 @@ class _Span:
         return float(np.median(np.where(scatter > (NOISE_LEAST * mean[:, :, 1:-1, 1:-1]) ** 2, ratio, 0.0)[tells]))
 
     def flashed(self) -> float | None:
-        """Share of tiles whose light leaves its mean over the span in a frame by more than jitter moves it; None: none
-        tells."""
+        """Return the share of tiles whose light in some frame differs from the span's mean by more than jitter does;
+        None if too few tiles count."""
         if self.frames < SPAN or self._rows.size == 0:
             return None
         tiles = np.array(self._tiles)
@@ -455,7 +455,7 @@ class _Span:
         return float((np.abs(tiles[:, tells] - mean).max(0) > FLASH * mean + FLASH_LEAST).mean())
 
     def blocks(self) -> tuple[Array, Array, Mask]:
-        """Mean and deviation of each block's light, [tiles, blocks], and whether enough of it was seen."""
+        """Return mean and deviation of each block's light, [tiles, blocks], and whether enough of it was visible."""
         seen = self._count > SEEN * self.frames
         values, pixels = np.where(seen, self._total / np.maximum(self._count, 1), 0.0), seen.sum(2)
         mean = values.sum(2) / np.maximum(pixels, 1)
@@ -464,11 +464,11 @@ class _Span:
 
 
 def _shifted(early: _Span, late: _Span) -> float | None:
-    """Share of tiles whose light is another in the ``late`` span; None where too little is seen in both.
+    """Return the share of tiles whose light differs in the ``late`` span; None if too little is visible in both.
 
-    The mean of each block over a span is compared with what its texture explains: a block of deviation s, sampled at
-    64 places, has a mean that is wrong by s / 8. Jitter moves neighbouring blocks apart by chance, light together, so
-    that the mean of the signed differences of 3 x 3 blocks counts.
+    The change of each block's mean is divided by the error that its texture explains: a block of deviation s, sampled
+    at 64 places, has a mean that is wrong by s / 8. Jitter changes neighbouring blocks by chance, light changes them
+    together, so the mean of the signed differences of 3 x 3 blocks decides.
     """
     if min(early.frames, late.frames) < SPAN:
         return None
@@ -484,12 +484,12 @@ def _shifted(early: _Span, late: _Span) -> float | None:
 
 
 def _enough(tells: Any) -> bool:
-    """Whether so many tiles tell that they stand for the image."""
+    """Return whether enough tiles count to represent the image."""
     return bool(tells.sum() >= max(LEAST_TILES, LEAST_SHARE * tells.size))
 
 
 def _tiles(height: int, width: int) -> tuple[Array, Array]:
-    """Rows and columns [tiles, blocks, pixels] of tiles that are spread evenly over an image."""
+    """Return rows and columns [tiles, blocks, pixels] of tiles spread evenly over an image."""
     down, across = height // TILE, width // TILE
     step = max(1, math.ceil(math.sqrt(down * across / TILES)))
     corners = [(TILE * row, TILE * column) for row in range(0, down, step) for column in range(0, across, step)]

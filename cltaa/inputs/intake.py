@@ -1,4 +1,4 @@
-"""How a sequence of another tool is read, decided from its headers: profile, channels, matrices, what is missing."""
+"""Decide from its headers how to read another tool's sequence: profile, channels, matrices, what is missing."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ from cltaa.printable import written
 
 
 class Damaged(NamedTuple):
-    """What is wrong with a file, which frame it is of, and the label of its set of files."""
+    """The error of a file, its frame number, and the label of its set of files."""
 
     label: str
     number: int
@@ -69,7 +69,7 @@ class Damaged(NamedTuple):
 
 
 def damaged_files(sets: Mapping[str, Mapping[int, Path]]) -> dict[Path, Damaged]:
-    """The files among ``sets``, by label and frame number, that cannot be read; pixels are not looked at."""
+    """Return the unreadable files among ``sets``, by label and frame number; reads no pixels."""
     damaged = {}
     for label, files in sets.items():
         for number, path in files.items():
@@ -84,14 +84,14 @@ Attributes = Mapping[str, object]
 
 
 class Source(NamedTuple):
-    """The file that matrices or a jitter were read from, and what they are called there."""
+    """The file that matrices or jitter were read from, and their names there."""
 
     path: Path
     names: tuple[str, ...]
 
 
 class Declared(NamedTuple):
-    """What is known of one frame besides its pixels; None where nothing is declared."""
+    """Declared values of one frame; None for undeclared ones."""
 
     camera: Camera | None
     jitter_px: Offset | None
@@ -109,9 +109,9 @@ def declared_frames(
     layouts: Mapping[int, Layout],
     step: int,
 ) -> dict[int, Declared]:
-    """Jitter and camera of every frame number; numbers are ``step`` apart, ``layouts`` are of the files.
+    """Return the declared values of every frame number; numbers are ``step`` apart, ``layouts`` are of the files.
 
-    Raises DataError for a jitter that is none, and for matrices that cannot be converted.
+    Raises DataError for an invalid jitter, and for matrices that cannot be converted.
     """
     jitters: dict[int, Offset | None] = dict.fromkeys(attributes)
     matrices: dict[int, tuple[Matrix, Matrix] | None] = dict.fromkeys(attributes)
@@ -135,7 +135,7 @@ def declared_frames(
                 matrices[number] = _matrices(profile.camera, given, side.get(number), layouts[number].path)
 
     def jitter_of(number: int) -> Offset | None:
-        # At the ends of the sequence there may be no frame of that delay: the frame's own number is the best guess.
+        # At the ends of the sequence the delayed frame may not exist; the frame's own values are the best guess.
         raw = jitters.get(number + profile.jitter.delay * step, jitters[number])
         return None if raw is None else jitter_px(raw, profile.jitter)
 
@@ -163,7 +163,7 @@ def declared_frames(
 
 @contextmanager
 def _converted(path: Path, number: int) -> Iterator[None]:
-    """Raise DataError for a matrix without an inverse; what else is wrong with one is found when a frame is made."""
+    """Raise DataError for a matrix without an inverse; making a frame finds all other errors of matrices."""
     try:
         with np.errstate(divide="ignore", invalid="ignore"):
             yield
@@ -205,7 +205,7 @@ def _matrices(rule: Cameras, attributes: Attributes, side: Side | None, path: Pa
 
 
 def _matrix(attributes: Attributes, name: str, path: Path) -> Matrix | None:
-    """A matrix attribute as NumPy's for column vectors (Imath: row vectors), or None where there is none."""
+    """Return a matrix attribute as a NumPy matrix for column vectors (Imath: row vectors), or None if missing."""
     value = attributes.get(name)
     if value is not None and (not isinstance(value, np.ndarray) or value.shape != (4, 4)):
         cure = "write it so, or do without by --input camera.source=none"
@@ -214,20 +214,20 @@ def _matrix(attributes: Attributes, name: str, path: Path) -> Matrix | None:
 
 
 class ReadAgain(dict[int, dict[str, object]]):
-    """Attributes of frames by their numbers, read from the headers of ``files`` when they are asked for."""
+    """Attributes of frames by number, read from the headers of ``files`` on access."""
 
     def __init__(self, files: Mapping[int, Path]) -> None:
         super().__init__()
         self.files = files
 
     def __missing__(self, number: int) -> dict[str, object]:
-        """Read those of a frame; raises what reading raises."""
+        """Read the attributes of a frame; raises what reading raises."""
         return self.setdefault(number, read_any_header(self.files[number]).attributes)
 
 
 @dataclass(slots=True)
 class Intake:
-    """What was decided about a folder before a pixel was read."""
+    """All decisions about a folder, made before any pixel is read."""
 
     profile: Profile
     reason: str
@@ -236,18 +236,18 @@ class Intake:
     attributes: dict[int, dict[str, object]]
     layouts: dict[int, Layout]
     declared: dict[int, Declared]
-    first: dict[str, Layout]  # of each of ``sets``, that of its first file
+    first: dict[str, Layout]  # layout of the first file of each of ``sets``
     gaps: OnBreak = OnBreak.ERROR
     on_resize: OnBreak = OnBreak.ERROR
-    step: int = 1  # how far frame numbers lie apart
-    # Profile and assignments, for a truth beside the frames.
+    step: int = 1  # difference of consecutive frame numbers
+    # Profile and assignments as asked for, to read a truth beside the frames.
     asked: tuple[str | Path | Profile, Many[str]] = ("auto", ())
-    damaged: Collection[int] = ()  # frames of which a file was left out, for it cannot be read
+    damaged: Collection[int] = ()  # frames left out because one of their files cannot be read
     views: Views = ONE_VIEW
-    notes: list[str] = field(default_factory=list)  # what is missing, and what is done without it
+    notes: list[str] = field(default_factory=list)  # what is missing, and what the resolve does without it
 
     def __reduce__(self) -> tuple[type[Intake], tuple[Any, ...]]:
-        """Pickle all but the attributes, some of which are objects of OpenEXR that cannot be."""
+        """Pickle all but the attributes, because some are OpenEXR objects that cannot be pickled."""
         values = {each.name: getattr(self, each.name) for each in fields(self)}
         values["attributes"] = ReadAgain(self.sets[self.roles["colour"][0].files])
         return Intake, tuple(values.values())
@@ -259,12 +259,12 @@ class Intake:
 
     @property
     def missing(self) -> list[int]:
-        """Numbers of frames that are not there, with all of their files, between the first and the last."""
+        """Numbers between the first and the last frame whose files are missing."""
         return [number for number in missing_from(sorted(self.declared), self.step) if number not in self.damaged]
 
     @property
     def unused(self) -> list[str]:
-        """The channels that play no role, as a reader is told of them."""
+        """Display names of the channels without a role."""
         used = {place for places in self.roles.values() for place in places}
         there = [Place(label, channel) for label, layout in sorted(self.first.items()) for channel in layout.channels]
         return [shown_name(place, self.sets) for place in there if place not in used]
@@ -287,11 +287,11 @@ def open_intake(
     step: int = 1,
     damaged: Mapping[Path, int] = MappingProxyType({}),
 ) -> Intake:
-    """Decide how a sequence is read, from its headers; raises InputMissing, DataError or UsageError.
+    """Decide from its headers how to read a sequence; raises InputMissing, DataError or UsageError.
 
     ``gaps`` and ``on_resize`` say whether a frame may be missing (in any of the files that are read) and whether sizes
-    may differ; ``frames`` are the numbers of the first and the last one to take, both included, and no other counts.
-    ``step`` is how far numbers lie apart. Files that are ``damaged``, and of which frame, are left out.
+    may differ. ``frames`` are the first and the last number to read, both included. ``step`` is the difference of
+    consecutive frame numbers. ``damaged`` maps files to leave out to their frame numbers.
     """
     place, profile = selection_of(named), str(profile) if isinstance(profile, Path) else profile
     folder = place.folder
@@ -316,11 +316,11 @@ def open_intake(
     numbers = chosen_numbers(there, frames, folder)
     for files in read:
         check_steps(files, frames or (min(main), max(main)), step, gaps)
-    # What a profile says is late stands in files beside those that are asked for.
+    # Delayed jitter or matrices are in frames just outside the requested range.
     late = step * max(abs(chosen.jitter.delay), abs(chosen.camera.delay))
     around = [number for number in there if numbers[0] - late <= number <= numbers[-1] + late]
     headers = {number: read_any_header(main[number]) for number in around}
-    # What the colour shows is the picture, whatever windows other parts have.
+    # The colour's windows define the picture, whatever windows other parts have.
     colour = [place.channel for place in roles["colour"]]
     pictures = {number: header.layout.shown_by(colour) for number, header in headers.items()}
     layouts = as_pictures({number: pictures[number] for number in numbers}, on_resize)
@@ -354,7 +354,7 @@ def open_intake(
 def _of_layouts(
     headers: Iterable[ImageHeader], pictures: Mapping[int, Layout], layouts: Mapping[int, Layout]
 ) -> list[str]:
-    """One line for windows that differ, and for each part that is not read."""
+    """Return one line for differing windows, and one for each part that is not read."""
     notes = [f"part {name}: left out, for {fault.what}" for header in headers for name, fault in header.faults.items()]
     if any(layout.data_window != pictures[number].data_window for number, layout in layouts.items()):
         rest = "frames are read as their display window, with nothing outside of each"
@@ -363,7 +363,7 @@ def _of_layouts(
 
 
 def open_with_gaps(named: Named, **reading: Any) -> Intake:
-    """As ``open_intake``, to look at a sequence in which frames may be missing, unless it is for want of a step."""
+    """Do as ``open_intake``, but allow missing frames; raises InputMissing if another ``step`` would explain them."""
     intake = open_intake(named, **reading, gaps=OnBreak.RESET)
     missing = intake.missing
     first, last = min(intake.declared), max(intake.declared)
@@ -382,10 +382,10 @@ def _assigned(
     views: Views,
     faults: Many[DataError],
 ) -> Roles:
-    """The channels of each role.
+    """Return the channels of each role.
 
-    Raises DataError where there is no colour, and UsageError where channels that were asked for by name are not there,
-    other than ``none``, which leaves them out.
+    Raises DataError if there is no colour, and UsageError if channels asked for by name are missing; the name ``none``
+    leaves a role out.
     """
     roles = assign_view(profile, channels, views)
     if "colour" not in roles:
@@ -406,7 +406,7 @@ def _assigned(
 
 
 def _refuse_whole_numbers(headers: Mapping[str, ImageHeader], roles: Roles) -> None:
-    """Raise DataError where a channel that is to be read as light, depth or motion holds whole numbers."""
+    """Raise DataError if a channel of light, depth or motion holds integers."""
     for place in (place for places in roles.values() for place in places):
         layout = headers[place.files].layout
         if layout.channels[place.channel] == "uint":
@@ -414,7 +414,7 @@ def _refuse_whole_numbers(headers: Mapping[str, ImageHeader], roles: Roles) -> N
 
 
 def _side_of(path: Path, numbers: Many[int]) -> dict[int, Side]:
-    """What the side file says; raises DataError where it speaks of none of the frames."""
+    """Read the side file; raises DataError if it describes none of the frames."""
     side = read_side_file(path)
     if not side.keys() & set(numbers):
         what, cure = "none of the frames is in the side file", "number its frames as the files are"
@@ -430,10 +430,10 @@ def _check_complete(
     side_file: Path | None,
     side: Mapping[int, Side],
 ) -> None:
-    """Raise DataError where some frames have matrices, jitter or exposure and others have none: it would jump.
+    """Raise DataError if some frames have matrices, jitter or exposure and others have none, which would make a jump.
 
-    The error names the frames that lack it, which lie by ``delays`` behind those that are read by it, and the side file
-    where that has it for others.
+    The error names the frames that lack it, shifted by ``delays`` from those that need it, and the side file if that
+    has it for other frames.
     """
     for what, otherwise, told, given in (
         ("matrices", "with --input camera.source=none", "camera", "world_to_view"),
@@ -451,26 +451,26 @@ def _check_complete(
 
 
 def intake_lines(intake: Intake) -> Iterator[str]:
-    """What was decided, for a reader: profile and reason, channels, what is missing."""
+    """Yield the decisions as lines: profile and reason, channels, what is missing."""
     yield f"profile {intake.profile.name}: {intake.reason}"
     yield f"channels: {describe(intake.roles, intake.sets)}"
     yield from intake.notes
 
 
-# What tools call vectors and depth, in the name of a channel or of its file.
+# Names that tools give to vectors and depth, in a channel or its file.
 MOTION_NAME = re.compile(r"mot(ion|vec)|veloc|vector|flow|(^|[._])mvs?($|[._])", re.IGNORECASE)
 DEPTH_NAME = re.compile(r"depth|(^|[._])(dist(ance)?|pz)($|[._])|(linear|view|eye|scene)_?z($|[._])", re.IGNORECASE)
-# What is drawn beside a picture, and is none.
+# Auxiliary layers that are not a picture.
 NO_LIGHT = re.compile(
     r"albedo|base_?colou?r|diff(use)?_?col|matte|mask|crypto|normal|position|(^|[._])(uv|id|n|p)[._]", re.I
 )
 SHOWN = "; if the pixels are jittered, cltaa check shows by how much"
-# What a resolve of frames that nothing shines through takes for nothing (docs/decisions/11-conventions-from-pixels.md).
+# A resolve spends time on an opaque alpha for nothing (docs/decisions/11-conventions-from-pixels.md).
 OPAQUE = "alpha is 1 everywhere: --input colour.alpha=none gives the same colours, a tenth to a fifth faster"
 
 
 def notes_of(intake: Intake, place: Selection) -> list[str]:
-    """One line for each thing that is not there: what is done without it, and how to give it."""
+    """Return one line for each missing input: what the resolve does without it, and how to supply it."""
     notes = []
     if not intake.has_camera:
         kept = (
@@ -497,7 +497,7 @@ def notes_of(intake: Intake, place: Selection) -> list[str]:
 
 
 def _left_out(intake: Intake, place: Selection) -> list[str]:
-    """One line for each thing that is there and is not read, or is read for want of a better."""
+    """Return one line for each input that is present but not read, or that is read for want of a better one."""
     views, notes = intake.views, list[str]()
     colour = [shown_name(place, intake.sets) for place in intake.roles["colour"]]
     if NO_LIGHT.search(colour[0]):
@@ -521,7 +521,7 @@ def _left_out(intake: Intake, place: Selection) -> list[str]:
 
 
 def _late(intake: Intake) -> list[str]:
-    """Channels that could play a role that nothing plays, and that only later frames have, in the colour's files."""
+    """Return channels for unfilled roles that only later frames have, in the colour's files."""
     files = intake.roles["colour"][0].files
     every = {name for layout in intake.layouts.values() for name in layout.channels}
     could = assign(intake.profile, {files: sorted(every)})
@@ -530,9 +530,9 @@ def _late(intake: Intake) -> list[str]:
 
 
 def _like_the_colour(intake: Intake, views: Views) -> list[str]:
-    """Other layers that are called as that of the colour is, such as the beauty of another view layer.
+    """Return other layers with the colour layer's name, such as the beauty of another view layer.
 
-    Those of the colour's view, if there are ``views``.
+    With ``views``, only layers of the colour's view.
     """
     colour = intake.roles["colour"][0].channel
     tail, view = views.without(colour).split(".")[-2:], views.of([colour])
@@ -544,10 +544,10 @@ def _like_the_colour(intake: Intake, views: Views) -> list[str]:
 
 
 def _as_nameless(intake: Intake) -> list[str]:
-    """Other layers that could be the picture, where the colour is just the first that has its three channels."""
+    """Return other layers that could be the picture, if the colour is only the first layer with its three channels."""
     named = [names for names in intake.profile.colour.channels if not all(name.startswith("*.") for name in names)]
     first = {label: tuple(layout.channels) for label, layout in intake.first.items()}
-    if intake.views.names or equal_matches(named, first):  # of several views another line tells
+    if intake.views.names or equal_matches(named, first):  # another note covers several views
         return []
     layers: dict[str, set[str]] = {}
     for name in intake.unused:
@@ -558,12 +558,12 @@ def _as_nameless(intake: Intake) -> list[str]:
 
 
 def _may_be(role: str, pattern: re.Pattern[str], names: Sequence[str]) -> str:
-    """How to take as depth or motion what its name says it is; what its numbers mean is left to ``cltaa check``."""
+    """Return a hint to use channels named like depth or motion; ``cltaa check`` judges what their numbers mean."""
     count = 2 if role == "motion" else 1
     like = [name for name in names if pattern.search(name)]
     if len(like) < count:
         return ""
-    letters = "ruxgvy"  # red or u or x is across; a third and a fourth are something else
+    letters = "ruxgvy"  # red, u or x is horizontal; a third and a fourth channel are something else
     across_first = sorted(like, key=lambda name: (len(name), f"{letters}{name[-1]}".lower().index(name[-1].lower())))
     taken = across_first[:count]
     option = channels_option(f"{role}.channels", taken)

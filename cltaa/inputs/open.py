@@ -1,4 +1,4 @@
-"""A folder of frames, opened as what it is: a sequence of cltaa's own, or of another tool."""
+"""Open a folder of frames as a sequence, whether cltaa or another tool wrote it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cltaa.printable import counted
 if TYPE_CHECKING:
     from cltaa.inputs.profile import Profile
 
-PLACE = "{}"  # in the name of a file that each of several sequences has: its folder
+PLACE = "{}"  # stands for the sequence's folder in a file name that applies to several sequences
 
 
 def open_input(
@@ -34,14 +34,14 @@ def open_input(
     effects: Asked = "auto",
     **options: Any,
 ) -> FrameSequence:
-    """Open a sequence as its profile says; ``options`` are those of ``open_sequence``, whoever wrote the files.
+    """Open a sequence as its profile says; ``options`` are those of ``open_sequence``, for files of any tool.
 
     ``named`` is a folder, a file, a pattern of files such as ``x.####.exr``, or several of these.
 
-    ``profile`` is a name, a TOML file, or what ``cltaa.check`` returns.
-    ``effects`` are declared in place of what the files declare; ``all`` and ``find`` declare nothing.
+    ``profile`` is a name, a TOML file, or the profile that ``cltaa.check`` returns.
+    ``effects`` replace the effects that the files declare; ``all`` and ``find`` declare none.
 
-    Raises what ``open_sequence`` and ``open_intake`` raise, and UsageError for what a resolve wrote.
+    Raises what ``open_sequence`` and ``open_intake`` raise, and UsageError for the output of a resolve.
     """
     place, side_file = selection_of(named), None if side_file is None else Path(side_file)
     if not isinstance(profile, str | Path):
@@ -69,8 +69,8 @@ def open_input(
 
 
 def check_declared(sequence: FrameSequence, effects: Asked) -> None:
-    """Raise UsageError for words that are no declaration, and where declared effects would leave out vectors that alone
-    tell what moves."""
+    """Raise UsageError for an invalid declaration, and if it would drop motion vectors of a sequence without matrices,
+    which has no other source of motion."""
     declared = isinstance(effects, set | frozenset) and effects <= {*Effect}
     if not declared and effects not in ASKED:
         raise UsageError(
@@ -83,22 +83,22 @@ def check_declared(sequence: FrameSequence, effects: Asked) -> None:
 
 
 def looked_for(sequence: FrameSequence, effects: Asked) -> bool:
-    """Whether effects are to be found in the pixels of ``sequence``, because nobody says which it has."""
+    """Return True if the effects must be found in the pixels of ``sequence``, because none are declared."""
     return effects == "find" or (effects == "auto" and sequence.effects is None)
 
 
 class Reading(msgspec.Struct, frozen=True, kw_only=True):
-    """How a sequence is read: the options of ``open_input``, and its truth, as words for a task elsewhere."""
+    """How a sequence is read: the options of ``open_input`` and its truth, as strings that a remote task can take."""
 
     profile: str = "auto"
     assignments: tuple[str, ...] = ()
     side_file: str | None = None
-    truth: str | None = None  # its folder, or that of a capture that holds one; None: reference/ of the sequence
+    truth: str | None = None  # folder of the truth, or a capture with reference/; None: reference/ of the sequence
     effects: str = "auto"  # or find, all, or a comma-separated list
     step: int = 1
 
     def open(self, folder: Path) -> FrameSequence:
-        """Open a folder so; raises what ``open_input`` raises."""
+        """Open a folder this way; raises what ``open_input`` raises."""
         named: Any = self.effects if self.effects in ASKED else parse_effects(self.effects)
         sequence = open_input(
             folder,
@@ -123,20 +123,20 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
         return sequence
 
     def within(self, folder: Path) -> Reading:
-        """The same, with the folder in place of ``{}`` in the names of its files."""
+        """Return a copy with ``folder`` in place of ``{}`` in its file names."""
         named = {"profile": self.profile, "side_file": self.side_file, "truth": self.truth}
         placed = {key: name and name.replace(PLACE, str(folder)) for key, name in named.items()}
         return msgspec.structs.replace(self, **placed)
 
 
-DEFAULT_READING = Reading()  # cltaa's own as they are, another tool's by what their headers say
+DEFAULT_READING = Reading()  # cltaa's own files as they are, other tools' files by their headers
 
 
 def readings(folders: Iterable[Path], asked: Reading) -> dict[Path, Reading]:
-    """How each of several folders is read where all are asked for alike.
+    """Return how to read each of several folders when ``asked`` applies to all.
 
-    What is asked for speaks of other tools' files: among those, cltaa's own are read as ever. Raises UsageError where
-    one side file would speak of several.
+    ``asked`` describes other tools' files: beside such files, cltaa's own are read with defaults. Raises UsageError if
+    one side file would apply to several sequences.
     """
     folders = list(dict.fromkeys(folders))
     spoken_of = [folder for folder in folders if not is_own(folder)] or folders
@@ -149,10 +149,10 @@ def readings(folders: Iterable[Path], asked: Reading) -> dict[Path, Reading]:
 
 
 def is_own(named: Named) -> bool:
-    """True unless the first file that can be read plainly is somebody else's, or of several parts, or where there is
-    none but in subfolders.
+    """Return False if another tool wrote the first readable file, if it has several parts, or if only subfolders hold
+    files; else True.
 
-    Errors of cltaa's own files are told by its own reader; what a resolve wrote is its own, whatever layers it kept.
+    cltaa's own reader reports errors of its files. The output of a resolve counts as cltaa's own, with any layers.
     """
     place = selection_of(named)
     files = files_in(place) if place.files is not None or place.folder.is_dir() else []
@@ -161,7 +161,7 @@ def is_own(named: Named) -> bool:
     for file in files:
         try:
             header = read_any_header(file)
-            several = bool(header.layout.windows)  # parts, of which another tool has made a file again
+            several = bool(header.layout.windows)  # several parts: another tool has rewritten the file
             return not several and not {"cltaa:worldToView", RESOLVED}.isdisjoint(header.attributes)
         except CltaaError:
             continue

@@ -1,4 +1,4 @@
-"""Reader profiles: what another tool's channels and attributes mean, as data (``cltaa/inputs/profiles/*.toml``)."""
+"""Reader profiles: the meaning of another tool's channels and attributes (``cltaa/inputs/profiles/*.toml``)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Source = Literal["declared", "none"]
 JitterSource = Literal["declared", "projection", "none"]
 MatrixLayout = Literal["row", "column"]
 
-# How an error calls what a key wants, by the key's type.
+# How errors name the expected value, by the key's type.
 KINDS: dict[Any, str] = {
     float: "a number",
     float | None: "a number",
@@ -38,7 +38,7 @@ KINDS: dict[Any, str] = {
     Pair: "two numbers",
     str: "a name",
 }
-# All numbers of a profile but depth.sky, which may be infinite.
+# All numbers of a profile except depth.sky, which may be infinite.
 FINITE = (
     "depth.scale",
     "depth.near",
@@ -50,7 +50,7 @@ FINITE = (
     "camera.near",
 )
 NOT_0 = "depth.scale", "motion.scale", "jitter.scale", "camera.near"
-# Least and greatest of other numbers; what lies frames later comes from a pipeline, which holds a few.
+# Least and greatest of other numbers; delays come from pipelines, which hold only a few frames.
 RANGES: dict[str, tuple[float, float]] = {
     "depth.near": (0.0, np.inf),
     "depth.far": (0.0, np.inf),
@@ -71,7 +71,7 @@ class DepthKind(StrEnum):
 
 
 class Units(StrEnum):
-    """What a motion vector of 1 means."""
+    """Unit of motion vectors."""
 
     PIXELS = "pixels"
     UV = "uv"  # fractions of the display window, y down
@@ -86,10 +86,10 @@ class Encoding(StrEnum):
 
 
 class Colour(msgspec.Struct, frozen=True, kw_only=True):
-    """Colour and what lies beside it; each entry of ``channels`` is three names, and entries are tried in order.
+    """Colour, alpha and reactive mask; each entry of ``channels`` is three names, tried in order.
 
-    ``view`` is that of a picture of several, such as left and right, and of depth and vectors too. ``fireflies`` says
-    what becomes of them where a resolve is not told: path tracers leave some.
+    ``view`` chooses one of several views, such as left and right, also for depth and vectors. ``fireflies`` is the
+    default for a resolve without --fireflies, because path tracers leave some.
     """
 
     channels: tuple[Names, ...] = (("R", "G", "B"),)
@@ -101,9 +101,9 @@ class Colour(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Depth(msgspec.Struct, frozen=True, kw_only=True):
-    """Depth: planar = ``scale`` x what ``kind`` makes of the channel; at or beyond ``sky`` (as stored) is the sky.
+    """Depth: planar = ``scale`` x the channel converted by ``kind``; stored values from ``sky`` on are the sky.
 
-    ``near`` and ``far`` are the planes of device depth; 0 takes the near plane from the projection, far then infinite.
+    ``near`` and ``far`` are the planes of device depth; 0 takes a plane from the projection.
     """
 
     channels: tuple[str, ...] = ("Z",)
@@ -117,8 +117,8 @@ class Depth(msgspec.Struct, frozen=True, kw_only=True):
 class Motion(msgspec.Struct, frozen=True, kw_only=True):
     """Motion to the previous frame, in pixels, y down = ``scale`` x unit x (swapped channels - ``offset``).
 
-    ``jittered`` 1: the vectors contain this frame's jitter minus the previous one's; -1: the opposite of it. ``zero``
-    camera: a vector of nothing says that the camera alone moves the pixel, as of engines that draw objects' vectors.
+    ``jittered`` 1: the vectors contain this frame's jitter minus the previous one's; -1: the opposite. ``zero`` camera:
+    a zero vector means that only the camera moves the pixel, as in engines that draw vectors of moving objects only.
     """
 
     channels: tuple[Names, ...] = (("backward.u", "backward.v"),)
@@ -133,8 +133,8 @@ class Motion(msgspec.Struct, frozen=True, kw_only=True):
 class Jitter(msgspec.Struct, frozen=True, kw_only=True):
     """Jitter in pixels = ``scale`` x swapped numbers + ``offset``, from ``attribute`` or the side file, else none.
 
-    The jitter of a frame is what was declared for the frame ``delay`` later. ``source`` projection: the numbers are how
-    far the projection's centre lies beside its mean over the shot, in pixels, and are taken out of it.
+    A frame's jitter is the one declared for the frame ``delay`` later. ``source`` projection: the jitter is the
+    distance of the projection's centre from its mean over the shot, in pixels, and is removed from the projection.
     """
 
     source: JitterSource = "declared"
@@ -146,13 +146,13 @@ class Jitter(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Cameras(msgspec.Struct, frozen=True, kw_only=True):
-    """Matrices, from attributes or the side file; the other keys say how they differ from docs/conventions.md."""
+    """Matrices from attributes or the side file; the other keys say how they differ from docs/conventions.md."""
 
     source: Source = "declared"
     view: str = "cltaa:worldToView"
     projection: str = "cltaa:viewToClip"
     standard: bool = False  # the attributes are the EXR standard's worldToCamera and worldToNDC
-    layout: MatrixLayout = "row"  # column: transposed against what the file's format says
+    layout: MatrixLayout = "row"  # column: transposed against the file format's rule
     view_layout: MatrixLayout = "row"
     projection_layout: MatrixLayout = "row"
     sense: Literal["world-to-camera", "camera-to-world"] = "world-to-camera"
@@ -162,11 +162,11 @@ class Cameras(msgspec.Struct, frozen=True, kw_only=True):
     mirrored: bool = False  # the world is left-handed
     jittered: bool = False  # the projection contains the jitter
     delay: int = 0
-    near: float = 0.1  # of a projection that the file does not give
+    near: float = 0.1  # near plane of the projection made from standard attributes
 
 
 class Profile(msgspec.Struct, frozen=True, kw_only=True):
-    """One tool's way of writing a sequence. ``recognise`` maps a header attribute to a word in its text."""
+    """One tool's conventions. ``recognise`` maps a header attribute to a word in its text."""
 
     name: str = ""
     description: str = ""
@@ -187,12 +187,12 @@ def _words_of(kind: Any) -> list[str]:
 
 
 def profile_names() -> list[str]:
-    """Names of the profiles that come with cltaa, sorted."""
+    """Return the names of the profiles that come with cltaa, sorted."""
     return sorted(Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml"))
 
 
 def load_profile(name: str | Path | Profile) -> Profile:
-    """The profile of that name or in that TOML file, or one that there is; raises UsageError, InputMissing or
+    """Load the profile of that name or TOML file, or return a given one; raises UsageError, InputMissing or
     DataError."""
     if isinstance(name, Profile):
         return name
@@ -225,7 +225,7 @@ def _parse(name: str, text: str, origin: str) -> Profile:
 
 
 def convert_profile(values: dict[str, Any], origin: str) -> Profile:
-    """Builtins to a profile; raises DataError that names the key."""
+    """Convert builtins to a profile; raises DataError that names the key."""
     try:
         profile = msgspec.convert(_with_names(values), Profile)
     except msgspec.ValidationError as error:
@@ -254,12 +254,12 @@ def convert_profile(values: dict[str, Any], origin: str) -> Profile:
     return profile
 
 
-# How many channels each key names at a time.
+# Number of channels in each entry of a key.
 COUNTS = {"colour.channels": 3, "motion.channels": 2, "colour.alpha": 1, "colour.reactive": 1, "depth.channels": 1}
 
 
 def _with_names(values: dict[str, Any]) -> dict[str, Any]:
-    """``values`` with each key of channels as lists of names, whether text or arrays say them."""
+    """Return ``values`` with each channel key as lists of names, from text or arrays."""
     made = dict(values)
     for key, count in COUNTS.items():
         section, _, name = key.partition(".")
@@ -271,7 +271,7 @@ def _with_names(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _lists_of(value: Any, count: int) -> list[list[Any]]:
-    """Lists of ``count`` names out of text, or of an array of texts, of names, or of such lists."""
+    """Return lists of ``count`` names from text, or from an array of texts, names or such lists."""
     if isinstance(value, str):
         return names_in(value, count)
     if count == 1:
@@ -279,12 +279,12 @@ def _lists_of(value: Any, count: int) -> list[list[Any]]:
     lists = [names for one in value for names in (names_in(one, count) if isinstance(one, str) else [one])]
     if len(value) != count or not all(isinstance(one, str) for one in value):
         return lists
-    # ["a b", "c d"] are two lists of two names, or one of two with spaces: what is there tells.
+    # ["a b", "c d"] is two lists of two names, or one list of two names with spaces: the channels present decide.
     return [*(names for names in lists if len(names) == count), [*value]]
 
 
 def _no_such_value(path: str, values: dict[str, Any], origin: str, expected: str = "") -> DataError:
-    """The error for a value that the key at ``path``, such as depth.scale, cannot have."""
+    """Return the error for an invalid value of the key at ``path``, such as depth.scale."""
     section, _, key = re.sub(r"\[.*", "", path).partition(".")
     if not key:
         return DataError(f"profile: {section} has no such value", path=origin)
@@ -296,7 +296,7 @@ def _no_such_value(path: str, values: dict[str, Any], origin: str, expected: str
 
 
 def override(profile: Profile, assignments: Sequence[str]) -> Profile:
-    """``profile`` with ``SECTION.KEY=VALUE`` assignments over it, of which a text is one; raises UsageError."""
+    """Apply ``SECTION.KEY=VALUE`` assignments, or a single one as text, to ``profile``; raises UsageError."""
     values = msgspec.to_builtins(profile)
     for assignment in [assignments] if isinstance(assignments, str) else assignments:
         key, equals, text = str(assignment).partition("=")
@@ -312,7 +312,7 @@ def override(profile: Profile, assignments: Sequence[str]) -> Profile:
 
 
 def differences(profile: Profile, base: Profile) -> dict[str, dict[str, Any]]:
-    """Keys of ``profile`` that differ from ``base``, by section."""
+    """Return the keys of ``profile`` that differ from ``base``, by section."""
     new, old = msgspec.to_builtins(profile), msgspec.to_builtins(base)
     sections = {
         section: {key: value for key, value in keys.items() if value != old[section].get(key)}
@@ -323,24 +323,24 @@ def differences(profile: Profile, base: Profile) -> dict[str, dict[str, Any]]:
 
 
 def assignments_of(values: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """``values`` as ``override`` takes them: ``SECTION.KEY=VALUE``."""
+    """Return ``values`` as assignments for ``override``: ``SECTION.KEY=VALUE``."""
     return [f"{section}.{key}={_text(value)}" for section, keys in values.items() for key, value in keys.items()]
 
 
 def channels_option(key: str, names: Sequence[str]) -> str:
-    """The option of the command line that takes ``names`` for the channels of ``key``, for a shell."""
+    """Return the command-line option, quoted for a shell, that sets the channels of ``key`` to ``names``."""
     section, _, name = key.partition(".")
     return option_text({section: {name: [names]}})
 
 
 def option_text(values: Mapping[str, Mapping[str, Any]]) -> str:
-    """``values`` as options of the command line, for a shell."""
+    """Return ``values`` as command-line options, quoted for a shell."""
     pairs = (assignment.partition("=") for assignment in assignments_of(values))
     return " ".join(f"--input {key}={shlex.quote(text)}" for key, _, text in pairs)
 
 
 def toml_text(profile: Profile) -> str:
-    """``profile`` as TOML, every key that has a value."""
+    """Return ``profile`` as TOML, with every key that has a value."""
     values = msgspec.to_builtins(profile)
     sections = {
         name: {key: value for key, value in keys.items() if value is not None}
@@ -351,7 +351,7 @@ def toml_text(profile: Profile) -> str:
 
 
 def _array(text: str) -> object:
-    """Names in text as they are, or an array of them as TOML has it."""
+    """Return plain names unchanged, or parse a TOML array of names."""
     if not text.startswith("["):
         return text
     try:
@@ -361,7 +361,7 @@ def _array(text: str) -> object:
 
 
 def _value(text: str, before: object) -> object:
-    """Read the text of an assignment the way TOML would, with lists and words written plainly."""
+    """Parse the value of an assignment like TOML, but with lists and words unquoted."""
     if isinstance(before, list | tuple):
         return [_number(entry.strip()) for entry in text.strip("[]").split(",")]
     if isinstance(before, str):

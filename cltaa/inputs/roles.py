@@ -1,8 +1,9 @@
-"""Which channel of which file and view plays which role: the profile's names against the names that are there.
+"""Assign channels of files and views to roles: match the names in the profile with the names in the files.
 
-Names are those of OpenEXR's multi-view files (https://openexr.com/en/latest/TechnicalIntroduction.html, multi-view):
-the view is a word of a channel's name, ``diffuse.right.R``, Blender's ``ViewLayer.Combined.left.R``, or of its part's;
-channels of the first view may have none. Where no word tells, attribute ``view`` of the part does, ``rgba_right``.
+View names follow OpenEXR's multi-view files (https://openexr.com/en/latest/TechnicalIntroduction.html, multi-view):
+the view is a word in the name of the channel, ``diffuse.right.R``, Blender's ``ViewLayer.Combined.left.R``, or of its
+part; channels of the first view may omit it. Without such a word the part's attribute ``view`` decides, as in
+``rgba_right``.
 """
 
 from __future__ import annotations
@@ -24,25 +25,25 @@ from cltaa.io.names import Named, selection_of
 from cltaa.io.numbered import captures_below, files_in, no_frames, only_below
 from cltaa.printable import counted, written
 
-REFERENCE = "reference"  # folders of this name, or that begin with it, hold truth and no input
+REFERENCE = "reference"  # folders whose names begin with it hold truth and no input
 
 
-# The key of a profile that names the channels of each role that a frame can do without.
+# The profile key with the channels of each optional role.
 KEYS = {"depth": "depth.channels", "motion": "motion.channels", "alpha": "colour.alpha", "reactive": "colour.reactive"}
 
 
 class Place(NamedTuple):
-    """A channel: the set of files that it is in, and its full name there."""
+    """A channel: its set of files, and its full name there."""
 
     files: str
     channel: str
 
 
-Roles = Mapping[str, tuple[Place, ...]]  # colour, alpha, reactive, depth, motion -> places; absent roles are left out
+Roles = Mapping[str, tuple[Place, ...]]  # colour, alpha, reactive, depth, motion -> places; only roles that are filled
 
 
 def ignored_files(named: Named) -> list[str]:
-    """Names of the EXR files of a place that are not numbered as its frames are."""
+    """Return names of EXR files of a place whose numbering differs from that of its frames."""
     place = selection_of(named)
     files = [] if place.alone else files_in(place)
     sets = (numbers for its in _by_folder(files).values() for numbers in place.by_name(its).values())
@@ -58,11 +59,11 @@ def _by_folder(files: Iterable[Path]) -> dict[Path, list[Path]]:
 
 
 def file_sets(named: Named, without: Container[Path] = ()) -> dict[str, dict[int, Path]]:
-    """The numbered files of a folder and its subfolders by name: ``beauty.0001.exr`` or ``beauty/x.0001.exr``.
+    """Return the numbered files of a folder and its subfolders by name: ``beauty.0001.exr`` or ``beauty/x.0001.exr``.
 
-    Hidden subfolders are left out, those with truth, and those that a resolve wrote: what came of a sequence is no part
-    of it. So are the files ``without``. Of a place that names files itself these are all.
-    Raises InputMissing where there is none, or none but captures in folders of their own.
+    Leaves out the files ``without``, and subfolders that are hidden, hold truth, or hold the output of a resolve, which
+    is no input. Files that ``named`` lists itself are all kept.
+    Raises InputMissing if there are none, or only captures in subfolders.
     """
     place = selection_of(named)
     files = files_in(place, below=True)
@@ -87,16 +88,16 @@ def _is_input(folder: Path) -> bool:
 
 
 def assign(profile: Profile, channels: Mapping[str, Iterable[str]]) -> dict[str, tuple[Place, ...]]:
-    """Find the channels of each role among those of each set of files; roles that nothing plays are left out.
+    """Find the channels of each role in each set of files; the result holds only filled roles.
 
-    So is the colour where several sets of files could be it, and no other of its names tells one: which of two pictures
-    is meant nobody can tell.
+    It also lacks the colour if several sets of files match and none of the profile's other names matches just one:
+    cltaa does not choose between two pictures.
     """
     colours = (equal_matches([names], channels) for names in profile.colour.channels)
     colour = next((found[0] for found in colours if len(found) == 1), ())
     own = {label: names for label, names in channels.items() if colour and label == colour[0].files}
     alpha = [(name,) for name in profile.colour.alpha]
-    named = [names for names in alpha if "." in names[0]]  # in a layer, or in a set of files
+    named = [names for names in alpha if "." in names[0]]  # names with a layer or a set of files
     found = {
         "colour": colour,
         "alpha": _nearest(colour, alpha, own) or _nearest(colour, named, channels),
@@ -108,7 +109,7 @@ def assign(profile: Profile, channels: Mapping[str, Iterable[str]]) -> dict[str,
 
 
 def _without_vectors(channels: Mapping[str, Iterable[str]]) -> dict[str, list[str]]:
-    """The channels without those that are the third of a vector, as ``z`` beside ``x`` and ``y`` is: no depth."""
+    """Return ``channels`` without third components of vectors, such as ``z`` beside ``x`` and ``y``: no depth."""
 
     def is_third(name: str, beside: set[str]) -> bool:
         others = {"z": ("x", "y"), "Z": ("X", "Y")}.get(name[-1:])
@@ -120,9 +121,9 @@ def _without_vectors(channels: Mapping[str, Iterable[str]]) -> dict[str, list[st
 def _nearest(
     colour: tuple[Place, ...], candidates: Sequence[Names], channels: Mapping[str, Iterable[str]]
 ) -> tuple[Place, ...]:
-    """The channels of a candidate in the layer of the colour, else in what that layer is part of, else anywhere.
+    """Return the channels of a candidate in the colour's layer, else in its parent layers, else anywhere.
 
-    So the depth of ``Trees.Combined.R`` is ``Trees.Depth.Z`` and not ``Rocks.Depth.Z``, and ``A`` its own alpha.
+    So the depth of ``Trees.Combined.R`` is ``Trees.Depth.Z`` and not ``Rocks.Depth.Z``, and its alpha is its own ``A``.
     """
     layers = colour[0].channel.split(".")[:-1] if colour else []
     for end in range(len(layers), -1, -1):
@@ -134,13 +135,13 @@ def _nearest(
 
 
 def _farness(files: str, colour: tuple[Place, ...]) -> tuple[bool, bool]:
-    """In the order of these sets of files: that of the ``colour``, those in its folder, and others."""
+    """Return a sort key: first the ``colour``'s set of files, then sets in its folder, then others."""
     own = colour[0].files if colour else ""
     return files != own, files.rpartition("/")[0] != own.rpartition("/")[0]
 
 
 def channel_missing(place: Place, role: str, count: int, path: Path, there: Iterable[str]) -> DataError:
-    """The error where a frame's file has none of that name, which is one of ``count`` channels of a role."""
+    """Return the error for a file that lacks a channel, one of the ``count`` channels of ``role``."""
     found, none = written(sorted(there)), " ".join(["none"] * count)
     without = f", or do without: --input {KEYS[role]}='{none}'" if role in KEYS else ""
     cure = f"render it again{without}"
@@ -148,19 +149,19 @@ def channel_missing(place: Place, role: str, count: int, path: Path, there: Iter
 
 
 def whole_numbers(place: Place, path: Path) -> DataError:
-    """The error where what is to be read as light, depth or motion holds whole numbers."""
+    """Return the error for a channel of light, depth or motion that holds integers."""
     what, expected, cure = "wrong channel type", "half or float", "write it as 32-bit float"
     return DataError(what, path=path, channel=place.channel, expected=expected, found="uint", cure=cure)
 
 
 def describe(roles: Roles, sets: Collection[str]) -> str:
-    """One line: every role and its channels, with the names of their files where there are several ``sets``."""
+    """Return one line with every role and its channels, with the names of their files if there are several ``sets``."""
     return "; ".join(f"{role} {written(shown_name(place, sets) for place in places)}" for role, places in roles.items())
 
 
 def shown_name(place: Place, sets: Collection[str]) -> str:
-    """A channel as a reader is told of it: where there are several ``sets`` of files behind the name of its own, of its
-    folder where that holds no other, or of both where the name is another's too."""
+    """Return a channel's display name: with several ``sets``, prefixed by the folder if that holds only this set, else
+    by the set's name, or by both if another set has that name."""
     if len(sets) == 1:
         return place.channel
     folder, _, name = place.files.partition("/")
@@ -171,9 +172,9 @@ def shown_name(place: Place, sets: Collection[str]) -> str:
 
 
 def guide_places(channels: Mapping[str, Iterable[str]], colour: tuple[Place, ...]) -> dict[str, tuple[Place, ...]]:
-    """What guides a denoiser of the ``colour``, in any set of files, as ``albedo.0001.exr`` beside the picture.
+    """Return the channels that guide a denoiser of the ``colour``, in any set of files, such as ``albedo.0001.exr``.
 
-    The name of such a set counts as the layer of what it holds, within that layer's own: of a view, or of none.
+    The name of such a set is treated as an inner layer of its channels' own layer: of a view, or of none.
     """
     places = dict[str, Place]()
     for label in sorted(channels, key=lambda label: (*_farness(label, colour), label)):
@@ -189,17 +190,17 @@ def guide_places(channels: Mapping[str, Iterable[str]], colour: tuple[Place, ...
 
 
 def equal_matches(candidates: Sequence[Names], channels: Mapping[str, Iterable[str]]) -> list[tuple[Place, ...]]:
-    """The channels that the first candidate with any names; several where sets of files have them alike.
+    """Return the channels of the first candidate that matches; several if several sets of files match equally.
 
-    Files in the folder itself come before those of its subfolders.
+    Files in the folder itself take precedence over files in its subfolders.
     """
     for candidate in candidates:
-        # With several sets of files, ``depth.Z`` also means channel Z of the set named depth; that is tried first.
+        # With several sets of files, try ``depth.Z`` first as channel Z of the set named depth.
         for by_set in (True, False):
-            # All channels of a role are in one set: R of a depth and G of a picture make no colour.
+            # All channels of a role must be in one set: R of a depth and G of a picture make no colour.
             found = [_in_set(candidate, label, names, by_set) for label, names in channels.items()]
             whole = [places for places in found if places]
-            if whole:  # the shortest names are the least qualified: no view, no light group
+            if whole:  # prefer the shortest, least qualified names: no view, no light group
                 shortest = min(map(_length, whole))
                 alike = [places for places in whole if _length(places) == shortest]
                 return [places for places in alike if "/" not in places[0].files] or alike
@@ -211,14 +212,14 @@ def _length(places: tuple[Place, ...]) -> int:
 
 
 def _in_set(patterns: Sequence[str], label: str, names: Iterable[str], by_set: bool) -> tuple[Place, ...]:
-    """The channel of each pattern within one set of files; empty unless all are there.
+    """Return the channel of each pattern within one set of files; empty unless all match.
 
-    Where the patterns have ``*`` alike it stands for the same in each: R of one layer and G of another make no colour.
-    With ``by_set`` a channel is called behind the folder or the name of its set of files, or both.
+    If all patterns have as many ``*``, these match the same text in each: R of one layer and G of another make no
+    colour. ``by_set`` prefixes channel names with the folder or the name of their set of files, or both.
     """
     words = dict.fromkeys([*label.split("/"), label.replace("/", ".")])
     names, qualifiers = sorted(names, key=len), [f"{word}." for word in words] if by_set else [""]
-    if not by_set and set(patterns) <= set(names):  # with a star that is one
+    if not by_set and set(patterns) <= set(names):  # a channel name may contain a literal star
         return tuple(Place(label, pattern) for pattern in patterns)
     alike = len({pattern.count("*") for pattern in patterns}) == 1
     for before in qualifiers:
@@ -233,29 +234,29 @@ def _in_set(patterns: Sequence[str], label: str, names: Iterable[str], by_set: b
     return ()
 
 
-USUAL = ("left", "right")  # what views are called where no attribute names them
+USUAL = ("left", "right")  # view names without an attribute
 
-Channels = Mapping[str, Iterable[str]]  # of each set of files
+Channels = Mapping[str, Iterable[str]]  # set of files -> its channels
 
 
 class Views(NamedTuple):
-    """The views of a picture, the first of them first, none where it has one that nothing names."""
+    """The views of a picture, the first view first; empty if it has only one, unnamed."""
 
     names: tuple[str, ...] = ()
-    stated: Mapping[str, str] = MappingProxyType({})  # of channels, by attributes of their parts
+    stated: Mapping[str, str] = MappingProxyType({})  # channel -> view, from attributes of parts
 
     def within(self, name: str) -> set[str]:
-        """The views that a channel is of: those in its name, else what is stated; empty where nothing tells."""
+        """Return the views of a channel: those in its name, else the stated one; empty if unknown."""
         words = {view for view in self.names if _has_word(name, view)}
         return words or ({self.stated[name]} if name in self.stated else set())
 
     def of(self, channels: Iterable[str]) -> str:
-        """The view that channels are of: the one that is told, else the first; empty where there are none."""
+        """Return the view of channels: the named or stated one, else the first; empty without views."""
         told = (view for name in channels for view in self.names if view in self.within(name))
         return next(told, [*self.names, ""][0])
 
     def without(self, name: str) -> str:
-        """A channel's name without what says of which view it is."""
+        """Return a channel's name without its view."""
         layer, dot, last = name.rpartition(".")
         kept = f".{layer}."
         for view in self.names:
@@ -266,7 +267,7 @@ class Views(NamedTuple):
 
 
 def _has_word(name: str, view: str) -> bool:
-    """True where a view is a word of a channel's layer; as names of layers it may have dots."""
+    """Return True if a view is a word of a channel's layer; like layer names it may contain dots."""
     return f".{view}." in f".{name.rpartition('.')[0]}."
 
 
@@ -274,27 +275,27 @@ ONE_VIEW = Views()
 
 
 def views_of(attributes: Mapping[str, object], channels: Channels, stated: Iterable[Mapping[str, str]]) -> Views:
-    """The views of a picture; ``stated`` are those of channels by attribute ``view``, of each set of files."""
+    """Return the views of a picture; ``stated`` maps channels to views by attribute ``view``, for each set of files."""
     named = attributes.get("multiView", USUAL)
     every = [name for names in channels.values() for name in names]
     if not isinstance(named, list | tuple):
         return ONE_VIEW
     views = [view for view in named if isinstance(view, str)]
-    # Those of the first view may go without its name.
+    # Channels of the first view may omit its name.
     there = [view for view in views if any(_has_word(name, view) for name in every)]
     if "multiView" in attributes:
         return Views(tuple(views)) if there else ONE_VIEW
     pairs = list(dict.fromkeys(pair for its in stated for pair in its.items()))
-    # Sets of files that are of one view each, with names alike, are told apart as sets.
+    # If each set of files holds one view and the channel names are equal, the sets distinguish the views.
     of_parts = dict(pairs) if len(dict(pairs)) == len(pairs) else {}
     names = [*(views if len(there) > 1 else ()), *of_parts.values()]
     return Views(tuple(dict.fromkeys([*(view for view in USUAL if view in names), *names])), of_parts)
 
 
 def assign_view(profile: Profile, channels: Channels, views: Views) -> Roles:
-    """The channels of each role, all of one view: that of the profile, else that of the colour that is found.
+    """Return the channels of each role, all of one view: the profile's, else that of the found colour.
 
-    Raises UsageError for a view that there is not.
+    Raises UsageError for a missing view.
     """
     view = profile.colour.view
     if view and view not in views.names:
@@ -304,7 +305,7 @@ def assign_view(profile: Profile, channels: Channels, views: Views) -> Roles:
         return assign(profile, channels)
     if not view:
         found = assign(profile, channels)
-        if "colour" not in found and len(views.names) > 1:  # it is not for us to choose
+        if "colour" not in found and len(views.names) > 1:  # the user must choose
             return found
         view = views.of(place.channel for place in found.get("colour", ()))
     asked = _asked_for(profile)
@@ -316,34 +317,34 @@ def assign_view(profile: Profile, channels: Channels, views: Views) -> Roles:
 
 
 def _asked_for(profile: Profile) -> set[str]:
-    """Every name of a channel that the profile has."""
+    """Return every channel name in the profile."""
     colour, alone = profile.colour, profile.depth.channels
     lists = (*colour.channels, *profile.motion.channels, colour.alpha, colour.reactive, alone)
     return {name for names in lists for name in names}
 
 
 def _of_view(names: Iterable[str], view: str, views: Views, asked: set[str]) -> dict[str, str]:
-    """The channels of one view and those of none, by their names without it, and any that is ``asked`` for in full."""
+    """Map names without the view to channels of ``view`` or of no view; also keep names ``asked`` for in full."""
     named, others = dict[str, str](), dict[str, str]()
     for name in names:
         told = views.within(name)
         if view in told:
             named[views.without(name)] = name
-        by_part = view in told and name in views.stated  # whose own name may be asked for by a pattern
+        by_part = view in told and name in views.stated  # a pattern may ask for its full name
         if (not told and (view == views.names[0] or "." in name)) or by_part or (told and name in asked):
             others[name] = name
     return others | named
 
 
 def may_be_colour(profile: Profile, channels: Channels, views: Views) -> bool:
-    """True where channels of some view, or of several sets of files, have the names that a profile gives the colour."""
+    """Return True if channels of some view, or of several sets of files, match the profile's colour names."""
     of_views = [override(profile, [f"colour.view={view}"]) for view in views.names]
     found = any("colour" in assign_view(its, channels, views) for its in (profile, *of_views))
     return found or bool(equal_matches(profile.colour.channels, channels))
 
 
 def with_usual_names(profile: Profile, channels: Channels, views: Views) -> Profile:
-    """A tool's profile, that last looks for what files of any tool call colour, depth and motion, if that is there."""
+    """Extend a tool's profile with the common names of colour, depth and motion, as a last choice, where they match."""
 
     def extended(sections: Iterable[str]) -> Profile:
         made = dict[str, Any]()
@@ -357,12 +358,12 @@ def with_usual_names(profile: Profile, channels: Channels, views: Views) -> Prof
     return extended(section for section in sections if section in found)
 
 
-OF_NO_TOOL = {"parts": 1, "cltaa": 2}  # and which goes before which
-LUMINANCE, CHROMA = "Y", {"RY", "BY"}  # as OpenEXR calls them; of a picture in greys there is the one alone
+OF_NO_TOOL = {"parts": 1, "cltaa": 2}  # profiles of no tool; the greater number wins
+LUMINANCE, CHROMA = "Y", {"RY", "BY"}  # OpenEXR's names; a grey picture has only the first
 
 
 def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]], views: Views) -> DataError:
-    """The error where nothing is the colour, or several sets of files or ``views`` could be."""
+    """Return the error for a missing colour, or for one that several sets of files or ``views`` could be."""
     if (
         views.names
         and not profile.colour.view
@@ -387,7 +388,7 @@ def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]],
     found, grey = written(there), there[0] if len(there) == 1 else None
     if LUMINANCE in there and not {*there} >= {*"XYZ"}:
         grey = LUMINANCE
-    # Of a picture in greys one channel is all three.
+    # In a grey picture one channel serves as all three.
     example = [grey] * 3 if grey else _like_colour(there) or ["RED", "GREEN", "BLUE"]
     cure = f"name them: {channels_option('colour.channels', example)}"
     expected = " or ".join(map(written, profile.colour.channels))
@@ -395,7 +396,7 @@ def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]],
 
 
 def _like_colour(there: Many[str]) -> list[str] | None:
-    """Three of the channels ``there`` that are called red, green and blue in some way, the shortest of such names."""
+    """Return the three channels of ``there`` with the shortest names that end in r, g, b or red, green, blue."""
     named = {name.lower(): name for name in there}
     for words in (("r", "g", "b"), ("red", "green", "blue")):
         for name in sorted(named, key=len):
@@ -407,7 +408,7 @@ def _like_colour(there: Many[str]) -> list[str] | None:
 
 
 def guessed_profile(attributes: dict[str, object], channels: dict[str, tuple[str, ...]]) -> tuple[Profile, str]:
-    """The profile whose header attribute is there, else the one that finds most roles; and why."""
+    """Return the profile whose header attribute is present, else the one that fills most roles; and the reason."""
     profiles = [load_profile(name) for name in profile_names()]
     for profile in profiles:
         for name, word in profile.recognise.items():
@@ -415,6 +416,6 @@ def guessed_profile(attributes: dict[str, object], channels: dict[str, tuple[str
                 shown = str(attributes[name])[:40] if word else "there"
                 return profile, f"header attribute {name} is {shown}"
     scores = {profile.name: len(assign(profile, channels)) for profile in profiles}
-    # Of profiles that fit alike those of no tool win: a tool names itself in the header, and its units are its own.
+    # Among equal fits a profile of no tool wins: a tool would name itself in the header, and has units of its own.
     best = max(profiles, key=lambda profile: (scores[profile.name], OF_NO_TOOL.get(profile.name, 0)))
     return best, f"no header names the writer; its channel names fit best ({counted(scores[best.name], 'role')})"

@@ -1,8 +1,7 @@
-"""Matrices, jitter, exposure and cuts from a file beside the pictures: JSON, CSV or text, exact doubles in each.
+"""Matrices, jitter, exposure and cuts from a file beside the pictures: JSON, CSV or text.
 
 A frame has ``world_to_view`` and ``view_to_clip`` (row-major, column vectors, un-jittered; docs/conventions.md),
-``jitter_px``, ``exposure`` and ``cut``; each may be left out. Every format writes doubles with 17 digits,
-so that none is rounded.
+``jitter_px``, ``exposure`` and ``cut``; each is optional. All formats hold exact doubles, written with 17 digits.
 """
 
 from __future__ import annotations
@@ -22,12 +21,12 @@ from cltaa.frame import Matrix
 from cltaa.io.content import read_text
 from cltaa.printable import counted
 
-LARGEST = 1 << 28  # bytes; a frame takes less than 2000, so that a hundred thousand fit
+LARGEST = 1 << 28  # bytes; a frame takes less than 2000, so a hundred thousand frames fit
 KEYS = {"world_to_view": 16, "view_to_clip": 16, "jitter_px": 2, "exposure": 1, "cut": 1}
 
 
 class Side(NamedTuple):
-    """What the side file says about one frame; None where it says nothing."""
+    """The values of one frame in the side file; None for missing ones."""
 
     world_to_view: Matrix | None
     view_to_clip: Matrix | None
@@ -37,11 +36,11 @@ class Side(NamedTuple):
 
 
 def read_side_file(path: Path) -> dict[int, Side]:
-    """Read ``path`` by its suffix: .json, .csv, else text; raises InputMissing or DataError that names the line."""
+    """Read ``path`` as .json or .csv by its suffix, else as text; raises InputMissing, or DataError with the line."""
     text = read_text(path, "a side file", LARGEST)
     rows = {".json": _json, ".csv": _csv}.get(path.suffix.lower(), _text)(path, text)
     found: dict[int, Side] = {}
-    unknown: dict[str, str | None] = {}  # and the key that was meant
+    unknown: dict[str, str | None] = {}  # unknown key -> the key that was probably meant
     for number, values in rows:
         unknown |= {name: closest(name, KEYS) for name in map(str, values) if name not in KEYS and name not in unknown}
         for name, meant in unknown.items():
@@ -72,9 +71,8 @@ def _json(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
 def _csv(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
     """Columns ``frame``, ``world_to_view.0`` to ``.15``, ``view_to_clip.0`` to ``.15``, ``jitter_px.0`` and ``.1``, ...
 
-    Columns of other names are passed on without what is in them.
-
-    With semicolons between them, as spreadsheets of many countries write, decimals may have commas; or with tabs.
+    Yields other columns by name only, without their values. The delimiter may also be a tab, or a semicolon with
+    decimal commas, as spreadsheets write in many countries.
     """
     delimiter = next((mark for mark in ";,\t" if mark in text.partition("\n")[0]), ",")
     if delimiter == ";":
@@ -88,13 +86,13 @@ def _csv(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
             number = row["frame"]
         except (KeyError, TypeError) as error:
             raise DataError(f"line {line}: {error} is missing", path=path) from None
-        if not re.fullmatch(r" *-?[0-9]{1,9}(\.0*)? *", number or ""):  # 1.0: a column that a table took for floats
+        if not re.fullmatch(r" *-?[0-9]{1,9}(\.0*)? *", number or ""):  # 1.0: a spreadsheet may write floats
             raise DataError(f"line {line}: frame is no whole number", path=path, found=number)
         yield int(float(number)), values
 
 
 def _text(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
-    """``frame 12``, then lines such as ``world_to_view`` with 16 numbers, brackets and commas as one likes."""
+    """``frame 12``, then lines such as ``world_to_view`` with 16 numbers; brackets and commas are optional."""
     number, values = None, dict[str, Sequence[str]]()
     for line, content in enumerate(text.splitlines(), start=1):
         words = content.split("#")[0].translate(str.maketrans("(),[]=:", "       ")).split()
@@ -114,13 +112,13 @@ def _text(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
 
 
 def _columns(row: Mapping[str, str], name: str) -> list[str]:
-    """The numbers of one key, in columns that are counted where it has several."""
+    """Return the numbers of one key, from one column or from numbered columns."""
     count = KEYS[name]
     return [row[name]] if count == 1 and name in row else [row[f"{name}.{place}"] for place in range(count)]
 
 
 def _side(path: Path, frame: int, values: Mapping[str, Any]) -> Side:
-    """What is said about one frame; raises DataError for what cannot be."""
+    """Parse the values of one frame; raises DataError for impossible ones."""
     view, clip, jitter, exposures, cuts = (_numbers(path, frame, name, values.get(name)) for name in KEYS)
     side = Side(
         None if view is None else view.reshape(4, 4),
@@ -138,7 +136,7 @@ def _side(path: Path, frame: int, values: Mapping[str, Any]) -> Side:
 
 
 def _numbers(path: Path, frame: int, name: str, given: Any) -> Matrix | None:
-    """The numbers of one key, in a row."""
+    """Return the numbers of one key as a flat array; raises DataError for a wrong count or non-finite numbers."""
     if given is None:
         return None
     try:

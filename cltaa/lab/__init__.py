@@ -1,1 +1,1 @@
-"""Everything that measures."""
+"""Tools that measure: checks, scores, plans, benchmarks and tuning."""

@@ -1,9 +1,9 @@
-"""Honest timing on a shared machine (docs/performance.md, Method): shuffled rounds, paired ratios, intervals, A/A.
+"""Reliable timing on a shared machine (docs/performance.md, Method): shuffled rounds, paired ratios, intervals, A/A.
 
-Each round gives every job one turn in a freshly shuffled order; what two jobs took in one round is compared, so that a
-load that comes and goes hits both. The statistic is the median of these ratios; resampling rounds gives its interval.
-What a measurement depends on beside the code is kept beside its numbers (``Environment``). Frames to time on are those
-of a sequence, or made here (``make_frames``).
+Each round gives every job one turn in a newly shuffled order. Ratios compare two jobs within one round, so that varying
+load affects both. The statistic is the median of these ratios; resampling the rounds gives its interval.
+``Environment`` records everything besides the code on which a measurement depends. The timed frames are those of a
+sequence, or synthetic (``make_frames``).
 """
 
 from __future__ import annotations
@@ -38,25 +38,25 @@ from cltaa.progress import track
 
 RESAMPLES = 4000
 CONFIDENCE = 0.95
-WIDEST = 0.02  # half width of the A/A interval beyond which nothing is ranked
-MOST_RUNS = 5  # of a job in one turn, however short they are
-FEWEST_RUNS = 2  # where turns are asked for: of one run alone nothing says whether it was held up
-LONG = 4  # turns that a run takes of which one is enough
+WIDEST = 0.02  # largest half width of the A/A interval that allows a ranking
+MOST_RUNS = 5  # most runs of a job in one turn, however short
+FEWEST_RUNS = 2  # least runs in a timed turn, because a single run may have been delayed
+LONG = 4  # a run of this many turns runs only once
 
 
 class Clock(StrEnum):
-    """What a time is read from; the names are those of the fields of Sample."""
+    """The source of a time; the names are those of the fields of Sample."""
 
-    WALL = "wall"  # the host's: the way to the device and back is in it
+    WALL = "wall"  # the host's clock: includes transfers to the device and back
     DEVICE = "device"  # the profiling events of a device's kernels
-    PROCESSOR = "processor"  # what the threads of this process worked: waiting for a processor is not in it
+    PROCESSOR = "processor"  # processor time of this process's threads: excludes waiting for a processor
 
 
 class Sample(NamedTuple):
-    """Seconds of a run by each clock that there is, of several runs in one turn the least.
+    """Seconds of a run by each available clock, the least of several runs in one turn.
 
-    Whatever else runs can only add to the first two, and adds most to what runs long. Processor time it hardly touches;
-    beside a device's clock it is that of the device's threads, without the one that asks.
+    Other programs can only add to the first two, and add most to long runs. They hardly change processor time. With a
+    device clock, processor time is that of the device's threads, without the calling thread.
     """
 
     wall: float
@@ -66,67 +66,67 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """Something to time. ``run`` does it once and waits for the end; it returns the device's own seconds, or None."""
+    """A timed task. ``run`` does it once and waits for its end; returns the device's own seconds, or None."""
 
     name: str
     run: Callable[[], float | None]
 
 
 class Interval(msgspec.Struct, frozen=True, kw_only=True):
-    """A median and the 95 % interval that resampling gives it."""
+    """A median and its 95 % interval by resampling."""
 
     median: float
     low: float
     high: float
 
     def times(self, factor: float) -> Interval:
-        """The same in another unit."""
+        """Return the interval times ``factor``, in another unit."""
         return Interval(median=self.median * factor, low=self.low * factor, high=self.high * factor)
 
     @property
     def half_width(self) -> float:
-        """Half the interval over its median."""
+        """Half the width of the interval over its median."""
         return (self.high - self.low) / (2.0 * self.median)
 
     @property
     def excludes_one(self) -> bool:
-        """True where a ratio differs from 1 beyond chance."""
+        """True if a ratio differs from 1 beyond chance."""
         return not self.low <= 1.0 <= self.high
 
 
 @dataclass(slots=True)
 class Samples:
-    """What every job took, round after round."""
+    """The times of every job, round by round."""
 
     by_job: dict[str, list[Sample]] = field(default_factory=dict)
 
     def add(self, job: str, sample: Sample) -> None:
-        """Note what ``job`` took in the next round."""
+        """Add the time of ``job`` in the next round."""
         self.by_job.setdefault(job, []).append(sample)
 
     def seconds(self, job: str, clock: Clock) -> NDArray[np.float64]:
-        """All times of a job by a clock, by the host's where that has none."""
+        """Return all times of a job by a clock, by the host's if that has none."""
         return np.array([_seconds(sample, clock) for sample in self.by_job[job]])
 
     def has(self, job: str, clock: Clock) -> bool:
-        """True where that clock timed every run of the job."""
+        """Return True if that clock timed every run of the job."""
         return all(getattr(sample, clock) is not None for sample in self.by_job[job])
 
     def interval(self, job: str, clock: Clock) -> Interval:
-        """Median seconds of a job with its interval."""
+        """Return the median seconds of a job with its interval."""
         return interval(self.seconds(job, clock))
 
     def ratio(self, job: str, base: str, clock: Clock) -> Interval:
-        """How many times as long as ``base`` a job takes: the median over the rounds."""
+        """Return the time of a job over that of ``base``: the median over the rounds."""
         return interval(self.ratios(job, base, clock))
 
     def faster(self, job: str, other: str, clock: Clock) -> bool:
-        """Whether a job takes less time than another beyond chance: the interval of their ratio ends below 1."""
+        """Return whether a job is faster than another beyond chance: the interval of their ratio ends below 1."""
         ratios = self.ratios(job, other, clock)
         return float(np.median(ratios)) < 1.0 and interval(ratios).high < 1.0  # most pairs end at the median
 
     def ratios(self, job: str, base: str, clock: Clock) -> NDArray[np.float64]:
-        """What ``ratio`` is the median of: one a round."""
+        """Return the ratio of each round, whose median is ``ratio``."""
         return self.seconds(job, clock) / self.seconds(base, clock)
 
 
@@ -136,7 +136,7 @@ def _seconds(sample: Sample, clock: Clock) -> float:
 
 
 def interval(values: NDArray[np.float64] | Sequence[float]) -> Interval:
-    """Median of ``values`` [n] with its percentile-bootstrap interval over ``RESAMPLES`` resamples."""
+    """Return the median of ``values`` [n] with its percentile-bootstrap interval over ``RESAMPLES`` resamples."""
     random = np.random.default_rng(0)
     picks = random.integers(0, len(values), (RESAMPLES, len(values)))
     medians = np.median(np.asarray(values)[picks], axis=1)
@@ -145,15 +145,15 @@ def interval(values: NDArray[np.float64] | Sequence[float]) -> Interval:
 
 
 def too_noisy(control: Interval) -> bool:
-    """Whether the ratio of a job to its own copy (A/A) says that this machine cannot rank anything now."""
+    """Return whether the ratio of a job to its own copy (A/A) shows that this machine is too noisy to rank anything."""
     return control.excludes_one or control.half_width > WIDEST
 
 
 def too_noisy_among(ratios: NDArray[np.float64], controls: int) -> bool:
-    """``too_noisy`` of one of several ``controls``, of which one in twenty excludes 1 on the quietest machine too.
+    """Return ``too_noisy`` for one of several ``controls``; even on a quiet machine one in twenty excludes 1.
 
-    So that chance calls any of them noisy in at most 1 - CONFIDENCE of all runs, a difference below WIDEST counts where
-    the exact sign test finds it at that share of it (Bonferroni).
+    A difference below WIDEST counts only if the exact sign test is significant at (1 - CONFIDENCE) / ``controls``
+    (Bonferroni), so that chance reports any of them noisy in at most 1 - CONFIDENCE of all runs.
     """
     control = interval(ratios)
     if control.half_width > WIDEST or not control.excludes_one:
@@ -162,7 +162,7 @@ def too_noisy_among(ratios: NDArray[np.float64], controls: int) -> bool:
 
 
 def sign_test(ratios: NDArray[np.float64]) -> float:
-    """How likely ratios that are above 1 as often as below it are at least as lopsided as these, both ways."""
+    """Return the two-sided p-value of the sign test: the chance of such ratios if above and below 1 are as likely."""
     above, below = int((ratios > 1).sum()), int((ratios < 1).sum())
     count = above + below
     tail = sum(math.comb(count, least) for least in range(min(above, below) + 1))
@@ -181,9 +181,9 @@ def measure(
 ) -> Samples:
     """Time ``jobs`` in ``rounds`` rounds after ``warm_up`` untimed runs of each.
 
-    A turn is one run; with ``turn`` as many as fill so many seconds, from FEWEST_RUNS to MOST_RUNS, and what takes LONG
-    turns runs once, to warm up too. Where ``enough`` does not find the samples good enough, more rounds follow for at
-    most ``patience`` seconds. Where ``action`` says what is being done, progress is shown (``cltaa.progress.track``).
+    A turn is one run, or with ``turn`` as many as fill that many seconds, from FEWEST_RUNS to MOST_RUNS; a job as long
+    as LONG turns runs once, also to warm up. Until ``enough`` accepts the samples, more rounds follow for at most
+    ``patience`` seconds. With an ``action``, shows progress under that name (``cltaa.progress.track``).
     """
     runs = {job.name: _runs(job, warm_up, turn) for job in jobs}
     random = np.random.default_rng(0)
@@ -204,7 +204,7 @@ def measure(
 
 
 def _runs(job: Job, warm_up: int, turn: float) -> int:
-    """Warm up, and say how many runs a turn of the job has."""
+    """Warm up, and return the number of runs in a turn of the job."""
     least = math.inf
     for _ in range(warm_up):
         least = min(least, _turn(job, 1).wall)
@@ -227,9 +227,9 @@ def _turn(job: Job, runs: int) -> Sample:
 
 
 def timed_numbers(sequence: FrameSequence) -> list[int]:
-    """The numbers of the last two frames of which the later goes on from the earlier: what is timed of a sequence.
+    """Return the numbers of the last two frames without a cut between them, which are timed.
 
-    Raises DataError for one of a single frame.
+    Raises DataError for a sequence of one frame.
     """
     numbers = list(sequence.numbers)
     if len(numbers) < 2:
@@ -240,29 +240,29 @@ def timed_numbers(sequence: FrameSequence) -> list[int]:
 
 
 def timed_frames(sequence: FrameSequence) -> list[Frame]:
-    """The frames of ``timed_numbers``."""
+    """Return the frames of ``timed_numbers``."""
     return [sequence.frame(number) for number in timed_numbers(sequence)]
 
 
-# Of frames that are made: content that no cache or compiler can guess, under two kinds of camera motion.
-DISTANCE = 5.0  # of the plane that is seen, scene units
+# Synthetic frames: content that no cache or compiler can predict, under two kinds of camera motion.
+DISTANCE = 5.0  # of the visible plane, scene units
 SHIFT_PX = (0.37, -0.61)  # uniform motion, pixels a frame
-TURN_RADIANS = 0.01  # rotation about the viewing axis, a frame
-ZOOM = 1.004  # of the focal length, a frame
+TURN_RADIANS = 0.01  # rotation about the viewing axis per frame
+ZOOM = 1.004  # factor of the focal length per frame
 SCALE = 1.0 / np.tan(np.radians(60.0) / 2)
-STEPS = 8  # in depth, over the picture's width
+STEPS = 8  # depth steps over the picture's width
 EFFECTS = frozenset({Effect.CAMERA, Effect.DISOCCLUSION, Effect.HDR})
 
 
 class Motion(StrEnum):
-    """How the camera moves: what a CPU's vector loads depend on."""
+    """Camera motion, which decides how fast a CPU's vector loads are."""
 
-    UNIFORM = "uniform"  # along a plane that it faces: one displacement for all pixels
-    TURN = "turn"  # rotation about the viewing axis with a zoom: another one at every pixel
+    UNIFORM = "uniform"  # parallel to a plane that it faces: one displacement for all pixels
+    TURN = "turn"  # rotation about the viewing axis with a zoom: each pixel has another displacement
 
 
 def camera_at(index: int, motion: Motion, width: int, height: int) -> Camera:
-    """The camera of frame ``index``."""
+    """Return the camera of frame ``index``."""
     view, zoom = np.eye(4), 1.0
     if motion is Motion.UNIFORM:
         # A plane at DISTANCE moves by focal length / DISTANCE a unit of travel.
@@ -279,9 +279,9 @@ def camera_at(index: int, motion: Motion, width: int, height: int) -> Camera:
 
 
 def make_frames(width: int, height: int, motion: Motion, count: int = 3) -> list[Frame]:
-    """``count`` frames: smooth waves, noise from frame to frame, some bright pixels; depth in steps where it may vary.
+    """Make ``count`` frames of smooth waves, noise per frame and some bright pixels, with depth in steps.
 
-    Under ``UNIFORM`` motion the depth is one plane, else the displacement would vary with it.
+    For ``UNIFORM`` motion the depth is one plane, because the displacement would vary with it.
     """
     random = np.random.default_rng(0)
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
@@ -289,7 +289,7 @@ def make_frames(width: int, height: int, motion: Motion, count: int = 3) -> list
     waves *= 1.0 + 0.4 * np.cos(y[..., None] / np.array([5.0, 9.0, 17.0], np.float32))
     depth = np.full((height, width), DISTANCE, np.float32)
     if motion is Motion.TURN:
-        # Slanted, so that no two neighbours are equally near and which of them leads is no matter of order.
+        # Tilted, so that no two neighbours are equally near, and the nearest does not depend on the order of tests.
         depth += np.floor(x * STEPS / width) + np.float32(0.17) * x / width + np.float32(0.1) * y / height
     return [_frame(index, motion, waves.astype(np.float32), depth, random) for index in range(count)]
 
@@ -311,9 +311,9 @@ def _frame(index: int, motion: Motion, waves: Image, depth: Image, random: np.ra
 
 
 def resolve_job(name: str, resolver: Resolver, frames: list[Frame]) -> tuple[Job, Image]:
-    """A job that runs the kernels of the last of two or more ``frames`` again, and the image [H, W, 3 or 4] they give.
+    """Return a job that repeats the kernels of the last of two or more ``frames``, and their image [H, W, 3 or 4].
 
-    Its clock is the device's, in seconds, and there is none on NumPy. Raises what ``Resolver.resolve`` raises.
+    The job returns device seconds, or None on NumPy. Raises what ``Resolver.resolve`` raises.
     """
     if resolver.preset.choices.history is HistoryKind.FRAMES:
         _keep_before(resolver, frames[0])
@@ -328,7 +328,7 @@ def resolve_job(name: str, resolver: Resolver, frames: list[Frame]) -> tuple[Job
 
 
 def _keep_before(resolver: Resolver, frame: Frame) -> None:
-    """Keep ``frame`` as often as the preset keeps frames, as if each had been resolved, if its plan gathers at all."""
+    """Fill the frame ring with copies of ``frame``, as if each had been resolved, if its plan gathers."""
     count = resolver.preset.settings.history_frames
     if resolver.look_ahead:
         for ago in range(count, 0, -1):
@@ -340,7 +340,7 @@ def _keep_before(resolver: Resolver, frame: Frame) -> None:
 
 
 def kernel_seconds(launcher: Launcher, work: Callable[[], object]) -> float | None:
-    """Seconds that the device works on the kernels that ``work`` starts and waits for; None on NumPy."""
+    """Return the device seconds of the kernels that ``work`` starts and waits for; None on NumPy."""
     if not isinstance(launcher, DeviceLauncher):
         work()
         return None
@@ -352,42 +352,42 @@ def kernel_seconds(launcher: Launcher, work: Callable[[], object]) -> float | No
 
 
 def device_seconds(events: list[tuple[str, Any]]) -> float:
-    """Seconds that the device worked on these finished kernels of one queue; the gaps between them left out.
+    """Return the device seconds of these finished kernels of one queue, without the gaps between them.
 
-    A gap is the host's: it is in the wall time, and vanishes where the host runs ahead of the device.
+    Gaps belong to the host: they count in the wall time, and vanish if the host runs ahead of the device.
     """
     return float(sum(event.profile.end - event.profile.start for _, event in events)) * 1e-9
 
 
-# What of the CPU decides the speed of vector code, among its hundred flags.
+# The CPU flags that decide the speed of vector code.
 TELLING_FLAGS = ("sse4_2", "avx", "avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_fp16", "asimd", "sve")
 LIBRARIES = ("numpy", "pyopencl")
 
 
 class Environment(msgspec.Struct, frozen=True, kw_only=True):
-    """Where and when something was measured."""
+    """Place and time of a measurement."""
 
     date: str  # UTC
     system: str
     cpu: str
     cores: int
     cpu_flags: list[str]
-    load_before: float  # runnable processes, mean of a minute
+    load_before: float  # mean number of runnable processes over a minute
     load_after: float
     device: str
     libraries: dict[str, str]
-    kernels_sha256: str  # and of the constants that they are built with
+    kernels_sha256: str  # includes the constants of their build
     options: list[str]  # of the OpenCL compiler
-    units: int = 0  # compute units of the device, of PoCL threads; 0 where they were not asked for
+    units: int = 0  # compute units of the device, for PoCL its threads; 0 if not requested
 
     @property
     def hardware(self) -> str:
-        """The device, and how many units of it worked, where that is known."""
+        """The device, and the number of its units that worked, if known."""
         return f"{self.device}, {counted(self.units, 'compute unit')}" if self.units else self.device
 
     @property
     def line(self) -> str:
-        """All that decides how far the numbers may be compared, in a line."""
+        """One line with everything that decides whether numbers are comparable."""
         return (
             f"{self.hardware}; {self.cpu}, {counted(self.cores, 'core')}, {' '.join(self.cpu_flags)}; "
             f"load {self.load_before} to {self.load_after}; {self.date} UTC; kernels {self.kernels_sha256[:12]}"
@@ -395,21 +395,21 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def load_average() -> float:
-    """Runnable processes, mean of the last minute."""
+    """Return the mean number of runnable processes over the last minute."""
     return os.getloadavg()[0]
 
 
 def pin_threads() -> None:
-    """Let PoCL, if this process is our own and has not loaded it yet, keep each thread on a processor, of them all.
+    """Let PoCL pin its threads to processors, if this process is our own, has not loaded PoCL yet and may use them all.
 
-    Two threads that share a core while another idles take half as long again, in one run and not in the next.
+    Otherwise two threads may share a core while another idles, which takes half as long again in some runs.
     """
     if is_own() and os.cpu_count() == CORES:
         os.environ.setdefault("POCL_AFFINITY", "1")
 
 
 def environment(device: str, load_before: float, *, units: int = 0) -> Environment:
-    """The environment of a measurement that has just ended and began at ``load_before``."""
+    """Return the environment of a measurement that has just ended; ``load_before`` was the load at its start."""
     flags = cpu_flags()
     return Environment(
         date=time.strftime("%Y-%m-%d %H:%M", time.gmtime()),

@@ -1,7 +1,7 @@
-"""Search for the settings with the least error within a time, or the least time for an error (extra ``tune``).
+"""Search for the settings with the least error within a time, or the least time within an error (extra ``tune``).
 
-Finished trials stay on disk, so that a search that was interrupted goes on where it stopped: the sampler asks for the
-same settings again when it is told the same outcomes, and a trial that was measured is looked up by what decides it.
+Finished trials stay on disk, so that an interrupted search can continue: given the same outcomes the sampler proposes
+the same settings again, and a measured trial is looked up by a hash of everything that determines it.
 """
 
 from __future__ import annotations
@@ -35,43 +35,43 @@ from cltaa.progress import track
 
 
 class Trial(msgspec.Struct, frozen=True, kw_only=True):
-    """One set of settings with what it brought over the sequences of the search."""
+    """One set of settings with its error and time over the sequences of the search."""
 
     values: dict[str, str | float]
     error: float
-    milliseconds: float  # a frame, least of ROUNDS, the mean over the sequences
+    milliseconds: float  # per frame, the least of ROUNDS, averaged over the sequences
 
 
 def key_of(*decided: object, sequences: Collection[FrameSequence]) -> str:
-    """A hash of everything that decides what a trial finds: what was asked for, the code, files and their reading."""
+    """Return a hash of everything that determines a trial: arguments, code, files and how they are read."""
     held = [(content_sha256(sequence), sequence.step) for sequence in sequences]
     return hashlib.sha256(msgspec.json.encode([*decided, code_sha256(), *held])).hexdigest()
 
 
-STEEPNESS = 4  # how fast a candidate gets worse beyond the limit
+STEEPNESS = 4  # exponent of the penalty beyond the limit
 
 
 class Goal(msgspec.Struct, frozen=True, kw_only=True):
-    """What is wanted: the least ``metric`` within ``budget_ms`` a frame, or the least time with ``target`` of it."""
+    """The goal: the least ``metric`` within ``budget_ms`` a frame, or the least time with ``metric`` <= ``target``."""
 
     metric: str
     budget_ms: float | None = None
     target: float | None = None
 
     def score(self, error: float, milliseconds: float) -> float:
-        """What is minimised: the one, made worse by how far the other is beyond its limit."""
+        """Return the value to minimise: one of error and time, with a penalty if the other exceeds its limit."""
         if self.budget_ms is not None:
             return error * max(1.0, milliseconds / self.budget_ms) ** STEEPNESS
         assert self.target is not None
         return milliseconds * max(1.0, error / self.target) ** STEEPNESS
 
     def reached(self, error: float, milliseconds: float) -> bool:
-        """Whether the limit is kept."""
+        """Return whether the limit is kept."""
         return milliseconds <= self.budget_ms if self.budget_ms is not None else error <= (self.target or 0.0)
 
 
 def parse_goal(budget: str | None, target: str | None, metric: str) -> Goal:
-    """The goal of ``--budget 5ms`` or ``--target flip=0.02``; raises UsageError for anything else."""
+    """Parse the goal of ``--budget 5ms`` or ``--target flip=0.02``; raises UsageError for anything else."""
     if budget is not None and target is not None:
         cure = "leave one out: the other is then minimised, --budget with --metric NAME"
         raise UsageError(f"--budget {budget} and --target {target} are two goals", cure=cure)
@@ -89,11 +89,11 @@ def parse_goal(budget: str | None, target: str | None, metric: str) -> Goal:
     if name not in METRICS or METRICS[name].higher_is_better:
         falling = [metric.name for metric in METRICS.values() if not metric.higher_is_better]
         raise UsageError("no metric to minimise", expected=", ".join(falling), found=name)
-    named_metrics([name])  # missed now, and not after sequences were read and kernels built
+    named_metrics([name])  # a missing package fails here, before sequences are read and kernels built
     return Goal(metric=name, **({"target": value} if target is not None else {"budget_ms": value}))
 
 
-# What is searched. The other choices are there to follow published resolves, not to be good.
+# Searched choices. The other choices exist for transcriptions of published resolves, not for quality.
 CHOICES = (
     "history_filter",
     "neighbourhood",
@@ -106,7 +106,7 @@ CHOICES = (
     "weighting",
 )
 NOT_WORTH = {"rectify": ("clip-unguarded",)}  # known to be discontinuous (docs/numerics.md, D2)
-# name: (least, greatest, whether ratios count rather than differences)
+# name: (least, greatest, whether the search is logarithmic)
 RANGES: dict[str, tuple[float, float, bool]] = {
     "blend_weight": (0.02, 0.3, True),
     "sample_limit": (4.0, 128.0, True),
@@ -116,13 +116,13 @@ RANGES: dict[str, tuple[float, float, bool]] = {
     "box_scale_moving": (0.5, 3.0, False),
     "disocclusion_blur": (0.0, 1.0, False),
 }
-ROUNDS = 7  # of timing a candidate beside the default
-PRESET = "preset"  # key of a trial that is a preset as it is
-OVERFIT = 0.5  # share of the gain (in log) that other sequences must keep
+ROUNDS = 7  # timing rounds of a candidate
+PRESET = "preset"  # key of a trial that is an unchanged preset
+OVERFIT = 0.5  # least share of the gain (in log) that other sequences must show
 
 
 class Tuned(msgspec.Struct, frozen=True, kw_only=True):
-    """The outcome. Gains are errors of the start over errors of the best: more than 1 is better."""
+    """The outcome. Gains are the error of the start over that of the best: above 1 is better."""
 
     goal: Goal
     start: Trial
@@ -137,7 +137,7 @@ class Tuned(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Bench:
-    """Sequences in memory, and what a preset costs and brings on them."""
+    """Sequences in memory, to measure error and time of a preset on them."""
 
     def __init__(self, sequences: Sequence[FrameSequence], metric: str, launcher: Launcher) -> None:
         self._metric, self._launcher = METRICS[metric], launcher
@@ -146,7 +146,7 @@ class Bench:
         self._pairs = [timed_frames(sequence) for sequence in sequences]
 
     def error(self, preset: Preset) -> float:
-        """Mean of the metric over all frames of all sequences, each sequence counting alike."""
+        """Return the mean of the metric over all sequences, with equal weight for each."""
         means = []
         for frames, truths in zip(self._frames, self._truths, strict=True):
             resolver = Resolver(preset, self._launcher)
@@ -158,7 +158,7 @@ class Bench:
         return float(np.mean(means))
 
     def milliseconds(self, preset: Preset) -> float:
-        """Least kernel time of a frame, the mean over the sequences."""
+        """Return the least kernel time of a frame, averaged over the sequences."""
         spent = []
         for pair in self._pairs:
             job, _ = resolve_job("candidate", Resolver(preset, self._launcher), pair)
@@ -178,14 +178,14 @@ def tune(
     seed: int,
     output: Path,
 ) -> Tuned:
-    """Search ``trials`` settings, the first of which is ``base`` as it is, and write the best as TOML to ``output``.
+    """Search ``trials`` settings, first the unchanged ``base``, and write the best as TOML to ``output``.
 
-    ``checked`` are sequences that the search never sees; what it found is measured on them at the end. Trials are kept
-    beside ``output`` till that is written: a search that was interrupted goes on with the same arguments, and maybe
-    more trials. Raises UsageError without optuna, OutputError and StorageError.
+    ``checked`` are sequences that the search does not use; the outcome is measured on them at the end. Trials are kept
+    beside ``output`` until that is written: the same arguments, also with more trials, continue an interrupted search.
+    Raises UsageError without optuna, OutputError and StorageError.
     """
     for sequence in checked:
-        truth_of(sequence)  # missed now, and not when the search is over
+        truth_of(sequence)  # a missing truth fails before the search
     study = _study(seed)
     study.enqueue_trial(_values_of(base))
     bench = Bench(searched, goal.metric, launcher)
@@ -198,7 +198,7 @@ def tune(
         trial = _tried(bench, folder, key, override(base, values, "cltaa tune") if found else base, values)
         study.tell(asked, goal.score(trial.error, trial.milliseconds))
         found.append(trial)
-    for preset in map(load_preset, LADDER):  # below which the search does not end
+    for preset in map(load_preset, LADDER):  # the outcome must be at least as good as every preset
         if preset.deciding() != base.deciding():
             found.append(_tried(bench, folder, key, preset, {PRESET: preset.name}))
     tuned, best = _judged(found, searched, checked, goal, launcher, base)
@@ -209,7 +209,7 @@ def tune(
 
 
 def _tried(bench: Bench, folder: Path, key: str, preset: Preset, values: dict[str, str | float]) -> Trial:
-    """What a preset brings: as it is kept in ``folder``, else measured now."""
+    """Return the trial of a preset from ``folder``, else measure and store it."""
     path = folder / hashlib.sha256(msgspec.json.encode([key, values, preset.deciding()])).hexdigest()
     trial = kept(path, Trial)
     if trial is None:
@@ -219,7 +219,7 @@ def _tried(bench: Bench, folder: Path, key: str, preset: Preset, values: dict[st
 
 
 def _study(seed: int) -> Any:
-    """A search of optuna's, which asks for values and is told their scores; raises UsageError without it."""
+    """Create an optuna study, which proposes values and receives their scores; raises UsageError without optuna."""
     optuna: Any = import_extra("optuna", package="optuna", extra="tune", purpose="cltaa tune")
     if is_own():
         optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -234,7 +234,7 @@ def _judged(
     launcher: Launcher,
     base: Preset,
 ) -> tuple[Tuned, Preset]:
-    """The best of the trials, the first of which is ``base``, and what it brings on the sequences that are left."""
+    """Return the outcome with its gain on ``checked``, and the best preset; the first of ``trials`` is ``base``."""
     kept = [trial for trial in trials if goal.reached(trial.error, trial.milliseconds)]
     best = min(kept or trials, key=lambda trial: goal.score(trial.error, trial.milliseconds))
     start = trials[0]
@@ -262,7 +262,7 @@ def _judged(
 
 
 def overfits(gain: float, elsewhere: float) -> bool:
-    """Whether a gain holds only where it was searched: elsewhere less than half of it, in log, is left."""
+    """Return whether less than half of a gain, in log, is left on other sequences."""
     return gain > 1.0 and (elsewhere <= 0.0 or math.log(elsewhere) < OVERFIT * math.log(gain))
 
 
@@ -272,7 +272,7 @@ def _members(field: str) -> list[str]:
 
 
 def _values_of(preset: Preset) -> dict[str, Any]:
-    """The preset as a point of the search, its numbers moved to the nearest that is searched."""
+    """Return the preset as a point of the search space, with its numbers clamped to the searched ranges."""
     values: dict[str, Any] = {
         field: str(getattr(preset.choices, field))
         for field in CHOICES
@@ -293,7 +293,7 @@ def _suggested(trial: Any) -> dict[str, str | float]:
 
 
 def preset_text(tuned: Tuned, preset: Preset) -> str:
-    """The preset as TOML: a description, the preset that it is of, and the keys that differ from that one's."""
+    """Return the preset as TOML: a description, its base preset, and the keys that differ from that."""
     limit = f"{tuned.goal.budget_ms:g} ms" if tuned.goal.budget_ms is not None else f"{tuned.goal.target:g}"
     searched, trials = ", ".join(tuned.searched_on), counted(tuned.trials, "trial")
     about = f"Tuned for {tuned.goal.metric} within {limit} on {searched}, {trials}"

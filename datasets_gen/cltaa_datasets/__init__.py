@@ -1,6 +1,6 @@
-"""Scenes as functions of time, each declaring the effects it calls for."""
+"""Scenes as functions of time, each with its declared effects."""
 
-# Which model files can be shown, and how: apart from what reads them, so that the command line can tell at once.
+# Supported model files and motions, separate from their readers so that the command line can list them quickly.
 MOTIONS = ("turntable", "orbit", "play")
 GLTF = (".glb", ".gltf")
 FORMATS = (*GLTF, ".obj", ".ply", ".stl")

@@ -7,18 +7,18 @@ import numpy as np
 from cltaa_datasets.scene import Matrix, Vector
 
 UP: Vector = (0.0, 1.0, 0.0)
-ON_BOUNDARY = 1e-6  # periods; frame times are quotients, rounded once or twice
+ON_BOUNDARY = 1e-6  # periods; tolerance for the rounding of frame times, which are quotients
 
 
 def translation(offset: Vector) -> Matrix:
-    """Move by ``offset``."""
+    """Return the translation by ``offset``."""
     matrix = np.eye(4)
     matrix[:3, 3] = offset
     return matrix
 
 
 def rotation(axis: Vector, angle: float) -> Matrix:
-    """Turn by ``angle`` radians about ``axis`` through the origin, right-handed (Rodrigues' formula)."""
+    """Return the rotation by ``angle`` radians about ``axis`` through the origin, right-handed (Rodrigues)."""
     x, y, z = np.asarray(axis, np.float64) / np.linalg.norm(axis)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     matrix = np.eye(4)
@@ -27,7 +27,7 @@ def rotation(axis: Vector, angle: float) -> Matrix:
 
 
 def scaling(factor: float) -> Matrix:
-    """Scale by one factor in all directions."""
+    """Return the uniform scaling by ``factor``."""
     return np.diag([factor, factor, factor, 1.0])
 
 
@@ -45,17 +45,17 @@ def look_at(eye: Vector, target: Vector, up: Vector = UP) -> Matrix:
 
 
 def swing(time: float, period: float, phase: float = 0.0) -> float:
-    """Swing between -1 and 1 once a ``period`` seconds."""
+    """Return a sine between -1 and 1 with a ``period`` in seconds; ``phase`` in periods."""
     return float(np.sin(2.0 * np.pi * (time / period + phase)))
 
 
 def whole_periods(time: float, period: float) -> int:
-    """How many periods have passed; a time meant to lie on a boundary is on its later side, however it was rounded."""
+    """Return the number of whole periods passed; a time on a boundary counts as after it, despite rounding."""
     return int(np.floor(time / period + ON_BOUNDARY))
 
 
 def direction(azimuth_degrees: float, elevation_degrees: float) -> Vector:
-    """Unit vector: azimuth 0 is -z (into the picture), 90 is +x (right); elevation is above the ground."""
+    """Return a unit vector: azimuth 0 is -z (into the picture), 90 is +x (right); elevation is above the ground."""
     azimuth, elevation = np.radians(azimuth_degrees), np.radians(elevation_degrees)
     return (
         float(np.sin(azimuth) * np.cos(elevation)),

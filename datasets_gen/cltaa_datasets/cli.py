@@ -1,4 +1,4 @@
-"""``cltaa scenes``: what can be captured."""
+"""``cltaa scenes``: list the scenes."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from cltaa_datasets import FORMATS, MOTIONS
 @click.command()
 @json_option
 def scenes(as_json: bool) -> None:
-    """List the scenes that cltaa capture knows, and the effects that each calls for."""
-    from cltaa_datasets.scenes import registered  # here: scenes load trimesh, and help must not
+    """List the scenes that cltaa capture can draw, and the effects of each."""
+    from cltaa_datasets.scenes import registered  # imported late: loads trimesh, which help must not
 
     entries = registered()
     if as_json:

@@ -1,7 +1,4 @@
-"""Meshes that change their shape: blends of shapes (morph targets) and skins over joints, float64.
-
-Both as glTF 2.0 defines them (sections 3.7.2.2 and 3.7.3.3).
-"""
+"""Deforming meshes: morph targets and skinning, float64, as glTF 2.0 defines them (sections 3.7.2.2 and 3.7.3.3)."""
 
 from __future__ import annotations
 
@@ -17,7 +14,7 @@ Indices = NDArray[np.int64]
 
 
 def morphed(rest: Shape, targets: Sequence[Shape], weights: Sequence[float]) -> Shape:
-    """Add ``targets``, each a displacement of every vertex and normal, by their weights to ``rest``."""
+    """Add the weighted ``targets``, displacements of every vertex and normal, to ``rest``."""
     positions, normals = rest.positions.copy(), rest.normals.copy()
     for target, weight in zip(targets, weights, strict=True):
         positions += weight * target.positions
@@ -26,10 +23,10 @@ def morphed(rest: Shape, targets: Sequence[Shape], weights: Sequence[float]) -> 
 
 
 def skinned(rest: Shape, joints: Indices, weights: Floats, joint_matrices: Sequence[Matrix]) -> Shape:
-    """Linear blend skinning.
+    """Apply linear blend skinning.
 
-    ``joints``, ``weights`` [V, K] say which of the matrices (rest pose to posed, [4, 4] each) move a vertex and by how
-    much; weights of a vertex sum to one. Normals follow the blended matrix's inverse transpose.
+    ``joints`` and ``weights`` [V, K] are the matrices (rest pose to posed, [4, 4] each) that move each vertex, and
+    their weights, which sum to one. Normals use the inverse transpose of the blended matrix.
     """
     blended = np.einsum("vk,vkij->vij", weights, np.stack(joint_matrices)[joints])
     positions = np.einsum("vij,vj->vi", blended[:, :3, :3], rest.positions) + blended[:, :3, 3]
@@ -39,6 +36,6 @@ def skinned(rest: Shape, joints: Indices, weights: Floats, joint_matrices: Seque
 
 
 def unit(vectors: Floats) -> Floats:
-    """Scale vectors [N, 3] to length 1; a vector of no length becomes +z."""
+    """Normalise vectors [N, 3]; a zero vector becomes +z."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.where(length > 0.0, vectors / np.where(length > 0.0, length, 1.0), (0.0, 0.0, 1.0))

@@ -20,7 +20,7 @@ REST: dict[str, tuple[float, ...]] = {
     "scale": (1.0, 1.0, 1.0),
 }
 INTERPOLATIONS = ("LINEAR", "STEP", "CUBICSPLINE")
-NEARLY_PARALLEL = 1.0 - 1e-9  # cosine between quaternions from which a straight line is as good as an arc
+NEARLY_PARALLEL = 1.0 - 1e-9  # cosine between quaternions above which linear interpolation replaces the arc
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -30,10 +30,10 @@ class Channel:
     times: Floats  # [K], seconds, ascending
     values: Floats  # [K, width], or [K, 3, width] for a cubic spline: in-tangent, value, out-tangent
     interpolation: str  # STEP, LINEAR or CUBICSPLINE
-    turns: bool  # a quaternion
+    turns: bool  # whether the values are quaternions
 
     def at(self, time: float) -> Floats:
-        """The value at a time; before the first key it is the first, after the last the last."""
+        """Return the value at a time, clamped to the first and the last key."""
         cubic = self.interpolation == "CUBICSPLINE"
         keys = self.values[:, 1] if cubic else self.values
         after = int(np.searchsorted(self.times, time, side="right"))
@@ -62,7 +62,7 @@ def _hermite(before: Floats, after: Floats, t: float, span: float) -> Floats:
 
 
 def slerp(a: Floats, b: Floats, share: float) -> Floats:
-    """Turn from quaternion ``a`` to ``b`` along the shorter arc (Shoemake 1985)."""
+    """Interpolate from quaternion ``a`` to ``b`` along the shorter arc (Shoemake 1985)."""
     cosine = float(a @ b)
     if cosine < 0.0:
         b, cosine = -b, -cosine
@@ -73,20 +73,20 @@ def slerp(a: Floats, b: Floats, share: float) -> Floats:
 
 
 def unit_quaternion(quaternion: Floats) -> Floats:
-    """Scale a quaternion to length 1; one of no length turns nothing."""
+    """Normalise a quaternion; a zero quaternion becomes the identity."""
     length = float(np.linalg.norm(quaternion))
     return np.asarray(quaternion / length if length > 0.0 else REST["rotation"])
 
 
 def quaternion_matrix(quaternion: Floats) -> Matrix:
-    """Rotation matrix [3, 3] of a unit quaternion x, y, z, w."""
+    """Return the rotation matrix [3, 3] of a unit quaternion x, y, z, w."""
     x, y, z, w = quaternion
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.asarray(np.eye(3) + 2.0 * (w * cross + cross @ cross))
 
 
 class NodeTree:
-    """The nodes of a file, played by its first animation, which starts again when it is over, or at rest."""
+    """The nodes of a file, moved by its first animation in a loop, or at rest."""
 
     def __init__(self, file: GltfFile, *, played: bool = True) -> None:
         """Read nodes and channels; raises DataError for an animation that cannot be played."""
@@ -103,7 +103,7 @@ class NodeTree:
 
     def _add(self, file: GltfFile, target: dict[str, Any], sampler: dict[str, Any]) -> None:
         if "node" not in target:
-            return  # an extension animates something else
+            return  # the target of an extension
         times = np.asarray(file.array(sampler["input"]), np.float64)
         interpolation = sampler.get("interpolation", "LINEAR")
         values = np.asarray(file.array(sampler["output"]), np.float64)
@@ -121,14 +121,14 @@ class NodeTree:
         self._channels[target["node"], path] = Channel(times, keys, interpolation, turns=path == "rotation")
 
     def property(self, node: int, path: str, time: float) -> Floats | None:
-        """What the animation says of a node's ``path`` at a time; None where it says nothing."""
+        """Return the animated value of a node's ``path`` at a time; None if it is not animated."""
         channel = self._channels.get((node, path))
         if channel is None:
             return None
         return channel.at(time % self.duration if self.duration > 0.0 else 0.0)
 
     def shown(self, scene: dict[str, Any] | None) -> list[int]:
-        """The nodes of a scene with all below them, in their order; all nodes where there is no scene."""
+        """Return the nodes of a scene with all their descendants, in order; all nodes without a scene."""
         roots = range(len(self._nodes)) if scene is None else scene.get("nodes", ())
 
         def in_scene(index: int) -> bool:
@@ -137,7 +137,7 @@ class NodeTree:
         return [index for index in range(len(self._nodes)) if in_scene(index)]
 
     def poses(self, time: float) -> list[Matrix]:
-        """Node to world [4, 4] of every node."""
+        """Return the matrix from node to world [4, 4] of every node."""
         done: dict[int, Matrix] = {}
 
         def pose(index: int) -> Matrix:

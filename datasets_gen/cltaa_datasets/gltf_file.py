@@ -1,6 +1,6 @@
 """The container of a glTF 2.0 file: its JSON, its buffers, and accessors as arrays (specification, sections 3.6 and 4).
 
-trimesh reads the other formats (docs/decisions say why not this one).
+trimesh reads the other formats (docs/decisions explain why not this one).
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from PIL import Image
 from cltaa.errors import DataError, InputMissing
 
 MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
-# What a file raises whose JSON is of other types, or holds other numbers, than the specification says.
+# Exceptions of files whose JSON has other types or numbers than the specification allows.
 MALFORMED = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
 COMPONENTS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-# Extensions that may be required and still leave geometry and animation readable without them.
+# Extensions that a file may require although geometry and animation are readable without them.
 HARMLESS = (
     "KHR_materials_",
     "KHR_texture_transform",
@@ -35,7 +35,7 @@ HARMLESS = (
 
 
 class GltfFile:
-    """A glTF or GLB file in memory. Every method raises DataError where the file breaks its own promises."""
+    """A glTF or GLB file in memory. Every method raises DataError for an inconsistent file."""
 
     def __init__(self, path: Path) -> None:
         """Read a file and the buffers beside it; raises InputMissing and DataError."""
@@ -53,7 +53,7 @@ class GltfFile:
             raise DataError(reason, path=path, cure="export the model again") from error
 
     def items(self, name: str) -> list[dict[str, Any]]:
-        """Return a top-level list, empty where the file has none."""
+        """Return a top-level list, empty if the file has none."""
         found: list[dict[str, Any]] = self.json.get(name, [])
         return found
 
@@ -64,14 +64,14 @@ class GltfFile:
             return base64.b64decode(uri.partition(",")[2])
         folder = self.path.parent.resolve()
         beside = (folder / urllib.parse.unquote(uri)).resolve()
-        if not beside.is_relative_to(folder):  # a model from a stranger must not fetch this machine's other files
+        if not beside.is_relative_to(folder):  # an untrusted model must not read this machine's other files
             raise DataError(f"refers to {uri}, outside its own folder", path=self.path, cure="copy it beside the model")
         if not beside.is_file():
             raise InputMissing(f"there is no {uri} beside the model", path=self.path, cure="copy it there")
         return beside.read_bytes()
 
     def _view(self, index: int) -> tuple[bytes, int]:
-        """Bytes of a buffer view, and its stride (0: packed)."""
+        """Return the bytes of a buffer view, and its stride (0: packed)."""
         view = self.items("bufferViews")[index]
         start, length = view.get("byteOffset", 0), view["byteLength"]
         content = self._buffers[view["buffer"]][start : start + length]
@@ -80,12 +80,12 @@ class GltfFile:
         return content, int(view.get("byteStride", 0))
 
     def array(self, index: int) -> NDArray[Any]:
-        """An accessor as [count] or [count, width]; normalised integers become float64 in [-1, 1]."""
+        """Return an accessor as [count] or [count, width]; normalised integers become float64 in [-1, 1]."""
         try:
             accessor = self.items("accessors")[index]
             dtype, width = np.dtype(COMPONENTS[accessor["componentType"]]), WIDTHS[accessor["type"]]
             count = int(accessor["count"])
-            if count > sum(map(len, self._buffers)):  # before memory is taken for them
+            if count > sum(map(len, self._buffers)):  # checked before allocating
                 raise ValueError(f"{count} values, more than the file has bytes")
             values = np.zeros((count, width), dtype)
             if "bufferView" in accessor:
@@ -114,7 +114,7 @@ class GltfFile:
         )
 
     def image(self, index: int) -> NDArray[np.uint8]:
-        """An image as RGBA texels [H, W, 4]."""
+        """Return an image as RGBA texels [H, W, 4]."""
         entry = self.items("images")[index]
         content = self._view(entry["bufferView"])[0] if "bufferView" in entry else self._bytes(entry.get("uri"), b"")
         try:
@@ -124,7 +124,7 @@ class GltfFile:
 
 
 def _chunks(content: bytes) -> tuple[dict[str, Any], bytes]:
-    """Split GLB into its JSON and binary chunk; a .gltf file is JSON alone."""
+    """Split GLB into its JSON and binary chunk; a .gltf file has only JSON."""
     if not content.startswith(MAGIC):
         text = json.loads(content)
         if not isinstance(text, dict) or "asset" not in text:

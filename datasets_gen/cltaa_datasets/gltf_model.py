@@ -1,4 +1,4 @@
-"""A glTF model: parts whose poses and shapes are functions of time, or as it stands at rest (glTF 2.0, section 3.7)."""
+"""A glTF model: parts with poses and shapes as functions of time, or at rest (glTF 2.0, section 3.7)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cltaa_datasets.scene import AlphaMode, Colour, Material, Matrix, Part, Shap
 
 TRIANGLES, STRIP, FAN = 4, 5, 6  # modes of a primitive
 WIDTHS = {"POSITION": (3,), "NORMAL": (3,), "TEXCOORD_0": (2,), "COLOR_0": (3, 4), "JOINTS_0": (4,), "WEIGHTS_0": (4,)}
-LARGEST_COLOUR = 65504.0  # of a half
+LARGEST_COLOUR = 65504.0  # largest half
 COMPRESSED = "KHR_draco_mesh_compression"
 Floats = NDArray[np.float64]
 Faces = NDArray[np.int64]  # [F, 3]
@@ -27,11 +27,11 @@ Faces = NDArray[np.int64]  # [F, 3]
 class Vertices:
     """Attributes of a primitive [V, width] in float64, and its ``faces`` [F, 3].
 
-    Where it has no normals each face has three vertices of its own, so that flat ones can be given to it.
+    Without normals each face gets three vertices of its own, for flat normals.
     """
 
     def __init__(self, file: GltfFile, primitive: dict[str, Any]) -> None:
-        """Read the faces; raises DataError, and ValueError or KeyError for what does not fit together."""
+        """Read the faces; raises DataError, and ValueError or KeyError for inconsistent data."""
         if COMPRESSED in primitive.get("extensions", {}):
             raise DataError(f"needs the extension {COMPRESSED}", path=file.path, cure="export without compression")
         self._array, self.attributes = file.array, primitive["attributes"]
@@ -46,7 +46,7 @@ class Vertices:
             self.faces = np.arange(self.faces.size).reshape(-1, 3)
 
     def read(self, name: str, attributes: Mapping[str, int] | None = None) -> Floats:
-        """An attribute of the primitive, or of ``attributes`` of a morph target; raises as the constructor does."""
+        """Read an attribute of the primitive, or of a morph target's ``attributes``; raises as the constructor does."""
         values = np.asarray(self._array((attributes or self.attributes)[name]), np.float64)
         if len(values) != self._count:
             raise ValueError(f"{name} of {len(values)} vertices, POSITION of {self._count}")
@@ -59,7 +59,7 @@ class Vertices:
         return np.asarray(values[self._taken])
 
     def normals(self, positions: Floats) -> Floats:
-        """The normals, or those of the faces where there are none; of any length."""
+        """Return the normals, or without them those of the faces; of any length."""
         if "NORMAL" in self.attributes:
             return self.read("NORMAL")
         a, b, c = (positions[self.faces[:, corner]] for corner in range(3))
@@ -67,7 +67,7 @@ class Vertices:
 
 
 def triangles(mode: int, corners: NDArray[np.int64]) -> Faces:
-    """Faces of a primitive of mode TRIANGLES, STRIP or FAN."""
+    """Return the faces of a primitive of mode TRIANGLES, STRIP or FAN."""
     if mode == TRIANGLES:
         if corners.size % 3:
             raise ValueError(f"{corners.size} corners of triangles, which have 3 each")
@@ -75,26 +75,26 @@ def triangles(mode: int, corners: NDArray[np.int64]) -> Faces:
     first = np.arange(max(len(corners) - 2, 0))
     if mode == FAN:
         return np.stack([corners[first + 1], corners[first + 2], corners[np.zeros_like(first)]], axis=1)
-    odd = first % 2  # every other triangle of a strip is wound the other way
+    odd = first % 2  # every second triangle of a strip has the opposite winding
     return np.stack([corners[first], corners[first + 1 + odd], corners[first + 2 - odd]], axis=1)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Piece:
-    """One primitive under one node."""
+    """One primitive of one node."""
 
     part: Part
     node: int
     rest: Shape
     targets: tuple[Shape, ...]
-    weights: tuple[float, ...]  # of the targets at rest
+    weights: tuple[float, ...]  # weights of the targets at rest
     skin: int | None
     joints: NDArray[np.int64]  # [V, K]
     shares: Floats  # [V, K], sum 1
 
 
 class AnimatedModel:
-    """What a file shows at any time; the first animation is played, over and over, or not at all."""
+    """The parts of a file at any time, with its first animation looped or not played."""
 
     def __init__(self, path: Path, *, played: bool = True) -> None:
         """Read a file; raises InputMissing and DataError."""
@@ -105,7 +105,7 @@ class AnimatedModel:
             self.tree = NodeTree(self._file, played=played)
             self._skins = [self._read_skin(skin) for skin in self._file.items("skins")]
             self.pieces = tuple(self._pieces())
-            self.at(0.0)  # poses and skins, too, are the file's to break
+            self.at(0.0)  # also checks poses and skins
         except MALFORMED as error:
             reason = f"cannot be read ({type(error).__name__}: {error})"
             raise DataError(reason, path=path, cure="export the model again") from error
@@ -114,7 +114,7 @@ class AnimatedModel:
 
     @staticmethod
     def animates(path: Path) -> bool:
-        """Tell whether a file is glTF with an animation; raises what reading it raises."""
+        """Return whether a file is glTF with an animation; raises what reading it raises."""
         return path.suffix.lower() in GLTF and bool(GltfFile(path).items("animations"))
 
     @property
@@ -123,11 +123,11 @@ class AnimatedModel:
         return tuple(piece.part for piece in self.pieces)
 
     def at(self, time: float) -> tuple[list[Matrix], dict[str, Shape]]:
-        """A pose for each part, and a shape for each that deforms."""
+        """Return a pose for each part, and a shape for each deforming part."""
         nodes = self.tree.poses(time)
         poses, shapes = [], {}
         for piece in self.pieces:
-            # A skin stands where its joints stand; its node's own pose says nothing (section 3.7.3.3).
+            # The joints place a skin; its node's own pose is ignored (section 3.7.3.3).
             poses.append(np.eye(4) if piece.skin is not None else nodes[piece.node])
             if piece.part.deforms:
                 shapes[piece.part.name] = self._shape(piece, nodes, time)
@@ -213,7 +213,7 @@ class AnimatedModel:
             return None
         texture = self._file.items("textures")[reference["index"]]
         source = texture.get("source", texture.get("extensions", {}).get("EXT_texture_webp", {}).get("source"))
-        if source is None:  # of a format that Pillow does not read
+        if source is None:  # only in a format that Pillow does not read
             return None
         key = source, srgb
         if key not in self._textures:
@@ -229,12 +229,12 @@ def _finite(number: Any) -> float:
 
 
 def _share(number: Any) -> float:
-    """A number that the specification keeps between 0 and 1."""
+    """Clamp a number to [0, 1], its range in the specification."""
     return min(max(_finite(number), 0.0), 1.0)
 
 
 def _light(numbers: Any) -> Colour:
-    """A colour of a material."""
+    """Check a colour of a material; raises ValueError for an invalid one."""
     red, green, blue = (_finite(number) for number in numbers)
     if not (min(red, green, blue) >= 0.0 and max(red, green, blue) <= LARGEST_COLOUR):
         raise ValueError(f"a colour {list(numbers)} in a material, expected numbers from 0 to {LARGEST_COLOUR:g}")
@@ -242,7 +242,7 @@ def _light(numbers: Any) -> Colour:
 
 
 def _shiny(entry: dict[str, Any]) -> dict[str, Any]:
-    """A material of KHR_materials_pbrSpecularGlossiness, as near as metallic-roughness without metal comes to it."""
+    """Approximate a material of KHR_materials_pbrSpecularGlossiness by metallic-roughness without metal."""
     found = entry.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
     if found is None:
         return {}
@@ -252,7 +252,7 @@ def _shiny(entry: dict[str, Any]) -> dict[str, Any]:
 
 
 def _target(target: dict[str, int], vertices: Vertices, count: int) -> Shape:
-    """By how much a morph target moves and turns the vertices."""
+    """Return the displacements of positions and normals by a morph target."""
     moved, turned = (
         vertices.read(name, target) if name in target else np.zeros((count, 3)) for name in ("POSITION", "NORMAL")
     )
@@ -267,14 +267,14 @@ def _colours(vertices: Vertices, count: int) -> NDArray[np.float32] | None:
 
 
 def at_rest(path: Path) -> tuple[tuple[Part, ...], list[Matrix]]:
-    """The parts of a file that is not played, and how each stands; raises InputMissing and DataError."""
+    """Return the parts of a file at rest, and their poses; raises InputMissing and DataError."""
     model = AnimatedModel(path, played=False)
     poses, shapes = model.at(0.0)
     return tuple(_still(part, shapes.get(part.name)) for part in model.parts), poses
 
 
 def _still(part: Part, shape: Shape | None) -> Part:
-    """A part that keeps the shape that its skin and its morph targets give it."""
+    """Return a rigid part with the shape that its skin and its morph targets give it."""
     if shape is None:
         return part
     uv = meshes.texture_coordinates(part.mesh)

@@ -1,7 +1,4 @@
-"""Meshes with normals and texture coordinates, built from numbers; texture coordinates are in repeats of the texture.
-
-Texture coordinate v grows upwards, as trimesh keeps it.
-"""
+"""Procedural meshes with normals and texture coordinates, in repeats of the texture; v grows upwards, as in trimesh."""
 
 from __future__ import annotations
 
@@ -18,14 +15,14 @@ Floats = NDArray[np.float64]
 SurfacePoint = Callable[[Floats, Floats], Floats]
 Curve = Callable[[Floats], Floats]
 
-# Half-width of the central difference that measures a surface's tangents, in units of its parameter.
+# Half-width of the central difference for a surface's tangents, in units of its parameter.
 TANGENT_STEP = 1e-5
-# Stay this far from the ends of the parameter, where a tangent may vanish (the pole of a sphere).
+# Distance from the ends of the parameter, where a tangent may vanish (the pole of a sphere).
 POLE_MARGIN = 1e-4
 
 
 def make_mesh(vertices: Floats, faces: NDArray[np.int64], normals: Floats, uv: Floats) -> trimesh.Trimesh:
-    """Build a mesh that keeps its vertices as they are: [V, 3], [F, 3], [V, 3], [V, 2]."""
+    """Build a mesh without merging vertices: [V, 3], [F, 3], [V, 3], [V, 2]."""
     return trimesh.Trimesh(
         vertices=vertices,
         faces=faces,
@@ -36,7 +33,7 @@ def make_mesh(vertices: Floats, faces: NDArray[np.int64], normals: Floats, uv: F
 
 
 def texture_coordinates(mesh: trimesh.Trimesh) -> Floats:
-    """Return a mesh's texture coordinates [V, 2]; [0, 2] where it has none."""
+    """Return a mesh's texture coordinates [V, 2]; [0, 2] if it has none."""
     uv = getattr(mesh.visual, "uv", None)
     return np.empty((0, 2)) if uv is None else np.asarray(uv, np.float64)
 
@@ -64,9 +61,9 @@ def moved(mesh: trimesh.Trimesh, pose: Matrix) -> trimesh.Trimesh:
 
 
 def surface(point: SurfacePoint, across: int, along: int, repeats: tuple[float, float] = (1.0, 1.0)) -> trimesh.Trimesh:
-    """Mesh of a surface ``point(u, v) -> [..., 3]``, u and v in [0, 1], in ``across`` by ``along`` cells.
+    """Build the mesh of a surface ``point(u, v) -> [..., 3]``, u and v in [0, 1], in ``across`` by ``along`` cells.
 
-    Front faces are those from which u turns to v anticlockwise; normals are dp/du x dp/dv by central differences.
+    From the front, u turns to v anticlockwise; normals are dp/du x dp/dv by central differences.
     """
     u, v = np.meshgrid(np.linspace(0.0, 1.0, across + 1), np.linspace(0.0, 1.0, along + 1))
     vertices = point(u, v).reshape(-1, 3)
@@ -89,20 +86,20 @@ def sheet(
     repeats: tuple[float, float] = (1.0, 1.0),
     cells: int = 1,
 ) -> trimesh.Trimesh:
-    """Flat parallelogram from ``corner`` along two edges; its front is where ``along_u x along_v`` points."""
+    """Build a flat parallelogram from ``corner`` along two edges; it faces ``along_u x along_v``."""
     origin, edge_u, edge_v = (np.asarray(vector, np.float64) for vector in (corner, along_u, along_v))
     return surface(lambda u, v: origin + u[..., None] * edge_u + v[..., None] * edge_v, cells, cells, repeats)
 
 
 def floor(half_size: float, repeat: float, cells: int = 16, height: float = 0.0) -> trimesh.Trimesh:
-    """Horizontal square about the origin, facing up; the texture repeats every ``repeat`` metres."""
+    """Build a horizontal square about the origin, facing up; the texture repeats every ``repeat`` metres."""
     size = 2.0 * half_size
     times = size / repeat
     return sheet((-half_size, height, half_size), (size, 0.0, 0.0), (0.0, 0.0, -size), (times, times), cells)
 
 
 def box(size: Vector, repeat: float | None = None) -> trimesh.Trimesh:
-    """Box about the origin; the texture fills each side once, or repeats every ``repeat`` metres."""
+    """Build a box about the origin; the texture fills each side once, or repeats every ``repeat`` metres."""
     sides = []
     half = np.asarray(size, np.float64) / 2.0
     for axis in range(3):
@@ -122,7 +119,7 @@ def box(size: Vector, repeat: float | None = None) -> trimesh.Trimesh:
 
 
 def sphere(radius: float, repeats: tuple[float, float] = (2.0, 1.0), cells: int = 48) -> trimesh.Trimesh:
-    """Sphere about the origin, poles on the y axis."""
+    """Build a sphere about the origin, poles on the y axis."""
 
     def point(u: Floats, v: Floats) -> Floats:
         around, up = 2.0 * np.pi * u, np.pi * (v - 0.5)
@@ -132,7 +129,7 @@ def sphere(radius: float, repeats: tuple[float, float] = (2.0, 1.0), cells: int 
 
 
 def cylinder(radius: float, height: float, repeats: tuple[float, float], sides: int = 32) -> trimesh.Trimesh:
-    """Open cylinder standing on the origin."""
+    """Build an open cylinder on the origin."""
 
     def point(u: Floats, v: Floats) -> Floats:
         around = 2.0 * np.pi * u
@@ -142,7 +139,7 @@ def cylinder(radius: float, height: float, repeats: tuple[float, float], sides: 
 
 
 def torus(ring: float, tube: float, repeats: tuple[float, float] = (6.0, 2.0), cells: int = 32) -> trimesh.Trimesh:
-    """Torus about the y axis: ``ring`` is the radius of its centre line, ``tube`` that of its section."""
+    """Build a torus about the y axis: ``ring`` is the radius of its centre line, ``tube`` that of its section."""
 
     def point(u: Floats, v: Floats) -> Floats:
         around, over = 2.0 * np.pi * u, 2.0 * np.pi * v
@@ -153,7 +150,7 @@ def torus(ring: float, tube: float, repeats: tuple[float, float] = (6.0, 2.0), c
 
 
 def tube(path: Curve, aside: Curve, radius: float, cells: int, sides: int = 6) -> trimesh.Trimesh:
-    """Round bar along ``path(s) -> [..., 3]``, s in [0, 1]; ``aside(s)`` is any vector never parallel to the path."""
+    """Build a round bar along ``path(s) -> [..., 3]``, s in [0, 1]; ``aside(s)`` is never parallel to the path."""
 
     def point(u: Floats, v: Floats) -> Floats:
         tangent = path(u + TANGENT_STEP) - path(u - TANGENT_STEP)
@@ -167,21 +164,21 @@ def tube(path: Curve, aside: Curve, radius: float, cells: int, sides: int = 6) -
 
 
 def bar(start: Vector, end: Vector, radius: float, sides: int = 6) -> trimesh.Trimesh:
-    """Straight round bar between two points."""
+    """Build a straight round bar between two points."""
     first, last = np.asarray(start, np.float64), np.asarray(end, np.float64)
-    # The axis along which the bar reaches least is never parallel to it.
+    # The axis of the bar's least extent is never parallel to it.
     aside = np.eye(3)[np.argmin(np.abs(last - first))]
     return tube(lambda s: first + s[..., None] * (last - first), lambda _: aside, radius, 1, sides)
 
 
 def knot(radius: float, thickness: float, cells: int = 240) -> trimesh.Trimesh:
-    """(2, 3) torus knot about the origin."""
+    """Build a (2, 3) torus knot about the origin."""
 
     def path(s: Floats) -> Floats:
         turn = 2.0 * np.pi * s
         reach = radius * (2.0 + np.cos(3.0 * turn)) / 3.0
         return np.stack([reach * np.cos(2.0 * turn), radius * np.sin(3.0 * turn) / 2.0, reach * np.sin(2.0 * turn)], -1)
 
-    # A torus knot runs around its centre, never towards it.
+    # The path itself serves as ``aside``: a torus knot never runs towards its centre.
     mesh = tube(path, path, thickness, cells, 24)
     return make_mesh(mesh.vertices, mesh.faces, mesh.vertex_normals, texture_coordinates(mesh) * (18.0, 2.0))

@@ -1,6 +1,6 @@
-"""Anybody's model as a scene, with its textures: on a turntable, seen from an orbit, or played as it is animated.
+"""A user's model as a scene, with its textures: on a turntable, from an orbiting camera, or with its animation.
 
-What is played stands before a still camera, on the floor that other models turn on.
+An animated model plays before a still camera, on the same floor as the others.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from cltaa_datasets.gltf_model import AnimatedModel, at_rest
 from cltaa_datasets.scene import AlphaMode, Instant, Material, Matrix, Part, Perspective, Scene, Sky, Sun, Texture
 
 DISTANCE, RISE, FIELD_OF_VIEW = 2.3, 0.6, np.radians(44.0)  # of the camera, from a model of radius 1
-TURNS = 0.05  # a second: 18 degrees
-START = np.radians(40.0)  # the front of a glTF model looks along +z, to the camera; it is shown within this angle
-SIZES = (1e-12, 1e12)  # metres of radius: float32 matrices carry what is animated between them
-CREASE = np.radians(30.0)  # edges sharper than this stay sharp where a file has no normals
+TURNS = 0.05  # per second: 18 degrees
+START = np.radians(40.0)  # largest first angle; the front of a glTF model faces +z, the camera
+SIZES = (1e-12, 1e12)  # range of the radius in metres that float32 matrices can represent in animations
+CREASE = np.radians(30.0)  # sharper edges stay sharp if a file has no normals
 SUN = animation.direction(125.0, 45.0)
 SKY = Sky(zenith=(0.12, 0.22, 0.46), horizon=(0.66, 0.72, 0.80), ground=(0.26, 0.23, 0.20), fog=0.04, ambient=0.6)
 
 Points = NDArray[np.float64]
 
-# Nothing is known of a stranger's model, so all that may happen is declared.
+# A user's model is unknown, so everything that may happen is declared.
 ALWAYS = frozenset({Effect.DISOCCLUSION, Effect.THIN, Effect.HDR, Effect.ILLUMINATION, Effect.SKY})
 
 
 def model_scene(path: str, motion: str, seed: int) -> Scene:
-    """Put a model of radius 1 on a tiled floor; the seed changes the tiles and where the turn begins.
+    """Put a model of radius 1 on a tiled floor; the seed changes the tiles and the first angle.
 
     Raises UsageError for an unknown motion or kind of file, InputMissing and DataError for the file.
     """
@@ -54,25 +54,25 @@ def model_scene(path: str, motion: str, seed: int) -> Scene:
 
 
 def tiled_floor(rng: np.random.Generator) -> Part:
-    """The floor that every model stands on, at height 0."""
+    """Return the floor of every model scene, at height 0."""
     tiles = textures.blocks(rng, (0.50, 0.48, 0.45), (0.20, 0.19, 0.18), 4, 4, 0.02, bonded=False)
     return Part("floor", meshes.floor(80.0, 1.2, 48), Material(base_texture=tiles, specular=0.0))
 
 
 def start_angle(rng: np.random.Generator) -> float:
-    """The angle in radians at which a model is shown first."""
+    """Return the first angle of a model in radians."""
     return float(rng.uniform(-START, START))
 
 
 def effects_of(model: Iterable[Part], moves: Effect) -> frozenset[Effect]:
-    """What a model may call for beside what ``moves``: all that its materials do not exclude."""
+    """Return ``moves`` and all effects that a model's materials do not exclude."""
     blended = any(part.material.alpha_mode is AlphaMode.BLEND for part in model)
     return ALWAYS | {moves} | ({Effect.REACTIVE} if blended else set())
 
 
 def standing(low: NDArray[np.float64], high: NDArray[np.float64], path: Path) -> tuple[Matrix, float]:
-    """The pose that puts a model with bounds ``low`` and ``high`` [3] on the ground with a radius of 1, and its height
-    there; raises DataError where the bounds are not finite or nothing."""
+    """Return the pose that puts a model with bounds ``low`` and ``high`` [3] on the ground with a radius of 1, and its
+    height there; raises DataError for bounds that are not finite, too small or too large."""
     with np.errstate(all="ignore"):
         radius = float(np.linalg.norm(high - low)) / 2.0
     if not SIZES[0] < radius < SIZES[1]:
@@ -85,7 +85,7 @@ def standing(low: NDArray[np.float64], high: NDArray[np.float64], path: Path) ->
 
 
 def scene_name(path: str) -> str:
-    """Return the name of a file's frames: that of the file, without what a file name should not have."""
+    """Return the name of a file's frames: the file's name without unusual characters."""
     return re.sub(r"[^A-Za-z0-9_-]+", "_", Path(path).stem) or "model"
 
 
@@ -105,10 +105,10 @@ def _presentation(poses: list[Matrix], height: float, motion: str, start: float)
 
 
 def load_model(path: Path) -> tuple[tuple[Part, ...], list[Matrix], float]:
-    """Read a model and stand it on the ground with a bounding radius of 1: its parts, a pose for each, its height.
+    """Read a model and put it on the ground with a bounding radius of 1: return parts, a pose for each, and its height.
 
-    Read are base colour, metallic-roughness and emissive textures, alpha modes and vertex colours; normal maps,
-    occlusion and lights are not; ``played_scene`` plays animations. Raises UsageError, InputMissing and DataError.
+    Reads base colour, metallic-roughness and emissive textures, alpha modes and vertex colours; not normal maps,
+    occlusion, lights or animations (``played_scene``). Raises UsageError, InputMissing and DataError.
     """
     if path.suffix.lower() not in FORMATS:
         raise UsageError(
@@ -126,14 +126,14 @@ def load_model(path: Path) -> tuple[tuple[Part, ...], list[Matrix], float]:
 
 
 def _drawn(mesh: trimesh.Trimesh) -> Points:
-    """The vertices [N, 3] that faces have."""
+    """Return the vertices [N, 3] that faces use."""
     return np.asarray(mesh.vertices[np.unique(mesh.faces)], np.float64)
 
 
 def _near(part: Part, pose: Matrix) -> tuple[Part, Matrix]:
-    """A part about the origin of its own space and of about its size in the world, and its pose.
+    """Centre a part in its own space at about its world size; return it and its pose.
 
-    A model of a town in the coordinates of a map, or of a molecule in metres, keeps its digits in float32 so.
+    So a model of a town in map coordinates, or of a molecule in metres, keeps its precision in float32.
     """
     scale = float(np.cbrt(abs(np.linalg.det(pose[:3, :3])))) or 1.0
     points = _drawn(part.mesh)
@@ -147,18 +147,18 @@ def _near(part: Part, pose: Matrix) -> tuple[Part, Matrix]:
 
 
 def bounds(positions: Iterable[Points], poses: Iterable[Matrix]) -> tuple[Points, Points]:
-    """The least and the greatest coordinates [3] of what stands at ``poses``, each with vertices [V, 3]."""
-    with np.errstate(all="ignore"):  # numbers beyond any model's are told by what stands it up
+    """Return the least and the greatest coordinates [3] of vertices [V, 3] under each of ``poses``."""
+    with np.errstate(all="ignore"):  # ``standing`` reports extreme numbers
         placed = [points @ pose[:3, :3].T + pose[:3, 3] for points, pose in zip(positions, poses, strict=True)]
     return np.min([points.min(axis=0) for points in placed], axis=0), np.max([p.max(axis=0) for p in placed], axis=0)
 
 
 def _of_trimesh(path: Path) -> tuple[tuple[Part, ...], list[Matrix]]:
-    """The parts of a file that trimesh reads, and how each stands."""
+    """Return the parts of a file that trimesh reads, and their poses."""
     try:
         with np.errstate(all="ignore"):
             loaded = _load(path)
-    except Exception as error:  # any parser of trimesh's, each with exceptions of its own
+    except Exception as error:  # each parser of trimesh has its own exceptions
         reason = f"{type(error).__name__}: {error}"
         raise DataError(f"trimesh cannot read it ({reason})", path=path, cure="export the model again") from error
     shared: dict[int, Texture] = {}
@@ -176,16 +176,16 @@ def _of_trimesh(path: Path) -> tuple[tuple[Part, ...], list[Matrix]]:
 
 
 def _load(path: Path) -> trimesh.Scene:
-    """What trimesh reads, of text in whatever encoding: names and comments are all that is not ASCII in it."""
+    """Load a file with trimesh; an OBJ may have any encoding, because only names and comments are not ASCII."""
     if path.suffix.lower() != ".obj":
         return trimesh.load_scene(path, process=False)
     text = _text(path.read_bytes()).replace("\r\n", "\n").replace("\r", "\n").replace("\t", " ")
-    text = re.sub("^ +", "", text, flags=re.MULTILINE)  # trimesh knows lines by how they begin
+    text = re.sub("^ +", "", text, flags=re.MULTILINE)  # trimesh needs keywords at the start of lines
     return trimesh.load_scene(io.StringIO(text), file_type="obj", resolver=_Beside(str(path)), process=False)
 
 
 def _text(content: bytes) -> str:
-    """Text in UTF-8, in UTF-16 with its mark, or else in Latin-1, which any bytes are."""
+    """Decode text as UTF-8, as UTF-16 with a byte order mark, or else as Latin-1, which accepts any bytes."""
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return content.decode("utf-16", "replace")
     try:
@@ -195,10 +195,10 @@ def _text(content: bytes) -> str:
 
 
 class _Beside(trimesh.resolvers.FilePathResolver):
-    """Files beside a model; a library of materials as UTF-8."""
+    """Resolves files beside a model; converts material libraries to UTF-8."""
 
     def get(self, name: str) -> bytes:
-        """Bytes of a file."""
+        """Return the bytes of a file."""
         content: bytes = super().get(name)
         return _text(content).encode() if name.lower().strip().endswith(".mtl") else content
 
@@ -207,11 +207,11 @@ def _part(name: str, mesh: trimesh.Trimesh, path: Path, shared: dict[int, Textur
     if mesh.faces.max() >= len(mesh.vertices):
         reason = f"a face of mesh {name} has vertex {mesh.faces.max()} of {len(mesh.vertices)}"
         raise DataError(reason, path=path, cure="export the model again")
-    # What is not finite trimesh leaves out without a word.
+    # trimesh silently drops non-finite vertices.
     _refuse_infinite(mesh.vertices, f"vertices of mesh {name}", path)
     mesh.process()
     visual: Any = mesh.visual
-    # trimesh computes missing normals when asked; only its cache knows whether the file had them.
+    # trimesh computes missing normals on access; only its cache shows whether the file had them.
     if "vertex_normals" not in mesh._cache and visual.kind in (None, "face"):
         mesh = trimesh.graph.smooth_shade(mesh, angle=CREASE)
         visual = mesh.visual
@@ -234,7 +234,7 @@ def _refuse_infinite(numbers: Points, what: str, path: Path) -> None:
 
 
 def _with_normals(part: Part) -> Part:
-    """``part`` with normals of length 1; a face of a vertex that has none, as where two sides meet, is flat."""
+    """Return ``part`` with unit normals; faces with a zero normal, as where two sides meet, become flat."""
     faces, normals = np.asarray(part.mesh.faces), np.asarray(part.mesh.vertex_normals)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     none = ~((length > 0.0) & np.isfinite(length))
@@ -242,7 +242,7 @@ def _with_normals(part: Part) -> Part:
     alone, uv = none[faces, 0].any(axis=1), meshes.texture_coordinates(part.mesh)
     if not alone.any():
         return replace(part, mesh=meshes.make_mesh(part.mesh.vertices, faces, normals, uv))
-    # Behind all others, each vertex of such a face a second time.
+    # Append copies of the vertices of such faces.
     copied = faces[alone].ravel()
     rows = np.concatenate([np.arange(len(normals)), copied])
     faces = faces.copy()
@@ -262,7 +262,7 @@ def _linear(colours: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def _material(found: Any, shared: dict[int, Texture]) -> Material:
-    """Translate trimesh's material of an OBJ or a PLY: those know no metal, and no way to be see-through but texels."""
+    """Convert trimesh's material of an OBJ or a PLY, which have no metal, and transparency only in textures."""
     pbr = found if isinstance(found, trimesh.visual.material.PBRMaterial) else found.to_pbr()
     base = (255, 255, 255, 255) if pbr.baseColorFactor is None else pbr.baseColorFactor
     return Material(
@@ -274,7 +274,7 @@ def _material(found: Any, shared: dict[int, Texture]) -> Material:
 
 
 def _texture(image: Any, shared: dict[int, Texture]) -> Texture | None:
-    """Turn a Pillow image into a texture; an image used twice becomes one texture."""
+    """Convert a Pillow image to a texture; an image used twice becomes one texture."""
     if image is None:
         return None
     if id(image) not in shared:
@@ -282,19 +282,19 @@ def _texture(image: Any, shared: dict[int, Texture]) -> Texture | None:
     return shared[id(image)]
 
 
-LOOKS = 16  # instants at which the size of what is played is measured
+LOOKS = 16  # number of instants that measure the size of an animated model
 
 
 def default_motion(path: str) -> str:
-    """How a file is shown where nobody says: as it is animated, else on a turntable."""
+    """Return the default motion of a file: play if it is animated, else turntable."""
     try:
         return "play" if AnimatedModel.animates(Path(path)) else "turntable"
     except CltaaError:
-        return "turntable"  # whose reader knows more formats, and says what is wrong
+        return "turntable"  # its reader supports more formats, and reports the error
 
 
 def played_scene(path: str, seed: int) -> Scene:
-    """Stand an animated model on a tiled floor, scaled to a radius of 1 over all that it does; raises DataError."""
+    """Put an animated model on a tiled floor, scaled to a radius of 1 over its whole animation; raises DataError."""
     model = AnimatedModel(Path(path))
     rng = np.random.default_rng(seed)
     floor = tiled_floor(rng)
@@ -314,7 +314,7 @@ def played_scene(path: str, seed: int) -> Scene:
 
 
 def _bounds(model: AnimatedModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The least and the greatest coordinates [3] over all that the model does."""
+    """Return the least and the greatest coordinates [3] over the whole animation."""
     corners: list[NDArray[np.float64]] = []
     for time in np.linspace(0.0, model.tree.duration, LOOKS).tolist():
         poses, shapes = model.at(time)

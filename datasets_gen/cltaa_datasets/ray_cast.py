@@ -1,7 +1,7 @@
-"""``cltaa raycast``: sequences from formulas, which declare nothing and share no code with the rasteriser.
+"""``cltaa raycast``: ray-cast sequences that declare nothing and share no code with the rasteriser.
 
-Spheres and planes with solid textures are hit by rays in float64, so that depth and motion are exact. A resolve that
-was tuned on rasterised scenes is judged on them as on a stranger's.
+Rays in float64 hit spheres and planes with solid textures, so depth and motion are exact. They test a resolve that was
+tuned on rasterised scenes as another tool's frames would.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from cltaa.io.exr_write import write_frame, write_image
 from cltaa.progress import shown_progress
 
 Array = NDArray[np.float64]
-Pose = tuple[Array, Array]  # rotation [3, 3] and place [3] of a body, object to world
-Texture = Callable[[Array, float], Array]  # places on the body [N, 3] and the time, to colours [N, 3]
+Pose = tuple[Array, Array]  # rotation [3, 3] and position [3] of a body, object to world
+Texture = Callable[[Array, float], Array]  # (points on the body [N, 3], time) -> colours [N, 3]
 
 UP = np.array([0.0, 1.0, 0.0])
 FIELD = 0.55  # tangent of half the vertical field of view
@@ -30,37 +30,37 @@ NEAR, FAR = 0.1, 1000.0
 
 
 def turn(axis: tuple[float, float, float], angle: float) -> Array:
-    """The rotation [3, 3] about ``axis`` by ``angle`` radians (Rodrigues)."""
+    """Return the rotation [3, 3] about ``axis`` by ``angle`` radians (Rodrigues)."""
     x, y, z = np.array(axis) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross))
 
 
 def placed(x: float, y: float, z: float, rotation: Array | None = None) -> Pose:
-    """A pose at that place."""
+    """Return a pose at that position."""
     return (np.eye(3) if rotation is None else rotation), np.array([x, y, z])
 
 
 def stands(x: float, y: float, z: float) -> Callable[[float], Pose]:
-    """The pose of what does not move."""
+    """Return the constant pose of a still body."""
     return lambda _t: placed(x, y, z)
 
 
 @dataclass(frozen=True)
 class Body:
-    """A sphere of ``radius``, or where that is 0 the plane z = 0 of its own space, ``extent`` to each side."""
+    """A sphere of ``radius``, or for radius 0 the plane z = 0 of its own space, ``extent`` to each side."""
 
     pose: Callable[[float], Pose]
     texture: Texture
     radius: float = 0.0
     extent: tuple[float, float] = (np.inf, np.inf)
-    emits: bool = False  # its texture is light
+    emits: bool = False  # the texture is emitted light
     sheen: float = 0.0  # strength of a highlight
 
 
 @dataclass(frozen=True)
 class Lamp:
-    """A light at a place, or where ``sun`` far away in that direction."""
+    """A light at a position, or with ``sun`` at infinity in that direction."""
 
     at: Callable[[float], Array]
     colour: tuple[float, float, float]
@@ -69,7 +69,7 @@ class Lamp:
 
 @dataclass(frozen=True)
 class Family:
-    """A scene by formulas of time, in frames."""
+    """A scene as formulas of time, in frames."""
 
     what: str
     bodies: list[Body]
@@ -77,13 +77,13 @@ class Family:
     eye: Callable[[float], Pose] = field(default=lambda _t: placed(0.0, 1.5, 5.0, turn((1, 0, 0), -0.15)))
     ambient: float = 0.35
     fog: Callable[[float], float] = field(default=lambda _t: 0.0)
-    grain: float = 0.0  # standard deviation of film grain over a sample's colour
-    skylight: int = 0  # random rays a sample by which the ambient light is estimated; 0: it is even
+    grain: float = 0.0  # standard deviation of film grain relative to a sample's colour
+    skylight: int = 0  # random rays per sample that estimate the ambient light; 0: uniform light
     vectors: bool = True  # whether frames have motion vectors
 
 
 def checks(scale: float, one: tuple[float, float, float], other: tuple[float, float, float]) -> Texture:
-    """Solid checks, with a finer ripple on both colours."""
+    """Return solid checks, with a finer ripple on both colours."""
 
     def texture(p: Array, _t: float) -> Array:
         odd = np.floor(p * scale + 1e-6).sum(-1) % 2
@@ -94,7 +94,7 @@ def checks(scale: float, one: tuple[float, float, float], other: tuple[float, fl
 
 
 def stripes(scale: float, speed: float = 0.0) -> Texture:
-    """Text-like stripes of several periods, that scroll by ``speed`` units a frame along x."""
+    """Return text-like stripes of several periods that scroll by ``speed`` units a frame along x."""
 
     def texture(p: Array, t: float) -> Array:
         x, y = p[:, 0] + speed * t, p[:, 1]
@@ -264,17 +264,18 @@ FAMILIES: dict[str, Callable[[int], Family]] = {
 
 @dataclass(frozen=True)
 class Hit:
-    """What N rays hit first."""
+    """First hits of N rays."""
 
-    depth: Array  # [N] along the view axis, infinite where nothing is hit
-    body: NDArray[np.int64]  # [N], -1 where nothing is hit
+    depth: Array  # [N] along the view axis, infinite without a hit
+    body: NDArray[np.int64]  # [N], -1 without a hit
     place: Array  # [N, 3] in the body's space
     world: Array  # [N, 3]
     normal: Array  # [N, 3]
 
 
 def _reach(body: Body, pose: Pose, origin: Array, direction: Array) -> Array:
-    """How many times ``direction`` [N, 3] leads from ``origin`` [3] or [N, 3] to the body; infinite where never."""
+    """Return the distance from ``origin`` [3] or [N, 3] to the body in units of ``direction`` [N, 3]; infinite for a
+    miss."""
     rotation, centre = pose
     o, d = (origin - centre) @ rotation, direction @ rotation
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -289,7 +290,7 @@ def _reach(body: Body, pose: Pose, origin: Array, direction: Array) -> Array:
 
 
 def cast(family: Family, t: float, origin: Array, direction: Array) -> Hit:
-    """What rays of the time ``t`` hit first; lengths are in units of ``direction``."""
+    """Return the first hits of rays at time ``t``; lengths are in units of ``direction``."""
     poses = [body.pose(t) for body in family.bodies]
     reach = np.stack([_reach(b, pose, origin, direction) for b, pose in zip(family.bodies, poses, strict=True)])
     first = reach.argmin(0)
@@ -306,7 +307,7 @@ def cast(family: Family, t: float, origin: Array, direction: Array) -> Hit:
 
 
 def _shadowed(family: Family, t: float, origin: Array, way: Array, length: float) -> NDArray[np.bool_]:
-    """Whether a ball stands between ``origin`` and ``length`` times ``way``."""
+    """Return whether a ball occludes the segment from ``origin`` along ``way`` times ``length``."""
     balls = [body for body in family.bodies if body.radius]
     return np.asarray(
         np.any([_reach(ball, ball.pose(t), origin, way) < length for ball in balls] or [np.zeros(len(way), bool)], 0)
@@ -314,7 +315,7 @@ def _shadowed(family: Family, t: float, origin: Array, way: Array, length: float
 
 
 def shade(family: Family, t: float, hit: Hit, direction: Array, rng: np.random.Generator) -> Array:
-    """The light [N, 3] that comes back along rays."""
+    """Return the light [N, 3] along rays."""
     sky = 0.35 + 0.25 * np.clip(direction[:, 1:2], -1, 1) * np.array([0.4, 0.7, 1.0])
     colour = sky * np.ones(3)
     for k, body in enumerate(family.bodies):
@@ -356,7 +357,7 @@ def shade(family: Family, t: float, hit: Hit, direction: Array, rng: np.random.G
 
 
 def camera_of(pose: Pose, aspect: float) -> Camera:
-    """The camera at a pose, which looks along -z."""
+    """Return the camera at a pose; it looks along -z."""
     rotation, eye = pose
     view = np.eye(4)
     view[:3, :3], view[:3, 3] = rotation.T, -rotation.T @ eye
@@ -367,7 +368,7 @@ def camera_of(pose: Pose, aspect: float) -> Camera:
 
 
 def _ndc(size: tuple[int, int], at: Array) -> Array:
-    """Normalised device coordinates [N, 2], y up, of pixel places [N, 2], y down."""
+    """Convert pixel positions [N, 2], y down, to normalised device coordinates [N, 2], y up."""
     return np.asarray(at / np.array(size) * [2, -2] + [-1, 1])
 
 
@@ -382,7 +383,7 @@ def _directions(pose: Pose, size: tuple[int, int], at: Array) -> Array:
 
 
 def halton(index: int, period: int) -> tuple[float, float]:
-    """Sample ``index`` of Halton (2, 3), the mean over a period taken away."""
+    """Return sample ``index`` of Halton (2, 3), less the mean over a period."""
 
     def inverse(i: int, base: int) -> float:
         value, scale = 0.0, 1.0 / base
@@ -397,7 +398,7 @@ def halton(index: int, period: int) -> tuple[float, float]:
 
 
 def frame_of(family: Family, index: int, size: tuple[int, int], jitter: tuple[float, float], seed: int) -> Frame:
-    """Frame ``index``: one sample a pixel, its exact planar depth, and its exact motion since the frame before."""
+    """Draw frame ``index``: one sample a pixel, exact planar depth, and exact motion to the previous frame."""
     width, height = size
     rng = np.random.default_rng((seed, index, 1))
     pose = family.eye(index)
@@ -430,7 +431,7 @@ def frame_of(family: Family, index: int, size: tuple[int, int], jitter: tuple[fl
 
 
 def _before(family: Family, index: int, hit: Hit, ways: Array) -> Array:
-    """Where the surfaces were a frame before, in the world; of the sky its direction."""
+    """Return the previous world positions of the hit surfaces; directions for the sky."""
     before = ways.copy()
     for k, body in enumerate(family.bodies):
         of = hit.body == k
@@ -440,7 +441,7 @@ def _before(family: Family, index: int, hit: Hit, ways: Array) -> Array:
 
 
 def truth_of(family: Family, index: int, size: tuple[int, int], samples: int, seed: int) -> Array:
-    """The mean [H, W, 3] of ``samples`` stratified samples a pixel."""
+    """Draw the mean [H, W, 3] of ``samples`` stratified samples a pixel."""
     width, height = size
     side = max(1, round(samples**0.5))
     rng = np.random.default_rng((seed, index, 2))
@@ -482,7 +483,7 @@ def raycast(
 ) -> None:
     """Draw FAMILY as a jittered EXR sequence that declares no effects, with exact depth and motion vectors.
 
-    What a resolve makes of it is what it makes of a stranger's frames.
+    It tests a resolve on files that declare as little as most other tools' do.
     """
     draw(family, output, frames, size, period, reference, seed)
 

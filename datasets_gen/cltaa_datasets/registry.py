@@ -1,4 +1,4 @@
-"""Where scenes are written down: ``@register(...)`` above a function that builds one."""
+"""The registry of scenes: ``@register(...)`` above a function that builds one."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from cltaa.frame import Effect
 from cltaa_datasets.scene import Instant, Part, Scene
 
-# What a scene's function returns: its parts, and how they stand at a time.
+# Result of a scene's function: its parts, and their instant as a function of time.
 Staging = tuple[tuple[Part, ...], Callable[[float], Instant]]
 
 
@@ -33,7 +33,7 @@ SCENES: dict[str, Entry] = {}
 def register(
     name: str, description: str, effects: Iterable[Effect]
 ) -> Callable[[Callable[[int], Staging]], Callable[[int], Staging]]:
-    """Write a scene down under ``name``; ``effects`` promise what happens in it, and that nothing else does."""
+    """Register a scene under ``name``; ``effects`` must list everything that happens in it."""
 
     def enter(stage: Callable[[int], Staging]) -> Callable[[int], Staging]:
         SCENES[name] = Entry(name, description, frozenset(effects), stage)

@@ -1,6 +1,6 @@
-"""What a scene is made of: parts that are uploaded once, and a function of time that says how they stand.
+"""The data of a scene: parts that are uploaded once, and a function of time that returns their state.
 
-Nothing here knows how a picture is drawn. Lengths are metres, angles radians, colours linear Rec. 709, world y is up.
+Independent of the renderer. Lengths are metres, angles radians, colours linear Rec. 709, world y is up.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Texels = NDArray[np.uint8]
 
 
 class AlphaMode(StrEnum):
-    """How coverage is read from the base colour's alpha; names and meaning of glTF 2.0 section 3.9.4."""
+    """How the base colour's alpha gives coverage; names and meaning of glTF 2.0 section 3.9.4."""
 
     OPAQUE = "OPAQUE"
     MASK = "MASK"
@@ -33,20 +33,20 @@ class AlphaMode(StrEnum):
 class Texture:
     """Texels [H, W, 4] uint8, row 0 at the top; repeated in both directions, without mipmaps.
 
-    A mipmap level depends on the pixel grid; a picture without mipmaps is a function of position alone, so that
-    the supersampled reference integrates the very function that the single samples are taken from.
+    A mipmap level depends on the pixel grid. Without mipmaps a picture is a function of position alone, so that the
+    supersampled reference integrates the same function that the single samples sample.
     """
 
     texels: Texels
     srgb: bool = True  # colour channels are sRGB-encoded and decoded before filtering; alpha is always linear
-    smooth: bool = True  # bilinear, or the nearest texel
+    smooth: bool = True  # bilinear filter; False: nearest texel
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Material:
     """Metallic-roughness material as in glTF 2.0 section 3.9, with ``specular`` of KHR_materials_specular.
 
-    A material with ``metallic`` 0 and ``specular`` 0 is matt: its colour does not depend on where it is seen from.
+    A material with ``metallic`` 0 and ``specular`` 0 is matt: its colour does not depend on the view direction.
     """
 
     base_colour: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
@@ -55,7 +55,7 @@ class Material:
     roughness: float = 1.0
     metallic_roughness_texture: Texture | None = None  # roughness in green, metallic in blue
     specular: float = 1.0
-    emissive: Colour = (0.0, 0.0, 0.0)  # radiance, any size
+    emissive: Colour = (0.0, 0.0, 0.0)  # radiance, unbounded
     emissive_texture: Texture | None = None
     alpha_mode: AlphaMode = AlphaMode.OPAQUE
     alpha_cutoff: float = 0.5
@@ -64,18 +64,18 @@ class Material:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Part:
-    """One mesh of one material, uploaded once; texture coordinates are those of ``mesh.visual.uv``."""
+    """One mesh with one material, uploaded once; texture coordinates are in ``mesh.visual.uv``."""
 
     name: str
     mesh: trimesh.Trimesh
     material: Material
     colours: NDArray[np.float32] | None = None  # [vertices, 4] linear, multiplied with the base colour
-    deforms: bool = False  # every instant says where its vertices are
+    deforms: bool = False  # every instant has a Shape of it
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Shape:
-    """Where the vertices of a part that deforms are at one time; its faces and texture coordinates stay."""
+    """The vertices of a deforming part at one time; its faces and texture coordinates stay."""
 
     positions: NDArray[np.float64]  # [vertices, 3], in the part's own space
     normals: NDArray[np.float64]  # [vertices, 3], unit
@@ -83,9 +83,9 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Shadow:
-    """A map of what a sun sees: the ball around ``centre`` that casts and catches its shadow, in square texels.
+    """A square shadow map of a sun, over the ball around ``centre`` that casts and receives shadows.
 
-    The map stands in the world, not in the picture, so that shadows are a function of position alone.
+    The map is fixed in the world, not in the picture, so that shadows are a function of position alone.
     """
 
     centre: Vector
@@ -95,16 +95,16 @@ class Shadow:
 
 @dataclass(frozen=True, slots=True)
 class Sun:
-    """Light from infinity: ``direction`` points from the surface to the light; ``irradiance`` at normal incidence."""
+    """A light at infinity: ``direction`` points from the surface to it; ``irradiance`` is at normal incidence."""
 
     direction: Vector
     irradiance: Colour
-    shadow: Shadow | None = None  # of one sun at most
+    shadow: Shadow | None = None  # for at most one sun
 
 
 @dataclass(frozen=True, slots=True)
 class Lamp:
-    """Light from a point: ``intensity`` is the irradiance at normal incidence one metre away."""
+    """A point light: ``intensity`` is the irradiance at normal incidence one metre away."""
 
     position: Vector
     intensity: Colour
@@ -112,7 +112,7 @@ class Lamp:
 
 @dataclass(frozen=True, slots=True)
 class Sky:
-    """Radiance from infinity as a function of direction alone; it is also the ambient light and the colour of fog."""
+    """Radiance from infinity as a function of direction alone; also the ambient light and the colour of fog."""
 
     zenith: Colour = (0.18, 0.34, 0.70)
     horizon: Colour = (0.72, 0.80, 0.88)
@@ -121,12 +121,12 @@ class Sky:
     glow_direction: Vector = (0.0, 1.0, 0.0)
     ambient: float = 1.0  # share of the sky's light that reaches a surface
     fog: float = 0.0  # extinction, 1/metre
-    stars: float = 0.0  # radiance of points of light, a milliradian or two wide
+    stars: float = 0.0  # radiance of stars, one or two milliradians wide
 
 
 @dataclass(frozen=True, slots=True)
 class Perspective:
-    """Pinhole lens: vertical field of view in radians; ``near`` clips, nothing else does."""
+    """Pinhole lens: vertical field of view in radians; only ``near`` clips."""
 
     field_of_view: float
     near: float = 0.05
@@ -134,7 +134,7 @@ class Perspective:
 
 @dataclass(frozen=True, slots=True)
 class Orthographic:
-    """Parallel lens: the picture is ``2 * half_height`` metres high; drawn between ``near`` and ``far``."""
+    """Parallel lens: the picture is ``2 * half_height`` metres high, and clipped at ``near`` and ``far``."""
 
     half_height: float
     near: float
@@ -147,19 +147,19 @@ Lens = Perspective | Orthographic
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Instant:
-    """A scene at one time: where the camera and the parts stand, and what shines."""
+    """A scene at one time: camera, poses, lights and sky."""
 
     world_to_view: Matrix  # [4, 4], camera looks along -z, y up
     lens: Lens
-    poses: tuple[Matrix | None, ...]  # model_to_world [4, 4] of each part; None where it is not there
+    poses: tuple[Matrix | None, ...]  # model_to_world [4, 4] of each part; None: absent
     lights: tuple[Light, ...]
     sky: Sky | None  # None: black, transparent background
     exposure: float = 1.0  # factor on every colour
-    shot: int = 0  # number of the take: between two instants of different shots lies a cut
-    shapes: Mapping[str, Shape] = field(default_factory=dict)  # of the parts that deform, by name
+    shot: int = 0  # number of the shot: there is a cut between instants of different shots
+    shapes: Mapping[str, Shape] = field(default_factory=dict)  # of the deforming parts, by name
 
     def looks_like(self, other: Instant) -> bool:
-        """Tell whether a picture of this instant is one of the ``other``, too: nothing but the shot differs."""
+        """Return whether pictures of both instants are equal: at most the shot differs."""
         return (
             (self.lens, self.lights, self.sky, self.exposure) == (other.lens, other.lights, other.sky, other.exposure)
             and self.shapes.keys() == other.shapes.keys()
@@ -179,7 +179,7 @@ def _same(one: Matrix | None, other: Matrix | None) -> bool:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Scene:
-    """A function of time. The previous pose of anything is ``at(previous time)``: motion needs no memory."""
+    """A function of time. Previous poses are ``at(previous time)``, so motion needs no stored state."""
 
     name: str
     effects: frozenset[Effect]

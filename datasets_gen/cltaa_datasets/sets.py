@@ -1,7 +1,7 @@
-"""Stage sets that several scenes share, so that scenes which differ in one effect differ in nothing else.
+"""Sets that several scenes share, so that scenes with different effects differ in nothing else.
 
-All of it is matt: its colour does not depend on where it is seen from, and a moving camera changes nothing but where
-things are.
+All materials are matt, so that their colour does not change with the view direction, and a moving camera changes only
+positions.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ LENS = Perspective(np.radians(40.0))
 EYE, TARGET = (0.0, 1.45, 3.4), (0.0, 1.25, -2.0)
 VIEW = animation.look_at(EYE, TARGET)
 NO_SHAPES: Mapping[str, Shape] = MappingProxyType({})
-KEPT = 4  # sets in memory: tests and sweeps build many scenes of one seed
+KEPT = 4  # cached sets, because tests and sweeps build many scenes of one seed
 
 
 def poster_wall(rng: np.random.Generator) -> tuple[Part, ...]:
-    """A brick wall with printed posters, over a boarded floor."""
+    """Return a brick wall with printed posters, over a boarded floor."""
     brick = textures.blocks(rng, (0.70, 0.36, 0.24), (0.64, 0.60, 0.54), 6, 12, 0.012)
     inks = (
         ((0.04, 0.05, 0.10), (0.85, 0.80, 0.68)),
@@ -54,7 +54,7 @@ def poster_wall(rng: np.random.Generator) -> tuple[Part, ...]:
 
 
 def exhibits(rng: np.random.Generator) -> tuple[Part, ...]:
-    """A glazed knot, a striped block and a cut-out grille, standing before the wall."""
+    """Return a glazed knot, a striped block and a cut-out grille in front of the wall."""
     glaze = textures.checker((0.08, 0.34, 0.44), (0.84, 0.80, 0.66), 8, rng)
     striped = textures.stripes((0.70, 0.14, 0.08), (0.84, 0.80, 0.72), 6)
     net = Material(
@@ -78,7 +78,7 @@ def exhibits(rng: np.random.Generator) -> tuple[Part, ...]:
 
 @lru_cache(KEPT)
 def gallery(seed: int) -> tuple[Part, ...]:
-    """Return the wall with its posters, and the exhibits before it: fine texture at two to six metres."""
+    """Return the wall with its posters, and the exhibits in front of it: fine texture at two to six metres."""
     rng = np.random.default_rng(seed)
     return (*poster_wall(rng), *exhibits(rng))
 
@@ -95,6 +95,6 @@ def standing(
     shot: int = 0,
     shapes: Mapping[str, Shape] = NO_SHAPES,
 ) -> Instant:
-    """Return an instant at which the first parts stand as ``moving`` says and all others where they were built."""
+    """Return an instant with the poses ``moving`` for the first parts, and the identity for all others."""
     poses = (*moving, *((np.eye(4),) * (len(parts) - len(moving))))
     return Instant(view, lens, poses, lights, sky, exposure, shot, shapes)

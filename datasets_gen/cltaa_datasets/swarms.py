@@ -1,4 +1,4 @@
-"""Swarms: many small bodies in one mesh, each on a path of its own."""
+"""Swarms: many small bodies in one mesh, each on its own path."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ HALVES = np.array([(0, 1, 2), (0, 2, 3)])
 
 
 def repeated(body: Floats, faces: Floats, count: int) -> trimesh.Trimesh:
-    """Build ``count`` copies of a body about the origin, in one mesh; its x and y are its texture coordinates."""
+    """Build one mesh of ``count`` copies of a body at the origin; x and y give the texture coordinates."""
     vertices = np.tile(body, (count, 1))
     every = np.concatenate([faces + len(body) * i for i in range(count)])
     return meshes.make_mesh(vertices, every, np.tile((0.0, 0.0, 1.0), (len(vertices), 1)), 0.5 + 0.5 * vertices[:, :2])
 
 
 def placed(body: Floats, centres: Floats, sizes: Floats) -> Shape:
-    """Return the vertices of the copies of ``body``, each at its centre and of its size."""
+    """Return the vertices of the copies of ``body``, each with its own centre and size."""
     positions = (centres[:, None] + sizes[:, None, None] * body).reshape(-1, 3)
     return Shape(positions, np.tile((0.0, 0.0, 1.0), (len(positions), 1)))
 
@@ -44,11 +44,11 @@ def fountain(
     growth: float,
     size: float,
 ) -> Path:
-    """Throw bodies from the origin again and again, each from a random moment on, with a random velocity.
+    """Throw bodies from the origin repeatedly, each with a random phase and velocity.
 
-    ``speeds`` are the least and greatest velocities, ``pull`` the acceleration, ``size`` that at the start, ``growth``
-    what a body gains a second. Between two flights a body waits ``rest`` seconds at the origin without a size, so that
-    a body never jumps while it can be seen.
+    ``speeds`` are the least and greatest velocities, ``pull`` the acceleration, ``size`` the first size, ``growth`` its
+    increase per second. Between two flights a body waits ``rest`` seconds at the origin with size 0, so that no visible
+    body jumps.
     """
     start, velocity = rng.random(count), rng.uniform(*speeds, (count, 3))
 
@@ -56,7 +56,7 @@ def fountain(
         age = (time / (life + rest) + start) % 1.0 * (life + rest) - rest
         flown = np.maximum(age, 0.0)[:, None]
         centres = velocity * flown + 0.5 * np.asarray(pull) * flown**2
-        # It grows and shrinks by degrees, and is gone for the last instant too.
+        # The size fades in and out, and is 0 at the last instant too.
         fade = np.clip(np.minimum(age, life - rest - age) / rest, 0.0, 1.0)
         return centres, (size + growth * flown[:, 0]) * fade
 

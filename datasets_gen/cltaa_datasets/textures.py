@@ -1,4 +1,4 @@
-"""Procedural textures, all tileable, all from a seeded generator; colours are given linear and stored sRGB-encoded."""
+"""Procedural textures, tileable, from a seeded generator; arguments are linear colours, texels are sRGB-encoded."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cltaa_datasets.scene import Colour, Texture
 Floats = NDArray[np.float64]
 Generator = np.random.Generator
 
-SIZE = 512  # texels a side
+SIZE = 512  # texels per side
 
 
 def make_texture(colour: Floats, alpha: Floats | None = None, *, smooth: bool = True) -> Texture:
@@ -29,10 +29,10 @@ def paint(mask: Floats, off: Colour | Floats, on: Colour | Floats) -> Floats:
 
 
 def enlarged(grid: Floats, height: int, width: int) -> Floats:
-    """A periodic cubic spline through ``grid``, sampled at ``height`` x ``width`` places.
+    """Sample a periodic cubic spline through ``grid`` at ``height`` x ``width`` positions.
 
-    That is ``ndimage.zoom(..., mode="grid-wrap", grid_mode=True)``, but for rounding, along one axis after the other:
-    four taps each in place of sixteen.
+    Equals ``ndimage.zoom(..., mode="grid-wrap", grid_mode=True)`` up to rounding, but works along one axis after the
+    other, with two times four taps in place of sixteen.
     """
     values: Floats = ndimage.spline_filter(grid, order=3, mode="grid-wrap")
     for axis, size in enumerate((height, width)):
@@ -49,7 +49,7 @@ def enlarged(grid: Floats, height: int, width: int) -> Floats:
 
 
 def noise(rng: Generator, cells: int, octaves: int = 5, size: int = SIZE) -> Floats:
-    """Tileable fractal value noise in [0, 1]: each octave doubles the cells and halves the share."""
+    """Make tileable fractal value noise in [0, 1]: each octave doubles the cells and halves the amplitude."""
     total, share = np.zeros((size, size)), 1.0
     for octave in range(octaves):
         count = min(cells << octave, size)
@@ -60,14 +60,14 @@ def noise(rng: Generator, cells: int, octaves: int = 5, size: int = SIZE) -> Flo
 
 
 def coordinates(size: int = SIZE) -> tuple[Floats, Floats]:
-    """Texel centres (across, down) in [0, 1), each [size, size]."""
+    """Return texel centres (across, down) in [0, 1), each [size, size]."""
     centre = (np.arange(size) + 0.5) / size
     across, down = np.meshgrid(centre, centre)
     return across, down
 
 
 def checker(light: Colour, dark: Colour, cells: int = 8, rng: Generator | None = None) -> Texture:
-    """Checkerboard with hard edges, the shades varied a little from field to field where a generator is given."""
+    """Make a checkerboard with hard edges; a generator varies the shade of each field a little."""
     across, down = coordinates()
     field = (np.floor(across * cells) + np.floor(down * cells)) % 2.0
     colour = paint(field, dark, light)
@@ -80,7 +80,7 @@ def checker(light: Colour, dark: Colour, cells: int = 8, rng: Generator | None =
 def blocks(
     rng: Generator, colour: Colour, mortar: Colour, columns: int, rows: int, gap: float, *, bonded: bool = True
 ) -> Texture:
-    """Bricks (``bonded``: every other row shifted by half) or tiles, each of its own shade, in mortar."""
+    """Make bricks (``bonded``: every second row shifted by half) or tiles, each with its own shade, in mortar."""
     across, down = coordinates()
     row = np.floor(down * rows)
     shifted = (across * columns + (0.5 * (row % 2.0) if bonded else 0.0)) % columns
@@ -98,7 +98,7 @@ def blocks(
 
 
 def planks(rng: Generator, colour: Colour, boards: int = 6) -> Texture:
-    """Wooden boards along u with grain and dark joints."""
+    """Make wooden boards along u with grain and dark joints."""
     _, down = coordinates()
     board = np.floor(down * boards).astype(int)
     across_grain = enlarged(rng.random((SIZE // 2, 8)), SIZE, SIZE)
@@ -109,18 +109,18 @@ def planks(rng: Generator, colour: Colour, boards: int = 6) -> Texture:
 
 
 def mottle(rng: Generator, low: Colour, high: Colour, cells: int = 8) -> Texture:
-    """Two colours mixed by fractal noise: ground, plaster, stone."""
+    """Mix two colours by fractal noise: ground, plaster, stone."""
     return make_texture(paint(noise(rng, cells, 6), low, high))
 
 
 def stripes(first: Colour, second: Colour, count: int = 8, slant: int = 0) -> Texture:
-    """Hard stripes across u; ``slant`` whole repeats of shear along v."""
+    """Make hard stripes across u; ``slant`` whole repeats of shear along v."""
     across, down = coordinates()
     return make_texture(paint(np.floor((across * count + down * slant) % 1.0 * 2.0), first, second))
 
 
 def lettering(rng: Generator, ink: Colour, paper: Colour, lines: int = 24) -> Texture:
-    """A page of made-up letters: rows of five-by-seven dot glyphs, words apart; sharp and legible only close by."""
+    """Make a page of random letters: rows of words of five-by-seven dot glyphs, legible only close up."""
     cell_w, cell_h = 6, 9
     columns = lines * cell_h // cell_w
     page = np.zeros((lines * cell_h, columns * cell_w))
@@ -139,18 +139,18 @@ def lettering(rng: Generator, ink: Colour, paper: Colour, lines: int = 24) -> Te
 
 
 def lattice(colour: Colour, cells: int = 8, bar: float = 0.3) -> Texture:
-    """Diagonal lattice; what lies between the bars is cut out (alpha 0)."""
+    """Make a diagonal lattice, cut out (alpha 0) between the bars."""
     across, down = coordinates()
     first = np.abs(((across + down) * cells) % 1.0 - 0.5)
     second = np.abs(((across - down) * cells) % 1.0 - 0.5)
-    # A slope of a few texels keeps the cut-out's edge smooth when alpha is filtered.
+    # A ramp of a few texels keeps the edge of the cut-out smooth after filtering alpha.
     alpha = np.clip((bar / 2.0 - np.minimum(first, second)) * SIZE / (4.0 * cells) + 0.5, 0.0, 1.0)
     shade = 0.7 + 0.3 * (first < second)
     return make_texture(np.asarray(colour) * shade[..., None], alpha)
 
 
 def leaves(rng: Generator, low: Colour, high: Colour, count: int = 320) -> Texture:
-    """Foliage: overlapping leaf shapes of different greens on a cut-out ground (alpha 0)."""
+    """Make foliage: overlapping leaf shapes of different shades on a cut-out ground (alpha 0)."""
     colour, alpha = np.ones((SIZE, SIZE, 3)) * np.asarray(low), np.zeros((SIZE, SIZE))
     reach = np.arange(-40, 41)  # texels around a leaf's centre; the longest leaf is 36 long
     for _ in range(count):
@@ -169,7 +169,7 @@ def leaves(rng: Generator, low: Colour, high: Colour, count: int = 320) -> Textu
 
 
 def zone_plate(size: int = SIZE) -> Texture:
-    """Rings whose frequency grows outwards, from 0 in the middle to half a texel's at the edge: cos(pi r^2 / size)."""
+    """Make rings cos(pi r^2 / size); their frequency grows from 0 to half a cycle per texel at the edge."""
     across, down = coordinates(size)
     squared = ((across - 0.5) ** 2 + (down - 0.5) ** 2) * size**2
     return make_texture(paint(0.5 + 0.5 * np.cos(np.pi * squared / size), (0.02, 0.02, 0.02), (0.9, 0.9, 0.9)))

@@ -1,7 +1,7 @@
-"""``cltaa bench api``: what a call of ``Resolver.resolve`` takes, beside its kernels and beside the bus.
+"""``cltaa bench api``: time of a call of ``Resolver.resolve``, compared with its kernels and with the bus.
 
-Arrays of the device and of the host; a plain pyopencl loop that copies the same bytes is what the way to a device and
-back takes at least.
+With arrays of the device and of the host. A plain pyopencl loop that copies the same bytes gives the least time of the
+transfers.
 """
 
 from __future__ import annotations
@@ -36,22 +36,22 @@ from cltaa.opencl.exchange import PlainCopies, array_on
 from cltaa.opencl.launcher import DeviceLauncher
 
 SIZES = ((1920, 1080), (3840, 2160))
-CALLS = 8  # in a row; the time of one is an eighth of theirs
+CALLS = 8  # calls in a row; their time is divided by this number
 ON_DEVICE, HOST, PINNED_HOST = "device arrays", "host arrays", "pinned arrays"
 COPIES, PINNED = "copies", "pinned copies"
 
 
 class ApiTimes(msgspec.Struct, frozen=True, kw_only=True):
-    """One size: seconds a frame."""
+    """Seconds per frame for one size."""
 
     width: int
     height: int
-    bytes: int  # that a frame of the host brings to the device and back
-    kernels: Interval  # the device's own time in a call with arrays of the device
+    bytes: int  # transferred to the device and back for a frame of the host
+    kernels: Interval  # the device's own time of a call with device arrays
     device_arrays: Interval
     host_arrays: Interval
-    pinned_arrays: Interval  # of the host, by ``Resolver.empty``
-    copies: Interval  # of NumPy's arrays as they are
+    pinned_arrays: Interval  # host arrays from ``Resolver.empty``
+    copies: Interval  # of plain NumPy arrays
     pinned_copies: Interval  # from and to pinned memory: the speed of the bus
 
 
@@ -65,15 +65,15 @@ class ApiBench(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def _rendered(frame: Frame) -> Iterator[Frame]:
-    """What a program renders: frames without an end, of the same arrays under a camera that slides."""
+    """Yield endless frames like those of a renderer: the same arrays under a sliding camera."""
     for index in count():
         yield replace(frame, index=index, camera=camera_at(index, Motion.UNIFORM, frame.width, frame.height))
 
 
 def bench_api(preset: Preset, device: str | None, sizes: tuple[tuple[int, int], ...], *, rounds: int) -> ApiBench:
-    """Time calls with frames of ``sizes``, colour and depth, nothing declared, all kinds in turn.
+    """Time calls with frames of ``sizes``, colour and depth without declared effects, all kinds in turn.
 
-    Raises UsageError for NumPy in a device's place, and ResourceError where there is too little memory.
+    Raises UsageError for NumPy as the device, and ResourceError for too little memory.
     """
     before, launcher = load_average(), DeviceLauncher(device)
     rows = [_timed(preset, launcher, width, height, rounds) for width, height in sizes]

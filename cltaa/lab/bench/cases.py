@@ -1,6 +1,6 @@
-"""Sequences and presets of ``cltaa bench quality``: given ones, and those that ``cltaa capture`` draws as asked.
+"""Sequences of ``cltaa bench quality``: given ones, and those that ``cltaa capture`` draws.
 
-The two packages know each other by their command lines alone (docs/decisions/01).
+The two packages communicate only by their command lines (docs/decisions/01).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cltaa.process import run_cltaa
 
 
 def by_name(paths: Iterable[Path], what: str) -> dict[str, Path]:
-    """Paths of ``what`` by their last word, which tables go by; raises UsageError for two of one name."""
+    """Return paths of ``what`` by their last part, which names them in tables; raises UsageError for equal names."""
     named: dict[str, Path] = {}
     for path in paths:
         if named.setdefault(path.name, path) != path:
@@ -28,13 +28,13 @@ def by_name(paths: Iterable[Path], what: str) -> dict[str, Path]:
     return named
 
 
-REDRAWN = "again"  # folder of such a capture, inside the sequence's
+REDRAWN = "again"  # subfolder of a sequence with the same frames drawn with another jitter
 
 
 def redrawn_of(sequence: FrameSequence) -> ImageSequence | None:
-    """The frames of ``sequence`` drawn again, or None where there is no such folder.
+    """Return the frames of ``sequence`` drawn again, or None without such a folder.
 
-    Raises InputMissing and DataError where it is there but does not fit.
+    Raises InputMissing and DataError for a folder that does not match.
     """
     folder = sequence.folder / REDRAWN
     if not folder.is_dir():
@@ -48,21 +48,21 @@ def redrawn_of(sequence: FrameSequence) -> ImageSequence | None:
 
 
 TRAIN, HELD_OUT, GIVEN = "train", "held-out", "given"
-MODEL = "file:"  # begins the name of a scene that is a model's path
-OTHER_JITTERS = ("halton:64", "r2:64")  # of the capture REDRAWN: the second where the sequence itself has the first
-# Without any of these nothing changes from frame to frame, and the truth has to be better than any resolve can get: so
-# many times the samples.
+MODEL = "file:"  # prefix of a scene name that is the path of a model
+OTHER_JITTERS = ("halton:64", "r2:64")  # jitter of the capture REDRAWN: the second if the sequence has the first
+# Without any of these nothing changes from frame to frame, a resolve converges, and the truth needs STILL times as many
+# samples to remain better.
 _CHANGES = {*Effect} - {Effect.SKY, Effect.HDR, Effect.THIN, Effect.ALPHA, Effect.NOISE}
 STILL = 4
 
 
 class Shape(NamedTuple):
-    """What every capture is asked for."""
+    """Arguments of every capture."""
 
     width: int
     height: int
     frames: int
-    samples: int  # of the truth; of scenes in which nothing changes STILL times as many
+    samples: int  # of the truth; STILL times as many for scenes in which nothing changes
     jitter: str  # sample positions, as cltaa capture reads them
 
 
@@ -70,31 +70,31 @@ class Case(NamedTuple):
     """One sequence of the table."""
 
     scene: str
-    split: str  # TRAIN, HELD_OUT or GIVEN: whether the presets were tuned on it, as far as that is known
+    split: str  # TRAIN or HELD_OUT: whether presets were tuned on it; GIVEN: unknown
     folder: Path
     seed: int = 0
-    samples: int = 0  # of the truth, where it is drawn
+    samples: int = 0  # of the truth, if it is drawn
 
     @property
     def key(self) -> str:
-        """Name of the folder, unique within the table."""
+        """The folder's name, unique within the table."""
         return self.folder.name
 
     @property
     def title(self) -> str:
-        """The scene as the table names it: a model by its file alone, wherever that lies."""
+        """The scene's name in tables: for a model its file name only."""
         return f"{MODEL}{Path(self.scene).name}" if self.scene.startswith(MODEL) else self.scene
 
 
 @cache
 def known_scenes() -> dict[str, frozenset[str]]:
-    """Every scene that ``cltaa scenes`` lists, with its effects."""
+    """Return every scene that ``cltaa scenes`` lists, with its effects."""
     listed = json.loads(run_cltaa(["scenes", "--json"]))
     return {scene["name"]: frozenset(scene["effects"]) for scene in listed["scenes"]}
 
 
 def check_scenes(names: Iterable[str], also: Collection[str] = ()) -> None:
-    """Raise UsageError for a name that is no scene, no model's path and none of ``also``."""
+    """Raise UsageError for a name that is no scene, no model path and not in ``also``."""
     there = {*known_scenes(), *also}
     for name in names:
         if name not in there and not name.startswith(MODEL):
@@ -102,7 +102,7 @@ def check_scenes(names: Iterable[str], also: Collection[str] = ()) -> None:
 
 
 def planned(scenes: dict[str, frozenset[str]], seeds: dict[int, str], shape: Shape, work: Path) -> list[Case]:
-    """The cases of every scene with every seed; the folder's name says what the capture was asked for."""
+    """Return a case for every scene and seed; the folder's name contains the arguments of the capture."""
     size, jitter = f"{shape.width}x{shape.height}x{shape.frames}", shape.jitter.replace(":", "")
     cases = []
     for scene, effects in scenes.items():
@@ -115,7 +115,7 @@ def planned(scenes: dict[str, frozenset[str]], seeds: dict[int, str], shape: Sha
 
 
 def open_case(case: Case) -> FrameSequence | None:
-    """The captured sequence with its truth and REDRAWN, or None where one is not there or not finished."""
+    """Open the captured sequence with its truth and REDRAWN; None if one is missing or unfinished."""
     try:
         sequence = open_sequence(case.folder)
         redrawn = redrawn_of(sequence)
@@ -127,7 +127,7 @@ def open_case(case: Case) -> FrameSequence | None:
 
 
 def capture(case: Case, shape: Shape) -> FrameSequence:
-    """Draw a case, or what is missing of it; raises InternalError where the capture fails, with its own words above."""
+    """Draw the missing parts of a case; raises InternalError for a failed capture, which has printed its own error."""
     other, size = OTHER_JITTERS[shape.jitter == OTHER_JITTERS[0]], f"{shape.width}x{shape.height}"
     asked = ["--frames", str(shape.frames), "--size", size, "--seed", str(case.seed)]
     for folder, samples, jitter in ((case.folder, case.samples, shape.jitter), (case.folder / REDRAWN, 0, other)):

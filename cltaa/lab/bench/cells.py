@@ -1,10 +1,11 @@
-"""Presets, and variants of them, judged against the truth in one pass over a sequence; finished cells stay on disk.
+"""Judge presets and variants of them against the truth in one pass over a sequence; keep finished cells on disk.
 
-Two axes of error are kept apart. *Model*: against the truth that was captured. *Rounding*: against the same algorithm
-in float64 throughout, arithmetic, history and counts, by the NumPy twin.
+Two kinds of error are separate. *Model*: against the captured truth. *Rounding*: against the same algorithm entirely in
+float64 (arithmetic, history and counts) by the NumPy twin.
 
-A cell is what one variant scored on one sequence: a file under ``cells/``, named by all that it depends on, so that
-this process, spawned ones and a Dask cluster, mixed or cut short, add to the same result and nothing is done twice.
+A cell holds the scores of one variant on one sequence: a file under ``cells/``, named by a hash of everything it
+depends on, so that this process, spawned ones and a Dask cluster, even after interruptions, add to the same result and
+repeat nothing.
 """
 
 from __future__ import annotations
@@ -64,9 +65,9 @@ from cltaa.reference.launcher import NumpyLauncher
 
 Item = TypeVar("Item")
 
-ONE_SAMPLE = "one sample"  # what was captured, judged beside its resolves
-LEAST_FRESH = 100  # disoccluded pixels for a score: with fewer, single samples at other places score 0.3 to 7
-COUNT_WHITE = 32  # samples in the history that the picture of them shows white
+ONE_SAMPLE = "one sample"  # the captured frames, judged beside their resolves
+LEAST_FRESH = 100  # least disoccluded pixels for a score: with fewer, single samples of another jitter score 0.3 to 7
+COUNT_WHITE = 32  # sample count that its picture shows as white
 
 COLUMNS = (
     *(METRICS[name] for name in ("psnr", "ssim", "flip")),
@@ -79,21 +80,21 @@ ALPHA = Measure("alpha", "root mean square error of alpha")
 
 
 class Judging(msgspec.Struct, frozen=True, kw_only=True):
-    """What is looked at."""
+    """Settings of the judgement."""
 
     metrics: tuple[str, ...]
-    settled: int = 0  # the first frame, of those there are, that is judged
-    flip_every: int = 1  # frames: FLIP, which takes longest, judges the last and those so far before it
-    in_time: bool = False  # also as moving pictures and in equal-quality samples, beside the single samples; and alpha
-    rounding_frames: int = 0  # of the first frames, resolved in float64 too; 0 leaves that axis out
-    pictures: bool = False  # of the last frame
+    settled: int = 0  # index of the first judged frame
+    flip_every: int = 1  # interval of frames for FLIP, which is slowest, counted back from the last frame
+    in_time: bool = False  # also scores over time, equal-quality samples and alpha, beside the single samples
+    rounding_frames: int = 0  # number of first frames also resolved in float64; 0: no rounding errors
+    pictures: bool = False  # whether to keep pictures of the last frame
 
 
 QUALITY = Judging(metrics=("mse", "psnr", "ssim", "flip"), settled=8, flip_every=4, in_time=True)
 
 
 class Rounding(msgspec.Struct, frozen=True, kw_only=True):
-    """Distance from the float64 twin over the frames: root mean square and largest, relative to the image's own."""
+    """Distance from the float64 twin over the frames: root mean square and largest, relative to the image's rms."""
 
     rms: float
     largest: float
@@ -101,24 +102,24 @@ class Rounding(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def bits(self) -> float:
-        """Bits that are right: -log2 of the relative rms error; infinite where there is none, as in a first frame."""
+        """Number of right bits: -log2 of the relative rms error; infinite without error, as in a first frame."""
         return float(-np.log2(self.rms)) if self.rms > 0 else math.inf
 
 
 class Judged(msgspec.Struct, kw_only=True):
-    """What a variant scored on a sequence; None where there was nothing to judge."""
+    """Scores of a variant on a sequence; None for undefined ones."""
 
     scores: dict[str, float | None]
     frames: int
-    not_finite: int  # values of the output that were NaN or infinite, and judged as 0
+    not_finite: int  # number of NaN or infinite values in the output, judged as 0
     device: str
 
 
 class Cell(msgspec.Struct, kw_only=True):
-    """All that was found of a variant on a sequence."""
+    """All results of a variant on a sequence."""
 
     judged: Judged
-    errors: dict[str, list[float]]  # of each judged frame, by metric
+    errors: dict[str, list[float]]  # by metric, for each judged frame
     rounding: Rounding | None = None
     pictures: dict[str, bytes] = {}  # WebP
 
@@ -134,23 +135,23 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
     reading: Reading = DEFAULT_READING
 
     def open(self) -> FrameSequence:
-        """The sequence."""
+        """Open the sequence."""
         return _open(self.sequence, self.reading, self.content)
 
     def path(self, output: Path, variant: Variant | None) -> Path:
-        """The file of the cell of a variant (None: of the single samples), whatever the variant is called."""
+        """Return the file of a variant's cell (None: the single samples'), independent of the variant's name."""
         ways = None if variant is None else msgspec.structs.replace(variant, name="", group="")
         device = self.device or os.environ.get(DEVICE_VARIABLE)
         whole = self.content, self.reading.step, self.judging, device, ways, code_sha256()
         return output / "cells" / f"{hashlib.sha256(msgspec.json.encode(whole)).hexdigest()[:24]}.msgpack"
 
     def finished(self, output: Path) -> dict[str, Cell]:
-        """The cells that there are; raises DataError for a damaged one."""
+        """Return the finished cells; raises DataError for a damaged one."""
         found = {name: kept(self.path(output, variant), Cell) for name, variant in self._wanted.items()}
         return {name: cell for name, cell in found.items() if cell is not None}
 
     def left(self, output: Path) -> Task | None:
-        """The same, less what is finished; None where all is."""
+        """Return the task without its finished cells; None if all are finished."""
         there = self.finished(output)
         if there.keys() == self._wanted.keys():
             return None
@@ -158,7 +159,7 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, variants=missing)
 
     def keep(self, output: Path, cells: dict[str, Cell]) -> None:
-        """Keep what was found; raises StorageError."""
+        """Store cells; raises StorageError."""
         for name, cell in cells.items():
             keep(self.path(output, self._wanted[name]), cell)
 
@@ -175,7 +176,7 @@ def task_of(
     judging: Judging,
     reading: Reading = DEFAULT_READING,
 ) -> Task:
-    """The task of a sequence that was opened by ``reading``; raises as ``check_judged``."""
+    """Return the task of a sequence that was opened by ``reading``; raises what ``check_judged`` raises."""
     check_judged(sequence, judging.settled)
     redrawn = redrawn_of(sequence) if judging.in_time else None
     content = content_sha256(sequence, [] if redrawn is None else [redrawn])
@@ -185,18 +186,18 @@ def task_of(
 
 @lru_cache(maxsize=1)
 def _open(folder: str, reading: Reading, _content: str) -> FrameSequence:
-    """The sequence of several tasks in a row: to find its effects takes as long as many frames."""
+    """Open a sequence, cached for consecutive tasks, because finding its effects takes as long as many frames."""
     return reading.open(Path(folder))
 
 
 def import_judges() -> None:
-    """Import the libraries that judge; raises UsageError where one is missing."""
+    """Import the libraries that judging needs; raises UsageError for a missing one."""
     named_metrics(QUALITY.metrics)
     import_ndimage()
 
 
 def check_judged(sequence: FrameSequence, settled: int) -> ImageSequence:
-    """The truth of a sequence that can be judged; raises InputMissing without one, DataError for too few frames."""
+    """Return the truth of a sequence; raises InputMissing without one, DataError for too few frames."""
     reference = truth_of(sequence)
     if len(sequence) <= settled:
         what, cure = "the sequence is over before it is judged", "capture more, or judge sooner: --settled 0"
@@ -206,44 +207,43 @@ def check_judged(sequence: FrameSequence, settled: int) -> ImageSequence:
 
 
 class DoubleTwin(NumpyLauncher):
-    """The NumPy twin with float64 everywhere: inputs as they are, arithmetic, history and counts in double."""
+    """The NumPy twin with float64 arithmetic, history and counts; inputs stay as they are."""
 
     description = "NumPy (float64)"
 
     def build(self, plan_build: Build) -> Build:
-        """The same algorithm in double."""
+        """Return the build with the same algorithm in double."""
         return msgspec.structs.replace(plan_build, real=Real.DOUBLE, storage=Storage.FLOAT)
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
-        """Zeros; numbers with a fraction are float64, whatever is asked for."""
+        """Allocate zeros; floats are always float64."""
         return super().allocate(shape, np.float64 if np.dtype(dtype).kind == "f" else dtype)
 
 
 @dataclass(slots=True)
 class _Tally:
-    """What is gathered of one contender."""
+    """Sums of one contender."""
 
-    video: Sums  # as moving pictures
+    video: Sums  # scores over time
     errors: dict[str, list[float]] = field(default_factory=dict)
     fresh_square: float = 0.0
     fresh_count: int = 0
     not_finite: int = 0
-    alpha: list[float] = field(default_factory=list)  # mean squared errors, where both sides have it
-    apart: list[tuple[float, float]] = field(default_factory=list)  # from the twin
+    alpha: list[float] = field(default_factory=list)  # mean squared errors, if both images have alpha
+    apart: list[tuple[float, float]] = field(default_factory=list)  # distances from the twin
     pictures: dict[str, bytes] = field(default_factory=dict)
 
     def repaired(self, image: Image) -> Image:
-        """The image with 0 for what is not finite, which is counted."""
+        """Return the image with non-finite values set to 0, and count them."""
         bad = image.size - int(np.isfinite(image).sum())
         self.not_finite += bad
         return finite(image) if bad else image
 
     def scores(self, one: _Tally, redrawn_square: float, truth_samples: int | None) -> dict[str, float | None]:
-        """All scores, with the single samples as the currency of three of them.
+        """Return all scores; three of them are in units of the single samples' error.
 
-        Where pixels appear it is those of ``redrawn_of``, which err by ``redrawn_square`` there: that the captured
-        samples show what has appeared is why these pixels are the ones, so that they are nearer to the truth than
-        samples are by chance.
+        At disoccluded pixels the unit is the error ``redrawn_square`` of ``redrawn_of``. The captured samples
+        themselves selected these pixels by showing the new surface, so they are nearer to the truth than average.
         """
         single = mean_of("mse", one.errors["mse"])
 
@@ -260,11 +260,11 @@ class _Tally:
             **self.video.scores(),
             ALPHA.name: math.sqrt(math.fsum(self.alpha) / len(self.alpha)) if self.alpha else math.nan,
         }
-        # Of all scores only a PSNR without end says something: the image is the truth.
+        # Only an infinite PSNR is meaningful: the image equals the truth.
         return {name: value if math.isfinite(value) or name == "psnr" else None for name, value in values.items()}
 
     def rounding(self) -> Rounding | None:
-        """What the twin says of all frames that it resolved."""
+        """Return the distance from the twin over all frames that it resolved."""
         rms = [value for value, _ in self.apart]
         whole = math.sqrt(math.fsum(value**2 for value in rms) / max(len(rms), 1))
         return Rounding(rms=whole, largest=max(value for _, value in self.apart), frames=rms) if rms else None
@@ -278,11 +278,11 @@ def judge_sequence(
     *,
     progress: bool = False,
 ) -> dict[str, Cell]:
-    """Resolve ``sequence`` with every variant and judge each, and the single samples where it is judged in time.
+    """Resolve ``sequence`` with every variant and judge each, and with ``in_time`` also the single samples.
 
-    Disoccluded pixels are told in equal-quality samples where the sequence's folder holds ``again`` and enough of them
-    are there. The history of every variant is in memory at once. Raises InputMissing for a sequence without its truth
-    and DataError for one that is over before it settles, and for a truth that is no light.
+    Disoccluded pixels get equal-quality samples if the sequence's folder has ``again`` and enough of them. Holds the
+    history of every variant in memory. Raises InputMissing for a sequence without truth, DataError for one that ends
+    before it settles, and for a truth with NaN or infinity.
     """
     judges = _Pass(sequence, variants, launcher, judging)
     given = ((at, frame, judges.reference.image(frame.index, alpha=True)) for at, frame in enumerate(sequence))
@@ -294,7 +294,7 @@ def judge_sequence(
 
 
 class _Pass:
-    """Resolvers of one sequence in step, and what is gathered of them."""
+    """Resolvers of one sequence in step, and their sums."""
 
     def __init__(
         self, sequence: FrameSequence, variants: Sequence[Variant], launcher: Launcher, judging: Judging
@@ -311,9 +311,9 @@ class _Pass:
         self._device = launcher.description
 
     def look(self, place: int, frame: Frame, truth: Image, resolved: Sequence[Image]) -> None:
-        """Judge the frame at a place of the sequence."""
+        """Judge the frame at index ``place`` of the sequence."""
         judged, light = place >= self._judging.settled, truth[..., :3]
-        if judged or self._video is not None:  # which follows light from frames that are not judged
+        if judged or self._video is not None:  # scores over time also use frames before the first judged one
             check_finite("reference", truth, self.reference.path(frame.index), frame.index)
         single = [frame.colour] if self._judging.in_time else []
         outputs = [*single, *(image[..., :3] for image in resolved)]
@@ -357,7 +357,7 @@ class _Pass:
                 tally.alpha.append(mse(alpha, truth[..., 3]))
 
     def cells(self) -> dict[str, Cell]:
-        """What was found, once all frames were looked at."""
+        """Return the cells after all frames."""
         one, samples = self._tallies.get(ONE_SAMPLE), truth_samples(self.reference) if self._judging.in_time else None
         cells = {}
         for name, tally in self._tallies.items():
@@ -369,13 +369,13 @@ class _Pass:
 
 
 def _shared(images: Iterable[Image]) -> list[Image]:
-    """The images, of the same bits one, so that it is judged once."""
+    """Return the images, with one object for equal bits, so that it is judged once."""
     different: dict[bytes, Image] = {}
     return [different.setdefault(image.tobytes(), image) for image in images]
 
 
 def _square(image: Image, truth: Image, where: Mask) -> float:
-    """Squared differences of the light that a screen can show, summed over some pixels and the channels."""
+    """Return the squared differences of light clamped to the display's range, summed over pixels and channels."""
     light = shown_light(image[where]).astype(np.float64)
     return float(((light - shown_light(truth[where])) ** 2).sum())
 
@@ -383,8 +383,8 @@ def _square(image: Image, truth: Image, where: Mask) -> float:
 def in_step(
     resolvers: Collection[Resolver], items: Iterable[Item], frame_of: Callable[[Item], Frame]
 ) -> Iterator[tuple[Item, list[Image]]]:
-    """Each of ``items``, of which ``frame_of`` is resolved, with the images of all resolvers, once the last one that
-    looks ahead has its own."""
+    """Yield each of ``items``, whose ``frame_of`` is resolved, with the images of all resolvers, once the one that
+    looks ahead farthest has its image."""
     waiting, ready = deque[Item](), [deque[Image]() for _ in resolvers]
 
     def done() -> Iterator[tuple[Item, list[Image]]]:
@@ -402,14 +402,14 @@ def in_step(
 
 
 def packed(picture: Picture) -> bytes:
-    """An 8-bit picture as a lossless WebP, which is about a third smaller than a PNG."""
+    """Encode an 8-bit picture as lossless WebP, which is about a third smaller than a PNG."""
     stream = BytesIO()
     Pillow.fromarray(np.ascontiguousarray(picture)).save(stream, format="WEBP", lossless=True, method=4)
     return stream.getvalue()
 
 
 def _pictures(resolver: Resolver, image: Image, truth: Image, judging: Judging) -> dict[str, bytes]:
-    """The last image, the samples that the history of each pixel stands for, and where it errs."""
+    """Return pictures of the last image, of its sample count, and of its FLIP error if asked for."""
     layout = Layout(image.shape[1], image.shape[0])
     with _written(resolver, "output_count").mapped(write=False) as planes:
         count: Image = layout.inside(planes)[0].astype(np.float32)
@@ -420,33 +420,33 @@ def _pictures(resolver: Resolver, image: Image, truth: Image, judging: Judging) 
 
 
 def _history(resolver: Resolver, frame: Frame) -> NDArray[np.float64]:
-    """The image that was made of ``frame`` in the numbers that the history is kept in, [3, H, W]."""
+    """Return the resolved image of ``frame`` [3, H, W] in the number format of the history."""
     with _written(resolver, "output").mapped(write=False) as planes:
         return Layout(frame.width, frame.height).inside(planes)[:3].astype(np.float64)
 
 
 def _written(resolver: Resolver, name: str) -> Buffer:
-    """The memory that the last frame's result lies in; beside a ring it is not what recurs."""
+    """Return the buffer ``name`` of the last frame's result; with a frame ring it is not the recursive history."""
     assert resolver.last is not None
     written: Buffer = resolver.last.arguments[name]
     return written
 
 
 def _apart(image: NDArray[np.float64], exact: NDArray[np.float64]) -> tuple[float, float]:
-    """Relative root mean square and largest distance."""
+    """Return the relative root mean square and largest distance."""
     difference = image - exact
     size = float(np.sqrt(np.mean(np.square(exact)))) or 1.0
     return float(np.sqrt(np.mean(np.square(difference)))) / size, float(np.abs(difference).max()) / size
 
 
-RETRIES = 3  # of a task whose worker was lost
+RETRIES = 3  # of a task after the loss of its worker
 
 
 def run_all(tasks: Iterable[Task], output: Path, *, jobs: int = 1, dask: str | None = None) -> Iterator[Task]:
-    """Run what is left of the tasks, and yield each when its cells are there.
+    """Run the unfinished parts of the tasks, and yield each task when its cells are stored.
 
-    ``jobs`` processes are spawned, never forked: a forked child hangs once PoCL was used. ``dask`` is the address of a
-    scheduler whose workers see the sequences under the same paths. Raises ResourceError where a worker dies for good.
+    Spawns ``jobs`` processes and never forks, because a forked child hangs once PoCL was used. ``dask`` is the address
+    of a scheduler whose workers see the sequences under the same paths. Raises ResourceError for a killed worker.
     """
     waiting = []
     for task in tasks:
@@ -466,21 +466,21 @@ def run_all(tasks: Iterable[Task], output: Path, *, jobs: int = 1, dask: str | N
 
 @cache
 def launcher_of(device: str | None) -> Launcher:
-    """A launcher of a device for all tasks of this process: to open one anew takes a GPU as long as many frames."""
+    """Return one launcher per device for all tasks of this process; opening a GPU takes as long as many frames."""
     return launcher_for(device)
 
 
 def run(task: Task) -> dict[str, Cell]:
-    """Judge what is asked for; raises what ``judge_sequence`` does.
+    """Judge a task; raises what ``judge_sequence`` raises.
 
-    Progress is shown of frames where all variants are judged in one pass; else that is one task of many.
+    Shows progress by frames if it judges all variants in one pass; else the task is one of many.
     """
     launcher, whole = launcher_of(task.device), task.judging.in_time
     return judge_sequence(task.open(), task.variants, launcher, task.judging, progress=whole)
 
 
 def _in_processes(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, dict[str, Cell]]]:
-    """Each task with what it found, as they end; what has begun when one fails is waited for, and kept too."""
+    """Yield each finished task with its cells; after a failure, still waits for and yields the running tasks."""
     failed: list[CltaaError] = []
     context = multiprocessing.get_context("spawn")
     threads = max(CORES // jobs, 1)
@@ -502,15 +502,15 @@ def _in_processes(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, dict
             cure = "run the same again, with fewer --jobs; what is finished is kept"
             raise ResourceError("a worker process was killed", cure=cure) from error
         finally:
-            pool.shutdown(cancel_futures=True)  # after an error, what has not begun need not begin
+            pool.shutdown(cancel_futures=True)  # after an error, drop the tasks that have not begun
     if failed:
         raise failed[0]
 
 
 def share_processors(threads: int) -> None:
-    """Let what this process has not loaded yet, PoCL and OpenMP, use that many threads: its fellows have the others.
+    """Limit PoCL and OpenMP, if not loaded yet, to ``threads`` threads; sibling processes use the others.
 
-    For a process that was started for its work alone.
+    Only for a process that was started for this work.
     """
     configure()
     os.environ |= {"POCL_MAX_PTHREAD_COUNT": str(threads), "POCL_AFFINITY": "0", "OMP_NUM_THREADS": str(threads)}

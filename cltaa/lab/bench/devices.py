@@ -1,4 +1,4 @@
-"""``cltaa bench devices``: which of a few shapes of kernels is the fastest on a device."""
+"""``cltaa bench devices``: find the fastest of a few kernel shapes on a device."""
 
 from __future__ import annotations
 
@@ -33,32 +33,32 @@ from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.opencl.shape import SHAPES, Kept, kept_folder, kept_path
 from cltaa.progress import track
 
-CPU_SIZE, GPU_SIZE = (640, 360), (1920, 1080)  # a GPU has to be filled, and a CPU is slow where lanes do not suit
-ROUNDS, WARM_UP = 9, 2  # few: a shape that does not suit takes ten times as long
-PAYS = 0.95  # of the usual shape's time, at most: docs/decisions/14 takes no trick for less
+CPU_SIZE, GPU_SIZE = (640, 360), (1920, 1080)  # large enough to fill a GPU; small because unsuitable lanes are slow
+ROUNDS, WARM_UP = 9, 2  # few, because an unsuitable shape takes ten times as long
+PAYS = 0.95  # largest share of the usual shape's time: docs/decisions/14 accepts no smaller gain
 PROOF_SIZE = 160, 90
-WILD = 0.02  # of the pixels that no renderer should write: Rusticl of Mesa 22.3 is right on all others
-LEAST_SHARE = 0.01  # of the host's time that a device's clock tells, if it runs: that of Rusticl tells nanoseconds
-# Seconds of building after which no other shape is begun; a compiler may take minutes over vectors. The usual one comes
-# first.
+WILD = 0.02  # share of invalid pixels in the test: Rusticl of Mesa 22.3 is right on all others
+LEAST_SHARE = 0.01  # least share of the host's time on a working device clock; Rusticl's counts only nanoseconds
+# Seconds of building after which no other shape is begun, because a compiler may take minutes for vectors. The usual
+# shape comes first.
 PATIENCE = 60.0
 
 
 class ShapeRow(msgspec.Struct, frozen=True, kw_only=True):
-    """One shape: seconds of two frames, one under each kind of motion, or why it was not timed."""
+    """One shape: seconds of two frames, one for each kind of motion, or why it was not timed."""
 
     shape: str
     lanes: int
     seconds: Interval | None = None
-    ratio: Interval | None = None  # to the usual shape, or where that was not timed to the first
+    ratio: Interval | None = None  # to the usual shape, or if that was not timed, to the first
     absent: str | None = None
 
 
 class ShapesBench(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole measurement, what came of it, and where that is kept."""
+    """The whole measurement, the chosen shape, and the file that stores it."""
 
     usual: str
-    origin: str  # of the usual one: "built in", or "a guess"
+    origin: str  # of the usual shape: "built in", or "a guess"
     taken: str
     kept: str
     rows: list[ShapeRow]
@@ -66,10 +66,10 @@ class ShapesBench(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def bench_shapes(device: str | None) -> ShapesBench:
-    """Time the default on ``device`` in each shape, and keep the fastest.
+    """Time the default on ``device`` in each shape, and store the fastest.
 
-    The usual one stays unless another is faster beyond chance, and by what pays. Raises UsageError for the NumPy
-    launcher, InternalError where no shape builds, and OutputError where nothing can be kept.
+    The usual shape stays unless another is faster beyond chance and by PAYS. Raises UsageError for the NumPy launcher,
+    InternalError if no shape builds, and OutputError if the answer cannot be stored.
     """
     cl_device, before = choose_device(device), load_average()
     (usual, origin), names, facts = usual_shape(cl_device), candidate_shapes(cl_device), measured_on(cl_device)
@@ -92,7 +92,7 @@ def bench_shapes(device: str | None) -> ShapesBench:
 
 
 def forget_shapes() -> int:
-    """Remove what is kept, of every device; the number of files that there were."""
+    """Remove the stored shapes of all devices; returns the number of files."""
     paths = [path for path in _folder().glob("*.json") if path.is_file()]
     for path in paths:
         path.unlink(missing_ok=True)
@@ -107,20 +107,20 @@ def _folder() -> Path:
 
 
 def clock_of(samples: Samples) -> Clock:
-    """The device's, which leaves out the way there and back, if it runs, else the host's."""
+    """Return the device's clock, which excludes transfers, if it works, else the host's."""
     runs = [sample for by_round in samples.by_job.values() for sample in by_round]
     return Clock.DEVICE if all((run.device or 0.0) > LEAST_SHARE * run.wall for run in runs) else Clock.WALL
 
 
 def fastest(samples: Samples, base: str, clock: Clock) -> str:
-    """The shape that pays most over ``base``, or that."""
+    """Return the shape with the greatest sufficient gain over ``base``, else ``base``."""
     ratios = {name: samples.ratio(name, base, clock) for name in samples.by_job}
     paying = [name for name, ratio in ratios.items() if ratio.high < 1.0 and ratio.median <= PAYS]
     return min(paying, key=lambda name: ratios[name].median, default=base)
 
 
 def _jobs(device: str | None, names: list[str], size: tuple[int, int]) -> tuple[dict[str, Job], dict[str, str]]:
-    """A job for each shape that builds and computes what the oracle does, and why the others have none."""
+    """Return a job for each shape that builds and matches the oracle, and the reason for each other shape."""
     motions, proof = [make_frames(*size, motion) for motion in Motion], wild_frames()
     oracle = _last(Resolver(load_preset(), "numpy"), proof)
     jobs, absent, deadline = dict[str, Job](), dict[str, str](), time.monotonic() + PATIENCE
@@ -141,7 +141,7 @@ def _jobs(device: str | None, names: list[str], size: tuple[int, int]) -> tuple[
 
 
 def wild_frames() -> list[Frame]:
-    """Three small frames of which some pixels are no light, and some no distance."""
+    """Return three small frames with some invalid pixels in colour and depth."""
     frames, random = make_frames(*PROOF_SIZE, Motion.TURN), np.random.default_rng(0)
     for frame in frames:
         for plane, values in ((frame.colour, (np.nan, np.inf, -1.0)), (frame.depth, (np.nan, 0.0))):
@@ -152,7 +152,7 @@ def wild_frames() -> list[Frame]:
 
 def _last(resolver: Resolver, frames: list[Frame]) -> Image:
     image = [resolver.resolve(frame) for frame in frames][-1]
-    return np.where(np.isnan(image), np.float32(np.inf), image)  # a NaN is less far from nothing than any bound
+    return np.where(np.isnan(image), np.float32(np.inf), image)  # NaN would compare as within any bound
 
 
 def _job(name: str, launcher: DeviceLauncher, motions: list[list[Frame]]) -> Job:

@@ -1,4 +1,4 @@
-"""``cltaa bench files``: how far ``cltaa resolve`` hides reading, resolving and writing behind each other."""
+"""``cltaa bench files``: how well reading, resolving and writing overlap in ``cltaa resolve``."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ NO_HASH = "0" * 64
 
 
 class FilesBench(msgspec.Struct, frozen=True, kw_only=True):
-    """Seconds a frame: of each stage with nothing beside it, and of the command in which they overlap.
+    """Seconds per frame of each stage by itself, and of the command in which they overlap.
 
-    ``processor`` is what the command takes of all cores together, ``at_best`` what ``over_slowest`` would be if none of
-    them was ever idle, and 1 where the slowest stage takes longer than that.
+    ``processor`` is the command's time of all cores together. ``at_best`` is ``over_slowest`` if no core were ever
+    idle, at least 1.
     """
 
     width: int
@@ -54,10 +54,10 @@ class FilesBench(msgspec.Struct, frozen=True, kw_only=True):
 def bench_files(
     sequence: FrameSequence, preset: Preset, device: str | None, *, compression: str, half: bool, rounds: int
 ) -> FilesBench:
-    """Time the command over ``sequence`` beside its stages."""
+    """Time the command on ``sequence``, and its stages."""
     before, resolver = load_average(), Resolver(preset, device)
     count = len(sequence)
-    # Each as the command does it, in as many threads, with all that belongs to it.
+    # Each stage runs as in the command, with the same threads and checks.
     steps: dict[str, Callable[[Path], object]] = {
         "read": lambda _: _read_all(sequence),
         "resolve": lambda _: [
@@ -78,7 +78,7 @@ def bench_files(
         for number in track(range(rounds + 1), rounds + 1, "timing", unit="rounds"):
             for name, step in steps.items():
                 resolver.reset()
-                # Emptied outside of the times: with --restart alone a run deletes what was there.
+                # A new folder each time, outside of the timing, because a run would otherwise find finished frames.
                 with TemporaryDirectory() as folder:
                     started, busy = time.perf_counter(), time.process_time()
                     step(Path(folder) / "out")

@@ -1,7 +1,7 @@
-"""``cltaa bench kernels``: the kernels against a GLSL shader (extra ``bench``), a plain port and the floor, in one run.
+"""``cltaa bench kernels``: time the kernels, a GLSL shader (extra ``bench``), a plain port and the floor in one run.
 
 ``BASELINE`` is the widely used core (3x3 variance, the nearest surface's motion, 16 taps of Catmull-Rom, clip, weighted
-blend, a counter) without what cltaa adds in its settings; the choices, which decide the time, are those of that core.
+blend, a counter): its choices, which decide the time, without cltaa's additions in the settings.
 """
 
 from __future__ import annotations
@@ -51,18 +51,19 @@ BASELINE = Preset(
     ),
     settings=Settings(resampling_penalty=0.0, clip_penalty=0.0, disocclusion_blur=0.0),
 )
-PLAIN_GROUP = {True: (64, 1), False: (16, 16)}  # work-items a group of the plain port: on a CPU, on a GPU
-COPY_BYTES = 16  # a work-item of copy.cl
-# Two orders of the same operations, one with the cancelling variance: at 1920 x 1080 999 of 1000 are within 8e-6.
+PLAIN_GROUP = {True: (64, 1), False: (16, 16)}  # work-group of the plain port: on a CPU, on a GPU
+COPY_BYTES = 16  # bytes per work-item of copy.cl
+# Two orders of the same operations, one with the cancelling variance: at 1920 x 1080 99.9 % of pixels are within 8e-6.
 TOLERANCE = 2.0**-14
-# Past the border the nearest surface is a tie, which either may break; the history filter carries that 2 px a frame.
+# Beyond the image border the nearest surface is a tie, which contenders break differently; the history filter spreads
+# the difference by 2 px a frame.
 BORDER = 8
-# Where a pixel is just outside its box, or the image: decisions that rounding takes.
+# Share of pixels just outside their box, or the image, where rounding decides.
 ODD_PIXELS = 1e-3
 
 
 class PlainPort:
-    """``kernels/bench/plain.cl`` on a device: interleaved pixels, one a work-item, no halo."""
+    """``kernels/bench/plain.cl`` on a device: interleaved pixels, one per work-item, no halo."""
 
     def __init__(self, launcher: DeviceLauncher, width: int, height: int) -> None:
         self._launcher, self._size = launcher, (width, height)
@@ -73,7 +74,7 @@ class PlainPort:
         self._record: Record | None = None
 
     def resolve(self, frame: Frame, record: Record) -> Image:
-        """The resolved image [H, W, 3] float32 of ``frame``, whose history is the output of the call before."""
+        """Return the resolved image [H, W, 3] float32 of ``frame``; the previous call's output is the history."""
         with self._current.mapped(write=True) as pixels:
             pixels[..., :3], pixels[..., 3] = frame.colour, 1.0
         with self._inverse_depth.mapped(write=True) as plane:
@@ -85,7 +86,7 @@ class PlainPort:
             return pixels[..., :3].astype(np.float32)
 
     def run(self) -> float:
-        """Run the kernel on what the last ``resolve`` was given; return the device's seconds."""
+        """Run the kernel again on the arguments of the last ``resolve``; return the device's seconds."""
         buffers = {
             "current": self._current,
             "inverse_depth": self._inverse_depth,
@@ -102,7 +103,7 @@ class PlainPort:
 
 
 def copy_job(launcher: DeviceLauncher, moved: int) -> Job:
-    """A job that moves ``moved`` bytes, half of them read and half written: the floor of whatever must move as many."""
+    """Return a job that copies ``moved`` bytes, half read and half written: the floor for kernels that move as many."""
     items = max(moved // (2 * COPY_BYTES), 1)
     source, target = (launcher.allocate((items, COPY_BYTES // 4)) for _ in range(2))
     kernel = launcher.kernel("bench/copy", Build(lanes=1, rows=1))
@@ -117,7 +118,7 @@ def copy_job(launcher: DeviceLauncher, moved: int) -> Job:
 
 
 def least_bytes(resolver: Resolver) -> int:
-    """Bytes a pixel that the resolve of the last frame must move: each input read and each output written once."""
+    """Return the bytes per pixel that the last frame's resolve must move: each input and output once."""
     assert resolver.plan is not None
     steps, choices = resolver.plan.steps, resolver.plan.choices
     real, kept = 4, np.dtype(storage_dtype(Build(storage=resolver.storage))).itemsize
@@ -128,7 +129,7 @@ def least_bytes(resolver: Resolver) -> int:
 
 
 def check_same(name: str, image: Image, expected: Image) -> None:
-    """Raise InternalError where images are not of one algorithm."""
+    """Raise InternalError for images of different algorithms."""
     inside = (slice(BORDER, -BORDER), slice(BORDER, -BORDER))
     apart = np.abs(image - expected).max(axis=-1)[inside] / float(np.abs(expected).max())
     share = float((apart > TOLERANCE).mean())
@@ -178,7 +179,7 @@ class Shader:
         self._targets = {texture: gl.framebuffer([texture]) for texture in (self._history, self._output)}
 
     def resolve(self, frame: Frame, record: Record) -> Image:
-        """The resolved image [H, W, 3] float32 of ``frame``, whose history is the output of the call before."""
+        """Return the resolved image [H, W, 3] float32 of ``frame``; the previous call's output is the history."""
         pixels = np.ones((frame.height, frame.width, 4), np.float32)
         pixels[..., :3] = frame.colour
         self._current.write(pixels.tobytes())
@@ -190,7 +191,7 @@ class Shader:
         return read[..., :3]
 
     def run(self) -> float | None:
-        """Draw what the last ``resolve`` was given; return the seconds by OpenGL's clock, None where it has none."""
+        """Draw the last ``resolve`` again; return the seconds by OpenGL's clock, None if that is unusable."""
         for unit, texture in enumerate((self._current, self._inverse_depth, self._history)):
             texture.use(unit)
         self._targets[self._output].use()
@@ -207,7 +208,7 @@ class Shader:
 
 
 def _matrix(record: Record) -> tuple[float, ...]:
-    """The rows x, y, w of D and the origin, as the columns of a mat4."""
+    """Return the rows x, y, w of D and the origin, as the columns of a mat4."""
     rows = [[float(record[letter + by]) for by in "xyq1"] for letter in "xyw"]
     last = [float(record["origin_x"]), float(record["origin_y"]), float(record["reset"]), 0.0]
     return tuple(value for row in [*rows, last] for value in row)
@@ -218,11 +219,11 @@ CONTROL = "core again"
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """What one contender took. Bandwidth and floor count the bytes that it would have to move at least."""
+    """Times of one contender. Bandwidth and floor count the least bytes that it must move."""
 
     name: str
-    wall_ns: Interval  # a pixel
-    device_ns: Interval | None  # a pixel, by the device's events
+    wall_ns: Interval  # per pixel
+    device_ns: Interval | None  # per pixel, by the device's events
     least_wall_ns: float
     ratio: Interval  # of wall time to the core's, paired
     device_ratio: Interval | None
@@ -235,11 +236,11 @@ class Timing(msgspec.Struct, frozen=True, kw_only=True):
 
     motion: Motion
     rows: list[Row]
-    absent: dict[str, str]  # contender: why it could not run
-    opengl: str | None  # who drew the shader
-    noisy: bool  # by the host's clock: rows without device times cannot be ranked
-    device_noisy: bool  # by the device's: the others cannot
-    floor_ns: float  # a pixel: the core's bytes at the bandwidth of the copy
+    absent: dict[str, str]  # contender -> why it could not run
+    opengl: str | None  # renderer of the shader
+    noisy: bool  # the host's clock is too noisy to rank rows without device times
+    device_noisy: bool  # the device's clock is too noisy to rank the other rows
+    floor_ns: float  # per pixel: the core's bytes at the bandwidth of the copy
     copy_gigabytes_a_second: float
 
 
@@ -254,12 +255,12 @@ class KernelBench(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Contenders:
-    """The jobs under one kind of motion, with what each moves."""
+    """The jobs under one kind of motion, with the bytes that each moves."""
 
     def __init__(self, launcher: DeviceLauncher, frames: list[Frame]) -> None:
         self._launcher, self._frames = launcher, frames
         self.jobs: list[Job] = []
-        self.moved: dict[str, int] = {}  # bytes a pixel
+        self.moved: dict[str, int] = {}  # bytes per pixel
         self.absent: dict[str, str] = {}
         self.opengl: str | None = None
         self._shader: Shader | None = None
@@ -268,7 +269,7 @@ class Contenders:
         self.moved[CONTROL] = self.moved[CORE]
 
     def add_preset(self, name: str, preset: Preset) -> Image:
-        """Add a preset as it is, which need not compute what the core does; returns the image that it gives."""
+        """Add an unchanged preset, which may compute something else than the core; returns its image."""
         resolver = Resolver(preset, self._launcher)
         job, image = resolve_job(name, resolver, self._frames)
         self.jobs.append(job)
@@ -305,10 +306,10 @@ class Contenders:
 def bench_kernels(
     presets: Sequence[Preset], device: str | None, *, width: int, height: int, motions: Sequence[Motion], rounds: int
 ) -> KernelBench:
-    """Time the kernels of ``presets`` and of the core against everything else on ``device``.
+    """Time the kernels of ``presets`` and of the core against the other contenders on ``device``.
 
-    Raises UsageError for the NumPy launcher and an image that is all border, and InternalError where a contender
-    computes something else.
+    Raises UsageError for the NumPy launcher and for an image no larger than its border, and InternalError if a
+    contender computes something else.
     """
     least = 2 * BORDER + 1
     if min(width, height) < least:
@@ -340,7 +341,7 @@ def _timing(contenders: Contenders, launcher: DeviceLauncher, motion: Motion, pi
     moved = contenders.moved[CORE] * pixels
     jobs = [*contenders.jobs, copy_job(launcher, moved)]
     samples = measure(jobs, rounds, action="timing")
-    # The device's own clock: on a GPU the host's would add the way there and back.
+    # By the device's own clock, because on a GPU the host's would add transfers.
     bandwidth = moved / samples.interval(COPY, Clock.DEVICE).median
     rows = [_row(job.name, samples, pixels, contenders.moved.get(job.name, moved // pixels), bandwidth) for job in jobs]
     return Timing(

@@ -1,6 +1,6 @@
 #version 330
 // The resolve of kernels/bench/plain.cl as a fragment shader: the same algorithm, the same order of work. Row 0 of every
-// texture is the top of the image, and so is row 0 of the target, so that y points down here too.
+// texture and of the target is the top of the image, so y points down here too.
 uniform sampler2D current, inverse_depth, history;
 uniform mat4 displacement; // rows x, y, w of D, then (origin_x, origin_y, reset, -)
 uniform vec4 limits; // sample_limit, blend_weight, luminance_knee, box_floor

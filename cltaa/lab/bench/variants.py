@@ -1,7 +1,7 @@
-"""Ways to resolve that are measured: presets as they are, and the ladder, every step from one of them.
+"""Measured variants of the resolve: unchanged presets, and the ladder, which changes single steps of one of them.
 
-One step is changed at a time, so that each bar of the ablation has one cause; whatever is added to the choices
-(``cltaa.core.parameters``) or the storages (``cltaa.core.build``) is on the ladder by itself.
+One step changes at a time, so that each bar of the ablation has one cause. New choices (``cltaa.core.parameters``) and
+storages (``cltaa.core.build``) join the ladder automatically.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from cltaa.core.resolver import Resolver
 
 DEFAULT, PRESETS = "default", "preset"
 
-# Continuous steps worth a rung: what the count of samples is limited by, and the blur of pixels without a past.
+# Continuous settings on the ladder: limits of the sample count, and the blur of disoccluded pixels.
 SETTINGS_RUNGS: dict[str, tuple[float, ...]] = {
     "sample_limit": (8.0, 16.0, 48.0, 96.0),
     "resampling_penalty": (0.0,),
     "clip_penalty": (0.0,),
     "disocclusion_blur": (0.0,),
 }
-# What a box of deviations shows and a box of extremes does not: these choices are also rungs beside that box.
+# Choices that matter only with a variance box; they are also tried together with that box.
 IN_VARIANCE_BOX = ("neighbourhood", "variance")
-SLOW_WEIGHT = 0.05  # of the exponential blend, beside its own default
+SLOW_WEIGHT = 0.05  # a second weight of the exponential blend
 
 
 class Variant(msgspec.Struct, frozen=True, kw_only=True):
-    """One way to resolve: a preset, and the numbers that it is built with. ``group`` is what it is measured for."""
+    """One variant: a preset and its build. ``group`` is the step that it changes."""
 
     name: str
     group: str
@@ -46,24 +46,24 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, preset: Preset, group: str = "preset") -> Variant:
-        """A preset as it is."""
+        """Make the variant of an unchanged preset."""
         parts: dict[str, Any] = {"choices": preset.choices, "settings": preset.settings, "published": preset.published}
         return cls(name=preset.name, group=group, **parts)
 
     @property
     def preset(self) -> Preset:
-        """Choices and settings under the variant's name, published if what it departs from is."""
+        """The variant as a preset of its name, published if its base is."""
         parts: dict[str, Any] = {"choices": self.choices, "settings": self.settings, "published": self.published}
         return Preset(name=self.name, description=self.group, **parts)
 
     def resolver(self, device: str | Launcher | None) -> Resolver:
-        """A new resolver of this variant."""
+        """Make a new resolver of this variant."""
         build = Build(real=self.real, storage=self.storage, strict=self.strict, relaxed=self.relaxed)
         return Resolver(self.preset, device, build=build)
 
 
 def steps(base: Variant) -> Iterator[Variant]:
-    """``base`` with one step changed, for every step there is."""
+    """Yield ``base`` with one step changed, for every step."""
     yield from _other_choices(base, Choices.__struct_fields__)
     if base.choices.box is not Box.VARIANCE:
         yield from _other_choices(base, IN_VARIANCE_BOX, box=Box.VARIANCE)
@@ -86,7 +86,7 @@ def steps(base: Variant) -> Iterator[Variant]:
 
 
 def _other_choices(base: Variant, fields: Iterable[str], **beside: Any) -> Iterator[Variant]:
-    """Every other choice of each field, with those ``beside`` it changed too."""
+    """Yield every other choice of each field, together with the changes ``beside`` it."""
     also = "".join(f", {field}: {choice}" for field, choice in beside.items())
     for field in fields:
         current = getattr(base.choices, field)
@@ -96,9 +96,9 @@ def _other_choices(base: Variant, fields: Iterable[str], **beside: Any) -> Itera
 
 
 def ladder(base: Preset, presets: Iterable[Preset] = ()) -> list[Variant]:
-    """The default, its steps and the other presets.
+    """Return the default, its steps and the other presets.
 
-    Presets that look ahead are left out: errors and times are taken frame by frame.
+    Leaves out presets that look ahead, because errors and times are measured frame by frame.
     """
     first = Variant.of(base, DEFAULT)
     causal = (preset for preset in presets if not preset.settings.look_ahead)

@@ -1,1 +1,1 @@
-"""Whether a sequence means what it says."""
+"""Find wrong conventions in a sequence from its pixels."""

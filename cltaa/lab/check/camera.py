@@ -1,8 +1,8 @@
-"""Whether cameras' matrices mean what their reader takes them for: transposed, inverted, flipped, late.
+"""Check whether camera matrices follow the declared conventions, or are transposed, inverted, flipped or delayed.
 
-Where an engine writes both, most pixels rest in the world, and there the two must be one. Read wrongly they are one
-under no other reading but the right one: tens of thousands of numbers agree with others or do not, which slow motion
-and coarse samples cannot hide as they hide how well pictures match.
+If an engine writes both matrices and motion vectors, most pixels have no own motion, and there both must agree. Only
+the right reading makes tens of thousands of numbers agree. Slow motion and coarse samples, which hide how well pictures
+match, cannot hide that.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ from cltaa.lab.check.hypotheses import (
 )
 from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Pair, Shot, Vector, fit_shift, residual_of, seen_before
 
-MOST_PAIRS, MOST_POINTS = 6, 3000  # looked at for each of a dozen meanings; more only cost time
-LARGEST_MISMATCH = 0.5  # residual of a meaning that is named
-CLEARLY_BETTER = 0.85  # residual of the winner over that of the declaration
+MOST_PAIRS, MOST_POINTS = 6, 3000  # tested for each of a dozen meanings; more only cost time
+LARGEST_MISMATCH = 0.5  # largest residual of a reported meaning
+CLEARLY_BETTER = 0.85  # residual of the winner over that as declared
 
 
 def sound(frame: Frame, change: Change | None = None) -> bool:
-    """True when the camera of a frame, changed so, is one that can be used."""
+    """Return True if the camera of a frame, after ``change``, is valid."""
     try:
         check_camera(frame.camera if change is None else change(frame.camera))
     except (DataError, np.linalg.LinAlgError):
@@ -49,7 +49,7 @@ def sound(frame: Frame, change: Change | None = None) -> bool:
 
 
 def check_structure(frames: Sequence[Frame]) -> tuple[list[Finding], Change | None]:
-    """Findings about matrices that cannot be cameras, and what makes them ones (None: nothing does, or is needed)."""
+    """Return findings about invalid matrices, and the change that makes them valid (None: unknown or not needed)."""
     wrong = [frame for frame in frames if not sound(frame)]
     if not wrong:
         return [], None
@@ -70,15 +70,15 @@ def check_structure(frames: Sequence[Frame]) -> tuple[list[Finding], Change | No
 
 
 def _mismatch(frames: Sequence[Frame], change: Change) -> float:
-    """How badly frames match under other matrices; 0 where the camera stands, and any of them do."""
-    size = frames[0].width, frames[0].height  # no vectors are looked at
+    """Return the mean residual of frames under changed matrices; 0 for a still camera, which any matrices fit."""
+    size = frames[0].width, frames[0].height  # only vectors need the display window
     shot = Shot([replace(frame, camera=change(frame.camera)) for frame in frames], size)
     pairs = moving_pairs(shot)
     return float(residuals(pairs).mean()) if pairs else 0.0
 
 
 def check_travel(shot: Shot) -> list[Finding]:
-    """Judge other meanings of the matrices by how well the previous frame, fetched through them, matches this one."""
+    """Judge other meanings of the matrices by how well the previous frame, reprojected by them, matches this one."""
     pairs = moving_pairs(shot)
     if len(pairs) < 2 or not shot.has_camera:
         return []
@@ -101,29 +101,30 @@ def check_travel(shot: Shot) -> list[Finding]:
 
 
 def screened(pairs: Sequence[Pair]) -> Sequence[Pair]:
-    """About three of ``pairs``, by which the best of many meanings is chosen."""
+    """Return about three of ``pairs``, enough to choose the best of many meanings."""
     return pairs[:: max(1, len(pairs) // 3)]
 
 
 def residuals(pairs: Sequence[Pair], change: Change = lambda camera: camera) -> Vector:
-    """How badly each pair matches with its cameras changed so."""
+    """Return the residual of each pair after ``change`` of its cameras."""
     return residuals_of(pairs, [pair.motion_under(change) for pair in pairs])
 
 
 def residuals_of(pairs: Sequence[Pair], motions: Sequence[Vector]) -> Vector:
-    """How badly each pair matches by its motion, [2, n] pixels."""
+    """Return the residual of each pair under its motion, [2, n] pixels."""
     return np.array([camera_residual(pair, motion) for pair, motion in zip(pairs, motions, strict=True)])
 
 
-ROUNDED_PX, ROUNDED = 2e-3, 1e-3  # what rounding leaves of a vector, and of its length: twice the step of halves
-UPHELD, FAR_FROM = 0.1, 10.0  # share of the points; how much more another reading leaves there
+ROUNDED_PX, ROUNDED = 2e-3, 1e-3  # rounding error of a vector, absolute and relative: twice the step of halves
+UPHELD, FAR_FROM = 0.1, 10.0  # least share of the points; least factor by which another reading is worse there
 
 
 def vectors_uphold(pairs: Sequence[Pair], others: Sequence[Vector], motions: Sequence[Vector] | None = None) -> bool:
-    """True where vectors are those of matrices and depth, or ``motions``, on a good share of the picture, but for
-    rounding, and far from it under another reading, by which they would be ``others`` [2, n] apart.
+    """Return True if vectors equal the motion of matrices and depth, or ``motions``, to rounding on a share of the
+    picture, and differ far more from it, by ``others`` [2, n], under another reading.
 
-    So exact they are by no chance: these points rest, and of what moves on its own the pictures tell no camera.
+    Such exact agreement is no chance: these points have no own motion, and pictures of things with own motion say
+    nothing about the camera.
     """
     shares = []
     for pair, other, motion in zip(pairs, others, motions or [pair.camera_motion() for pair in pairs], strict=True):
@@ -135,12 +136,12 @@ def vectors_uphold(pairs: Sequence[Pair], others: Sequence[Vector], motions: Seq
 
 def _late(shot: Shot, pairs: Sequence[Pair]) -> Iterator[tuple[str, tuple[Meaning, list[Vector]]]]:
     cameras = {frame.index: frame.camera for frame in shot.frames}
-    for delay, name in ((1, "late"), (-1, "early")):  # of two that fit alike the first is taken: writers lag
+    for delay, name in ((1, "late"), (-1, "early")):  # late first, to win a tie: writers usually lag
         motions = []
         for pair in pairs:
             later = delay * pair.frame.step
             now, before = cameras.get(pair.frame.index + later), cameras.get(pair.previous.index + later)
-            # At the end of the sequence there is no such matrix: neither better nor worse than declared.
+            # At the end of the sequence there is no such matrix; the declared one decides nothing.
             motions.append(pair.camera_motion(now, before) if now and before else pair.camera_motion())
         which = "next" if delay > 0 else "previous"
         meant = Meaning(f"each frame's true matrices are those of the {which} frame", {"delay": delay})
@@ -148,35 +149,35 @@ def _late(shot: Shot, pairs: Sequence[Pair]) -> Iterator[tuple[str, tuple[Meanin
 
 
 def moving_pairs(shot: Shot) -> list[Pair]:
-    """At most MOST_PAIRS pairs between which the camera moves."""
+    """Return at most MOST_PAIRS pairs between which the camera moves."""
     pairs = [pair for pair in shot.pairs if not is_still(pair.frame.camera, pair.previous.camera)]
     return pairs[:: max(1, -(-len(pairs) // MOST_PAIRS))]
 
 
 def _wins(winner: Vector, declared: Vector) -> bool:
-    """True when most pairs in which the two differ agree."""
+    """Return True if the winner is better in most of the pairs in which the two differ."""
     differ = np.abs(winner - declared) > 0.01
     return bool(differ.any() and (winner < declared)[differ].mean() > 0.7)
 
 
 def camera_residual(pair: Pair, motion: Vector) -> float:
-    """How badly the previous frame, fetched through ``motion`` [2, n] and the best shift, matches; 0 to 1."""
+    """Return the residual, 0 to 1, of the previous frame fetched by ``motion`` [2, n] and the best shift."""
     there = ~np.isfinite(pair.own).all(0) & pair.usable
     return _mismatch_at(pair, there if there.sum() >= LEAST_POINTS else pair.usable, motion)
 
 
-MOST_VECTORS = 800  # of a pair: each must agree by itself
-LEAST_MOTION_PX = 0.02  # of the camera, in the middle of the picture's points
-APART_PX = 0.1  # middle difference that is worth a word
-AGREE, DISAGREE = 0.1, 0.25  # middle difference over middle motion; a wrong jitter alone makes 0.05
-ALIKE = 0.01  # differences nearer than that decide nothing: the plainer reading is taken
-SCALES = (1.0, 0.01, 100.0, 0.1, 10.0, 0.001, 1000.0)  # of depth
-MOST_SEEN, SAME = 4000, 1.002  # points of a pair whose picture is looked at; mismatches nearer than that are alike
-LEAKS = (0.0, 1.0, -1.0)  # of the change of jitter, in the vectors
+MOST_VECTORS = 800  # vectors tested of a pair; few suffice, because each must agree by itself
+LEAST_MOTION_PX = 0.02  # least median camera motion
+APART_PX = 0.1  # least median difference that is reported
+AGREE, DISAGREE = 0.1, 0.25  # median difference over median motion; a wrong jitter alone makes 0.05
+ALIKE = 0.01  # smaller differences decide nothing: the plainer reading wins
+SCALES = (1.0, 0.01, 100.0, 0.1, 10.0, 0.001, 1000.0)  # scales of depth
+MOST_SEEN, SAME = 4000, 1.002  # most points compared of a pair; ratio of residuals that count as equal
+LEAKS = (0.0, 1.0, -1.0)  # factors of the change of jitter in the vectors
 
 
 class _Reading(NamedTuple):
-    """One reading of matrices, depth and vectors, how far the two then differ, and how fast the camera then moves."""
+    """One reading of matrices, depth and vectors; the difference of the two motions, and the camera's motion, in px."""
 
     camera: str
     scale: float
@@ -187,13 +188,13 @@ class _Reading(NamedTuple):
 
     @property
     def changes(self) -> int:
-        """In how many ways it differs from what was declared."""
+        """Number of differences from the declaration."""
         words = len(COMBINED[self.camera].fix) + len(self.vectors.split())
         return words + (self.scale != 1.0) + (self.leak != 0.0)
 
 
 def check_agreement(shot: Shot) -> list[Finding]:
-    """Findings about matrices, unit of depth and vectors, where only another reading makes them agree."""
+    """Return findings about matrices, unit of depth and vectors that agree only under another reading."""
     pairs = _filled(shot)
     if len(pairs) < 2:
         return []
@@ -217,11 +218,11 @@ def check_agreement(shot: Shot) -> list[Finding]:
     return _findings(best, declared, maps, len(pairs))
 
 
-ZEROES = 0.5  # share of the vectors that are nothing where the camera moves the picture
+ZEROES = 0.5  # least share of zero vectors where the camera moves the picture
 
 
 def check_zeroes(shot: Shot) -> list[Finding]:
-    """Find vectors of nothing where the camera moves what rests: it alone is meant, or nothing was written."""
+    """Find zero vectors where the camera moves the picture: they mean camera motion only, or were never written."""
     pairs = moving_pairs(shot) if shot.has_camera and shot.has_depth else []
     nothing = [(pair, np.asarray((pair.own == 0.0).all(0) & pair.usable & _moved(pair))) for pair in pairs]
     found = [(pair, points) for pair, points in nothing if points.sum() >= LEAST_POINTS]
@@ -236,7 +237,7 @@ def check_zeroes(shot: Shot) -> list[Finding]:
     ).T
     moved = np.mean([middle_length(pair.camera_motion()[:, points]) for pair, points in found])
     sure = sureness(declared, winner)
-    if moved > APART_PX:  # whatever the pictures show: asked, and certain where nothing was written
+    if moved > APART_PX:  # a question even against the pictures, and certain if all vectors are zero
         sure = max(sure, 0.9 if share == 1.0 else DOUBTFUL)
     evidence = f"{share:.0%} of the vectors are 0 where the camera moves by {moved:.2g} px; residual "
     evidence += f"{winner.mean():.3f} by matrices and depth, {declared.mean():.3f} as declared"
@@ -249,12 +250,12 @@ def _moved(pair: Pair) -> NDArray[np.bool_]:
 
 
 def check_disagreement(shot: Shot) -> list[Finding]:
-    """Find vectors that are not what matrices and depth say of most of the picture, where no pixels bear them out."""
+    """Find vectors that contradict matrices and depth on most of the picture and that the pixels do not support."""
     pairs = [pair for pair in shot.pairs if np.isfinite(pair.own).all(0).mean() >= COVERED]
     if not (pairs and shot.has_camera and shot.has_depth):
         return []
     pairs = pairs[:: max(1, -(-len(pairs) // MOST_PAIRS))]
-    # The middle one: of a delay the jitter of a frame at the end is not known, nor what it left in vectors.
+    # The median over the pairs: with a delay the jitter of the last frame, and its part in the vectors, is unknown.
     apart = float(np.median([middle_length(pair.own - pair.camera_motion()) for pair in pairs]))
     moved = float(np.median([middle_length(pair.own) for pair in pairs]))
     if apart < max(DISAGREE * moved, APART_PX):
@@ -265,10 +266,10 @@ def check_disagreement(shot: Shot) -> list[Finding]:
         np.array([_mismatch_at(pair, at, by[which]) for pair, at, by in zip(pairs, there, motions, strict=True)])
         for which in (0, 1)
     )
-    if sureness(winner, declared) >= SURE:  # most of the picture moves by itself
+    if sureness(winner, declared) >= SURE:  # most of the picture has own motion
         return []
     sure = sureness(declared, winner) if winner.mean() < CLEARLY_BETTER * declared.mean() else DOUBTFUL
-    if sure < SURE and not moving_pairs(shot):  # as of a belt that fills the picture
+    if sure < SURE and not moving_pairs(shot):  # a moving belt may fill the picture
         return []
     evidence = (
         f"they are {apart:.2g} px apart in the middle, of {moved:.2g}; residual {winner.mean():.3f} by matrices and "
@@ -278,7 +279,7 @@ def check_disagreement(shot: Shot) -> list[Finding]:
 
 
 def _mismatch_at(pair: Pair, points: NDArray[np.bool_], motion: Vector) -> float:
-    """How badly the previous frame, fetched through ``motion`` [2, n] and the best shift, matches at ``points``."""
+    """Return the residual at ``points`` of the previous frame fetched by ``motion`` [2, n] and the best shift."""
     chosen = np.flatnonzero(points)
     chosen = chosen[:: max(1, -(-len(chosen) // MOST_POINTS))]
     x, y = pair.x[chosen] + motion[0, chosen], pair.y[chosen] + motion[1, chosen]
@@ -286,7 +287,7 @@ def _mismatch_at(pair: Pair, points: NDArray[np.bool_], motion: Vector) -> float
 
 
 def tells_map(shot: Shot, meant: Affine) -> bool:
-    """True where vectors that agree with matrices and depth, under ``meant`` alone, would be told apart from it."""
+    """Return True if vectors agree with matrices and depth, and would disagree if they were mapped by ``meant``."""
     pairs, plain = _filled(shot), Affine(np.eye(2))
     if len(pairs) < 2:
         return False
@@ -297,17 +298,18 @@ def tells_map(shot: Shot, meant: Affine) -> bool:
 
 
 def _filled(shot: Shot) -> list[Pair]:
-    """Pairs between which the camera moves and whose vectors fill the picture, at a few of their points."""
+    """Return pairs with a moving camera and vectors that fill the picture, reduced to a few of their points."""
     pairs = [_sparse(pair) for pair in moving_pairs(shot)] if shot.has_camera and shot.has_depth else []
     pairs = [pair for pair in pairs if len(pair.x) >= LEAST_POINTS and np.isfinite(pair.own).all(0).mean() >= COVERED]
-    # A projection alone changes by a zoom, or by the jitter that was left in it.
+    # A projection alone changes by a zoom, or by jitter left in it.
     return [p for p in pairs if not np.array_equal(p.frame.camera.world_to_view, p.previous.camera.world_to_view)]
 
 
 def _seen(alike: Sequence[_Reading], pairs: Sequence[Pair], maps: dict[str, Affine]) -> _Reading:
-    """The plainest of readings that agree, of those of the vectors that agree best with the pictures.
+    """Return the plainest of the agreeing readings whose vectors match the pictures best.
 
-    Inverse matrices and vectors to the frame after agree as well as the right ones do, to the first order.
+    The pictures must decide: to first order, inverse matrices and vectors to the next frame agree as well as the right
+    ones.
     """
     mismatch = {
         kind: float(np.mean([_vector_mismatch(pair, maps[kind[0]], kind[1]) for pair in pairs]))
@@ -318,7 +320,7 @@ def _seen(alike: Sequence[_Reading], pairs: Sequence[Pair], maps: dict[str, Affi
 
 
 def _vector_mismatch(pair: Pair, meant: Affine, leak: float) -> float:
-    """How badly the previous frame, fetched through the vectors, matches: by the declared jitter and by any shift."""
+    """Return the residual of the previous frame fetched by the vectors: by the declared jitter plus by any shift."""
     there = np.flatnonzero(np.isfinite(pair.own).all(0) & pair.usable)
     there = there[:: max(1, -(-len(there) // MOST_SEEN))]
     u, v = meant(pair.own[:, there]) - leak * pair.jitter_change[:, None]
@@ -329,7 +331,7 @@ def _vector_mismatch(pair: Pair, meant: Affine, leak: float) -> float:
 
 
 def _sparse(pair: Pair) -> Pair:
-    """``pair`` at a few of its points, such as have a depth: the sky says nothing of its unit."""
+    """Reduce ``pair`` to a few of its points, with depth if possible: the sky does not depend on its unit."""
     chosen = np.flatnonzero(pair.inverse_depth != sky_inverse_depth(pair.frame.camera))
     if len(chosen) < LEAST_POINTS:
         chosen = np.arange(len(pair.x))
@@ -346,11 +348,11 @@ def _sparse(pair: Pair) -> Pair:
     )
 
 
-Vectors = dict[tuple[str, float], list[Vector]]  # those of each pair [2, n], by the name of a map and a leak
+Vectors = dict[tuple[str, float], list[Vector]]  # (name of a map, leak) -> vectors [2, n] of each pair
 
 
 def _vectors(pairs: Sequence[Pair], maps: dict[str, Affine]) -> Vectors:
-    """The vectors under each of ``maps``, without each of LEAKS."""
+    """Return the vectors under each of ``maps``, less each of LEAKS."""
     return {
         (name, leak): [meant(pair.own) - leak * pair.jitter_change[:, None] for pair in pairs]
         for name, meant in maps.items()
@@ -359,7 +361,7 @@ def _vectors(pairs: Sequence[Pair], maps: dict[str, Affine]) -> Vectors:
 
 
 def _compared(pairs: Sequence[Pair], camera: str, scale: float, vectors: Vectors) -> Iterator[_Reading]:
-    """How far each of ``vectors`` are from the camera's motion under one reading of that."""
+    """Yield a reading for each of ``vectors``, compared with the camera's motion under one reading of the matrices."""
     motions = [pair.motion_under(COMBINED[camera].change, scale) for pair in pairs]
     moved = float(np.mean([middle_length(motion) for motion in motions]))
     for (name, leak), of_pairs in vectors.items():
@@ -368,7 +370,7 @@ def _compared(pairs: Sequence[Pair], camera: str, scale: float, vectors: Vectors
 
 
 def middle_length(vectors: Vector) -> float:
-    """The middle length of those of ``vectors`` [2, n] that are numbers; infinite where there is none."""
+    """Return the median length of the finite ``vectors`` [2, n]; infinite if there are none."""
     lengths = np.hypot(*vectors)
     known = lengths[np.isfinite(lengths)]
     return float(np.median(known)) if known.size else np.inf
@@ -392,10 +394,10 @@ def _findings(best: _Reading, declared: _Reading, maps: dict[str, Affine], pairs
 
 
 def check_upside_down(shot: Shot) -> list[Finding]:
-    """Find a projection that turns the picture over, as Vulkan's does, where the camera moves the same either way.
+    """Find a projection that flips y, as Vulkan's does, if the camera's motion is the same either way.
 
-    A right-handed view and such a projection draw the world mirrored. Only a picture whose rows go up is right so; that
-    is believed where the vectors that fill it, or the pixels, bear it out.
+    A right-handed view with such a projection draws the world mirrored. That is right only for a picture whose rows go
+    up, which the check accepts if vectors that fill the picture, or the pixels, support it.
     """
     name, clip = "y-flipped", shot.frames[0].camera.view_to_clip
     if not (shot.has_camera and clip[0, 0] > 0.0 > clip[1, 1]):
@@ -403,7 +405,7 @@ def check_upside_down(shot: Shot) -> list[Finding]:
     change, pairs = MEANINGS[name].change, moving_pairs(shot)
     turned = [pair.motion_under(change) for pair in pairs]
     if pairs and all(_borne_out(pair, motion) for pair, motion in zip(pairs, turned, strict=True)):
-        return []  # were the vectors turned over too, the check of these would say so
+        return []  # the check of the vectors would find flipped ones
     if pairs and residuals(pairs).mean() < CLEARLY_BETTER * residuals(pairs, change).mean():
         return []
     what, fix = MEANINGS[name]
@@ -412,7 +414,7 @@ def check_upside_down(shot: Shot) -> list[Finding]:
 
 
 def _borne_out(pair: Pair, turned: Vector) -> bool:
-    """True where vectors fill the picture that are the declared camera's motion, and not the ``turned`` one [2, n]."""
+    """Return True if vectors fill the picture and equal the declared camera's motion, not the ``turned`` one [2, n]."""
     if np.isfinite(pair.own).all(0).mean() < COVERED:
         return False
     return middle_length(pair.own - pair.camera_motion()) < DISAGREE * middle_length(pair.own - turned)

@@ -1,4 +1,4 @@
-"""Whether colour is linear light and exposure is declared, both guesses; whether channels hold anything, a fact."""
+"""Guess whether colour is linear light and exposure is declared; find channels without information."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from cltaa.lab.check.hypotheses import DOUBTFUL, Finding, mistake
 from cltaa.lab.check.registration import Vector
 from cltaa.printable import counted
 
-# In linear light a scene that is lit from outside reaches down to its dark paints in shade, some hundredths of its
-# white; the sRGB curve lifts these above a tenth (0.01 to 0.1, 0.05 to 0.25), and squeezes everything below 1.
+# In linear light a lit scene reaches down to dark paint in shade, a few hundredths of its white; the sRGB curve lifts
+# these above a tenth (0.01 to 0.1, 0.05 to 0.25), and compresses everything below 1.
 DARKEST_ENCODED, MIDDLE_ENCODED = 0.11, 0.35
-SHADOWS = 0.005  # quantile that stands for the dark end; sub-pixel glints and holes are rarer
-MOST_FRAMES, MOST_PIXELS = 4, 250_000  # looked at, and of each frame
+SHADOWS = 0.005  # quantile used as the dark end; sub-pixel glints and holes are rarer
+MOST_FRAMES, MOST_PIXELS = 4, 250_000  # examined frames, and pixels of each
 LEVELS = 255
-ON_LEVELS = 0.98  # share of values on 8-bit steps; of float values about 2 in 1000 are, by chance
-JUST_WHITE, LEAST_CUT = 1.0 - 1e-6, 1e-4  # to the curve's rounding; share of the pixels that are
-HALF = 0.5  # a vector of nothing, in pictures that hold no negative numbers
-HALF_STEPS = 1e-3  # nearness to a step of 8 bits, in steps
+ON_LEVELS = 0.98  # share of values on 8-bit steps; about 2 in 1000 float values are by chance
+JUST_WHITE, LEAST_CUT = 1.0 - 1e-6, 1e-4  # white up to the curve's rounding; least share of such pixels
+HALF = 0.5  # the zero vector in images without negative numbers
+HALF_STEPS = 1e-3  # largest distance from an 8-bit step, in steps
 
 
 def check_colour(frames: Sequence[Frame]) -> list[Finding]:
@@ -39,19 +39,19 @@ def check_colour(frames: Sequence[Frame]) -> list[Finding]:
     if _share_on_levels(lit) > ON_LEVELS:
         what = "colour consists of 8-bit steps, so it is encoded for a display"
         return [_encoded(what, f"{_share_on_levels(lit):.0%} of all values are k/{LEVELS}; {numbers}", 0.95)]
-    darker = np.maximum(light[light < 1.0], 0.0)  # white lies on a step, whatever it was made of
+    darker = np.maximum(light[light < 1.0], 0.0)  # white always lies on a step
     if bright <= 1.0 and _share_on_levels(encoded(darker)) > ON_LEVELS:
         what = "colour was made linear from 8 bits: its dark steps are coarse and nothing is brighter than white"
         return [Finding(name="colour-8-bit", mistake=False, confidence=0.95, what=what, evidence=numbers)]
     if bright <= 1.0 and dark > DARKEST_ENCODED and middle > MIDDLE_ENCODED:
-        # Light that was cut off at white was made for a display; without any a pale model looks so too.
+        # Light clipped at white was encoded for a display; without clipping it may be a pale scene.
         cut = float((lit > JUST_WHITE).any(1).mean())
         return [_encoded("colour looks encoded for a display (a guess)", numbers, 0.9 if cut > LEAST_CUT else DOUBTFUL)]
     return []
 
 
 def check_channels(frames: Sequence[Frame], *, has_camera: bool, has_depth: bool) -> Iterator[Finding]:
-    """Find channels that hold one number only, or nothing that can be used."""
+    """Find channels that hold only one number, or no usable ones."""
     colour = np.stack([frame.colour for frame in frames])
     missing = [lost for frame in frames if (lost := missing_samples(frame.colour, frame.index))]
     if missing:
@@ -78,7 +78,7 @@ def check_channels(frames: Sequence[Frame], *, has_camera: bool, has_depth: bool
         every = np.concatenate([v.reshape(-1, 2) for v in vectors])
         if wrong := float(np.isinf(every).mean()):
             yield _channel("motion-not-finite", wrong > 0.001, f"{wrong:.2%} of motion is infinite", "motion")
-        wrong = float(np.isnan(every).mean())  # the camera's, where depth and matrices say it
+        wrong = float(np.isnan(every).mean())  # NaN means camera motion, which needs depth and matrices
         if wrong and not (has_camera and has_depth):
             text = f"{wrong:.2%} of motion is NaN, and there are no matrices and depth that stand in for it"
             yield _channel("motion-not-a-number", False, text, "motion")
@@ -94,7 +94,7 @@ def check_channels(frames: Sequence[Frame], *, has_camera: bool, has_depth: bool
 
 
 def _changes_declared(frames: Sequence[Frame]) -> bool:
-    """True where a camera, a jitter or vectors say that the picture changes."""
+    """Return True if a camera, jitter or vectors declare that the picture changes."""
     vectors = (frame.motion for frame in frames[1:] if frame.motion is not None)
     moves = any(np.nan_to_num(motion).any() for motion in vectors)
     return moves or any(f.jitter_px != frames[0].jitter_px or not is_still(f.camera, frames[0].camera) for f in frames)
@@ -102,7 +102,7 @@ def _changes_declared(frames: Sequence[Frame]) -> bool:
 
 def _channel(name: str, wrong: bool, evidence: str, channel: str) -> Finding:
     what = f"{channel} carries no information" if name.endswith(("constant", "repeated")) else f"{channel} is damaged"
-    # A black leader, a wall before the camera or a few pixels may be meant, and deserve no tick.
+    # A black leader, a wall before the camera or a few pixels may be intended, but must not count as correct.
     asked = not wrong and name not in ("colour-repeated", "motion-constant")
     confidence = DOUBTFUL if asked else 0.99
     return Finding(name=name, mistake=wrong, confidence=confidence, what=what, evidence=evidence, question=asked)
@@ -117,18 +117,18 @@ def _share_on_levels(values: Vector) -> float:
     return float((np.abs(steps - np.round(steps)) < HALF_STEPS).mean()) if len(steps) else 0.0
 
 
-QUANTILES = np.linspace(0.1, 0.9, 9)  # of the light of all pixels; an exposure moves each by one factor
-LEAST_CHANGE = 0.1  # of the logarithm, since the shot began; scenes that are lit alike stay below half of it
-# Of the change, by which all quantiles but one may differ; those of a sun that wanders do by 0.19 in the second of 24
-# frames. One may lie between the light and the dark of a pattern: a few pixels more of either move it far.
+QUANTILES = np.linspace(0.1, 0.9, 9)  # of the light of all pixels; an exposure scales all by one factor
+LEAST_CHANGE = 0.1  # of the logarithm, since the shot began; scenes with constant light stay below half of it
+# Share of the change by which all quantiles but one may differ; a moving sun makes 0.19 in the second of 24 frames.
+# One quantile may lie between the light and the dark of a pattern, where a few pixels more of either move it far.
 SPREAD = 0.12
-NEAR = 0.25  # of what is declared, by which the change of the pixels may lie beside it
-LEAST_FRAMES = 2  # one alone may be a lamp that is switched on
-LEAST_PIXELS = 100  # with light
+NEAR = 0.25  # share of the declared change by which the pixels' change may differ from it
+LEAST_FRAMES = 2  # a single frame may be a lamp that is switched on
+LEAST_PIXELS = 100  # least number of pixels with light
 
 
 def check_exposure(frames: Sequence[Frame]) -> list[Finding]:
-    """Find an exposure that changes in the pixels and not in the frames, and one that does so in the frames alone."""
+    """Find an exposure that changes in the pixels but not in the declaration, and the reverse."""
     changes = list(_changes(frames))
     if not changes:
         return []
@@ -159,7 +159,7 @@ def check_exposure(frames: Sequence[Frame]) -> list[Finding]:
 
 
 def _changes(frames: Sequence[Frame]) -> Iterator[tuple[Vector, float]]:
-    """By how much the logarithm of each quantile of the light has changed since the shot began, and the exposure's."""
+    """Yield the change since the shot began of the logarithm of each quantile of the light, and of the exposure."""
     first, exposure = _light(frames[0]), frames[0].exposure
     for frame in frames[1:]:
         light = _light(frame)
@@ -170,7 +170,7 @@ def _changes(frames: Sequence[Frame]) -> Iterator[tuple[Vector, float]]:
 
 
 def _light(frame: Frame) -> Vector | None:
-    """The logarithm of each quantile of the light of those pixels that have any; None for too few."""
+    """Return the logarithm of each quantile of the light of lit pixels; None if there are too few."""
     light = frame.colour.mean(-1, dtype=np.float64)
     lit = light[(light > 0) & np.isfinite(light)]
     return None if len(lit) < LEAST_PIXELS else np.asarray(np.log(np.quantile(lit, QUANTILES)), np.float64)

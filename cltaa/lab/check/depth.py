@@ -1,8 +1,7 @@
-"""Which kind of depth the depth channel holds.
+"""Find the kind of depth in the depth channel.
 
-A rasteriser draws planes, and over a plane 1/Z is a linear function of the pixel (docs/conventions.md, Matrices). So
-the right reading of the channel is the one under which the second differences of inverse depth vanish, whatever is
-shown.
+A rasteriser draws planes, and on a plane 1/Z is a linear function of the pixel (docs/conventions.md, Matrices). So the
+second differences of inverse depth vanish under the right reading of the channel, in any scene.
 """
 
 from __future__ import annotations
@@ -30,25 +29,25 @@ from cltaa.lab.check.registration import Pair, Shot, Vector, seen_before
 
 Plane = NDArray[np.float64]
 
-ROUNDING = 16  # steps of the numbers: second difference of three of them, with as much again for the rasteriser
+ROUNDING = 16  # tolerance in rounding steps: second difference of three numbers, doubled for the rasteriser
 FINEST, COARSE = 2.0**-23, 2.0**-11.5  # step of float32; the least of halves is 2^-11
-COARSEST = 2.0**-8  # the greatest of halves is 2^-10, and not all of them need be there
-CLEARLY_MORE = 0.8  # share of the pixels that tell two readings apart
+COARSEST = 2.0**-8  # the greatest step of halves is 2^-10, and some halves may not occur
+CLEARLY_MORE = 0.8  # share of the pixels that distinguish two readings
 LEAST_PIXELS = 200
-MOST_FRAMES = 3  # a kind of depth is the same in all; more only cost time
+MOST_FRAMES = 3  # all frames have the same kind of depth; more only cost time
 DEVICE = "depth is a device depth, 0 near to 1 far"
 AS_DECLARED = Depth()
-READ_AS = {DepthKind.PLANAR: "planar", DepthKind.RAY: "ray"}  # the others are linear over a plane, as 1/Z is
+READ_AS = {DepthKind.PLANAR: "planar", DepthKind.RAY: "ray"}  # all other kinds are linear on a plane, like 1/Z
 ALONG = {"planar": "the view axis, not along the ray", "ray": "the ray, not along the view axis"}
-SCALES = (0.001, 0.01, 0.1, 0.2, 0.5, 2.0, 5.0, 10.0, 100.0, 1000.0)  # tried first; the best is then made exact
-STEPS = (2.0**0.5, 2.0**0.25, 2.0**0.125, 2.0**0.0625)  # up and down from there, to about 4 %
-ROUND_NUMBER = 0.1  # how near to a power of ten is meant to be one
+SCALES = (0.001, 0.01, 0.1, 0.2, 0.5, 2.0, 5.0, 10.0, 100.0, 1000.0)  # tried first; the best is then refined
+STEPS = (2.0**0.5, 2.0**0.25, 2.0**0.125, 2.0**0.0625)  # refinement up and down, to about 4 %
+ROUND_NUMBER = 0.1  # a scale this near to a power of ten becomes one
 
 
 def check_depth(frames: Sequence[Frame], rule: Depth = AS_DECLARED) -> list[Finding]:
-    """Findings about the kind and direction of depth, from single frames that were read by ``rule``.
+    """Return findings about the kind and direction of depth, from single frames that were read by ``rule``.
 
-    What is stored is judged, whatever it was read as: each kind is a hypothesis like the others.
+    Judges the stored numbers, independent of the reading: the declared kind is one hypothesis among others.
     """
     frames = frames[:MOST_FRAMES]
     depth = [_stored(frame, frame.depth.astype(np.float64), rule) for frame in frames]
@@ -68,7 +67,7 @@ def check_depth(frames: Sequence[Frame], rule: Depth = AS_DECLARED) -> list[Find
             return [_reciprocal(depth, finite, evidence, shares[kind])]
         what = f"depth is the distance along {ALONG[kind]}"
         return [mistake(f"depth-{kind}", what, evidence, shares[kind], {"kind": kind})]
-    # Planes cannot tell of values that crowd below 1: all of 1/Z lies within a few roundings.
+    # Planes cannot decide for values close below 1: all of 1/Z lies within a few rounding steps.
     if read == "planar" and finite.min() >= 0.0 and finite.max() <= 1.0 and np.median(finite) > 0.9:
         evidence = f"all values within {finite.min():.4g} and {finite.max():.4g}, their middle {np.median(finite):.4g}"
         return [mistake("depth-device", DEVICE, evidence, 0.85, {"kind": "device"})]
@@ -76,7 +75,7 @@ def check_depth(frames: Sequence[Frame], rule: Depth = AS_DECLARED) -> list[Find
 
 
 def _stored(frame: Frame, planar: Plane, rule: Depth) -> Plane:
-    """What was stored of depth that was read by ``rule``, but for its scale."""
+    """Return the stored numbers, up to their scale, of depth that was read by ``rule``."""
     with np.errstate(divide="ignore", invalid="ignore"):
         if rule.kind is DepthKind.RAY:
             return planar * ray_length(planar.shape, frame.camera, frame.jitter_px)
@@ -90,7 +89,7 @@ def _stored(frame: Frame, planar: Plane, rule: Depth) -> Plane:
 
 
 def check_depth_scale(shot: Shot) -> list[Finding]:
-    """Find depth in other units than the matrices, by the parallax of a camera that travels."""
+    """Find depth in other units than the matrices, by the parallax of a moving camera."""
     pairs = moving_pairs(shot)
     if len(pairs) < 2 or not (shot.has_depth and shot.has_camera) or shot.frames[0].camera.orthographic:
         return []
@@ -113,9 +112,9 @@ def check_depth_scale(shot: Shot) -> list[Finding]:
 
 
 def _scaled(pairs: Sequence[Pair], scale: float) -> tuple[Vector, Vector]:
-    """Residuals of ``pairs`` as declared and with depth ``scale`` times that, at points that both leave in the picture.
+    """Return residuals of ``pairs`` as declared and with depth scaled, at points that both keep in the picture.
 
-    Else the columns that the faster of the two leads out of a small picture would outweigh what they differ by.
+    Otherwise the columns that the faster motion moves out of a small picture would outweigh the difference of the two.
     """
     found = []
     for pair in pairs:
@@ -132,13 +131,13 @@ def _gain(found: tuple[Vector, Vector]) -> float:
 
 
 def tells_kind(frames: Sequence[Frame]) -> bool:
-    """True where planes in view lie aslant, so that 1/Z and Z differ over them."""
+    """Return True if tilted planes are in view, on which 1/Z and Z differ."""
     frames = frames[:MOST_FRAMES]
     return "reciprocal" in _flat_shares(frames, [frame.depth.astype(np.float64) for frame in frames], "planar")
 
 
 def is_coarse(frames: Sequence[Frame]) -> bool:
-    """True of depth that was held in half precision, and not of a few distances far apart."""
+    """Return True for depth that was stored in half precision; False for a few distances far apart."""
     steps = [_step(frame.depth[_known(frame.depth)].astype(np.float64)) for frame in frames[:MOST_FRAMES]]
     return any(FINEST < step <= COARSEST for step in steps)
 
@@ -148,13 +147,13 @@ def _known(depth: Plane | NDArray[np.float32]) -> NDArray[np.bool_]:
 
 
 def _flat_shares(frames: Sequence[Frame], depth: Sequence[Plane], read: str) -> dict[str, float]:
-    """For each other reading the share of pixels that lie on planes so, of those that it and ``read`` tell apart."""
+    """Return for each reading the share of pixels on planes, among the pixels where it and ``read`` disagree."""
     flat: dict[str, list[NDArray[np.bool_]]] = {"planar": [], "ray": [], "reciprocal": []}
     for frame, raw in zip(frames, depth, strict=True):
         usable = _known(raw)
         step = _step(raw[usable])
         for kind, inverse_depth in _readings(frame, np.where(usable, raw, np.nan)).items():
-            # Along rows and along columns: a level floor is at one depth along each row.
+            # Along rows and columns, because a level floor has one depth along each row.
             flat[kind] += [_are_flat(lines, step) for lines in (inverse_depth, inverse_depth.T)]
     table = {kind: np.concatenate(planes) for kind, planes in flat.items()}
     shares = {}
@@ -166,7 +165,7 @@ def _flat_shares(frames: Sequence[Frame], depth: Sequence[Plane], read: str) -> 
 
 
 def _readings(frame: Frame, raw: Plane) -> dict[str, Plane]:
-    """What would be linear over a plane if ``raw`` were planar depth, distance along the ray, or a reciprocal depth."""
+    """Return the value that is linear on a plane if ``raw`` is planar depth, distance along the ray, or reciprocal."""
     near = 1.0 / raw
     if frame.camera.orthographic:
         return {"planar": raw, "ray": raw, "reciprocal": near}
@@ -174,14 +173,14 @@ def _readings(frame: Frame, raw: Plane) -> dict[str, Plane]:
 
 
 def _step(values: Vector) -> float:
-    """How far apart two numbers lie at most, relative to them: of float32, or of the halves that they were."""
+    """Return the largest relative rounding step of the numbers: float32, or half if they were stored so."""
     distinct = np.unique(values)
     least = float((np.diff(distinct) / distinct[1:]).min()) if len(distinct) > 1 else 0.0
     return 2.0 * least if least > COARSE else FINEST
 
 
 def _are_flat(lines: Plane, step: float) -> NDArray[np.bool_]:
-    """Of each three known neighbours of a row whether they lie on a line, to rounding."""
+    """Return for each three known neighbours of a row whether they are collinear, to rounding."""
     left, middle, right = lines[:, :-2], lines[:, 1:-1], lines[:, 2:]
     with np.errstate(invalid="ignore"):
         flat = np.abs(left - 2 * middle + right) <= ROUNDING * step * np.abs(middle)
@@ -189,7 +188,7 @@ def _are_flat(lines: Plane, step: float) -> NDArray[np.bool_]:
 
 
 def _reciprocal(stored: Sequence[Plane], finite: Vector, evidence: str, confidence: float) -> Finding:
-    """Tell 1/Z from device depth, and its direction, by range and by what the sky and the lower rows hold."""
+    """Distinguish 1/Z from device depth and find its direction, by the range, the sky and the lower rows."""
     bounded = finite.max() <= 1.0 and finite.min() >= 0.0
     sky_at_one, sky_at_zero = float((finite == 1.0).mean()), float((finite == 0.0).mean())
     depth = np.stack(stored)
@@ -209,10 +208,10 @@ def _middle(values: Plane) -> float:
 
 
 def tell_device(shot: Shot, found: Finding, rule: Depth) -> Finding:
-    """Tell reversed device depth (near / Z) from 1/Z, and which near plane device depth has.
+    """Distinguish reversed device depth (near / Z) from 1/Z, and find the near plane of device depth.
 
-    A projection that falls with distance says so itself. Else the two differ by a factor, which the parallax of a
-    travelling camera shows; of device depth it is 2, as clip space begins at -1 or at 0.
+    A projection that falls with distance decides by itself. Else the two differ by a factor, which the parallax of a
+    moving camera shows; for device depth it is 2, because clip space begins at -1 or at 0.
     """
     clip = shot.frames[0].camera.view_to_clip
     reverse = found.name == "depth-inverse"

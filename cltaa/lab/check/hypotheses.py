@@ -1,4 +1,4 @@
-"""Findings, and the hypotheses that they name: linear maps of vectors, and readings of matrices."""
+"""Findings and their hypotheses: linear maps of vectors, and readings of matrices."""
 
 from __future__ import annotations
 
@@ -14,15 +14,14 @@ from cltaa.inputs.convert import mended_camera
 from cltaa.inputs.profile import Cameras
 from cltaa.lab.check.registration import Vector
 
-SURE, ASKED, DOUBTFUL = 0.8, 0.55, 0.6  # confidence of a mistake; less is a question, and still less not worth one
+SURE, ASKED, DOUBTFUL = 0.8, 0.55, 0.6  # least confidence of a mistake, of a question; confidence of a doubtful one
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing that is wrong (``mistake``), that may be (``question``), or that is worth knowing (a note).
+    """A certain error (``mistake``), a possible one (``question``), or a note.
 
-    ``confidence`` is 0 to 1; ``evidence`` the numbers behind it; ``fix`` the keys of a reader profile that mend it,
-    relative to how the frames were read, empty where only rendering again helps; ``option`` the same on a command
-    line.
+    ``confidence`` is 0 to 1; ``evidence`` the numbers behind it; ``fix`` the keys of a reader profile that correct it,
+    relative to how the frames were read, empty if only rendering again helps; ``option`` the same for the command line.
     """
 
     name: str
@@ -36,26 +35,26 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def settled(self) -> Finding:
-        """A mistake that is less than sure is a question, and prescribes nothing."""
+        """The finding itself, or a question without a fix for a mistake below SURE."""
         if not self.mistake or self.confidence >= SURE:
             return self
         return msgspec.structs.replace(self, mistake=False, question=True, fix={})
 
 
 def mistake(name: str, what: str, evidence: str, confidence: float, fix: Mapping[str, object] | None = None) -> Finding:
-    """A mistake in what its name begins with, as ``depth-scaled`` is one of depth; ``fix`` are keys of that section."""
+    """Make a mistake; its name begins with a profile section, as ``depth-scaled``, whose keys ``fix`` sets."""
     name, mended = name.replace(" ", "-"), {} if fix is None else {name.partition("-")[0]: dict(fix)}
     return Finding(name=name, mistake=True, confidence=confidence, what=what, evidence=evidence, fix=mended)
 
 
-SMALLEST_SPREAD = 0.05  # of the mean: pairs of one shot are never as independent as they look
+SMALLEST_SPREAD = 0.05  # share of the mean, because pairs of one shot are not independent
 
 
 def sureness(declared: Vector, winner: Vector) -> float:
-    """How sure it is that ``winner`` [n] is the less of two residuals, from n pairs; 0 to 0.99.
+    """Return the confidence, 0 to 0.99, that ``winner`` [n] is the smaller of two residuals, from n pairs.
 
-    By Cantelli's inequality, which holds whatever the distribution: a mean t standard errors above 0 comes of a
-    distribution about 0 with a chance of 1 / (1 + t^2) at most.
+    By Cantelli's inequality, which holds for any distribution: a distribution about 0 gives a mean t standard errors
+    above 0 with a probability of at most 1 / (1 + t^2).
     """
     gain = declared - winner
     mean = float(gain.mean())
@@ -83,9 +82,9 @@ _SIGNS = {"": (1.0, 1.0), "negated": (-1.0, -1.0), "x-negated": (-1.0, 1.0), "y-
 
 
 def linear_maps(width: int, height: int) -> dict[str, Vector]:
-    """True value = map @ declared value, [2, 2], for each name; the empty name is the identity.
+    """Return maps [2, 2] by name, true value = map @ declared value; the empty name is the identity.
 
-    ``uv`` and ``ndc`` mean that the declared numbers are fractions of the display window, y down and y up.
+    ``uv`` and ``ndc``: the declared numbers are fractions of the display window with y down, or halves with y up.
     """
     maps: dict[str, Vector] = {}
     for sign, factors in _SIGNS.items():
@@ -99,7 +98,7 @@ def linear_maps(width: int, height: int) -> dict[str, Vector]:
 
 
 def spoken(name: str) -> str:
-    """What the declared numbers are, if the map of this name makes the true ones of them."""
+    """Describe the declared numbers if the map of this name gives the true ones."""
     return ", ".join(_SPOKEN[word] for word in name.split())
 
 
@@ -107,20 +106,20 @@ class Affine(NamedTuple):
     """True vector = matrix @ (declared vector - offset)."""
 
     matrix: Vector  # [2, 2]
-    offset: float = 0.0  # of both axes
+    offset: float = 0.0  # for both axes
 
     def __call__(self, declared: Vector) -> Vector:
-        """The true vectors [2, n]."""
+        """Return the true vectors [2, n]."""
         return np.asarray(self.matrix @ (declared - self.offset), np.float64)
 
     @property
     def fix(self) -> dict[str, object]:
-        """Keys of a profile that say so."""
+        """Keys of a profile for this map."""
         return linear_fix(self.matrix) | ({"offset": [self.offset] * 2} if self.offset else {})
 
 
 def affine_maps(width: int, height: int) -> dict[str, Affine]:
-    """The linear maps, and fractions of the picture or halves of it that lie around 0.5, as pictures hold them."""
+    """Return the linear maps, and maps from UV or NDC centred on 0.5, as images without negative numbers store them."""
     maps = {name: Affine(matrix) for name, matrix in linear_maps(width, height).items()}
     for name, unit in (("uv", (width, height)), ("ndc", (width, -height))):
         for sign in (1.0, -1.0):
@@ -129,25 +128,25 @@ def affine_maps(width: int, height: int) -> dict[str, Affine]:
 
 
 def linear_fix(matrix: Vector) -> dict[str, object]:
-    """Keys of a profile, of motion or jitter, for true value = matrix @ declared value."""
+    """Return the profile keys of motion or jitter for true value = matrix @ declared value."""
     swap = bool(matrix[0, 0] == 0.0)
     scale = [float(matrix[0, 1]), float(matrix[1, 0])] if swap else [float(matrix[0, 0]), float(matrix[1, 1])]
     return {"scale": scale, "swap": True} if swap else {"scale": scale}
 
 
-LEAST_SHIFT_PX = 0.1  # root mean square; less is no jitter
-NEAR = 0.35  # of the map: a fit that lies farther from it is no evidence of it, however much farther others lie
+LEAST_SHIFT_PX = 0.1  # root mean square; a smaller shift is no jitter
+NEAR = 0.35  # largest relative distance of a fit from a map that it supports, even if other maps are farther
 
 
 class Regression(NamedTuple):
-    """Measured = matrix @ declared, by least squares, and what is left over, root mean square in pixels."""
+    """Measured = matrix @ declared, by least squares, and the root mean square error ``left`` in pixels."""
 
     matrix: Vector  # [2, 2]
     left: float
 
 
 def regress(measured: Vector, declared: Vector, weights: Vector) -> Regression:
-    """Fit ``measured`` [n, 2] by ``declared`` [n, 2], each row weighed by ``weights`` [n]."""
+    """Fit ``measured`` [n, 2] by ``declared`` [n, 2], with a weight for each row, ``weights`` [n]."""
     root = np.sqrt(weights)[:, None]
     matrix, *_ = np.linalg.lstsq(declared * root, measured * root, rcond=None)
     found = np.asarray(matrix.T, np.float64)
@@ -155,13 +154,13 @@ def regress(measured: Vector, declared: Vector, weights: Vector) -> Regression:
 
 
 def left_over(measured: Vector, declared: Vector, matrix: Vector, weights: Vector) -> float:
-    """Root mean square length of measured - matrix @ declared, in pixels."""
+    """Return the weighted root mean square length of measured - matrix @ declared, in pixels."""
     difference = ((measured - declared @ matrix.T) ** 2).sum(1)
     return float(np.sqrt((difference * weights).sum() / weights.sum()))
 
 
 def to_and_fro(values: Vector) -> bool:
-    """True of ``values`` [n, 2] that differ from one to the next by as much as in all: jitter does, motion not."""
+    """Return True if the steps of ``values`` [n, 2] vary as much as the values: true for jitter, not for motion."""
     step, spread = (float(np.hypot(*part.std(0))) for part in (np.diff(values, axis=0), values))
     return step >= max(spread, LEAST_SHIFT_PX)
 
@@ -170,13 +169,13 @@ Change = Callable[[Camera], Camera]
 
 
 class Meaning(NamedTuple):
-    """What it is called, the keys of a profile that say so, and the camera that was meant."""
+    """Another meaning of the matrices: its description and its keys of a profile."""
 
     what: str
     fix: dict[str, Any]
 
     def change(self, camera: Camera) -> Camera:
-        """``camera``, which was read as declared, as it was meant; raises LinAlgError where it cannot be."""
+        """Convert ``camera``, read as declared, to this meaning; raises LinAlgError for a singular matrix."""
         rule = Cameras(**self.fix)
         return mended_camera(camera.world_to_view, camera.view_to_clip, rule, (0.0, 0.0), 1, 1)
 
@@ -199,7 +198,7 @@ _FLIPPED = {"y-flipped": Meaning("the projection's y points down", {"flip_y": Tr
 
 
 def _together(*choices: Mapping[str, Meaning]) -> dict[str, Meaning]:
-    """One of each of ``choices``, at once."""
+    """Return all combinations of one meaning from each of ``choices``."""
     made = {}
     for parts in product(*(choice.items() for choice in choices)):
         there = [(name, meaning) for name, meaning in parts if name]
@@ -209,7 +208,7 @@ def _together(*choices: Mapping[str, Meaning]) -> dict[str, Meaning]:
 
 
 _NOT = {"": Meaning("", {})}
-# The crude ones, one at a time: each can be seen by itself.
+# Gross mistakes, one at a time: each can be detected by itself.
 MEANINGS = _TRANSPOSED | _HALF_TRANSPOSED | _INVERSE | _AXES | _FLIPPED | _together(_TRANSPOSED, _AXES)
-# Any of them at once, and none of them, under the empty name.
+# All combinations of them; none of them under the empty name.
 COMBINED = _together(_NOT | _TRANSPOSED, _NOT | _INVERSE, _NOT | _AXES, _NOT | _FLIPPED)

@@ -1,14 +1,14 @@
-"""Whether the declared jitter is that of the pixels: sign, axes, scale, phase, presence, mean.
+"""Check whether the pixels follow the declared jitter: sign, axes, scale, phase, presence, mean.
 
-One sample a pixel of fine patterns is locked to the grid, so that a measured shift comes out too small, or with the
-wrong sign. Where the camera stands no shift is needed: any two pixels of any two frames are two samples of one picture,
-a whole number of pixels and the change of jitter apart, and they differ the more the farther that is (the variogram of
-Matheron, 1963, Principles of geostatistics). The whole pixels anchor the scale: under the right jitter the mean
-differences are a smooth function of the distance, under a wrong one they scatter about it.
+One sample a pixel of fine patterns is locked to the grid, so a measured shift comes out too small, or with the wrong
+sign. A still camera needs no measured shift: any two pixels of any two frames are two samples of one picture, at a
+distance of whole pixels plus the change of jitter, and they differ more with distance (the variogram of Matheron, 1963,
+Principles of geostatistics). The whole pixels fix the scale: under the right jitter the mean differences are a smooth
+function of the distance, under a wrong one they scatter about it.
 
-What lies still moves on the pixel grid by minus the change of jitter. Before a camera that stands the likeness of all
-samples says which jitter they were taken with; else the measured shift between two frames must be the declared change,
-and a least-squares map from one to the other names the mistake.
+Still surfaces move on the pixel grid by minus the change of jitter. For a still camera the differences of all samples
+identify their jitter. Else the measured shift between two frames must equal the declared change, and a least-squares
+map from one to the other identifies the mistake.
 """
 
 from __future__ import annotations
@@ -38,18 +38,17 @@ from cltaa.lab.check.hypotheses import (
 from cltaa.lab.check.registration import LEAST_ANCHORS, Fit, Shot, Vector, measure_shifts, squeezed_light
 from cltaa.printable import counted
 
-MOST_FRAMES = 16  # each is compared with each
+MOST_FRAMES = 16  # compared pairwise, each with each
 NEIGHBOURS = [(right, down) for down, right in product((-1, 0, 1), repeat=2)]
-WAVE = 1.2  # radians a pixel of the longest wave that the function is made of: half of it spans what is compared
+WAVE = 1.2  # radians per pixel of the longest cosine in the fit: half of its wave spans the distances compared
 ORDERS = [(m, n) for m, n in product(range(4), repeat=2) if m + n <= 3]
-LEAST_ROWS = 50  # differences; fewer follow any distance
-LEAST_DIFFERENCE = 0.05  # of the light's own spread; below it the picture is flat, and what is left is noise
+LEAST_ROWS = 50  # differences; fewer fit any jitter
+LEAST_DIFFERENCE = 0.05  # of the light's own spread; a smaller difference is noise of a flat picture
 
 
 class Likeness(NamedTuple):
-    """Mean differences [n] of the light of two frames, ``apart`` [n, 2] whole pixels; ``now``, ``before`` [n] are the
-    places of the two among the frames.
-    """
+    """Mean differences [n] of the light of two frames, ``apart`` [n, 2] whole pixels; ``now``, ``before`` [n] index the
+    two frames."""
 
     difference: Vector
     apart: Vector
@@ -57,26 +56,26 @@ class Likeness(NamedTuple):
     before: Vector
 
     def scatter(self, jitter: Vector) -> float:
-        """Share of the differences' variance that is no smooth function of distance, were ``jitter`` [frames, 2] true.
+        """Return the share of the differences' variance that is no smooth function of distance under ``jitter`` [n, 2].
 
-        Frames whose jitter is NaN are left out; infinite where too few remain.
+        Leaves out frames whose jitter is NaN; infinite if too few remain.
         """
         errors, spread = self._errors(jitter)
         return float(np.nanmean(errors**2) / spread) if errors.size else np.inf
 
     def sureness(self, declared: Vector, winner: Vector) -> float:
-        """How sure it is that ``winner`` makes the smoother function, frame by frame."""
+        """Return the confidence, from each frame, that ``winner`` gives the smoother function."""
         errors = [self._errors(jitter)[0] ** 2 for jitter in (declared, winner)]
         frames = np.unique(self.now[np.isfinite(errors).all(0)])
         return sureness(*(np.array([np.nanmean(error[self.now == frame]) for frame in frames]) for error in errors))
 
     def _errors(self, jitter: Vector) -> tuple[Vector, float]:
-        """What each difference is beside the smooth function, NaN where unknown, and the variance of all."""
+        """Return the error of each difference from the smooth function, NaN if unknown, and the variance of all."""
         right, down = (self.apart - (jitter[self.now] - jitter[self.before])).T
         known = np.isfinite(right + down)
         if known.sum() < LEAST_ROWS:
             return np.empty(0), 1.0
-        # Even in both, as likeness is, but for the term of a slant.
+        # Even functions of both axes, like the differences, except the term for diagonal patterns.
         right, down, measured = right[known], down[known], self.difference[known]
         waves = [np.cos(WAVE * m * right) * np.cos(WAVE * n * down) for m, n in ORDERS]
         terms = np.stack([*waves, np.sin(right) * np.sin(down)])
@@ -87,7 +86,7 @@ class Likeness(NamedTuple):
 
 
 def measure_likeness(shot: Shot) -> Likeness | None:
-    """The likeness of all frames of a camera that stands, at what rests; None where it moves or nothing is seen."""
+    """Return the likeness of all frames of a still camera at resting points; None if it moves or the light is flat."""
     frames = shot.frames[:MOST_FRAMES]
     stands = all(is_still(frame.camera, frames[0].camera) for frame in frames)
     if not (shot.has_camera and stands and 0 < len(shot.pairs) == len(shot.frames) - 1):  # no cut, no gap
@@ -112,7 +111,7 @@ def measure_likeness(shot: Shot) -> Likeness | None:
 
 
 def _resting(shot: Shot) -> tuple[Vector, Vector]:
-    """Rows and columns of points that rest in every pair, with neighbours all around; what shines through rests too."""
+    """Return rows and columns of points that rest in every pair, inside the border; translucent ones count too."""
     first = shot.pairs[0]
     rests = np.logical_and.reduce([pair.lit & ~pair.moving for pair in shot.pairs[: MOST_FRAMES - 1]])
     height, width = first.frame.height, first.frame.width
@@ -122,28 +121,28 @@ def _resting(shot: Shot) -> tuple[Vector, Vector]:
 
 
 def declared_jitter(frames: Sequence[Frame]) -> Vector:
-    """Jitter of each frame, [n, 2]."""
+    """Return the jitter of each frame, [n, 2]."""
     return np.array([frame.jitter_px for frame in frames[:MOST_FRAMES]], float)
 
 
-LEAST_PAIRS = 4  # two unknown gains an axis, and something left to tell signal from noise
-LEAST_JITTER_PX, MOST_APART = 0.2, 0.5  # of a jitter that nothing declares; two halves of the picture, over the shift
-MOST_LEFT_PX = 0.45  # root mean square; where more is left, jitter is not what moved the picture
-CLEARLY_BETTER = 0.85  # what is left under another map, over what is left as declared
-CENTRED_PX = 0.55  # the farthest that a centred jitter goes
-LARGEST_MEAN_PX = 0.15  # a centred jitter of at least 8 samples stays below, even where the period is cut
-CLEARLY_SCALED = 0.6  # what is left under half or twice, over what is left without: aliasing makes shifts too small
+LEAST_PAIRS = 4  # two unknown gains for each axis, plus a rest to separate signal from noise
+LEAST_JITTER_PX, MOST_APART = 0.2, 0.5  # least undeclared jitter; largest difference of two halves, over the shift
+MOST_LEFT_PX = 0.45  # root mean square; with a greater error something else than jitter moved the picture
+CLEARLY_BETTER = 0.85  # error of another map over that as declared
+CENTRED_PX = 0.55  # largest centred jitter
+LARGEST_MEAN_PX = 0.15  # a centred jitter of at least 8 samples stays below, even for part of a period
+CLEARLY_SCALED = 0.6  # error of a map of half or twice the size over others: aliasing makes shifts too small
 DELAYS = (-2, -1, 1, 2)
 HALVES = ("scaled", "units-ndc")
-SURE_OF_HALF = 0.95  # where half or twice the jitter is not far better than all of it
-SMOOTH_ALIKE = 1.1  # scatter over the least
-MOST_SCATTER = 0.4  # of the likeness; where more is left over, distance is not what makes samples differ
-LARGEST_LEFT = 0.5  # of the jitter's own change: shifts that are farther from it confirm nothing
-CLEARLY_SMOOTHER = 0.87  # scatter under another map of the same size, over that as declared
+SURE_OF_HALF = 0.95  # confidence to accept half or twice the jitter if it is not far better than the whole
+SMOOTH_ALIKE = 1.1  # scatter over the least; smaller ratios count as equal
+MOST_SCATTER = 0.4  # with more scatter, something else than distance makes samples differ
+LARGEST_LEFT = 0.5  # of the jitter's own change: shifts with a larger error confirm nothing
+CLEARLY_SMOOTHER = 0.87  # scatter of another map of the same size over that as declared
 
 
 def check_jitter(shot: Shot) -> list[Finding]:
-    """Findings about the declared jitter."""
+    """Return findings about the declared jitter."""
     found = check_mean(shot)
     likeness = measure_likeness(shot) if np.ptp(declared_jitter(shot.frames), axis=0).any() else None
     judged = None if likeness is None else _by_likeness(shot, likeness)
@@ -151,7 +150,7 @@ def check_jitter(shot: Shot) -> list[Finding]:
 
 
 def _by_likeness(shot: Shot, likeness: Likeness) -> list[Finding] | None:
-    """What a camera that stands shows; None where it shows nothing."""
+    """Return findings for a still camera; None if the samples are inconclusive."""
     declared = declared_jitter(shot.frames)
     maps = linear_maps(*shot.window) | {"absent": np.zeros((2, 2))}
     scatter = {name: likeness.scatter(declared @ matrix.T) for name, matrix in maps.items()}
@@ -173,7 +172,7 @@ def _by_likeness(shot: Shot, likeness: Likeness) -> list[Finding] | None:
     evidence += f"{scatter['']:.0%} as declared, over {counted(len(declared), 'frame')}"
     what, fix = _meaning(best, maps[best])
     sure = likeness.sureness(declared, declared @ maps[best].T)
-    # Half or twice the size only where it is far better than any that keeps it, as of shifts (``_plainest``).
+    # Half or twice the size must be far better than any map that keeps the size, as for shifts (``_plainest``).
     whole = min(left for name, left in scatter.items() if not name.startswith(HALVES))
     if best.startswith("scaled") and scatter[best] > CLEARLY_SCALED * whole and sure < SURE_OF_HALF:
         sure = min(sure, DOUBTFUL)
@@ -181,21 +180,21 @@ def _by_likeness(shot: Shot, likeness: Likeness) -> list[Finding] | None:
 
 
 def _plainest_smooth(scatter: Mapping[str, float]) -> str:
-    """Of the maps that leave about as little scatter as any the one declared, else one that keeps the size."""
+    """Return, of the maps with about the least scatter, the declared one, else one that keeps the size."""
     most = SMOOTH_ALIKE * min(scatter.values())
     alike = [name for name in scatter if scatter[name] <= most]
     return min(alike, key=lambda name: (name != "", len(name.split()) + name.startswith(HALVES), scatter[name]))
 
 
 def _delayed(shot: Shot, declared: Vector, delay: int) -> Vector:
-    """The jitter of the frames ``delay`` later, [n, 2]; NaN where there is none."""
+    """Return the jitter of the frames ``delay`` later, [n, 2]; NaN for missing frames."""
     by_index = {frame.index: jitter for frame, jitter in zip(shot.frames, declared, strict=False)}
     nothing = np.full(2, np.nan)
     return np.array([by_index.get(f.index + delay * f.step, nothing) for f in shot.frames[: len(declared)]])
 
 
 def changes_of(shot: Shot) -> tuple[list[int], list[Fit], Vector, Vector]:
-    """The pairs whose shift could be measured, by their places, their fits, and measured and declared shifts [n, 2]."""
+    """Return indices and fits of the pairs with a measured shift, and their measured and declared shifts [n, 2]."""
     fits = {place: fit for place, fit in enumerate(measure_shifts(shot)[0]) if fit is not None}
     measured = np.array([fit.shift for fit in fits.values()])
     declared = np.array([shot.pairs[place].jitter_change for place in fits])
@@ -203,7 +202,7 @@ def changes_of(shot: Shot) -> tuple[list[int], list[Fit], Vector, Vector]:
 
 
 def bears_out(shot: Shot) -> str:
-    """What shows that the pixels follow the declared jitter; nothing where nothing does clearly."""
+    """Return the evidence that the pixels follow the declared jitter; empty if there is no clear one."""
     declared = declared_jitter(shot.frames)
     likeness = measure_likeness(shot)
     if likeness is not None:
@@ -241,8 +240,8 @@ def _by_shifts(shot: Shot) -> list[Finding]:
         return [_late(delay, evidence, sure)]
     if not best or as_declared < LEAST_SHIFT_PX or left[best] > min(CLEARLY_BETTER * as_declared, MOST_LEFT_PX):
         return []
-    # What the shifts do not tell, as of an axis on which the jitter hardly changes, no gain is asked of. Noise of one
-    # sample a pixel leaves half of the jitter, and is no doubt where as declared far more is left.
+    # Judge by the error and not the gain, which is undefined on an axis where the jitter hardly changes. The noise of
+    # one sample a pixel leaves half of the jitter as error, which is acceptable if the declared map leaves far more.
     size = left_over(0.0 * measured, declared, np.eye(2) if best == "absent" else maps[best], weights)
     if left[best] > NEAR * max(size, as_declared):
         return []
@@ -251,21 +250,21 @@ def _by_shifts(shot: Shot) -> list[Finding]:
     evidence += f"declared change over {len(known)} pairs; {left[best]:.2f} px rms left, {as_declared:.2f} as declared"
     what, fix = _meaning(best, maps[best])
     sure = _sureness(fits, declared, declared @ maps[best].T)
-    # Shifts are measured too small where there is noise, and a share of the jitter is not none of it.
+    # Noise makes measured shifts too small, and a part of the jitter is not an absent jitter.
     if best == "absent" and np.abs(gain).max() > NEAR / 2.0:
         sure = min(sure, DOUBTFUL)
     return [mistake(f"jitter-{best}", what, evidence, sure, fix)]
 
 
 def _sureness(fits: Sequence[Fit], declared: Vector, winner: Vector) -> float:
-    """How sure it is that the pixels that were held back lie better under shifts ``winner`` [n, 2]."""
+    """Return the confidence that the held-back pixels match better under shifts ``winner`` [n, 2]."""
     pairs = zip(fits, declared, winner, strict=True)
     residuals = np.array([(fit.judge(*one), fit.judge(*other)) for fit, one, other in pairs])
     return sureness(*residuals.T)
 
 
 def _plainest(left: dict[str, float]) -> str:
-    """The map that leaves least, one of half or twice the size only where it is far better than that without."""
+    """Return the map with the least error; one of half or twice the size must be far better than the best other one."""
     best = min(left, key=lambda name: left[name])
     if not best.startswith(HALVES):
         return best
@@ -274,14 +273,14 @@ def _plainest(left: dict[str, float]) -> str:
 
 
 def _weights(fits: Sequence[Fit]) -> Vector:
-    """Pairs with more texture count more, but none more than three times the middle."""
+    """Return weights of pairs by their texture, at most three times the median."""
     strength = np.array([np.sqrt(max(np.linalg.det(fit.information), 0.0)) for fit in fits])
     middle = float(np.median(strength)) or 1.0
     return np.clip(strength / middle, 0.1, 3.0)
 
 
 def check_mean(shot: Shot) -> list[Finding]:
-    """Find a jitter about another place than the centre; a part of a pattern's period is seldom centred either."""
+    """Find a jitter that is not centred; doubtful, because part of a period is seldom centred either."""
     offsets = np.array([frame.jitter_px for frame in shot.frames])
     varies = np.ptp(offsets, axis=0).any()
     if len(offsets) < (8 if varies else 2):
@@ -289,10 +288,10 @@ def check_mean(shot: Shot) -> list[Finding]:
     mean = offsets.mean(0)
     if np.abs(mean).max() <= LARGEST_MEAN_PX:
         return []
-    # From the pixel's corner, and seldom any other place: a mean of few frames is off by more than its digits tell.
+    # The true origin is probably the pixel's corner: the mean of few frames is inexact.
     corner = np.abs(np.abs(mean) - 0.5) < LARGEST_MEAN_PX
     centre = np.where(corner, np.copysign(0.5, mean), mean)
-    beyond = np.abs(offsets).max() > CENTRED_PX  # where no centred jitter of a pixel's width goes
+    beyond = np.abs(offsets).max() > CENTRED_PX  # outside the range of centred jitter
     one_sided = (np.abs(np.sign(offsets[:, corner]).sum(0)) >= len(offsets) - 1).any()
     what = "the jitter is not centred: the resolved picture is shifted by its mean, for good"
     evidence = f"mean ({mean[0]:.3f}, {mean[1]:.3f}) px over {counted(len(offsets), 'frame')}"
@@ -301,7 +300,7 @@ def check_mean(shot: Shot) -> list[Finding]:
 
 
 def check_size(shot: Shot) -> list[Finding]:
-    """Find a jitter beyond any that a resolve takes, of whose unit nothing else was found."""
+    """Find a jitter larger than a resolve accepts, if no other finding explains its unit."""
     worst = max(shot.frames, key=lambda frame: np.abs(frame.jitter_px).max())
     if np.abs(worst.jitter_px).max() < LARGEST_JITTER:
         return []
@@ -318,13 +317,13 @@ def _undeclared(shot: Shot, fits: Sequence[Fit], measured: Vector, present: floa
         return [Finding(name="jitter-none", mistake=False, confidence=0.8, what=what, evidence=note)]
     if any(np.any(frame.jitter_px) for frame in shot.frames):
         return []
-    # Noise and aliasing move each part of the picture another way; jitter moves all of it alike.
+    # Noise and aliasing shift parts of the picture differently; jitter shifts all of it equally.
     halves = np.array([fit.halves for fit in fits])
     sure = _sureness(fits, 0.0 * measured, halves[:, 0])
     apart = float(np.sqrt((np.diff(halves, axis=1) ** 2).sum(2).mean()))
     if present < LEAST_JITTER_PX or apart > MOST_APART * present:
         return []
-    drift = -measured.mean(0)  # of the picture; what is measured is where the earlier one lies
+    drift = -measured.mean(0)  # of the picture; the measured shift is that of the earlier picture
     spread = float(np.sqrt(((measured + drift) ** 2).sum(1).mean()))
     if spread < LEAST_SHIFT_PX:  # jitter goes to and fro
         evidence = f"by ({drift[0]:.2f}, {drift[1]:.2f}) px from frame to frame, within {spread:.2f} px"
@@ -341,7 +340,7 @@ def _undeclared(shot: Shot, fits: Sequence[Fit], measured: Vector, present: floa
 
 
 def _given(shot: Shot) -> dict[str, bool]:
-    """What says where the picture moves, and whether there is any."""
+    """Return the sources of motion, and whether each is present."""
     vectors = any(frame.motion is not None for frame in shot.frames)
     return {"matrices and depth": shot.has_camera and shot.has_depth, "vectors": vectors}
 
@@ -349,10 +348,7 @@ def _given(shot: Shot) -> dict[str, bool]:
 def _best_delay(
     shot: Shot, known: Sequence[int], measured: Vector, weights: Vector
 ) -> tuple[int, float, list[int], Vector]:
-    """The delay in frames whose jitter fits best, what it leaves, the pairs that have it, and its changes there.
-
-    Only pairs that every delay has are compared.
-    """
+    """Return the delay in frames whose jitter fits best, its error, the pairs that have it, and its changes there."""
     by_index = {frame.index: np.array(frame.jitter_px) for frame in shot.frames}
     best: tuple[int, float, list[int], Vector] = (0, np.inf, [], np.empty((0, 2)))
     for delay in DELAYS:
@@ -376,7 +372,7 @@ def _frames(delay: int) -> str:
 
 
 def _late(delay: int, evidence: str, confidence: float) -> Finding:
-    """``delay`` is how much later the frame is that declares a frame's jitter."""
+    """Make the finding of a delay: the frame ``delay`` later declares a frame's jitter."""
     what = f"the jitter declared for a frame is that of {_frames(-delay)}"
     return mistake("jitter-late", what, evidence, confidence, {"delay": delay})
 

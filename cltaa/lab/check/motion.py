@@ -1,12 +1,12 @@
-"""Whether the motion channel means what its reader takes it for: sign, axes, units, scale, offset, jitter.
+"""Check whether motion vectors follow the declared conventions: sign, axes, units, scale, offset, jitter.
 
-Where the vectors err by less than the width of an edge, the residual of whole hypotheses tells little; the gradient of
-all points together tells a hundredth of a pixel. The model is displacement = G m + d + L c: m the declared vectors, d
-the measured shift of the still part, c the change of jitter; G is the identity and L zero when all is right.
+Each hypothesis is a linear map of the declared vectors. Its residual is the mismatch of this frame and the previous one
+fetched by the mapped vectors; the least residual must win clearly. Points without a vector, moved by the camera only,
+show how far jitter alone moved the picture.
 
-Each hypothesis is a linear map of the declared vectors. It is judged by how well the previous frame, fetched through
-it, matches this one; the least residual wins if it wins clearly. The camera's part (points without a vector) tells
-how far jitter alone moved the picture.
+For errors smaller than the width of an edge these residuals differ too little. A fit of a model to the gradient of all
+points resolves a hundredth of a pixel: displacement = G m + d + L c, with m the declared vectors, d the measured shift
+of the still part, and c the change of jitter. For right vectors G is the identity and L is zero.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ from cltaa.lab.check.registration import (
 )
 
 ITERATIONS = 15
-TIE = 1e-3  # of the mean information: what the pixels do not tell stays as declared
+TIE = 1e-3  # of the mean information: unknowns that the pixels do not determine stay as declared
 
 
 class Observed(NamedTuple):
-    """Points of one pair that carry a vector; ``shift`` is None where no still part shows what jitter did."""
+    """Points of one pair that carry a vector; ``shift`` is None if no still part shows the shift by jitter."""
 
     own: Vector  # [2, n]
     x: Vector
@@ -68,14 +68,14 @@ class Observed(NamedTuple):
 
 
 class Model(NamedTuple):
-    """G [2, 2], L [2, 2] and the information [8, 8] about both, row after row."""
+    """G [2, 2], L [2, 2] and the information matrix [8, 8] of both, flattened row by row."""
 
     gain: Vector
     leak: Vector
     information: Vector
 
     def distance(self, gain: Vector, leak: Vector) -> float:
-        """How much worse another gain and leak would explain the pixels."""
+        """Return how much worse another gain and leak explain the pixels."""
         step = np.concatenate([(gain - self.gain).ravel(), (leak - self.leak).ravel()])
         return float(step @ self.information @ step)
 
@@ -100,10 +100,10 @@ def fit_model(observed: Sequence[Observed]) -> Model:
 
 
 def explanations(model: Model, maps: Mapping[str, Vector]) -> dict[str, float]:
-    """Distance of the model from each map of the vectors, and from jitter left in them, by name."""
+    """Return the distance of the model from each map of the vectors, and from jitter left in them, by name."""
     none, one = np.zeros((2, 2)), np.eye(2)
     distances = {name: model.distance(matrix, none) for name, matrix in maps.items()}
-    # Vectors m' = m + c need c taken away again, and the other way round.
+    # Vectors m' = m + c need c subtracted, and the other way round.
     distances["jittered"] = model.distance(one, -one)
     distances["jittered-reversed"] = model.distance(one, one)
     return distances
@@ -119,24 +119,24 @@ def _normal_equations(pair: Observed, unknown: Vector) -> tuple[Vector, Vector]:
     return (slope * weight) @ slope.T, (slope * weight) @ left
 
 
-CLEARLY_BETTER, BETTER = 0.8, 0.93  # residual of the winner over that of the declaration
-FAR_BETTER = 0.7  # likewise; of a model without a pattern, whose outline alone moves, no fit is asked then
-CLEARLY_NEARER = 0.45  # squared distance from the model, likewise
-LARGEST_RESIDUAL = 0.445  # of the winner: 0.42 is the most seen of vectors that are right, 0.467 the least of chance
-AS_DECLARED = 1.03  # residual as declared over the least; slow vectors gain little by a map of any kind
-ALIKE = 1.1  # residuals over the least; among such the plainest is taken, as of half the vectors and all of them
-LEAST_EFFECT_PX = 0.08  # a mistake that moves the vectors by less is not worth a word
-MOST_POINTS = 8000  # looked at for each of two dozen maps; more only cost time
-MOST_SEEN = 800  # of which each is compared with each
-LEAST_PAIRS = 6  # of them four second differences are left, for two gains an axis
+CLEARLY_BETTER, BETTER = 0.8, 0.93  # residual of the winner over that as declared
+FAR_BETTER = 0.7  # likewise, to win without a fit: of a plain object only the silhouette moves
+CLEARLY_NEARER = 0.45  # squared distance from the model, winner over declared
+LARGEST_RESIDUAL = 0.445  # of the winner: right vectors reach at most 0.42, chance at least 0.467
+AS_DECLARED = 1.03  # residual as declared over the least that keeps it: slow vectors gain little by any map
+ALIKE = 1.1  # residual over the least; smaller ratios count as equal, and the plainest map wins
+LEAST_EFFECT_PX = 0.08  # a mistake that changes the vectors by less is not reported
+MOST_POINTS = 8000  # tested for each of two dozen maps; more only cost time
+MOST_SEEN = 800  # compared pairwise, each with each
+LEAST_PAIRS = 6  # leaves four second differences for two gains of each axis
 JITTERED = "the vectors contain the change of jitter"
 
 
 def check_motion(shot: Shot, maps: Mapping[str, Affine] | None = None) -> list[Finding]:
-    """Findings about the motion channel.
+    """Return findings about the motion channel.
 
-    ``maps`` are the meanings that it may have, the declared one under the empty name; all unless given. A meaning is
-    chosen and fitted by one half of the pixels and judged by the other.
+    ``maps`` are its possible meanings, the declared one under the empty name; by default all. One half of the pixels
+    chooses and fits a meaning, the other half judges it.
     """
     shifts, anchored = measure_shifts(shot)
     scenes, judges = _scenes(shot, shifts, anchored)
@@ -164,7 +164,7 @@ def check_motion(shot: Shot, maps: Mapping[str, Affine] | None = None) -> list[F
 
 
 def _plainest(residuals: Mapping[str, float]) -> str:
-    """Of the maps whose residual is about the least, the one of the fewest words."""
+    """Return, of the maps with about the least residual, the one with the fewest words."""
     least = min(residuals.values())
     return min(
         (name for name in residuals if residuals[name] <= (ALIKE if name else AS_DECLARED) * least),
@@ -173,25 +173,25 @@ def _plainest(residuals: Mapping[str, float]) -> str:
 
 
 def _effect(scenes: Sequence[Observed], meant: Affine) -> float:
-    """Root mean square of what the mistake does to the vectors, in pixels."""
+    """Return the root mean square change of the vectors by the mistake, in pixels."""
     return _rms([meant(scene.own) - scene.own for scene in scenes])
 
 
 def _rms(vectors: Sequence[Vector]) -> float:
-    """Root mean square length of some vectors [2, n] of each pair, the mean over the pairs."""
+    """Return the root mean square length of vectors [2, n] of each pair, averaged over the pairs."""
     return float(np.mean([np.sqrt((of_pair**2).sum(0).mean()) for of_pair in vectors]))
 
 
 def _stays(scenes: Sequence[Observed], meant: Affine) -> bool:
-    """True where a fit that starts from the vectors that are meant stays near them."""
+    """Return True if a fit that starts from the mapped vectors stays near them."""
     started = _started(scenes, meant)
     return _is_near(fit_model(started), started, np.eye(2), None, _effect(scenes, meant))
 
 
 def _borne_out(scenes: Sequence[Observed], meant: Affine) -> bool:
-    """True where the model, started from the vectors that are meant, stays there and not near the declared ones.
+    """Return True if the model, started from the mapped vectors, stays nearer to them than to the declared ones.
 
-    From fractions of a picture, which say that nothing moves, it never comes so far.
+    From declared fractions of a picture, which mean almost no motion, a fit would never reach them.
     """
     model = fit_model(_started(scenes, meant))
     declared, no_leak = np.asarray(np.linalg.inv(meant.matrix), np.float64), np.zeros((2, 2))
@@ -203,16 +203,16 @@ def _started(scenes: Sequence[Observed], meant: Affine) -> list[Observed]:
 
 
 def _is_near(model: Model, scenes: Sequence[Observed], gain: Vector, leak: float | None, effect: float) -> bool:
-    """True where what was found moves the picture as ``gain`` does, to a part of the mistake's ``effect`` in pixels.
+    """Return True if the model moves the picture as ``gain`` does, to a share of the mistake's ``effect`` in pixels.
 
-    Of a ``leak`` as well, but for None. Where the vectors and the jitter do not go nothing is asked of the fit.
+    Also compares ``leak`` unless it is None. Directions without vectors and jitter do not matter.
     """
     off = (model.gain - gain, np.zeros((2, 2)) if leak is None else model.leak - leak * np.eye(2))
     return _rms([off[0] @ scene.own + (off[1] @ scene.jitter_change)[:, None] for scene in scenes]) <= NEAR * effect
 
 
 def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> tuple[list[Observed], list[Observed]]:
-    """What the vectors of each pair are fitted by, and what they are judged by; the same where there is little."""
+    """Return the points of each pair for fitting and those for judging; equal if there are few."""
     fitted, judging = list[Observed](), list[Observed]()
     for pair, fit in zip(shot.pairs, shifts, strict=True):
         there = seen_before(pair, pair.own, pair.moving & pair.usable)
@@ -230,7 +230,7 @@ def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> tuple[l
 
 
 def _staying(scene: Observed, meant: Affine) -> Observed:
-    """``scene`` at points that the vectors that are meant leave in the picture too, unless these are few of them."""
+    """Return ``scene`` at points that the mapped vectors also keep in the picture, unless these are few."""
     _, height, width = scene.before.shape
     there = stays_inside(np.stack([scene.x, scene.y]) + meant(scene.own), width, height)
     if there.mean() < COVERED:
@@ -240,7 +240,7 @@ def _staying(scene: Observed, meant: Affine) -> Observed:
 
 
 def _score(scenes: Sequence[Observed], meant: Affine) -> Vector:
-    """Residual of each pair under the vectors that are meant."""
+    """Return the residual of each pair under the mapped vectors."""
     residuals = []
     for scene in scenes:
         u, v = meant(scene.own)
@@ -261,7 +261,7 @@ def _named(best: str, meant: Affine, declared: Vector, winner: Vector) -> Findin
 
 
 def _finer(scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping[str, Vector]) -> list[Finding]:
-    """Mistakes smaller than an edge is wide: factors of slow vectors, and jitter left in them."""
+    """Find mistakes smaller than the width of an edge: factors of slow vectors, and jitter left in them."""
     model = fit_model(scenes)
     distances = explanations(model, maps)
     best = min(distances, key=lambda name: distances[name])
@@ -284,15 +284,15 @@ def _finer(scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping
 
 
 def without_leak(shot: Shot) -> Shot:
-    """``shot`` with vectors less what resting pixels have in them to and fro: jitter is measured through these.
+    """Return ``shot`` with the to-and-fro vectors of resting pixels subtracted, to measure the jitter with the rest.
 
-    Whatever jitter is declared; ``shot`` itself where there is nothing of that.
+    Does not use the declared jitter; returns ``shot`` itself if there is no such leak.
     """
     pairs = [pair for pair in shot.pairs if _filled(pair)]
     if len(pairs) < max(LEAST_PAIRS, len(shot.pairs)) or not (shot.has_camera and shot.has_depth):
         return shot
     leak = np.array([_resting(pair) for pair in pairs])
-    leak -= leak.mean(0)  # what fills the picture may move on
+    leak -= leak.mean(0)  # a surface that fills the picture may move steadily
     if not to_and_fro(leak) or np.abs(leak).max() > FARTHEST_PX:
         return shot
     less = copy(shot)
@@ -306,18 +306,18 @@ def _filled(pair: Pair) -> bool:
 
 
 def _resting_leak(shot: Shot) -> list[Finding]:
-    """Jitter left in vectors that cover the whole picture: what resting pixels declare follows the jitter."""
+    """Find jitter left in vectors that cover the whole picture: those of resting pixels follow the jitter."""
     pairs = [pair for pair in shot.pairs if _filled(pair)]
     change = np.array([pair.jitter_change for pair in pairs])
     if len(pairs) < LEAST_PAIRS or not change.any():
         return []
-    # By second differences: what fills the picture moves on smoothly, and jitter goes to and fro.
+    # By second differences: a surface that fills the picture moves smoothly, and jitter goes to and fro.
     resting, change = (np.diff(of, n=2, axis=0) for of in (np.array([_resting(pair) for pair in pairs]), change))
     fit = regress(resting, change, np.ones(len(change)))
     gain = float(np.trace(fit.matrix)) / 2.0
     held = 1 if gain > 0.0 else -1
     spread = float(np.sqrt((change**2).sum(1).mean()))
-    # Another factor tells that the jitter is of another unit or sign, which nothing taken out mends.
+    # Another factor means that the jitter has another unit or sign, which removing it does not correct.
     if left_over(held * change, change, fit.matrix, np.ones(len(change))) > NEAR * spread or fit.left > 0.5 * spread:
         return []
     evidence = f"resting pixels follow {gain:.2f} x the change of jitter over {len(pairs)} pairs, "
@@ -328,7 +328,7 @@ def _resting_leak(shot: Shot) -> list[Finding]:
 
 
 def _resting(pair: Pair) -> Vector:
-    """What the vectors say beyond the camera's motion where most agree: to their rounding, else about the middle."""
+    """Return the offset of vectors from the camera's motion where most agree, to rounding, else near the median."""
     beyond = pair.own - pair.camera_motion()
     known = np.isfinite(beyond).all(0)
     if not known.any():
@@ -338,7 +338,7 @@ def _resting(pair: Pair) -> Vector:
     apart = np.hypot(*(beyond[:, some, None] - beyond[:, None, some]))
     alike = apart <= (ROUNDED_PX + ROUNDED * length)[some]
     most = alike[np.argmax(alike.sum(1))]
-    if most.mean() >= UPHELD:  # of what rests by the same, and of the rest by anything
+    if most.mean() >= UPHELD:  # resting points share one offset, moving points have any
         return np.asarray(np.median(beyond[:, some][:, most], axis=1))
     middle = np.median(beyond, axis=1)
     near = np.hypot(*(beyond - middle[:, None]))

@@ -1,6 +1,6 @@
-"""Jitter that was left in the projection, whose centre then moves to and fro by less than a pixel.
+"""Find jitter left in the projection, whose centre then moves to and fro by less than a pixel.
 
-A resolve that takes it for the camera's motion follows it, and what it accumulates comes to lie nowhere.
+A resolve would follow it as camera motion, and samples would accumulate at wrong positions.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from cltaa.lab.check.hypotheses import DOUBTFUL, MEANINGS, Finding, mistake, reg
 from cltaa.lab.check.jitter import LEAST_PAIRS, bears_out
 from cltaa.lab.check.registration import COVERED, Pair, Shot, Vector
 
-LARGEST_HELD_PX = 1.0  # from the mean; what goes farther is a lens that shifts
-LEAST_HELD_PX = 1e-4  # less is rounding
-NEAR_1, MOST_LEFT_PX = 0.1, 0.05  # how far from the declared jitter is still that: of its gain, and beside it
+LARGEST_HELD_PX = 1.0  # from the mean; a larger movement is a lens shift
+LEAST_HELD_PX = 1e-4  # a smaller movement is rounding
+NEAR_1, MOST_LEFT_PX = 0.1, 0.05  # largest difference of the gain from 1, and largest error of the fit
 
 
 def check_projection_jitter(shot: Shot) -> list[Finding]:
-    """Find a projection whose centre follows the declared jitter, frame by frame, whatever the pixels show."""
+    """Find a projection whose centre follows the declared jitter, frame by frame, without looking at pixels."""
     centre, jitter = _held(shot.frames)[1], np.array([frame.jitter_px for frame in shot.frames])
     jitter = jitter - jitter.mean(0)
     if len(shot.frames) < 3 or not jitter.any() or np.abs(centre).max() < LEAST_HELD_PX:
@@ -36,7 +36,7 @@ def check_projection_jitter(shot: Shot) -> list[Finding]:
     evidence = f"its centre moves by {across:.3f}, {down:.3f} x the declared jitter, to {fit.left:.1g} px"
     name, fix = "jittered", {"jittered": True}
     what = "the projection contains the jitter"
-    if down < 0.0:  # what is left of the two is found when it is read so
+    if down < 0.0:  # the next round, with y flipped, finds the jitter
         if shot.frames[0].camera.view_to_clip[1, 1] > 0.0:
             return []
         name, (what, fix) = "y-flipped", MEANINGS["y-flipped"]
@@ -44,7 +44,8 @@ def check_projection_jitter(shot: Shot) -> list[Finding]:
 
 
 def check_held_jitter(shot: Shot) -> list[Finding]:
-    """Find a projection whose centre moves as the pixels do, and not as declared: a mistake, else a question."""
+    """Find a projection whose centre moves to and fro, not as declared: a mistake if the pixels follow it, else a
+    question."""
     if len(shot.pairs) < LEAST_PAIRS:
         return []
     _, held = _held(shot.frames)
@@ -52,7 +53,7 @@ def check_held_jitter(shot: Shot) -> list[Finding]:
     if not to_and_fro(held) or np.abs(held).max() > LARGEST_HELD_PX:
         return []
     readings = [_read_so(shot, shot.frames)]
-    if shot.frames[0].camera.view_to_clip[1, 1] < 0.0:  # which may be a mistake, and turns the jitter too
+    if shot.frames[0].camera.view_to_clip[1, 1] < 0.0:  # possibly a mistake, which also flips the jitter
         flip = MEANINGS["y-flipped"].change
         readings.append(_read_so(shot, [replace(frame, camera=flip(frame.camera)) for frame in shot.frames]))
     told = next(filter(None, map(bears_out, readings)), "")
@@ -67,14 +68,14 @@ def check_held_jitter(shot: Shot) -> list[Finding]:
 
 
 def _held(frames: Sequence[Frame]) -> tuple[list[Frame], Vector]:
-    """``frames`` whose projections stand and whose jitter is how far they moved, [n, 2] pixels."""
+    """Return ``frames`` with the movement of their projections turned into jitter, and that jitter [n, 2] in pixels."""
     steady, held = without_jitter([frame.camera for frame in frames], [(frame.width, frame.height) for frame in frames])
     both = zip(frames, steady, held, strict=True)
     return [replace(frame, camera=camera, jitter_px=jitter) for frame, camera, jitter in both], np.array(held)
 
 
 def _read_so(shot: Shot, frames: Sequence[Frame]) -> Shot:
-    """``shot`` with the jitter of the projections of ``frames``; what moves is told by matrices and depth."""
+    """Return ``shot`` with the jitter from the projections of ``frames``; matrices and depth define its motion."""
     read = copy(shot)
     read.frames, read.shifts = _held(frames)[0], None
     by_index = {frame.index: frame for frame in read.frames}
@@ -83,7 +84,7 @@ def _read_so(shot: Shot, frames: Sequence[Frame]) -> Shot:
 
 
 def _by_camera(pair: Pair, frame: Frame, previous: Frame) -> Pair:
-    """``pair`` of other frames, without vectors that fill the picture of a camera that moves: they may be wrong."""
+    """Return ``pair`` with other frames; drops possibly wrong vectors that fill the picture of a moving camera."""
     kept = is_still(frame.camera, previous.camera) or np.isfinite(pair.own).all(0).mean() < COVERED
     own = pair.own if kept else np.full_like(pair.own, np.nan)
     return replace(pair, frame=frame, previous=previous, own=own)

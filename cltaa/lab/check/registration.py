@@ -1,4 +1,4 @@
-"""Where one picture lies on another: band-passed pairs of frames, and the shift between them by least squares.
+"""Register pairs of frames: band-pass them and fit the shift between them by least squares.
 
 The method is that of Lucas and Kanade (1981, An iterative image registration technique), over all points at once.
 """
@@ -20,29 +20,29 @@ Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Points = tuple[NDArray[np.int64], NDArray[np.int64]]  # columns and rows
 
-FINE_PX = 0.6  # standard deviation of the blur that tames the aliasing of one sample a pixel
-COARSE_PX = 4.0  # and of the one that is subtracted: slower changes are light, not place
-MOST_POINTS = 60_000  # points looked at in a frame; more only cost time
+FINE_PX = 0.6  # standard deviation of the blur that reduces the aliasing of one sample a pixel
+COARSE_PX = 4.0  # and of the subtracted blur: slower changes are light, not position
+MOST_POINTS = 60_000  # points used in a frame; more only cost time
 
 
 def register_signal(colour: Image) -> NDArray[np.float32]:
-    """The band of ``colour`` [H, W, 3] that carries position: [H, W] float32, zero mean locally."""
+    """Return the frequency band of ``colour`` [H, W, 3] that carries position: [H, W] float32, local mean zero."""
     squeezed = squeezed_light(colour)
     return np.subtract(blur(squeezed, FINE_PX), blur(squeezed, COARSE_PX), dtype=np.float32)
 
 
 def squeezed_light(colour: Image) -> NDArray[np.float32]:
-    """Luminance of ``colour`` [H, W, 3] squeezed into 0 to 1, [H, W] float32."""
+    """Return the luminance of ``colour`` [H, W, 3] tonemapped to 0 to 1, [H, W] float32."""
     finite = np.nan_to_num(colour.astype(np.float32), nan=0.0, posinf=65504.0, neginf=0.0)
     light: NDArray[np.float32] = np.maximum(finite @ LUMA, np.float32(0))
-    # Compressed by its own middle: bright spots do not outweigh the rest, and exposure cancels.
+    # Tonemapped by its own median: highlights do not dominate, and exposure cancels.
     middle = float(np.median(light[light > 0])) if (light > 0).any() else 1.0
     squeezed: NDArray[np.float32] = light / (light + np.float32(middle))
     return squeezed
 
 
 def blur(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
-    """Gaussian blur of [H, W] with repeated edges."""
+    """Blur [H, W] by a Gaussian, with repeated edges."""
     radius = max(1, round(3 * sigma))
     offsets = np.arange(-radius, radius + 1)
     weights = np.exp(-0.5 * (offsets / sigma) ** 2)
@@ -57,20 +57,20 @@ def blur(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
 
 
 def grid_points(height: int, width: int) -> Points:
-    """Columns and rows of at most MOST_POINTS pixels in a regular grid."""
+    """Return columns and rows of at most MOST_POINTS pixels in a regular grid."""
     step = int(np.ceil(np.sqrt(max(1.0, height * width / MOST_POINTS))))
     y, x = np.mgrid[step // 2 : height : step, step // 2 : width : step]
     return x.ravel(), y.ravel()
 
 
 def sample(images: NDArray[np.float32], x: Vector, y: Vector) -> Vector:
-    """``images`` [..., H, W] at positions [n] in texels (0 is the first texel's centre), bilinear; NaN outside."""
+    """Sample ``images`` [..., H, W] bilinearly at positions [n] in texels (0: first texel's centre); NaN outside."""
     height, width = images.shape[-2:]
     inside = (x >= 0) & (y >= 0) & (x <= width - 1) & (y <= height - 1)  # false for NaN
     x, y = np.where(inside, x, 0.0), np.where(inside, y, 0.0)
     left, top = np.minimum(x.astype(np.int64), max(width - 2, 0)), np.minimum(y.astype(np.int64), max(height - 2, 0))
     fx, fy = x - left, y - top
-    # By place in the flat image, worked out once for all images and taps: most of the detector's time is spent here.
+    # Flat indices, computed once for all images and taps, because the check spends most of its time here.
     flat, place = images.reshape(*images.shape[:-2], -1), top * width + left
     right, down = int(width > 1), width * int(height > 1)
     upper = flat.take(place, axis=-1) * (1 - fx) + flat.take(place + right, axis=-1) * fx
@@ -79,24 +79,25 @@ def sample(images: NDArray[np.float32], x: Vector, y: Vector) -> Vector:
 
 
 ITERATIONS, LEAST_STEP_PX = 8, 4e-3
-FARTHEST_PX = 2.0  # a left-over shift beyond this is no jitter
+FARTHEST_PX = 2.0  # a larger shift is no jitter
 LEAST_POINTS = 60  # fewer decide nothing
 
 
-# A signal and its gradient by x and by y, [3, H, W]: fetched at once, since their places are the same.
+# A signal and its gradient in x and in y, [3, H, W], sampled together at the same positions.
 Picture = NDArray[np.float32]
 
 
 def with_gradient(signal: NDArray[np.float32]) -> Picture:
-    """``signal`` [H, W] and its central differences; 0 where there is one pixel and nothing to differ from."""
+    """Stack ``signal`` [H, W] and its central differences, which are 0 along an axis of one pixel."""
     slopes = [np.gradient(signal, axis=axis) if signal.shape[axis] > 1 else np.zeros_like(signal) for axis in (1, 0)]
     return np.stack([signal, *slopes])
 
 
 class Fit(NamedTuple):
-    """The shift [2] of the earlier picture, the information about it [2, 2] (inverse covariance), and the residual.
+    """The shift [2] of the earlier picture, its information matrix [2, 2] (inverse covariance), and the residual.
 
-    ``halves`` [2, 2] are the shifts of two halves of the points, and ``judge`` is the residual of the second under any.
+    ``halves`` [2, 2] are the shifts of two halves of the points; ``judge`` returns the second half's residual under any
+    shift.
     """
 
     shift: Vector
@@ -107,16 +108,14 @@ class Fit(NamedTuple):
 
 
 def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> Fit:
-    """Fit ``now`` = ``before`` at (x, y) + shift, positions in texels; ``scale`` is the size of a residual that counts
-    in full.
-    """
+    """Fit ``now`` = ``before`` at (x, y) + shift, positions in texels; ``scale`` is the difference with residual 1."""
     shift = np.zeros(2)
     information = np.zeros((2, 2))
     for _ in range(ITERATIONS):
         left, slope, weight, _ = linearised(now, before, x + shift[0], y + shift[1], scale)
         information = (slope * weight) @ slope.T
         trace, determinant = float(np.trace(information)), float(np.linalg.det(information))
-        if len(left) < LEAST_POINTS or trace**2 >= 1e6 * determinant:  # that over this is about the condition
+        if len(left) < LEAST_POINTS or trace**2 >= 1e6 * determinant:  # their ratio is about the condition number
             break
         step = np.linalg.solve(information, (slope * weight) @ left)
         shift += np.clip(step, -0.5, 0.5)
@@ -131,7 +130,7 @@ def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) 
 
 
 def residual_of(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> float:
-    """Mean of min(|difference| / scale, 1) over the points; what lies outside the earlier picture counts 1."""
+    """Return the mean of min(|difference| / scale, 1) over the points; 1 for points outside the earlier picture."""
     if not len(now):
         return 1.0
     difference = np.abs(now - sample(before[0], x, y)) / scale
@@ -139,8 +138,8 @@ def residual_of(now: Vector, before: Picture, x: Vector, y: Vector, scale: float
 
 
 def linearised(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> tuple[Vector, Vector, Vector, Mask]:
-    """Residuals, gradients [2, n] and robust weights (Geman-McClure) of the points inside the earlier picture, and
-    which these are."""
+    """Return residuals, gradients [2, n] and robust weights (Geman-McClure) of the points inside the earlier picture,
+    and their mask."""
     there = sample(before, x, y)
     inside = np.isfinite(there[0])
     left, slope = (now - there[0])[inside], there[1:, inside]
@@ -148,18 +147,18 @@ def linearised(now: Vector, before: Picture, x: Vector, y: Vector, scale: float)
     return left, slope, weight, inside
 
 
-COVERED = 0.5  # share of the points
-OPAQUE = 0.99  # alpha; what shines through moves otherwise
-UNCOVERED_PX, IN_FRONT = 2, 0.9  # from an edge of depth; of the depth behind it
-MOST_UNCOVERED = 0.5  # where so few would be left edges are everywhere, and say as much as the rest
-BLOCK = 8  # pixels: of a chequer of such blocks one colour is fitted and the other judges
-LEAST_SIDE = 2 * BLOCK + 1  # of a picture that is matched; up to 16 pixels right captures were accused
-AS_FAST = 1e-3  # of the fastest: what moves less rests, but for the rounding of halves
+COVERED = 0.5  # share of the points from which vectors fill the picture
+OPAQUE = 0.99  # alpha; a translucent surface also shows the motion behind it
+UNCOVERED_PX, IN_FRONT = 2, 0.9  # distance from a depth edge in pixels; depth of the occluder over that behind it
+MOST_UNCOVERED = 0.5  # least share of points to keep; with fewer, edges are everywhere and must be used
+BLOCK = 8  # pixels; in a chequer of such blocks, one colour is for fitting and the other for judging
+LEAST_SIDE = 2 * BLOCK + 1  # least side of a matched picture; up to 16 pixels right captures gave mistakes
+AS_FAST = 1e-3  # share of the fastest motion below which a point rests, because of the rounding of halves
 
 
 @dataclass(slots=True)
 class Pair:
-    """Two neighbouring frames at the points looked at: ``x``, ``y`` pixels, ``now`` the signal there."""
+    """Two neighbouring frames at chosen points: ``x``, ``y`` in pixels, ``now`` the signal there."""
 
     frame: Frame
     previous: Frame
@@ -168,16 +167,15 @@ class Pair:
     now: Vector
     before: Picture
     scale: float
-    inverse_depth: Vector  # as declared; the sky's where there is no depth
-    own: Vector  # [2, n], NaN where no vector was given
-    lit: Mask  # neither reactive nor NaN
-    usable: Mask  # and opaque, and seen before too
+    inverse_depth: Vector  # as declared; the sky's without depth
+    own: Vector  # declared vectors [2, n], NaN for none
+    lit: Mask  # True where neither reactive nor NaN
+    usable: Mask  # True where lit, opaque, and not near a depth edge
 
     @property
     def moving(self) -> NDArray[np.bool_]:
-        """Where a vector says more than depth and matrices: all that have one, or before a camera that stands and in a
-        picture full of vectors those that do not rest as most do.
-        """
+        """True where a vector differs from camera motion: at all vectors, but if they fill the picture of a still
+        camera, only at those that do not rest as most do."""
         given: NDArray[np.bool_] = np.asarray(np.isfinite(self.own).all(0))
         if given.mean() < COVERED or not is_still(self.frame.camera, self.previous.camera):
             return given
@@ -187,7 +185,7 @@ class Pair:
 
     @property
     def held_back(self) -> Mask:
-        """Points that no fit has seen, in blocks, so that they share neither noise nor edges with those that it did."""
+        """Points for judging fits, in blocks, so that they share neither noise nor edges with the fitted points."""
         return np.asarray((self.x // BLOCK + self.y // BLOCK) % 2 == 1)
 
     @property
@@ -199,7 +197,7 @@ class Pair:
     def camera_motion(
         self, camera: Camera | None = None, previous: Camera | None = None, inverse_depth: Vector | None = None
     ) -> Vector:
-        """Motion [2, n] in pixels that the cameras and the inverse depth give; NaN where the point was not in front."""
+        """Return the motion [2, n] in pixels by cameras and inverse depth; NaN for points behind the camera."""
         camera, previous = camera or self.frame.camera, previous or self.previous.camera
         if is_still(camera, previous):
             return np.zeros((2, len(self.x)))
@@ -211,19 +209,19 @@ class Pair:
         return np.where(visible, np.stack([u, v]), np.nan)
 
     def motion_under(self, change: Callable[[Camera], Camera], scale: float = 1.0) -> Vector:
-        """``camera_motion`` with both cameras changed so, and depth ``scale`` times what it says."""
+        """Return ``camera_motion`` after ``change`` of both cameras, and with depth times ``scale``."""
         return self.camera_motion(change(self.frame.camera), change(self.previous.camera), self.inverse_depth / scale)
 
     def declared_motion(self) -> Vector:
-        """Motion [2, n]: the channel where it holds a vector, else what cameras and depth give."""
+        """Return the motion [2, n]: the declared vector if there is one, else the camera's motion."""
         return np.where(np.isfinite(self.own), self.own, self.camera_motion())
 
 
 @dataclass(slots=True)
 class Shot:
-    """Frames in order, and which of their numbers were declared and not filled in by the reader.
+    """Frames in order; ``has_*`` is True for data that were declared and not filled in by the reader.
 
-    ``window`` is the width and height of the display window, of which a frame may show a region.
+    ``window`` is the width and height of the display window; frames may show a region of it.
     """
 
     frames: Sequence[Frame]
@@ -232,15 +230,15 @@ class Shot:
     has_depth: bool = True
     has_jitter: bool = True
     pairs: list[Pair] = field(default_factory=list)
-    shifts: tuple[list[Fit | None], bool] | None = None  # once they were measured
+    shifts: tuple[list[Fit | None], bool] | None = None  # cached by ``measure_shifts``
 
     @property
     def narrow(self) -> bool:
-        """True of pictures that have too few columns or rows to tell where one lies on another."""
+        """True for pictures with too few columns or rows to register."""
         return min(self.frames[0].width, self.frames[0].height) < LEAST_SIDE
 
     def __post_init__(self) -> None:
-        """Prepare the pairs; a cut or a gap parts two frames."""
+        """Prepare the pairs; leaves out those with a cut or a gap between them."""
         signals = [with_gradient(register_signal(frame.colour)) for frame in self.frames]
         for place in range(1, len(self.frames)):
             frame, previous = self.frames[place], self.frames[place - 1]
@@ -250,7 +248,7 @@ class Shot:
 
 
 def planar_inverse_depth(depth: NDArray[np.float32] | Vector, camera: Camera) -> Vector:
-    """Planar depth as inverse depth in float64 (``cltaa.camera.inverse_depth`` without its float32)."""
+    """Convert planar depth to inverse depth in float64 (``cltaa.camera.inverse_depth`` uses float32)."""
     wide = depth.astype(np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
         near = -wide if camera.orthographic else np.where(wide > 0, 1.0 / wide, 0.0)
@@ -285,7 +283,8 @@ def _pair(frame: Frame, previous: Frame, now: Picture, before: Picture) -> Pair:
 
 
 def _uncovered(depth: NDArray[np.float32]) -> Mask:
-    """Pixels [H, W] that lie behind something within UNCOVERED_PX: whatever moves may just have uncovered them."""
+    """Return a mask [H, W] of pixels behind something within UNCOVERED_PX, where a moving occluder may have uncovered
+    them."""
     nearest = np.where(np.isfinite(depth), np.abs(depth), np.float32(np.inf))
     for axis in (0, 1):
         size = depth.shape[axis]
@@ -295,12 +294,12 @@ def _uncovered(depth: NDArray[np.float32]) -> Mask:
     return np.asarray(np.isfinite(nearest) & ~(np.abs(depth) * IN_FRONT <= nearest))
 
 
-LEAST_ANCHORS = 4 * LEAST_POINTS  # that rest in a pair; on fewer the whole picture says more
-LARGEST_RESIDUAL = 0.6  # above it the pictures do not match and a shift means nothing
+LEAST_ANCHORS = 4 * LEAST_POINTS  # least resting points of a pair; with fewer, the whole picture is more reliable
+LARGEST_RESIDUAL = 0.6  # above it the pictures do not match, and a shift means nothing
 
 
 def measure_shifts(shot: Shot) -> tuple[list[Fit | None], bool]:
-    """The shift that jitter gave the picture, for each pair, and whether it was measured without the motion channel."""
+    """Return the shift of the picture by jitter for each pair, and whether it was measured without motion vectors."""
     if shot.shifts is None:
         anchors = [pair.usable & ~pair.moving for pair in shot.pairs]
         anchored = shot.has_camera and bool(anchors) and all(anchor.sum() >= LEAST_ANCHORS for anchor in anchors)
@@ -310,7 +309,7 @@ def measure_shifts(shot: Shot) -> tuple[list[Fit | None], bool]:
 
 
 def stays_inside(place: Vector, width: int, height: int) -> Mask:
-    """Places [2, n] that no shift that is compared leads out of the picture, where a residual counts in full."""
+    """Return True for positions [2, n] that no compared shift moves out of the picture, where residuals are 1."""
     last = np.array([width - 1, height - 1])[:, None]
     return np.asarray(((place >= FARTHEST_PX) & (place < last - FARTHEST_PX)).all(0))
 
@@ -320,9 +319,9 @@ def _inside(pair: Pair, motion: Vector) -> Mask:
 
 
 def seen_before(pair: Pair, motion: Vector, points: Mask) -> Mask:
-    """Those of ``points`` that stay in the picture under a ``motion`` as declared; all where it is few of them.
+    """Return those of ``points`` that stay in the picture under ``motion``; all of them if few stay.
 
-    A column that it leads out of a small picture counts more than the rest: what moves less would be found nearer.
+    A column that leaves a small picture has residual 1 and would outweigh the rest, in favour of smaller motion.
     """
     seen = points & _inside(pair, motion)
     return seen if seen.sum() >= COVERED * points.sum() else points

@@ -1,4 +1,4 @@
-"""The whole check of a sequence: its files, its frames, and what would read it right."""
+"""Check a whole sequence: its files, its frames, and the options that read it correctly."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from cltaa.progress import track
 
 
 def check_files(intake: Intake) -> list[Finding]:
-    """Findings about compression that loses, half-precision channels, and frames and channels that are not there."""
+    """Return findings about lossy compression, half-precision channels, and missing frames and channels."""
     found = []
     if intake.missing:
         what = f"frames are missing: {ranges(intake.missing)}; render them again, or cltaa resolve --gaps reset"
@@ -81,13 +81,12 @@ def check_frames(
     has_jitter: bool = True,
     depth: Depth = AS_DECLARED,
 ) -> list[Finding]:
-    """Findings about frames read as their profile says; ``has_*`` is False for what the reader had to fill in.
+    """Return findings about frames read as their profile says; ``has_*`` is False for data that the reader filled in.
 
-    ``window`` is the width and height of the display window where the frames show a region of it; ``depth`` is how
+    ``window`` is the width and height of the display window if the frames show a region of it; ``depth`` is how
     their depth was read.
 
-    A later check rests on an earlier one, so where the matrices or the depth are wrong the rest is looked at only as
-    far as it does not need them.
+    Later checks rely on earlier ones: if matrices or depth are wrong, checks that need them do not run.
     """
     found = [*check_channels(frames, has_camera=has_camera, has_depth=has_depth)]
     found += check_colour(frames) + check_exposure(frames)
@@ -112,7 +111,7 @@ def check_frames(
 
 
 def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
-    """Findings about what takes two frames, in the order in which they rest on each other."""
+    """Return findings that need two frames; each check relies on those before it."""
     wrong = {finding.name.partition("-")[0] for finding in before if finding.mistake}
     found, held = list[Finding](), list[Finding]()
     if shot.has_camera and (found := check_projection_jitter(shot)):
@@ -123,24 +122,24 @@ def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
         held = check_held_jitter(shot)
         if any(finding.settled.mistake for finding in held):
             return held
-        # The rest is looked at once it is read so.
+        # The next round, which reads the corrected files, runs the rest.
         if found := check_zeroes(shot) or check_agreement(shot):
             return found
-        # A wrong camera and a wrong scale of depth both spoil the parallax; the camera's mistakes are the cruder.
+        # A wrong camera and a wrong scale of depth both change the parallax; a wrong camera changes it more.
         found = check_travel(shot) or check_upside_down(shot) or (check_depth_scale(shot) if shot.has_depth else [])
     wrong |= {finding.name.partition("-")[0] for finding in found if finding.settled.mistake}
-    if held and not found:  # shifts after a camera that may hold the jitter tell nothing of it
+    if held and not found:  # shifts measured with a camera that may contain the jitter are inconclusive
         return held
     if not wrong & {"camera", "depth"}:
         if (less := without_leak(shot)) is not shot:
             jitter = check_jitter(less)
-            # What the vectors have of it is told by the right one.
+            # Only with the right jitter can its part in the vectors be found.
             if any(finding.settled.mistake for finding in jitter):
                 return found + jitter
         _, anchored = measure_shifts(shot)
         wrong_vectors = check_motion(shot)
         found += wrong_vectors
-        # Shifts that were measured through wrong vectors tell nothing of the jitter.
+        # Shifts measured with wrong vectors say nothing about the jitter.
         if anchored or not wrong_vectors:
             found += check_jitter(shot)
         if not wrong_vectors:
@@ -149,9 +148,8 @@ def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
 
 
 def _excused(shot: Shot, found: Sequence[Finding]) -> list[Finding]:
-    """``found``; vectors that are all one are no mistake where they are right, and not told where they are mended, or
-    the matrices that may bear them out.
-    """
+    """Adjust the finding of constant vectors in ``found``: no mistake if they are right, doubtful without matrices and
+    depth, and dropped if another finding corrects the vectors or the matrices that may support them."""
     if not any(finding.name == "motion-constant" for finding in found):
         return list(found)
     if any({"motion", "camera"} & finding.fix.keys() or "source" in finding.fix.get("jitter", {}) for finding in found):
@@ -165,9 +163,8 @@ def _excused(shot: Shot, found: Sequence[Finding]) -> list[Finding]:
 
 
 def _agrees(shot: Shot) -> bool:
-    """True where matrices and depth say the same as the vectors, as of a plane that the camera moves along; without
-    them where the pictures lie on each other so.
-    """
+    """Return True if the vectors agree with matrices and depth, as for a plane that the camera moves along; without
+    those, if the pictures match under the vectors."""
     if not shot.pairs:
         return False
     if shot.has_camera and shot.has_depth:
@@ -179,15 +176,15 @@ def _agrees(shot: Shot) -> bool:
     return len(left) == len(fits) and max(left) < (STEADY_PX if shot.has_jitter else 1.0)
 
 
-STEADY_PX = 0.3  # what is left of the picture's shift where vectors are right
-FRAMES = 12  # looked at unless asked otherwise: 11 pairs tell a gain of jitter to a few hundredths
-ROUNDS = 6  # of looking and reading again: matrices, depth, its unit, vectors and jitter, then nothing
+STEADY_PX = 0.3  # largest remaining shift of the picture under right vectors
+FRAMES = 12  # default number of frames: 11 pairs give the gain of jitter to a few hundredths
+ROUNDS = 6  # rounds of checking and reading again: matrices, depth, its unit, vectors, jitter, and a clean one
 
 
 class Report(msgspec.Struct, kw_only=True):
-    """What ``cltaa check`` found; ``options`` reads the sequence right, ``profile`` is the same as data.
+    """The result of ``cltaa check``; ``options`` reads the sequence correctly, ``profile`` is the same as data.
 
-    ``unverifiable`` are conventions that could be wrong without a trace in these frames.
+    ``unverifiable`` lists conventions that could be wrong without a trace in these frames.
     """
 
     folder: str
@@ -205,7 +202,7 @@ class Report(msgspec.Struct, kw_only=True):
 
     @property
     def questions(self) -> list[Finding]:
-        """Findings that may be mistakes: nothing is prescribed, and nothing is called right."""
+        """Findings that may be mistakes; they have no fix, and rule out a clean result."""
         return [finding for finding in self.findings if finding.question]
 
 
@@ -218,11 +215,11 @@ def check_folder(
     frames: int | FrameRange = FRAMES,
     step: int = 1,
 ) -> tuple[Report, Profile]:
-    """Check some frames of a sequence, read as ``profile`` says; also return the profile that mends it.
+    """Check some frames of a sequence, read as ``profile`` says; also return the corrected profile.
 
-    ``frames`` is how many from the first on, or the numbers of the first and the last, both included: then no other
-    counts. What is wrong is read again as it is right, since a wrong depth hides a wrong jitter. Files that cannot be
-    read are findings, and left out. Raises what opening raises, and reading where no frame can be read.
+    ``frames`` is a count from the first frame on, or the numbers of the first and the last one, both included. After
+    each round the files are read again with all corrections, because a wrong depth hides a wrong jitter. Unreadable
+    files become findings and are left out. Raises what opening raises, and what reading raises if no frame is readable.
     """
     side_file = None if side_file is None else Path(side_file)
     count, only = (frames, None) if isinstance(frames, int) else (None, frames)
@@ -238,7 +235,7 @@ def check_folder(
         raise _weightier(error, damaged.values()) from None
     wrong = _wrong_with(first, damaged.values(), only)
     name = intake.profile.name if profile == "auto" else str(profile)
-    if isinstance(profile, Profile):  # which no option names: one that comes with cltaa does, and what differs from it
+    if isinstance(profile, Profile):  # options can name only a profile that comes with cltaa, plus the differences
         name = profile.name if profile.name in profile_names() else "cltaa"
     base, findings = load_profile(name), list[Finding]()
     for _ in range(ROUNDS):
@@ -270,7 +267,7 @@ def check_folder(
 
 
 def profile_options(profile: str, side_file: Path | None, step: int) -> str:
-    """The options that read a folder by ``profile`` and with what no profile says, for a shell."""
+    """Return the options, for a shell, that read a folder by ``profile``, ``side_file`` and ``step``."""
     words = ["--profile", profile]
     if step != 1:
         words += ["--step", str(step)]
@@ -280,18 +277,18 @@ def profile_options(profile: str, side_file: Path | None, step: int) -> str:
 
 
 def _weightier(error: CltaaError, damaged: Iterable[Damaged]) -> CltaaError:
-    """What to tell where a folder cannot be opened without its damaged files: what is wrong with one of them.
+    """Return the error to report for a folder that cannot be opened without its damaged files.
 
-    That is of the frame that the error misses, where it is of one; other words that mean nothing are told first.
+    A damaged file of the frame named in ``error`` comes first, then a UsageError, then the first damaged file.
     """
-    errors = {file.number: file.error for file in reversed([*damaged])}  # of a frame the first
+    errors = {file.number: file.error for file in reversed([*damaged])}  # the first error of each frame
     if error.frame in errors:
         return errors[error.frame]
     return error if isinstance(error, UsageError) or not errors else errors[min(errors)]
 
 
 def _wrong_with(intake: Intake, damaged: Iterable[Damaged], frames: FrameRange | None) -> Problems:
-    """What is wrong with files that would be read, or of whose set none can be, within ``frames``."""
+    """Return the errors, within ``frames``, of files with a role, or of sets without a readable file."""
     wrong = Problems()
     read = {place.files for places in intake.roles.values() for place in places}
     for file in damaged:
@@ -304,9 +301,9 @@ def _wrong_with(intake: Intake, damaged: Iterable[Damaged], frames: FrameRange |
 def _look(
     intake: Intake, folder: Path, count: int | None, wrong: Problems
 ) -> tuple[list[Finding], list[Frame], dict[str, Any]]:
-    """What files and pixels say under one reading, the frames so read, and what else a Shot of them is told.
+    """Return the findings of files and pixels under one reading, the frames, and the other arguments of their Shot.
 
-    Those that cannot be read are ``wrong``. Raises DataError where none can be.
+    Adds unreadable frames to ``wrong``. Raises DataError if no frame is readable.
     """
     numbers = sorted(intake.declared)[:count]
     sequence = ForeignSequence(folder, intake, numbers, strict=False)
@@ -334,6 +331,6 @@ def _look(
 
 
 def _with_option(finding: Finding, profile: Profile) -> Finding:
-    """``finding`` with the option that mends it; none where what it names is set already."""
+    """Return ``finding`` with the option that corrects it; without one if the profile already has that value."""
     option = option_text(differences(correct(profile, finding.fix), profile))
     return msgspec.structs.replace(finding, option=option, fix=finding.fix if option else {})

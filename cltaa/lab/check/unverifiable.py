@@ -1,6 +1,6 @@
-"""What a sequence cannot tell of its own conventions, so that nobody takes the check's silence for a yes.
+"""Conventions that a sequence cannot verify, so that nobody reads the check's silence as a confirmation.
 
-A mistake that changes nothing here may change the next shot that is read by the same profile.
+A mistake without effect here may matter in the next shot that is read by the same profile.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from cltaa.lab.check.jitter import bears_out, declared_jitter
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
 from cltaa.lab.check.registration import COVERED, LEAST_POINTS, LEAST_SIDE, Pair, Shot, Vector, measure_shifts
 
-MOST = 0.95  # quantile of the points: a few near the edge move by more under any mistake
+MOST = 0.95  # quantile of the points, because a few near the edge move farther under any mistake
 WHAT = {"inverse": "their direction", "y-flipped": "their y"}
-UNIT = 2.0  # of depth
+UNIT = 2.0  # factor of a wrong unit of depth
 VECTORS = {
     "negated": "their sign",
     "x-negated": "the sign of x",
@@ -46,7 +46,7 @@ AXES = {"the sign of x": 0, "the sign of y": 1}
 
 
 def unverifiable(shot: Shot) -> list[str]:
-    """One line for each convention that could be wrong and this check would not name it in these frames."""
+    """Return one line for each convention whose mistake the check could not find in these frames."""
     if not shot.pairs:
         return [f"{_between_two(shot)}: no frame here follows another; give 8 or more in a row", *_depth(shot)]
     if shot.narrow:
@@ -59,7 +59,7 @@ def unverifiable(shot: Shot) -> list[str]:
 
 
 def _between_two(shot: Shot) -> str:
-    """What shows between a frame and the next, and not of a single frame, behind cuts and gaps, or in narrow ones."""
+    """Name the conventions that need two consecutive frames, without a cut or gap, of sufficient size."""
     vectors = any(frame.motion is not None for frame in shot.frames)
     here = {
         "matrices": shot.has_camera,
@@ -100,9 +100,9 @@ def _depth(shot: Shot) -> Iterator[str]:
 
 
 def _shows(pairs: Sequence[Pair], wrong: Sequence[Vector]) -> bool:
-    """True where the check would name a mistake that makes these motions [2, n] of the right ones."""
+    """Return True if the check would find a mistake that turns the right motions into these, [2, n]."""
     if all(_far(pair, motion) for pair, motion in zip(pairs, wrong, strict=True)):
-        return True  # from the vectors that fill the picture
+        return True  # by the vectors, which fill the picture
     chosen = slice(None, None, max(1, len(pairs) // MOST_PAIRS))
     right = residuals(pairs[chosen])
     spoilt = [camera_residual(pair, motion) for pair, motion in zip(pairs[chosen], wrong[chosen], strict=True)]
@@ -110,7 +110,7 @@ def _shows(pairs: Sequence[Pair], wrong: Sequence[Vector]) -> bool:
 
 
 def _far(pair: Pair, wrong: Vector) -> bool:
-    """True where vectors fill the picture and the wrong motion lies far from the right one at most points."""
+    """Return True if vectors fill the picture and the wrong motion is far from the right one at most points."""
     if np.isfinite(pair.own).all(0).mean() < COVERED:
         return False
     right = pair.camera_motion()
@@ -122,7 +122,7 @@ def _moves(pair: Pair) -> bool:
 
 
 def _motion(shot: Shot) -> Iterator[str]:
-    """Signs and sizes of vectors that are too short, or all of one direction."""
+    """Yield the conventions of vectors that are too few, too short, or all of one direction."""
     own = [pair.own[:, pair.moving & pair.usable] for pair in shot.pairs if pair.frame.motion is not None]
     own = [vectors for vectors in own if vectors.size]
     if not any(pair.frame.motion is not None for pair in shot.pairs):
@@ -139,7 +139,7 @@ def _motion(shot: Shot) -> Iterator[str]:
         return
     hidden = [what for name, what in VECTORS.items() if not _shows_vectors(shot, name)]
     for what, axis in AXES.items():
-        # A sign turned over changes a vector by twice what it has on that axis.
+        # A flipped sign changes a vector by twice its component on that axis.
         if max(2 * float(np.sqrt((vectors[axis] ** 2).mean())) for vectors in own) < LEAST_EFFECT_PX:
             yield f"the vectors: {what}: nothing moves that way"
             hidden = [other for other in hidden if other != what]
@@ -148,14 +148,14 @@ def _motion(shot: Shot) -> Iterator[str]:
 
 
 def _shows_vectors(shot: Shot, name: str) -> bool:
-    """True where the check would name vectors that are wrong so: the declared ones are made so, and judged."""
+    """Return True if the check finds this mistake after it is applied to the declared vectors."""
     leak = {"jittered": 1.0, "jittered-reversed": -1.0}.get(name, 0.0)
     meant = Affine(np.eye(2) if leak else linear_maps(*shot.window)[name])
     wrong = Affine(np.asarray(np.linalg.inv(meant.matrix), np.float64))
     if not leak and tells_map(shot, wrong):
         return True
     spoilt = copy(shot)
-    spoilt.shifts = measure_shifts(shot)  # not by the vectors that are wrong
+    spoilt.shifts = measure_shifts(shot)  # measured with the declared vectors, not the wrong ones
     spoilt.pairs = [replace(p, own=wrong(p.own) + leak * p.jitter_change[:, None]) for p in shot.pairs]
     maps = {"": Affine(np.eye(2))} | ({} if leak else {name: meant})
     return any(finding.settled.mistake for finding in check_motion(spoilt, maps))

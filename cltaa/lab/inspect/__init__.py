@@ -1,1 +1,1 @@
-"""What is in a sequence."""
+"""Inspect the contents of a sequence."""

@@ -1,7 +1,7 @@
-"""What changes from frame to frame in the pixels of a sequence: depth, colour, and what comes into view.
+"""Detect changes from frame to frame in the pixels of a sequence: depth, colour and disocclusion.
 
-The sample of a pixel wanders with the jitter, so that even what stands still is not the same in two frames, unless they
-have one jitter. Each watcher remembers in ``frame`` the first frame in which it was sure.
+The sample of a pixel moves with the jitter, so that even a still scene differs between two frames unless they have the
+same jitter. Each detector stores in ``frame`` the first frame in which it was certain.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from cltaa.lab.judge.correspondence import correspondence
 Plane = NDArray[Any]  # [H, W] or [3, H, W]
 Mask = NDArray[np.bool_]
 
-# Depth of one place of a surface, drawn twice with one jitter, differs by rounding at most.
+# The depth of one surface point, drawn twice with the same jitter, differs by rounding at most.
 DEPTH_SLACK = 1e-4
-# With another jitter the sample is at most a pixel away. Share of pixels outside the range of depth around them, worst
-# seen: 0.05 in still scenes (leaves, at 96x54), 0.3 and more under a camera that turns or travels.
+# With another jitter the sample is at most a pixel away. Share of pixels outside the depth range around them, worst
+# seen: 0.05 in still scenes (leaves, at 96x54), 0.3 and more with a rotating or moving camera.
 MOVED_SHARE = 0.15
-# An illumination change that no eight bits show: half a step of a value near 1.
+# An illumination change below half an 8-bit step of a value near 1 is invisible.
 COLOUR_SLACK = 1.0 / 512.0
-BLOCK = 8  # pixels: of colour the mean of each block is remembered, for every jitter there is
-# With another jitter: share of pixels outside the range of colour around them, worst seen 0.18 in still scenes at
-# 160x90, 0.12 at 320x180; 0.32 and more where a lamp flashes, a shadow moves or highlights glint.
+BLOCK = 8  # pixels: side of the blocks whose mean colour is stored for each jitter
+# With another jitter: share of pixels outside the colour range around them, worst seen 0.18 in still scenes at
+# 160x90, 0.12 at 320x180; 0.32 and more with a flashing lamp, a moving shadow or glinting highlights.
 CHANGED_SHARE = 0.25
-# Share of pixels that come into view, two pixels away from whatever could hide them, since two samples of a pixel and
-# a rounded position lie up to 1.5 apart. Worst seen where nothing does: 2e-4, in hair against the sky (160x90).
+# Share of disoccluded pixels, two pixels away from any occluder, because two samples of a pixel and a rounded position
+# are up to 1.5 apart. Worst seen without disocclusion: 2e-4, in hair against the sky (160x90).
 DISOCCLUDED_SHARE = 5e-4
-# A camera's step may disocclude less than a pixel: frames are looked at 1, 2, 4 ... after one, then from the last anew.
+# One camera step may disocclude less than a pixel: compare frames 1, 2, 4 ... after one, then restart from the last.
 FARTHEST = 16
 
 
 class DepthChange:
-    """Depth that changes although nothing moves."""
+    """Detects depth that changes although nothing moves."""
 
     def __init__(self) -> None:
         self.frame: int | None = None
@@ -47,7 +47,7 @@ class DepthChange:
         self._last: Plane | None = None
 
     def look(self, header: Frame, depth: Plane) -> None:
-        """Take in the depth [H, W] of one frame."""
+        """Examine the depth [H, W] of one frame."""
         if self.frame is None and self._has_changed(header.jitter_px, depth):
             self.frame = header.index
         if self._first is None:
@@ -63,7 +63,7 @@ class DepthChange:
 
 
 class ColourChange:
-    """Colour that changes although neither light nor anything else does."""
+    """Detects colour that changes although no change is declared."""
 
     def __init__(self) -> None:
         self.frame: int | None = None
@@ -71,7 +71,7 @@ class ColourChange:
         self._last: Plane | None = None
 
     def look(self, header: Frame, colour: Plane) -> None:
-        """Take in the colour [3, H, W] of one frame; a cut begins anew. What is no light counts as none."""
+        """Examine the colour [3, H, W] of one frame; restarts at a cut. NaN, infinite and negative values become 0."""
         colour = np.maximum(np.nan_to_num(colour, posinf=0.0, neginf=0.0), 0.0)
         if header.cut or (self._last is not None and colour.shape != self._last.shape):
             self._means, self._last = {}, None
@@ -87,19 +87,19 @@ class ColourChange:
 
 
 class Uncovering:
-    """Surfaces that come into view from behind others: by depth and cameras, or by the motion channel."""
+    """Detects disoccluded surfaces, by depth and cameras or by the motion channel."""
 
     def __init__(self) -> None:
         self.frame: int | None = None
         self._before: Frame | None = None
 
     def look(self, header: Frame, channels: Mapping[str, Pixels]) -> None:
-        """Take in one frame."""
+        """Examine one frame."""
         frame, before = _geometry(header, channels), self._before
         if before is None or frame.cut or frame.depth.shape != before.depth.shape:
             self._before = frame
             return
-        # Own motion leads to the frame before and no farther.
+        # Own motion leads only to the previous frame.
         distance = frame.index - before.index
         if self.frame is None and (frame.motion is not None or distance & (distance - 1) == 0):
             found = correspondence(frame, before)
@@ -110,14 +110,14 @@ class Uncovering:
 
 
 def _geometry(header: Frame, channels: Mapping[str, Pixels]) -> Frame:
-    """The frame without its colour."""
+    """Return the frame without its colour."""
     planes = [np.asarray(channels[name], np.float32) for name in ("backward.u", "backward.v") if name in channels]
     depth = np.asarray(channels["Z"], np.float32)
     return replace(header, depth=depth, motion=np.stack(planes, axis=-1) if len(planes) == 2 else None)
 
 
 def _block_means(colour: Plane) -> Plane:
-    """Mean of each block of BLOCK x BLOCK pixels, [3, rows, columns]; what is left over at the edges is repeated."""
+    """Return the mean of each block of BLOCK x BLOCK pixels, [3, rows, columns]; pads with repeated edges."""
     planes, height, width = colour.shape
     padded = np.pad(colour, ((0, 0), (0, -height % BLOCK), (0, -width % BLOCK)), mode="edge")
     blocks = padded.reshape(planes, padded.shape[1] // BLOCK, BLOCK, -1, BLOCK)
@@ -132,19 +132,19 @@ def _close(one: Plane, other: Plane) -> Mask:
 
 
 def _outside(plane: Plane, before: Plane, slack: float) -> Mask:
-    """Where values that are not negative lie outside the range that the 3x3 around the pixel had before."""
+    """Return True where a non-negative value lies outside the previous range of its 3x3 neighbourhood."""
     around = _around(before)
     low, high = np.minimum.reduce(around), np.maximum.reduce(around)
     return np.asarray((plane < low * (1.0 - slack)) | (plane > high * (1.0 + slack)))
 
 
 def _grown(mask: Mask) -> Mask:
-    """The mask and the pixels beside it."""
+    """Return the mask with the pixels beside it."""
     return np.asarray(np.logical_or.reduce(_around(mask)))
 
 
 def _around(plane: Plane) -> list[Plane]:
-    """The plane moved to each of the 3x3 places around a pixel; edges repeat."""
+    """Return the plane shifted to each of the 3x3 positions around a pixel; edges repeat."""
     padded = np.pad(plane, 1, mode="edge")
     rows, columns = plane.shape
     return [padded[y : y + rows, x : x + columns] for y in range(3) for x in range(3)]

@@ -1,7 +1,7 @@
-"""What is in a sequence, captured or another tool's, and what is wrong with it, file by file and together.
+"""Contents and problems of a sequence, captured or another tool's.
 
-A broken promise (an effect that is there and not declared) makes a resolve wrong, because the plan trusts the list; an
-idle one (declared, and never there) only costs time.
+A broken promise (an effect that is present but not declared) makes a resolve wrong, because the plan trusts the
+declaration. An idle effect (declared but never present) only costs time.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ Headers = Mapping[int, Frame]
 
 
 class Jitter(msgspec.Struct, kw_only=True):
-    """Offsets of the samples: frames after which they repeat (None: not within the sequence), mean over a period."""
+    """Sample offsets: the period in frames (None: longer than the sequence), the mean over it, the largest."""
 
     period: int | None
     mean_px: tuple[float, float]
@@ -64,7 +64,7 @@ class Jitter(msgspec.Struct, kw_only=True):
 
 
 class Reference(msgspec.Struct, kw_only=True):
-    """The truth beside a sequence; ``samples`` a pixel where its header tells."""
+    """The truth beside a sequence; ``samples`` a pixel, None if its header does not say."""
 
     frames: int
     samples: int | None
@@ -76,18 +76,18 @@ class Inspection(msgspec.Struct, kw_only=True):
     folder: str
     name: str
     scene: str = ""
-    resolved_by: str = ""  # the preset, where these are results of a resolve
+    resolved_by: str = ""  # the preset, if a resolve wrote the files
     first: int = 0
     last: int = 0
     frames: int = 0
-    size: str = "unknown"  # and of a region of the display window, which
+    size: str = "unknown"  # includes the position of a region in the display window
     width: int = 0
     height: int = 0
     compression: str = ""
     channels: dict[str, str] = {}
     effects: list[str] | None = None  # None: nothing is declared
     jitter: Jitter | None = None
-    camera: str = ""  # still, or what it does: moves, zooms, shifts (as its centre does by jitter that was left in it)
+    camera: str = ""  # still, or moves, zooms, shifts (its centre moves, as by jitter left in it)
     orthographic: bool = False
     cuts: list[int] = []
     exposures: tuple[float, float] = (1.0, 1.0)  # smallest and largest
@@ -95,11 +95,11 @@ class Inspection(msgspec.Struct, kw_only=True):
     disk_bytes: int = 0
     statistics: dict[str, ChannelStatistics] = {}
     problems: list[str] = []
-    idle: list[str] = []  # what is declared and never shows: it costs time and nothing else
+    idle: list[str] = []  # declared effects that never occur; they only cost time
 
 
 def describe_layouts(result: Inspection, layouts: Mapping[int, Layout]) -> None:
-    """Say in ``result`` what files of these layouts, by frame number, hold; the others are compared with the first."""
+    """Fill ``result`` from the layouts by frame number, and compare all with the first."""
     if not layouts:
         return
     number, first = next(iter(layouts.items()))
@@ -118,7 +118,7 @@ def describe_layouts(result: Inspection, layouts: Mapping[int, Layout]) -> None:
 
 
 def describe_headers(result: Inspection, headers: Headers) -> None:
-    """Say in ``result`` what cameras, jitter, exposure and declared effects do over the frames; at least one."""
+    """Fill ``result`` from cameras, jitter, exposure and declared effects of at least one frame."""
     first = next(iter(headers.values()))
     result.scene, result.orthographic = first.scene, first.camera.orthographic
     result.effects = None if first.effects is None else sorted(first.effects)
@@ -145,7 +145,7 @@ def describe_headers(result: Inspection, headers: Headers) -> None:
 
 
 def _broken_promises(result: Inspection, declared: frozenset[Effect]) -> list[str]:
-    """Effects that the files show and the declaration leaves out; a resolve would trust the declaration."""
+    """Return a problem for each effect that the headers show and the declaration lacks."""
     shown = {
         Effect.CAMERA: result.camera != "still",
         Effect.MOTION: "backward.u" in result.channels,
@@ -158,7 +158,7 @@ def _broken_promises(result: Inspection, declared: frozenset[Effect]) -> list[st
 
 
 def describe_reference(result: Inspection, folder: Path, paths: Mapping[int, Path]) -> None:
-    """Say in ``result`` what truth there is in ``folder`` for the frames at ``paths``."""
+    """Fill ``result`` with the truth in ``folder`` for the frames at ``paths``."""
     if not (folder / "reference").exists():
         return
     try:
@@ -192,23 +192,23 @@ def _constant(matrices: Iterable[Matrix]) -> bool:
 
 
 def size_of(path: Path) -> int:
-    """Bytes of a file; 0 where it is none."""
+    """Return the size of a file in bytes; 0 if it does not exist."""
     return path.stat().st_size if path.is_file() else 0
 
 
 BRIGHT = 8.0  # "far above 1"
-# Any of these moves what a pixel shows.
+# Each of these changes which surface a pixel shows.
 MOVING = frozenset({Effect.CAMERA, Effect.MOTION, Effect.DISOCCLUSION, Effect.CUT})
 
 
 class Witness:
-    """Looks at the frames of a sequence in order, for what changes in them and nobody declares."""
+    """Examines the frames of a sequence in order for undeclared changes."""
 
     def __init__(self) -> None:
         self._depth, self._colour, self._disoccluded = DepthChange(), ColourChange(), Uncovering()
 
     def look(self, header: Frame, channels: Mapping[str, Pixels]) -> None:
-        """Take in one frame."""
+        """Examine one frame."""
         declared = header.effects
         if declared is None:
             return
@@ -220,7 +220,7 @@ class Witness:
             self._colour.look(header, np.stack([np.asarray(channels[name], np.float32) for name in "RGB"]))
 
     def broken(self, brightest: float, declared: frozenset[Effect]) -> list[str]:
-        """Effects that the pixels show, of which none is above ``brightest``, and the declaration leaves out."""
+        """Return a problem for each effect that the pixels, at most ``brightest``, show and ``declared`` lacks."""
         problems = []
         if brightest > BRIGHT and Effect.HDR not in declared:
             problems.append(f"effect hdr shows in the pixels (up to {brightest:.4g}) but is not declared")
@@ -240,12 +240,12 @@ def _undeclared(what: str, frame: int, effects: frozenset[Effect]) -> str:
 
 
 def _idle(statistics: Mapping[str, ChannelStatistics], brightest: float, declared: frozenset[Effect]) -> list[str]:
-    """Effects that are declared and never show, with what makes that sure."""
+    """Return a line for each declared effect that never occurs, with the evidence."""
     nothing = ChannelStatistics()
     vectors = [channel for name, channel in statistics.items() if name.startswith("backward.")]
     reactive, alpha = statistics.get("reactive", nothing), statistics.get("A", nothing)
     opaque = alpha.lowest == alpha.highest == 1.0 and not alpha.nan + alpha.infinite
-    idle = {  # what lies between 1 and BRIGHT may be called HDR or not
+    idle = {  # values between 1 and BRIGHT may count as HDR or not
         Effect.MOTION: (
             "the motion channel is zero or NaN everywhere",
             all(v.zero + v.nan == v.count for v in vectors),
@@ -265,12 +265,10 @@ def _idle(statistics: Mapping[str, ChannelStatistics], brightest: float, declare
 def inspect_folder(
     named: Named, *, pixels: bool = False, step: int = 1, advance: Callable[[int, int], None] | None = None
 ) -> Inspection:
-    """Look at every file of a sequence. What is wrong is listed, not raised.
+    """Inspect every file of a sequence; lists problems and does not raise them.
 
-    With ``pixels`` the files are also decoded, and compared with the SHA-256 that is recorded for them and against the
-    effects that they declare.
-    ``advance(done, total)`` is called after every file. Raises InputMissing or DataError only where there is no one
-    sequence to look at.
+    ``pixels`` also decodes the files, and checks them against their recorded SHA-256 and their declared effects. Calls
+    ``advance(done, total)`` after every file. Raises InputMissing or DataError only if ``named`` is not one sequence.
     """
     place = selection_of(named)
     folder, name, paths = numbered_files(place)
@@ -287,7 +285,9 @@ def inspect_folder(
             layouts[number] = layout = pictures.get(number, header.layout)
             result.resolved_by = str(header.attributes.get(RESOLVED, ""))
             _check_channels(header)
-            if not result.resolved_by or "cltaa:jitterPx" in header.attributes:  # other tools' files may have none
+            if (
+                not result.resolved_by or "cltaa:jitterPx" in header.attributes
+            ):  # resolved from other tools' files: none
                 headers[number] = frame_outline(path, header.attributes, layout)
             if pixels:
                 channels = read_image(path, sha256=recorded[path.parent].get(path.name), picture=layout.data_window)[0]
@@ -318,18 +318,18 @@ def inspect_folder(
 
 
 def _pictures(paths: Mapping[int, Path]) -> dict[int, Layout]:
-    """What a sequence shows of those files that can be read."""
+    """Return the layouts of the readable files, as the sequence shows them."""
     layouts: dict[int, Layout] = {}
     for number, path in sorted(paths.items()):
         with suppress(CltaaError):
             layouts[number] = read_layout(path)
-    with suppress(CltaaError):  # which is told of the files
+    with suppress(CltaaError):  # the loop over the files reports it
         return as_pictures(layouts, OnBreak.RESET)
     return layouts
 
 
 def _missing(numbers: list[int], step: int) -> list[str]:
-    """The problem of frames that are not there, if any."""
+    """Return the problem of missing frames, if any."""
     gaps = [one_range(one + 1, other - 1) for one, other in pairwise(numbers) if other != one + step]
     if not gaps:
         return []
@@ -338,7 +338,7 @@ def _missing(numbers: list[int], step: int) -> list[str]:
 
 
 def _recorded(folder: Path, problems: list[str]) -> dict[str, str]:
-    """The hashes that files must have; a record that cannot be read is among the ``problems``."""
+    """Return the recorded hashes of files; adds an unreadable record to ``problems``."""
     try:
         return recorded_hashes(folder)
     except CltaaError as error:
@@ -347,7 +347,7 @@ def _recorded(folder: Path, problems: list[str]) -> dict[str, str]:
 
 
 def _check_channels(header: ImageHeader) -> None:
-    """Refuse a frame without the channels that it needs: an image that a resolve wrote needs no depth."""
+    """Raise DataError for a frame without its required channels; an image that a resolve wrote needs no depth."""
     if RESOLVED in header.attributes:
         check_float_channels(header.layout, COLOUR)
     else:
@@ -355,9 +355,9 @@ def _check_channels(header: ImageHeader) -> None:
 
 
 class Description(msgspec.Struct, kw_only=True):
-    """Profile and why, frames, the channels of each role, the channels of none, and what is missing.
+    """How another tool's sequence is read: profile with reason, frames, channels of each role, unused, missing.
 
-    All but ``folder`` and ``problems`` is empty where the files that can be read make no sequence.
+    Only ``folder`` and ``problems`` are filled if the readable files form no sequence.
     """
 
     folder: str
@@ -368,24 +368,24 @@ class Description(msgspec.Struct, kw_only=True):
     frames: int = 0
     width: int = 0
     height: int = 0
-    size: str = "unknown"  # and of a region of the display window, which
+    size: str = "unknown"  # includes the position of a region in the display window
     channels: dict[str, list[str]] = {}
     unused: list[str] = []
     notes: list[str] = []
     exposures: tuple[float, float] = (1.0, 1.0)  # smallest and largest
     cuts: list[int] = []
-    statistics: dict[str, ChannelStatistics] = {}  # of what a resolve takes, by the channels of cltaa's own files
+    statistics: dict[str, ChannelStatistics] = {}  # of the converted values, by cltaa's channel names
     problems: list[str] = []
 
 
 def describe_input(
     named: Named, *, pixels: bool = False, advance: Callable[[int, int], None] | None = None, **reading: Any
 ) -> Description:
-    """Decide how a sequence is read, and say so; damaged files are left out of that, and listed.
+    """Describe how a sequence would be read; leaves out damaged files and lists them.
 
-    With ``pixels`` every frame is read and converted as for a resolve, and what is wrong with it is listed, not raised.
-    ``advance(done, total)`` is called after each frame. ``reading`` is that of ``open_with_gaps``, which raises where
-    no file is damaged.
+    ``pixels`` also reads and converts every frame as for a resolve; lists problems and does not raise them. Calls
+    ``advance(done, total)`` after each frame. ``reading`` goes to ``open_with_gaps``, whose errors are raised if no
+    file is damaged.
     """
     place = selection_of(named)
     wrong, sets = Problems(), file_sets(place)
@@ -426,7 +426,7 @@ def inspect_input(
     pixels: bool = False,
     advance: Callable[[int, int], None] | None = None,
 ) -> Inspection | Description:
-    """Look at a sequence as what it is: cltaa's own by ``inspect_folder``, another tool's by ``describe_input``.
+    """Inspect cltaa's own sequence with ``inspect_folder``, another tool's with ``describe_input``.
 
     Raises what these raise.
     """
@@ -460,7 +460,7 @@ def _described(place: Selection, intake: Intake) -> Description:
 
 
 def _check_sizes(intake: Intake, wrong: Problems) -> None:
-    """Add to what is ``wrong`` the frames of another size than the first."""
+    """Add frames whose size differs from the first to ``wrong``."""
     first = intake.layouts[min(intake.layouts)]
     for number, layout in intake.layouts.items():
         try:
@@ -482,7 +482,7 @@ def _look(
             wrong.add(number, error)
             planes = {}
         for channel, plane in planes.items():
-            if channel != "Z" or "depth" in sequence.intake.roles:  # else it is filled in
+            if channel != "Z" or "depth" in sequence.intake.roles:  # else the reader fills in depth
                 found.statistics.setdefault(channel, ChannelStatistics()).add(plane)
         if advance is not None:
             advance(done, found.frames)

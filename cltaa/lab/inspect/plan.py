@@ -1,8 +1,8 @@
-"""The plan of a whole sequence: which steps run on which frames, why, and what each costs on this device.
+"""The plan of a whole sequence: which steps run on which frames, why, and the cost of each on this device.
 
-And what it saves, with proof that it changes time and not the picture (docs/effects.md). Three resolves: as planned;
-with every step that was left out running too, which must give the same bits; and as if nothing were declared (``all``),
-where plain means and plain weights give way to the preset's own.
+Also measures what the plan saves, and proves that it changes time and not the picture (docs/effects.md), by three
+resolves: as planned; with every step running, which must give the same bits; and as if nothing were declared (``all``),
+with the preset's own means and weights in place of plain ones.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence, 
 from cltaa.pipeline.output import carried_kinds, check_layers, chosen_layers
 from cltaa.progress import track
 
-ROUNDS = 9  # of timing, each of which runs every variant once
+ROUNDS = 9  # timing rounds, each with one run of every variant
 PLANNED, EVERY, ALL = "as planned", "every step", "all effects"
-WAYS: dict[str, Asked] = {PLANNED: "auto", EVERY: "auto", ALL: "all"}  # of the three, which effects count
-CHANNELS = ("own_motion", "alpha", "reactive")  # the steps that read one
+WAYS: dict[str, Asked] = {PLANNED: "auto", EVERY: "auto", ALL: "all"}  # effects of the three resolves
+CHANNELS = ("own_motion", "alpha", "reactive")  # steps that read a channel
 
 
 class Step(msgspec.Struct, kw_only=True):
-    """One step on some frames. ``milliseconds`` is what it takes, or would take, on a frame; None: not measured."""
+    """One step on some frames. ``milliseconds`` is the time that it takes, or would take, a frame; None: unknown."""
 
     name: str
     on: bool
@@ -50,7 +50,7 @@ class Step(msgspec.Struct, kw_only=True):
 
 
 class Section(msgspec.Struct, kw_only=True):
-    """Frames in a row that share a plan; ``starts`` where nothing of the past is used. Times are a frame's kernels."""
+    """Consecutive frames with one plan; ``starts`` if they begin a new history. Times are of one frame's kernels."""
 
     first: int
     last: int
@@ -61,15 +61,15 @@ class Section(msgspec.Struct, kw_only=True):
 
 
 class SequencePlan(msgspec.Struct, kw_only=True):
-    """What ``cltaa inspect --plan`` reports."""
+    """The report of ``cltaa inspect --plan``."""
 
     folder: str
     preset: str
     device: str
-    kernels: int  # different builds of the resolve that the sequence needs
+    kernels: int  # number of builds of the resolve that the sequence needs
     sections: list[Section]
     memory: Memory
-    found: Found | None = None  # the effects, where none are declared
+    found: Found | None = None  # the effects, if none are declared
 
 
 def plan(
@@ -85,13 +85,13 @@ def plan(
     band_rows: int | None = None,
     denoise: str = "none",
 ) -> SequencePlan:
-    """Say which steps of ``preset`` run on which frames of ``sequence``, opened or named, and why.
+    """Return which steps of ``preset`` run on which frames of ``sequence``, opened or named, and why.
 
-    Effects that nobody declares are found in its pixels first, as by ``cltaa resolve``. With ``rounds`` each step, but
-    of a preset that looks ahead, is also timed on ``device``, on and off in turn, on two frames of the sequence.
-    ``storage``, ``half``, ``layers`` and ``band_rows`` are those of ``cltaa resolve``, on which memory depends, and so
-    is ``denoise``, whose own time and memory are not among what is told. Raises what opening the device and reading
-    raise, and UsageError for no such layer.
+    Finds undeclared effects in its pixels first, like ``cltaa resolve``. With ``rounds`` it also times each step on
+    ``device``, on and off in turn, on two frames of the sequence, unless the preset looks ahead. ``storage``, ``half``,
+    ``layers``, ``band_rows`` and ``denoise`` are those of ``cltaa resolve``; memory depends on them. The time and
+    memory of the denoiser itself are not included. Raises what opening the device and reading raise, and UsageError for
+    an unknown layer.
     """
     denoised = denoises(denoise)
     if not isinstance(preset, Preset):
@@ -102,17 +102,17 @@ def plan(
     layers = chosen_layers(layers, sequence)
     check_layers(sequence, layers)
     resolver = Resolver(preset, device, storage=storage, every_step=True)
-    free = resolver.preset.published is Published.NO  # a transcription does what it does on every scene
+    free = resolver.preset.published is Published.NO  # a transcription runs the same steps on every scene
     found = find_for(sequence, denoised=denoised) if free and looked_for(sequence, effects) else None
     sequence = with_found(sequence, found)
-    program = program_bytes()  # before a kernel is built
+    program = program_bytes()  # measured before a kernel is built
     sections: list[Section] = []
     plans: list[Plan] = []
     for number, starts, planned in _plans(sequence, resolver.preset, effects):
         steps = [Step(name=reason.step, on=reason.on, why=reason.why) for reason in planned.reasons]
         second = bool(plans) and not starts and sections[-1].starts and sections[-1].first == sections[-1].last
         if second and [reason.on for reason in planned.reasons] == [reason.on for reason in plans[-1].reasons]:
-            # The same steps as of a first frame, and better reasons: of that one nobody knows whether the camera moved.
+            # Same steps as the first frame, with better reasons: whether the camera moved is unknown in a first frame.
             plans[-1], sections[-1].steps = plans[-1]._replace(reasons=planned.reasons), steps
         if plans and planned.reasons == plans[-1].reasons and not starts:
             sections[-1].last = number
@@ -151,9 +151,10 @@ def memory(
     layers: Mapping[str, str] = NO_LAYERS,
     rows: int | None = None,
 ) -> Memory:
-    """What a resolve of ``sequence`` takes at its peak, in bands where it would run in bands, ``half`` to halves.
+    """Return the peak memory of a resolve of ``sequence``; ``half`` if it writes halves.
 
-    ``layers`` are as ``of_resolve`` takes them, ``rows`` those of a band (0: whole images) where that is not chosen.
+    ``layers`` are as ``of_resolve`` takes them, ``rows`` those of a band (0: whole images; None: as the resolve
+    chooses).
     """
     preset, shared = resolver.preset, resolver.launcher.shares_memory
     used = {name: any(getattr(each.steps, name) for each in plans) for name in Steps.__struct_fields__}
@@ -186,7 +187,7 @@ def memory(
 
 
 def _plans(sequence: FrameSequence, preset: Preset, effects: Asked) -> Iterator[tuple[int, bool, Plan]]:
-    """Number, whether history starts, and plan of every frame."""
+    """Yield number, whether a new history starts, and plan of every frame."""
     past: Past | None = None
     jitters = JittersBefore(preset)
     for number in sequence.numbers:
@@ -212,7 +213,7 @@ def _time(
     variants = {PLANNED: planned, EVERY: every}
     for step in section.steps:
         variant = toggled(planned, resolver.preset, step.name)
-        # A channel that the preset never reads has no plane on the device: what its step would take is not known.
+        # A channel that the preset never reads has no plane on the device, so its step cannot be timed.
         if all(getattr(every.steps, name) or not getattr(variant.steps, name) for name in CHANNELS):
             variants[step.name] = variant
 
@@ -230,7 +231,7 @@ def _time(
     for step in section.steps:
         if step.name not in variants:
             continue
-        # The median of the paired differences, so that a load that comes and goes cancels.
+        # The median of the paired differences, so that varying load cancels.
         pairs = samples.seconds(step.name, Clock.WALL) - samples.seconds(PLANNED, Clock.WALL)
         step.milliseconds = float(np.median(-pairs if step.on else pairs)) * 1e3
 
@@ -246,17 +247,17 @@ def _copy_times(source: Section, target: Section) -> None:
 
 
 class EffectRow(msgspec.Struct, kw_only=True):
-    """One scene. Times are milliseconds of kernels a frame; ``saving`` is how many times as long ``all`` takes.
+    """One scene. Times are milliseconds of kernels a frame; ``saving`` is the time of ``all`` over that as planned.
 
-    On a processor they are its own time, all threads together, which another program's load does not change.
+    On a CPU they are processor time of all threads, which the load of other programs does not change.
     """
 
     scene: str
     effects: str
-    steps: list[str]  # that run on the last frame
+    steps: list[str]  # steps that run on the last frame
     frames: int
-    same_bits: bool  # as planned and with every step, in strict mode, all frames
-    replaced: float  # largest difference between as planned and all effects
+    same_bits: bool  # as planned and with every step agree, in strict mode, on all frames
+    replaced: float  # largest difference of as planned from all effects
     replaced_mean: float
     planned_ms: float
     every_ms: float
@@ -267,7 +268,7 @@ class EffectRow(msgspec.Struct, kw_only=True):
 def judge_effects(sequence: FrameSequence, preset: str | Preset, launcher: Launcher, *, rounds: int) -> EffectRow:
     """Resolve ``sequence`` in the three ways, compare all frames in strict mode, and time the last one.
 
-    Scenes that share a ``launcher`` share its kernels.
+    A shared ``launcher`` reuses its kernels between scenes.
     """
     same, apart = True, list[tuple[float, float]]()
     strict = {way: Resolver(preset, launcher, strict=True, every_step=way != PLANNED) for way in WAYS}
@@ -299,7 +300,7 @@ def judge_effects(sequence: FrameSequence, preset: str | Preset, launcher: Launc
 
 
 def effect_cells(row: EffectRow) -> dict[str, str]:
-    """A row of the table of docs/generated/effects.md, by its heads."""
+    """Return a row of the table of docs/generated/effects.md, by column heads."""
     saving = f"{row.saving.median:.2f} ({row.saving.low:.2f} to {row.saving.high:.2f})"
     replaced = "nothing" if row.replaced == 0.0 else f"{row.replaced:.2g}, mean {row.replaced_mean:.1g}"
     return {

@@ -1,7 +1,7 @@
-"""Which image is judged against which, and whether two sequences show the same scene.
+"""Pair images with their truth, and check whether two sequences show the same scene.
 
-Two pictures of one size may be of anything, and a bad resolve of the right scene can be further from the truth than a
-picture of another. So nothing is guessed: where the files do not say what they show, nothing is said.
+Pixels cannot decide that: a bad resolve of the right scene can be farther from the truth than a picture of another
+scene. So only the files' headers and records count; without them there is no warning.
 """
 
 from __future__ import annotations
@@ -30,41 +30,41 @@ from cltaa.printable import counted, printable
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A test sequence and its truth, paired by frame number, and the capture that both come from, where it is known."""
+    """A test sequence and its truth, paired by frame number, and the capture that both come from, if known."""
 
     test: ImageSequence
     reference: ImageSequence
     capture: FrameSequence | None
-    yardsticks: Mapping[int, ImageSequence] = field(default_factory=dict)  # of the capture, by samples a pixel
+    yardsticks: Mapping[int, ImageSequence] = field(default_factory=dict)  # samples a pixel -> images of the capture
 
     @property
     def of_itself(self) -> bool:
-        """True where the test is the capture's own single samples."""
+        """True if the test is the capture's own frames, one sample a pixel."""
         if self.capture is None or not self.test.folder.samefile(self.capture.folder):
             return False
         return self.test.path(self.test.first).name in {path.name for path in self.capture.paths}
 
     @property
     def region(self) -> Window | None:
-        """What is judged where the two show different regions of one display window; else None, for all."""
+        """The judged window, if the two show different regions of one display window; None: all pixels."""
         return shared_region(self.test, self.reference)
 
     def part_of(self, images: NumberedFiles) -> Part:
-        """Rows and columns of an image of the test, its reference, the capture or a yardstick that are judged."""
+        """Return the judged rows and columns of an image of the test, its reference, the capture or a yardstick."""
         region = self.region
         return np.s_[:, :] if region is None else images.shows(region)
 
     @property
     def _two_images(self) -> bool:
-        """True for two single images, whose numbers need not agree."""
+        """True for two single images, whose frame numbers may differ."""
         return self.capture is None and len(self.test) == len(self.reference) == 1
 
     def truth_number(self, number: int) -> int:
-        """The frame of the reference that a frame of the test is judged against."""
+        """Return the reference's frame number for a frame of the test."""
         return self.reference.first if self._two_images else number
 
     def not_judged(self, frames: FrameRange | None) -> list[int]:
-        """Frames, of those in the range ``frames``, that the reference and any capture have and the test has not."""
+        """Return the frames in the range ``frames`` that reference and capture have and the test lacks."""
         if self._two_images:
             return []
         there = set(self.reference.numbers)
@@ -74,7 +74,7 @@ class Comparison:
         return sorted(number for number in there - set(self.test.numbers) if first <= number <= last)
 
     def check(self) -> None:
-        """Raise DataError for sizes that differ and InputMissing for a frame that one of the others has not."""
+        """Raise DataError for different sizes and InputMissing for a frame that another sequence lacks."""
         shared_region(self.test, self.reference)
         if self._two_images:
             return
@@ -96,7 +96,7 @@ def _check_frames(wanted: NumberedFiles, other: NumberedFiles, what: str, cure: 
 
 
 def check_yardsticks(wanted: NumberedFiles, found: Mapping[int, ImageSequence]) -> None:
-    """Raise InputMissing where a yardstick lacks a frame that is wanted."""
+    """Raise InputMissing if a yardstick lacks a wanted frame."""
     for count, images in found.items():
         what = f"yardstick of {counted(count, 'sample')}"
         _check_frames(wanted, images, what, "capture it again, or take the folder away")
@@ -113,14 +113,14 @@ def pair_up(
     gaps: OnBreak = OnBreak.ERROR,
     **reading: Any,
 ) -> list[Comparison]:
-    """Open tests (folders, files or patterns) and their one reference (the same, or a capture that holds one).
+    """Open tests (folders, files or patterns) and their one reference (likewise, or a capture with a truth).
 
-    Without a reference there is one test, a capture, and its single samples are judged against its own truth.
-    ``frames`` are the first and the last frame number to take, both included; all unless given.
-    ``verify`` is that of ``open_sequence``; ``reading`` are ``profile`` and ``assignments`` of ``open_input``, for what
-    another tool wrote; ``gaps`` says whether a test may lack frames between others; ``side_file`` and ``step`` are
+    Without a reference the only test is a capture, whose frames are judged against its own truth.
+    ``frames`` are the first and the last frame number to judge, both included; by default all.
+    ``verify`` is that of ``open_sequence``; ``reading`` are ``profile`` and ``assignments`` of ``open_input``, for
+    files of another tool; ``gaps`` says whether a test may lack frames between others; ``side_file`` and ``step`` are
     those of the capture.
-    Raises UsageError, InputMissing and DataError where they do not belong together.
+    Raises UsageError, InputMissing and DataError for sequences that do not match.
     """
     against = selection_of(tests[0] if reference is None else reference)
     capture = _capture(against, verify, step, reading | {"side_file": side_file})
@@ -139,14 +139,14 @@ def pair_up(
 
 
 def _capture(place: Selection, verify: bool, step: int, reading: Mapping[str, Any]) -> FrameSequence | None:
-    if place.alone or not (place.folder / "reference").is_dir():  # a picture that is named itself is what is meant
+    if place.alone or not (place.folder / "reference").is_dir():  # a picture named by itself is no capture
         return None
-    # A frame that is not there is an error where it is asked for.
+    # A missing frame becomes an error when it is read.
     return open_input(place, verify=verify, gaps=OnBreak.RESET, step=step, **({} if is_own(place) else reading))
 
 
 def truth_of(sequence: FrameSequence) -> ImageSequence:
-    """The truth of a sequence; raises InputMissing where it has none, UsageError for the results of a resolve."""
+    """Return the truth of a sequence; raises InputMissing if there is none, UsageError for the output of a resolve."""
     if sequence.reference is None:
         sequence.refuse_result()
         cure = (
@@ -158,7 +158,7 @@ def truth_of(sequence: FrameSequence) -> ImageSequence:
 
 
 def truth_samples(reference: ImageSequence) -> int | None:
-    """Samples a pixel of a truth, as attribute ``cltaa:samples`` of its first frame tells, or None."""
+    """Return the samples a pixel of a truth, from attribute ``cltaa:samples`` of its first frame, or None."""
     path = reference.path(reference.first)
     count = stated(path).get("cltaa:samples")
     if count is None or (isinstance(count, int) and count > 0):
@@ -168,10 +168,10 @@ def truth_samples(reference: ImageSequence) -> int | None:
 
 
 def open_yardsticks(capture: FrameSequence) -> dict[int, ImageSequence]:
-    """Folders ``reference-<n>/`` of a capture, the same frames drawn with n samples a pixel, by n, fewest first.
+    """Open the folders ``reference-<n>/`` of a capture, the same frames with n samples a pixel, by n, fewest first.
 
-    One sample is none of them: the capture itself has that, which would count twice. Raises what opening images does,
-    and DataError for another size.
+    Skips n = 1, which the capture itself already has. Raises what opening images raises, and DataError for another
+    size.
     """
     named = {path.name.removeprefix("reference-"): path for path in capture.folder.glob("reference-*")}
     folders = sorted((int(name), path) for name, path in named.items() if name.isdecimal() and int(name) > 1)
@@ -179,19 +179,19 @@ def open_yardsticks(capture: FrameSequence) -> dict[int, ImageSequence]:
 
 
 VIEW = "cltaa:worldToView"
-PRIMARIES = "chromaticities"  # of red, green, blue and white, x and y each
-SAME_PRIMARIES = 1e-3  # they are commonly stated in three digits
+PRIMARIES = "chromaticities"  # x and y of red, green, blue and white
+SAME_PRIMARIES = 1e-3  # files usually state them in three digits
 NO_TRUTH = (
     "which has no truth in a folder reference/: the figures are no errors; capture it with --reference 64, or render"
     " the truth there, with many samples a pixel"
 )
-SAME_VIEW = 1e-6  # of the largest number of the two matrices; a still camera's are equal to the bit
+SAME_VIEW = 1e-6  # relative to the largest entry of both matrices; those of a still camera are bit-equal
 
 
 def doubts(comparison: Comparison, *, followed: bool) -> list[str]:
-    """Why A may not show what B shows, or B is no truth: the weightiest alone, empty where nothing speaks against it.
+    """Return the strongest reason why A may not show what B shows, or B is no truth; empty if there is none.
 
-    With ``followed`` the motion that B's files tell counts too, and so how they are read.
+    With ``followed``, which uses the motion in B's files, also checks that they are read as for the resolve.
     Raises what reading a header and a manifest raises.
     """
     truth = stated(comparison.reference.path(comparison.reference.first))
@@ -231,32 +231,32 @@ def doubts(comparison: Comparison, *, followed: bool) -> list[str]:
 
 
 def _differ(one: object, other: object) -> bool:
-    """True where both are matrices, and not the same."""
+    """Return True if both are matrices and differ."""
     if not (isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and one.shape == other.shape):
         return False
     return bool(np.abs(one - other).max() > SAME_VIEW * max(np.abs(one).max(), np.abs(other).max()))
 
 
 def _other_primaries(one: object, other: object) -> bool:
-    """True where both are stated, and not the same."""
+    """Return True if both are stated and differ."""
     if not (isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other)):
         return False
     return bool(np.abs(np.subtract(one, other)).max() > SAME_PRIMARIES)
 
 
 def _no_truth(comparison: Comparison, entry: Entry | None, attributes: Mapping[str, object]) -> str | None:
-    """How it is known that B, of such attributes, holds what a resolve begins with; None where nothing says so."""
+    """Return the evidence that B, with these attributes, is the input of a resolve; None without evidence."""
     reference = comparison.reference
     source = reference.path(comparison.truth_number(comparison.test.first))
     if entry is not None and entry.input_sha256 == file_sha256(source):
         return "A was resolved from the frames of B"
-    # The truth lies in a folder of the capture's, which has the record.
+    # A truth is in a subfolder of the capture, and only the capture's folder has the record.
     drawn = (reference.folder / CAPTURE).exists() and RESOLVED not in attributes
     return "B is a capture of one sample a pixel" if drawn else None
 
 
 def _read_otherwise(capture: FrameSequence, number: int, settings: Mapping[str, Any] | None, entry: Entry) -> bool:
-    """True where the manifest of a resolve tells another profile or step, or for that frame other matrices."""
+    """Return True if a resolve's manifest states another profile or step, or other matrices for that frame."""
     if settings is None:
         return False
     reading = json.loads(json.dumps(capture.reading))  # as it comes back from a manifest
@@ -265,9 +265,9 @@ def _read_otherwise(capture: FrameSequence, number: int, settings: Mapping[str, 
 
 
 def content_sha256(sequence: FrameSequence, others: Iterable[NumberedFiles] = ()) -> str:
-    """One SHA-256 over the frames, the truth and others, from what their capture recorded, else from the files.
+    """Return one SHA-256 of the frames, the truth and ``others``, from the capture's record, else from the files.
 
-    Of another tool's files it is also over how they are read; of cltaa's own that is the step alone, which is left out.
+    For another tool's files it also covers how they are read. For cltaa's own that is only the step, which is left out.
     """
     recorded: dict[str, str] = {}
     paths: list[Path] = []
@@ -290,6 +290,6 @@ def content_sha256(sequence: FrameSequence, others: Iterable[NumberedFiles] = ()
 
 
 def _name(path: Path, sequence: FrameSequence) -> str:
-    """A path as it lies in the sequence's folder, where it does."""
+    """Return a path relative to the sequence's folder if it is inside, else unchanged."""
     inside = path.is_relative_to(sequence.folder)
     return (path.relative_to(sequence.folder) if inside else path).as_posix()

@@ -1,6 +1,6 @@
-"""Where each pixel's surface was in the frame before, and what has come into view since, from a capture alone.
+"""Reproject each pixel's surface into the previous frame, and find disoccluded pixels, from a capture alone.
 
-Independent of any resolve, in float64 NumPy: the scores of ``cltaa.lab.judge.video_scores`` stand on it.
+Independent of any resolve, in float64 NumPy; ``cltaa.lab.judge.video_scores`` uses it.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from cltaa.frame import Frame
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-DEPTH_SLACK = 0.05  # of the inverse depth: as far as two samples of one surface may differ, its slope apart
-SOLID = 4  # of 9 texels, as at the corner of a thing: a wire covers 3, and its samples come and go by chance
-SLOPE_SLACK = 1.5  # pixels: two jittered samples and a rounded position lie so far apart
+DEPTH_SLACK = 0.05  # two samples of one surface may differ by this share of the inverse depth, plus its slope
+SOLID = 4  # of 9 texels, as at the corner of an object: a wire covers 3, and its samples come and go by chance
+SLOPE_SLACK = 1.5  # pixels: largest distance of two jittered samples and a rounded position
 
 
 @dataclass(frozen=True, slots=True)
 class Correspondence:
-    """For every pixel of a frame, arrays [H, W]: where its surface was one frame ago, and whether it was seen there."""
+    """For every pixel of a frame, arrays [H, W]: its surface's previous position, and whether it was visible there."""
 
     x: Array  # pixels, texel centres at +0.5
     y: Array
-    same: Mask  # the frame before shows the same surface there
-    disoccluded: Mask  # the frame before shows something nearer there, and not just a wire
-    edge: Mask  # something nearer stands beside it now, and may cover a part of the pixel
-    column: NDArray[np.int64]  # of the nearest texel, limited to the image
+    same: Mask  # True where the previous frame shows the same surface there
+    disoccluded: Mask  # True where the previous frame shows an occluder there, wider than a wire
+    edge: Mask  # True where something nearer is next to the pixel now, and may cover part of it
+    column: NDArray[np.int64]  # of the nearest texel, clamped to the image
     row: NDArray[np.int64]
 
     @property
@@ -41,7 +41,7 @@ class Correspondence:
 
 
 def correspondence(frame: Frame, previous: Frame) -> Correspondence:
-    """Follow every pixel of ``frame`` into ``previous`` by its motion channel, else by depth and cameras."""
+    """Reproject every pixel of ``frame`` into ``previous`` by its motion channel, else by depth and cameras."""
     height, width = frame.depth.shape
     moved = displacement(frame.camera, previous.camera, width, height)
     now, before = _inverse_depth(frame), _inverse_depth(previous)
@@ -55,7 +55,7 @@ def correspondence(frame: Frame, previous: Frame) -> Correspondence:
     slope = SLOPE_SLACK * _slope(now)
     slack = DEPTH_SLACK * np.maximum(np.abs(seen), np.abs(expected)) + slope
     same = inside & (np.abs(seen - expected) <= slack)
-    beside = _beside(before)[row, column]  # [H, W, 3, 3] of the frame before
+    beside = _beside(before)[row, column]  # [H, W, 3, 3] of the previous frame
     nearer = beside - expected[..., None, None] > DEPTH_SLACK * np.abs(beside) + slope[..., None, None]
     disoccluded = inside & (seen - expected > slack) & (nearer.sum((2, 3)) >= SOLID)
     nearest = _beside(now).max((2, 3))
@@ -70,8 +70,8 @@ def _inverse_depth(frame: Frame) -> Array:
 
 
 def _reproject(frame: Frame, now: Array, moved: Displacement) -> tuple[Array, Array, Array, Mask]:
-    """Motion u, v, the inverse depth to be expected one frame ago, and where the previous camera could see the
-    point."""
+    """Return motion u, v, the expected inverse depth in the previous frame, and where the point was in front of its
+    camera."""
     height, width = now.shape
     y, x = np.mgrid[:height, :width].astype(np.float64)
     x += 0.5 + frame.jitter_px[0] - width / 2
@@ -80,20 +80,20 @@ def _reproject(frame: Frame, now: Array, moved: Displacement) -> tuple[Array, Ar
     if frame.motion is not None:
         own = np.isfinite(frame.motion).all(-1)
         u, v = (np.where(own, frame.motion[..., axis], by_camera) for axis, by_camera in enumerate((u, v)))
-        # How far an object came nearer is not captured.
+        # The change of depth by own motion is unknown.
         expected = np.where(own, now, expected)
         visible = visible | own
     return u, v, expected, visible
 
 
 def _beside(plane: Array) -> Array:
-    """The 3x3 around every pixel, [H, W, 3, 3]; edges repeat."""
+    """Return the 3x3 neighbourhood of every pixel, [H, W, 3, 3]; edges repeat."""
     windows: Array = np.lib.stride_tricks.sliding_window_view(np.pad(plane, 1, mode="edge"), (3, 3))
     return windows
 
 
 def _slope(values: Array) -> Array:
-    """Change a pixel of the surface itself: along each axis the smaller step, so that an edge beside it is no slope."""
+    """Return the surface's change per pixel: the smaller step along each axis, so that an edge is no slope."""
     total = np.zeros_like(values)
     for axis in (0, 1):
         step = np.abs(np.diff(values, axis=axis))

@@ -1,4 +1,4 @@
-"""Entries of a leaderboard: what a resolve made of the standard sequences, one folder a sequence, judged together."""
+"""Entries of a leaderboard: results of a resolve on standard sequences, one folder for each, judged together."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ SUFFIXES = (".exr", ".png")
 
 
 class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What an entry says of itself, all of it optional."""
+    """An entry's description of itself; every field is optional."""
 
     name: str = ""
     version: str = ""
     settings: str = ""
     device: str = ""
-    milliseconds: float | None = None  # of a frame
+    milliseconds: float | None = None  # per frame
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One row of the table: its name, what it says of itself, and its folder of each sequence, by name."""
+    """One row of the table: its name, its facts, and its folder for each sequence, by name."""
 
     name: str
     facts: Facts
@@ -51,7 +51,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """A sequence and what each entry that has it made of it, all of the same frames."""
+    """A sequence and the results of each entry that has it, all on the same frames."""
 
     name: str
     sequence: Path
@@ -61,13 +61,13 @@ class Round:
 
     @property
     def in_time(self) -> bool:
-        """Whether all frames follow each other, so that they can be judged as moving pictures."""
+        """True if all frames are consecutive, so that they can be scored over time."""
         capture = self.comparisons[0].capture
         return capture is not None and len(self.numbers) > 1 and not missing_from(self.numbers, capture.step)
 
 
 def divided(paths: Sequence[Path]) -> tuple[list[Path], dict[str, Path]]:
-    """The folders of entries, and of sequences by name; raises UsageError where there is none or one name is twice."""
+    """Return the folders of entries, and of sequences by name; raises UsageError for no sequence or a repeated name."""
     sequences = [path for path in paths if (path / "reference").is_dir()]
     if not sequences:
         raise UsageError(
@@ -82,9 +82,9 @@ def divided(paths: Sequence[Path]) -> tuple[list[Path], dict[str, Path]]:
 
 
 def read_entry(folder: Path, sequences: Collection[str]) -> Entry:
-    """The entry in a folder: a folder of frames a sequence, or, of one sequence, the frames themselves.
+    """Read the entry in a folder: one subfolder of frames for each sequence, or the frames of a single sequence.
 
-    Raises InputMissing where it has none of the sequences, DataError for a damaged ``entry.toml``.
+    Raises InputMissing if it has none of the sequences, DataError for a damaged ``entry.toml``.
     """
     if not folder.is_dir():
         raise InputMissing("no such folder", path=folder)
@@ -99,7 +99,7 @@ def read_entry(folder: Path, sequences: Collection[str]) -> Entry:
 
 
 def read_facts(path: Path) -> Facts:
-    """What an entry says of itself; nothing where there is no such file. Raises DataError for one that is wrong."""
+    """Read an entry's facts; empty without a file. Raises DataError for an invalid one."""
     try:
         return msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), Facts)
     except FileNotFoundError:
@@ -110,14 +110,14 @@ def read_facts(path: Path) -> Facts:
 
 
 def numbered(folder: Path) -> dict[int, Path]:
-    """The frames in a folder by number."""
+    """Return the frames in a folder by number."""
     files = (path for path in sorted(folder.iterdir()) if path.suffix in SUFFIXES)
     return {number: path for path in files if (number := number_of(path)) is not None}
 
 
 @contextmanager
 def resolved_by_us(presets: Sequence[str], sequences: Mapping[str, Path]) -> Iterator[list[Entry]]:
-    """Entries of our own presets, told nothing of the effects, in a folder that is gone when the block ends."""
+    """Resolve with our own presets, with no declared effects, and yield their entries in a temporary folder."""
     from cltaa.pipeline.folder import resolve_folder
 
     with TemporaryDirectory(prefix="cltaa-table-") as folder:
@@ -133,10 +133,10 @@ def resolved_by_us(presets: Sequence[str], sequences: Mapping[str, Path]) -> Ite
 def rounds(
     entries: Sequence[Entry], sequences: Mapping[str, Path], frames: int | FrameRange | None, **reading: Any
 ) -> list[Round]:
-    """Each sequence with the entries that have it, paired over the frames that all have: of the range ``frames``, or
-    the first so many.
+    """Return each sequence with the entries that have it, paired over their common frames: the range ``frames``, or
+    the first this many.
 
-    Raises InputMissing where they have none in common, and what ``pair_up`` does.
+    Raises InputMissing if they have no frame in common, and what ``pair_up`` raises.
     """
     found = []
     for name, sequence in sequences.items():
@@ -152,7 +152,7 @@ def rounds(
             have = "; ".join(f"{entry.name} {ranges(sorted(one))}" for entry, one in zip(there, files, strict=True))
             raise InputMissing(f"the entries of {name} have no frame in common", path=sequence, found=have or "none")
         tests = [tuple(one[number] for number in numbers) for one in files]
-        # A list of one file would be a picture that is named itself.
+        # A list of one file would mean a picture named by itself.
         paired = pair_up(
             [test if len(test) > 1 else test[0].parent for test in tests], sequence, gaps=OnBreak.RESET, **reading
         )
@@ -161,7 +161,7 @@ def rounds(
 
 
 def lacking(round_: Round) -> str:
-    """Which frames of the truth are not judged; empty where all are."""
+    """Describe the frames of the truth that are not judged; empty if there are none."""
     left = len(numbered(round_.sequence / "reference")) - len(round_.numbers)
     return f"{round_.name}: {counted(left, 'frame')} that not all have" if left else ""
 
@@ -177,10 +177,11 @@ def judged_entries(
     film: Path | None,
     **reading: Any,
 ) -> tuple[list[Row], list[str]]:
-    """A row for each entry and preset of ``ours`` on each captured sequence of ``paths``, and which frames are not
-    judged.
+    """Return a row for each entry and preset of ``ours`` on each captured sequence of ``paths``, and lines about frames
+    that are not judged.
 
-    Raises what ``divided``, ``read_entry`` and ``rounds`` do, and UsageError without what ``cvvdp`` or ``film`` needs.
+    Raises what ``divided``, ``read_entry`` and ``rounds`` raise, and UsageError for a package that ``cvvdp`` or
+    ``film`` needs.
     """
     folders, sequences = divided(paths)
     entries = [read_entry(folder, sequences) for folder in folders]
@@ -222,7 +223,7 @@ def _judged(one: Round, metrics: tuple[Metric, ...], stops: float, *, cvvdp: boo
 
 
 def means_of(rows: Sequence[Row]) -> list[Row]:
-    """The means over sequences of the entries that have all of them."""
+    """Return the means over all sequences, for the entries that have all of them."""
     count = len({row["sequence"] for row in rows})
     means = []
     for name in dict.fromkeys(row["entry"] for row in rows):
@@ -239,18 +240,18 @@ def means_of(rows: Sequence[Row]) -> list[Row]:
 
 
 def _mean(name: str, values: Sequence[float]) -> float:
-    """The mean of what is a number."""
+    """Return the mean of the values that are not NaN."""
     known = [value for value in values if not math.isnan(value)]
     return mean_of(name, known) if known else math.nan
 
 
 def _rate_of(one: Round) -> Fraction:
-    """Frames a second at which a sequence is shown."""
+    """Return the frames per second of a sequence."""
     capture = one.comparisons[0].capture
     return USUAL_RATE if capture is None else rate_of(capture.attributes, capture.sequence_json, capture.step)
 
 
-MAGNIFIED = 2  # times in a film, each pixel as a square
+MAGNIFIED = 2  # magnification in a film, without interpolation
 
 
 def _write_film(path: Path, one: Round, stops: float) -> None:

@@ -1,4 +1,4 @@
-"""Errors of an image against the truth: MSE, PSNR, SSIM, FLIP, and how many samples a pixel err as little.
+"""Errors of an image against the truth: MSE, PSNR, SSIM, FLIP, and the equal-quality samples.
 
 Definitions, ranges and laws are in ``docs/metrics.md``.
 
@@ -25,16 +25,16 @@ from cltaa.frame import Image, shared
 from cltaa.io.display import luma, shown_light, to_display
 from cltaa.printable import counted
 
-SSIM_SIGMA = 1.5  # pixels; Wang et al. 2004, with the 11 x 11 Gaussian window that goes with it
+SSIM_SIGMA = 1.5  # pixels; Wang et al. 2004, with their 11 x 11 Gaussian window
 SSIM_SMALLEST_SIDE = 11
-# Luminance; FLIP's range of exposures is upside down where the brightest is below float32's epsilon.
+# Luminance; FLIP's range of exposures is inverted if the brightest luminance is below float32's epsilon.
 FLIP_DARKEST = 1e-6
 FLIP_PIXELS_PER_DEGREE = 67.0  # FLIP's own default: 0.7 m from a 3840 pixel, 0.7 m wide screen
 
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """What a column of a table holds: its name, what it says, how it is written, and which direction is better."""
+    """A column of a table: its name, meaning, format, and which direction is better."""
 
     name: str
     title: str
@@ -51,7 +51,7 @@ class Measure:
 class Metric(Measure):
     """An error of an image: ``function(test, reference, stops)``.
 
-    ``needs`` imports the library that it is worked out by, ``package``; raises UsageError that says what to install.
+    ``needs`` imports its library, ``package``; raises UsageError that says what to install.
     """
 
     function: Callable[[Image, Image, float], float]
@@ -60,31 +60,31 @@ class Metric(Measure):
 
 
 def mse(test: Image, reference: Image) -> float:
-    """Mean squared error over all pixels and channels, in float64; 0 is identical."""
+    """Return the mean squared error over all pixels and channels, in float64; 0 is identical."""
     return float(np.mean(np.square(test.astype(np.float64) - reference)))
 
 
 def light_mse(test: Image, reference: Image, stops: float = 0.0) -> float:
-    """Mean squared error of the light that a screen can show, linear in [0, 1].
+    """Return the mean squared error of the light that a screen can show, linear in [0, 1].
 
-    Linear, so that it falls with the samples of a supersampler by the law of ``cltaa.lab.judge.metrics``; cut at
-    white, because otherwise a few highlights far above it decide and the rest of the picture does not count.
+    Linear, so that it falls with the samples of a supersampler by the law of STRATIFIED_EXPONENT; clamped at white,
+    because otherwise a few highlights far above white would outweigh the rest of the picture.
     """
     return mse(shown_light(test, stops), shown_light(reference, stops))
 
 
 def psnr(mean_squared_error: float) -> float:
-    """Peak signal-to-noise ratio in dB for a peak of 1; infinite where the error is 0."""
+    """Return the peak signal-to-noise ratio in dB for a peak of 1; infinite if the error is 0."""
     return math.inf if mean_squared_error == 0 else -10 * math.log10(mean_squared_error)
 
 
 def mean_psnr(values: Sequence[float]) -> float:
-    """The PSNR of the mean of the squared errors that ``values`` say: finite unless all of them are infinite."""
+    """Return the PSNR of the mean of the squared errors behind ``values``: finite unless all are infinite."""
     return psnr(math.fsum(10 ** (-value / 10) for value in values) / len(values))
 
 
 def ssim(test: Image, reference: Image, stops: float = 0.0) -> float:
-    """Mean structural similarity of the luma of the display images (Wang et al. 2004, Gaussian window); 1 is identical.
+    """Return the mean structural similarity of the display luma (Wang et al. 2004, Gaussian window); 1 is identical.
 
     Raises UsageError without scikit-image and DataError for images smaller than the window.
     """
@@ -112,13 +112,13 @@ def _import_flip() -> Any:
 
 
 def flip_map(test: Image, reference: Image, stops: float = 0.0, *, hdr: bool = False) -> Image:
-    """Per-pixel FLIP error [H, W] in [0, 1] (Andersson et al. 2020), or HDR-FLIP (2021), at 67 pixels per degree.
+    """Return the FLIP error [H, W] in [0, 1] (Andersson et al. 2020), or HDR-FLIP (2021), at 67 pixels per degree.
 
     LDR: of the display images. HDR: of the linear images without negative values, the largest error over the range
     of exposures that FLIP derives from the reference, with its ACES curve. Raises UsageError without flip-evaluator.
     """
     light = [np.maximum(image, 0.0) * np.float32(2.0**stops) for image in (test, reference)]
-    # Where it is too dark for HDR-FLIP's range of exposures the module would end the program.
+    # In a picture too dark for HDR-FLIP's range of exposures the module would end the program.
     if hdr and float(luma(light[1]).max()) >= FLIP_DARKEST:
         return _flip(light[0], light[1], "HDR")
     return _flip(to_display(test, stops), to_display(reference, stops), "LDR")
@@ -183,12 +183,12 @@ DEFAULT_METRICS = ("mse", "psnr", "ssim", "flip")
 
 
 def versions_of(metrics: Iterable[Metric]) -> dict[str, str]:
-    """Versions of all that works these metrics out, by package, for whoever does it again."""
+    """Return the versions of the packages that compute these metrics, to make results reproducible."""
     return {"cltaa": __version__} | {metric.package: version(metric.package) for metric in metrics}
 
 
 def parse_metrics(text: str) -> tuple[Metric, ...]:
-    """Metrics named in a comma-separated list, or all of them for ``all``; raises what ``named_metrics`` does."""
+    """Parse a comma-separated list of metrics, or ``all``; raises what ``named_metrics`` raises."""
     names = list(METRICS) if text == "all" else [name.strip() for name in text.split(",") if name.strip()]
     if not names:
         raise UsageError("no metric is named", expected=", ".join(METRICS))
@@ -196,9 +196,9 @@ def parse_metrics(text: str) -> tuple[Metric, ...]:
 
 
 def named_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
-    """Metrics by their names, each once, ready to be worked out.
+    """Return metrics by name, each once, with their libraries imported.
 
-    Raises UsageError for an unknown name, and where the library of one is not there: before the work, and not in it.
+    Raises UsageError for an unknown name or a missing library, so that it fails before the work.
     """
     metrics = []
     for name in dict.fromkeys(names):
@@ -220,11 +220,11 @@ def measure(
     truth_path: Path | None = None,
     frame: int | None = None,
 ) -> dict[str, float]:
-    """Value of every metric (``DEFAULT_METRICS`` unless given, by name or as they are) for one pair of images.
+    """Return the value of every metric (by default ``DEFAULT_METRICS``) for one pair of images.
 
-    Names may stand in one text, parted by commas. Raises UsageError for an unknown metric, stops beyond 32 and what is
-    no array, DataError for sizes that differ, for bytes, greys and no pixels, and for NaN or infinity, with ``frame``
-    and the file's path in its text.
+    ``metrics`` are names, Metric objects, or names in one comma-separated text. Raises UsageError for an unknown
+    metric, stops beyond 32 and other types than arrays; DataError for different sizes, images other than floats
+    [H, W, 3] or without pixels, and NaN or infinity, with ``frame`` and the file's path in its text.
     """
     test, reference = shared("image", test), shared("reference", reference)
     for image in (test, reference):
@@ -249,7 +249,7 @@ def measure(
 
 
 def check_finite(name: str, image: Image, path: Path | None, frame: int | None) -> None:
-    """Raise DataError for NaN or infinity in ``image``, which is called ``name``."""
+    """Raise DataError, with ``name``, for NaN or infinity in ``image``."""
     bad = image.size - int(np.isfinite(image).sum())
     if bad:
         what = f"NaN or infinity in {counted(bad, 'value')} of the {name}"
@@ -257,17 +257,18 @@ def check_finite(name: str, image: Image, path: Path | None, frame: int | None) 
 
 
 def finite(image: Image) -> Image:
-    """Single samples [H, W, 3] with black for what is not finite: a resolve mends such texels, so they may be there."""
+    """Return single samples [H, W, 3] with black for non-finite texels, which are allowed because a resolve repairs
+    them."""
     return np.where(np.isfinite(image), image, np.float32(0))
 
 
 def mean_of(metric: str, values: Sequence[float]) -> float:
-    """Mean of a metric over frames; that of a PSNR is the PSNR of the mean squared error, and so stays finite."""
+    """Return the mean of a metric over frames; for PSNR that of the mean squared error, so that it stays finite."""
     return mean_psnr(values) if metric.startswith("psnr") else math.fsum(values) / len(values)
 
 
 def mean(frames: Iterable[Mapping[str, float]]) -> dict[str, float]:
-    """``mean_of`` each metric."""
+    """Return ``mean_of`` each metric."""
     rows = list(frames)
     return {name: mean_of(name, [row[name] for row in rows]) for name in (rows[0] if rows else ())}
 
@@ -282,9 +283,9 @@ def import_cvvdp() -> Any:
 
 
 def jod(test: Sequence[Image], reference: Sequence[Image], rate: float, stops: float) -> float:
-    """ColorVideoVDP (Mantiuk et al. 2024) of a film against its truth at ``rate`` frames a second, in JOD.
+    """Return ColorVideoVDP (Mantiuk et al. 2024), in JOD, of a film against its truth at ``rate`` frames per second.
 
-    All frames are in memory at once. Raises UsageError without the extra ``vdp``.
+    Holds all frames in memory. Raises UsageError without the extra ``vdp``.
     """
     films = [np.stack([to_display(image[..., :3], stops) for image in images]) for images in (test, reference)]
     metric = import_cvvdp().cvvdp(display_name=CVVDP_DISPLAY, quiet=True)
@@ -292,18 +293,18 @@ def jod(test: Sequence[Image], reference: Sequence[Image], rate: float, stops: f
     return float(found)
 
 
-# An edge crosses about sqrt(n) of a pixel's n strata; only those err, each by variance ~ 1/n^2 (Mitchell 1996,
-# "Consequences of Stratified Sampling in Graphics"): the mean squared error of edges falls as n^(-3/2).
+# An edge crosses about sqrt(n) of a pixel's n strata; only those have an error, each of variance ~ 1/n^2 (Mitchell
+# 1996, "Consequences of Stratified Sampling in Graphics"): the mean squared error of edges falls as n^(-3/2).
 STRATIFIED_EXPONENT = 1.5
 
 
 def equal_quality_samples(mse: float, one_sample_mse: float, *, truth_samples: int | None = None) -> float:
-    """Stratified samples a pixel that give ``mse``, from the error of one sample and MSE(n) = MSE(1) n^(-3/2).
+    """Return the stratified samples a pixel that give ``mse``, from the error of one sample and MSE(n) = MSE(1)
+    n^(-3/2).
 
-    Both errors are means of ``light_mse`` against one truth. Where that truth has
-    ``truth_samples`` samples a pixel, its own share of both errors is taken off by the same law, and the result is at
-    most ``truth_samples``: a truth cannot vouch for more. Infinite for no error against an exact truth. Raises
-    DataError for errors that are none.
+    Both errors are means of ``light_mse`` against one truth. If that truth has ``truth_samples`` samples a pixel, its
+    own share of both errors is subtracted by the same law, and the result is at most ``truth_samples``, because a truth
+    cannot prove more. Infinite for no error against an exact truth. Raises DataError for invalid errors.
     """
     if not (one_sample_mse > 0 and mse >= 0 and math.isfinite(one_sample_mse) and math.isfinite(mse)):
         found = f"{mse:g} against {one_sample_mse:g} for one sample"
@@ -321,16 +322,16 @@ def equal_quality_samples(mse: float, one_sample_mse: float, *, truth_samples: i
 
 
 def falls(curve: Sequence[tuple[int, float]]) -> bool:
-    """Whether two or more errors are positive and fall with the samples, so that one can be read off them."""
+    """Return whether two or more errors are positive and fall with the samples, so that they can be interpolated."""
     errors = [error for _, error in sorted(curve)]
     return len(errors) > 1 and min(errors) > 0 and all(later < earlier for earlier, later in pairwise(errors))
 
 
 def samples_on_curve(mse: float, curve: Sequence[tuple[int, float]]) -> float:
-    """Samples a pixel that give ``mse``, read off measured points (samples, error), straight between them in log-log.
+    """Return the samples a pixel that give ``mse``, interpolated between points (samples, error) linearly in log-log.
 
-    All errors are against one truth, so that its own share cancels, and fall as ``falls`` asks. Beyond its ends the
-    curve says nothing: the result is then the nearest end.
+    All errors are against one truth, so that its own share cancels, and satisfy ``falls``. Beyond the ends of the curve
+    the result is the nearest end.
     """
     samples, errors = np.array(sorted(curve)).T
     if mse <= 0:
@@ -339,22 +340,22 @@ def samples_on_curve(mse: float, curve: Sequence[tuple[int, float]]) -> float:
 
 
 class EqualQuality(NamedTuple):
-    """Equal-quality samples of a test, how they were found, and whether there may be more of them, or fewer."""
+    """Equal-quality samples of a test, the method, and whether they are a bound."""
 
     samples: float
     method: str  # "measured", or "n^-1.5 law"
-    bound: str | None  # "at least" and "at most" where the curve, or the truth, ends
+    bound: str | None  # "at least" or "at most" at the ends of the curve, or of the truth
 
 
 def equal_quality(
     test_mse: float, one_sample_mse: float, yardsticks: Mapping[int, Sequence[float]], count: int | None
 ) -> EqualQuality:
-    """Equal-quality samples of a test, read off its capture's yardsticks where their errors fall, else by the law.
+    """Return the equal-quality samples of a test, from its capture's yardsticks if their errors fall, else by the law.
 
-    The errors are those of ``light_mse``: means over the frames of the test, and of the
-    ``yardsticks``, by samples a pixel, those of each frame. ``count`` is the samples of the truth, where known.
+    The errors are those of ``light_mse``: means over the frames of the test, and for the ``yardsticks``, by samples a
+    pixel, those of each frame. ``count`` is the samples of the truth, if known.
     """
-    # Without an error is what was drawn as the truth itself was.
+    # A yardstick without error was drawn exactly like the truth.
     means = [(samples, sum(errors) / len(errors)) for samples, errors in yardsticks.items() if any(errors)]
     curve = [(1, one_sample_mse), *means]
     if falls(curve):

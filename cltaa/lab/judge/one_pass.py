@@ -1,4 +1,4 @@
-"""Tests judged against their one truth in one pass: each file is decoded once; scores and heat maps together."""
+"""Judge tests against their one truth in one pass, which decodes each file once for scores and error maps."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from cltaa.progress import track
 
 
 def _write_map(folder: Path, path: Path, pair: tuple[Image, Image], stops: float, *, by_flip: bool) -> dict[str, float]:
-    """Write the error map of the image at ``path`` under its name; of FLIP, which is slow, its mean comes back.
+    """Write the error map of the image at ``path`` under its name; returns the mean of FLIP, which is slow to compute.
 
     Raises OutputError and StorageError.
     """
@@ -36,9 +36,9 @@ def _write_map(folder: Path, path: Path, pair: tuple[Image, Image], stops: float
 
 
 def stale_maps(folder: Path, images: ImageSequence) -> list[str]:
-    """What to say of maps of frames of this sequence that are none of ``images``, as earlier runs leave them.
+    """Return a warning about maps of earlier runs, of frames of this sequence that are not in ``images``.
 
-    They stay: pictures of anybody's may lie in the folder under such names.
+    They are not deleted, because the folder may hold the user's own pictures under such names.
     """
     maps = [path for path in folder.glob("*.png") if name_of(path) == images.name]
     numbers = {number for path in maps if (number := number_of(path)) is not None}
@@ -46,30 +46,30 @@ def stale_maps(folder: Path, images: ImageSequence) -> list[str]:
     return [f"{printable(folder)}: maps of frames that are not judged now stay there: {ranges(stale)}"] if stale else []
 
 
-MSE = METRICS["mse"]  # what equal-quality samples rest on
+MSE = METRICS["mse"]  # equal-quality samples need it
 
 
 @dataclass(slots=True)
 class Judged:
-    """What was found of one sequence of images."""
+    """Results of one sequence of images."""
 
-    metrics: list[dict[str, float]] = field(default_factory=list)  # of each frame, by name
-    video: list[dict[str, float]] = field(default_factory=list)  # the same as moving pictures, where asked for
-    total: Sums | None = None  # of all frames as moving pictures
-    alpha: dict[int, dict[str, float]] = field(default_factory=dict)  # of the frames that have it on both sides
+    metrics: list[dict[str, float]] = field(default_factory=list)  # by name, for each frame
+    video: list[dict[str, float]] = field(default_factory=list)  # scores over time, for each frame, if asked for
+    total: Sums | None = None  # scores over time of all frames
+    alpha: dict[int, dict[str, float]] = field(default_factory=dict)  # for frames with alpha in test and truth
 
 
 @dataclass(slots=True)
 class Found:
-    """What a pass found: of each test, of the single samples, and the errors of the yardsticks, by samples a pixel."""
+    """Results of a pass: of each test, of the single samples, and the errors of the yardsticks by samples a pixel."""
 
     tests: list[Judged]
-    one_sample: Judged | None = None  # None without a capture, and where nothing but the capture is judged
+    one_sample: Judged | None = None  # None without a capture, or if only the capture is judged
     yardsticks: dict[int, list[float]] = field(default_factory=dict)  # MSE of each frame
 
 
 class _Picture(NamedTuple):
-    """A file that was read: what is judged of it [H, W, 3], and all of the frame where it was captured."""
+    """A decoded file: its judged part [H, W, 3], and the whole frame if it is of the capture."""
 
     image: Image
     path: Path
@@ -85,10 +85,10 @@ def judge(
     in_time: bool = False,
     heatmap: Path | None = None,
 ) -> Found:
-    """Judge the tests of ``comparisons``, which share frames, region and truth; the numbers are those of each alone.
+    """Judge the tests of ``comparisons``, which share frames, region and truth; results equal those of each alone.
 
-    ``in_time`` judges them as moving pictures too; ``heatmap`` is the folder of the maps of the one test there is. One
-    frame of each is in memory, and a few files ahead. Raises DataError for a file that is wrong, with its path.
+    ``in_time`` also scores them over time; ``heatmap`` is the folder for the maps of a single test. Keeps one frame of
+    each in memory, and a few files read ahead. Raises DataError for a damaged file, with its path.
     """
     first = comparisons[0]
     others = [comparison for comparison in comparisons if not comparison.of_itself]
@@ -108,7 +108,7 @@ def judge(
 
 
 def _judged(found: Found) -> list[Judged]:
-    """All that is judged as moving pictures, the single samples last."""
+    """Return the results that get scores over time, the single samples last."""
     return found.tests if found.one_sample is None else [*found.tests, found.one_sample]
 
 
@@ -123,7 +123,7 @@ def _judge_frame(
     sampled: bool,
     heatmap: Path | None,
 ) -> None:
-    """Judge one frame of each; ``pictures`` come as ``_reads`` orders them."""
+    """Judge one frame of each; ``pictures`` are in the order of ``_reads``."""
     truth = next(pictures)
     against = partial(_measure, truth, number, stops)
     sample = next(pictures) if sampled else None
@@ -134,7 +134,7 @@ def _judge_frame(
         test = next(pictures)
         judged.metrics.append(against(test, metrics, heatmap))
         judged.alpha |= _alpha(truth, test, number, stops)
-        if video is not None:  # else it is let go before the next one is looked at
+        if video is not None:  # else free the image before the next one is read
             images.append(test.image)
     if sample is not None and found.one_sample is not None:
         found.one_sample.metrics.append(against(sample, metrics))
@@ -154,14 +154,14 @@ def _measure(
     return values if heatmap is None else values | _write_map(heatmap, test.path, pair, stops, by_flip=flip in metrics)
 
 
-WHITE, GREY = 1.0, 0.18  # linear light of what a picture is laid over
+WHITE, GREY = 1.0, 0.18  # linear light of the backgrounds
 
 
 def _alpha(truth: _Picture, test: _Picture, number: int, stops: float) -> dict[int, dict[str, float]]:
-    """By the frame's number the errors of alpha, and of premultiplied colour over white and grey: over black it is what
-    is judged anyway.
+    """Return by frame number the errors of alpha, and of premultiplied colour over white and grey; the other metrics
+    judge it over black.
 
-    Nothing where one of the two has no alpha.
+    Empty if test or truth has no alpha.
     """
     if truth.alpha is None or test.alpha is None:
         return {}
@@ -178,7 +178,7 @@ def _alpha(truth: _Picture, test: _Picture, number: int, stops: float) -> dict[i
 
 
 def alpha_of(judged: Judged) -> dict[str, float]:
-    """The errors of alpha over all frames that have it: means, and the worst."""
+    """Return the errors of alpha over all frames that have it: means, and the worst."""
     frames = [*judged.alpha.values()]
     return mean(frames) | {"worst": max(frame["worst"] for frame in frames)}
 
@@ -186,7 +186,7 @@ def alpha_of(judged: Judged) -> dict[str, float]:
 def _reads(
     comparisons: Sequence[Comparison], capture: FrameSequence | None, yardsticks: Sequence[int]
 ) -> Iterator[Task[_Picture]]:
-    """What reads the files: of each frame the truth, the single sample where there is a capture, yardsticks, tests."""
+    """Yield the tasks that read the files: for each frame the truth, the capture's frame if any, yardsticks, tests."""
     first = comparisons[0]
     measured = [first.yardsticks[count] for count in yardsticks] + [comparison.test for comparison in comparisons]
     for number in first.test.numbers:
@@ -210,7 +210,7 @@ def _read_sample(capture: FrameSequence, number: int, part: Part) -> _Picture:
 
 
 def summary_of(comparison: Comparison, judged: Judged, found: Found, metrics: tuple[Metric, ...]) -> dict[str, Any]:
-    """What is said of one test; the single samples stand beside it unless it is they."""
+    """Return the report of one test, beside the single samples unless the test is these."""
     single = None if comparison.of_itself else found.one_sample
     rows = [
         {"frame": number, "metrics": values}
@@ -225,7 +225,7 @@ def summary_of(comparison: Comparison, judged: Judged, found: Found, metrics: tu
         _add(rows, "one_sample", single.metrics)
         result["mean_one_sample"] = mean(single.metrics)
         mse, one_sample_mse = (result[name]["mse"] for name in ("mean", "mean_one_sample"))
-        if one_sample_mse > 0:  # a picture that one sample gets right has no such number
+        if one_sample_mse > 0:  # undefined if one sample already has no error
             equal = equal_quality(mse, one_sample_mse, found.yardsticks, truth_samples(comparison.reference))
             result["equal_quality_samples"] = equal._asdict()
     if judged.alpha:

@@ -1,6 +1,6 @@
-"""Scores that tell the faults of a resolve apart: ghosting, flicker, blur, aliasing; formulas in ``docs/metrics.md``.
+"""Scores of single faults of a resolve: ghosting, flicker, blur, aliasing; formulas in ``docs/metrics.md``.
 
-All are worked out on the display images, so that a fault counts as it shows, and all against the truth.
+All compare display images, so that a fault counts as it looks, with the truth.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from cltaa.lab.judge.metrics import Measure
 
 Array = NDArray[np.float64]
 
-TRAIL = 8  # frames for which a disoccluded pixel is watched for what stood before it
-LEAST_CHANGE = 0.1  # of a display value, by which the truth changes where something was disoccluded
-LEAST_WATCHED = 512  # pixels, of all frames together, below which chance decides about a ghost
-STEADY_PX = 0.5  # most that the motion may differ within 3x3 where a pixel is followed from frame to frame
+TRAIL = 8  # frames for which a disoccluded pixel is watched for its occluder
+LEAST_CHANGE = 0.1  # least change of the truth's display value at a watched disocclusion
+LEAST_WATCHED = 512  # least pixels, over all frames, for ghosting; with fewer, chance decides
+STEADY_PX = 0.5  # largest difference of the motion within 3x3 at a tracked pixel
 
 
-SCORES = (  # of a sequence; lower is better for all of them
+SCORES = (  # of a sequence; for all, lower is better
     Measure("ghosting", "share of what stood there before that still shows at disoccluded pixels", ".3f"),
     Measure("flicker", "change from frame to frame that is not in the truth, rms of display values"),
     Measure("blur", "share of the truth's finest detail that is lost", ".3f"),
@@ -36,7 +36,7 @@ SCORES = (  # of a sequence; lower is better for all of them
 
 @dataclass(slots=True)
 class Sums:
-    """What the scores of some frames are ratios of; those of all frames together are the ratios of the totals."""
+    """Numerators and denominators of the scores of some frames; totals give the scores of all frames."""
 
     stale_product: float = 0.0
     stale_square: float = 0.0
@@ -44,9 +44,9 @@ class Sums:
     flicker_square: float = 0.0
     flicker_count: int = 0
     detail_product: float = 0.0  # of the test's fine detail and the truth's
-    detail_square: float = 0.0  # of the truth's
-    false_square: float = 0.0  # of what no filter of the truth explains of the test's
-    false_count: int = 0  # how many values that is a sum of
+    detail_square: float = 0.0  # of the truth's fine detail
+    false_square: float = 0.0  # of the test's fine detail that no filter of the truth explains
+    false_count: int = 0  # number of values in that sum
 
     def __iadd__(self, other: Sums) -> Sums:
         """Add the sums of other frames."""
@@ -55,8 +55,7 @@ class Sums:
         return self
 
     def scores(self) -> dict[str, float]:
-        """Value of each score; NaN where there was nothing to judge: nothing disoccluded, no frame before, no
-        detail."""
+        """Return the value of each score; NaN if undefined: nothing disoccluded, no previous frame, no detail."""
         return {
             "ghosting": _ratio(self.stale_product, self.stale_square * (self.stale_pixels >= LEAST_WATCHED)),
             "flicker": math.sqrt(_ratio(self.flicker_square, self.flicker_count)),
@@ -71,7 +70,7 @@ def _ratio(part: float, whole: float) -> float:
 
 @dataclass(slots=True)
 class _Past:
-    """What the frame before leaves for the next."""
+    """Data of the previous frame."""
 
     frame: Frame
     truth: Array
@@ -82,23 +81,23 @@ class _Past:
 
 
 class VideoScores:
-    """Judges tests against one truth, frame by frame in order; a cut or a gap in the numbers starts anew.
+    """Judges tests against one truth, frame by frame in order; restarts at a cut or a gap in the numbers.
 
-    Several tests can be judged at once, because most of the work is the truth's. Raises UsageError without scipy.
+    Takes several tests at once, because most of the work is for the truth. Raises UsageError without scipy.
     """
 
     def __init__(self, tests: int = 1, stops: float = 0.0) -> None:
-        import_ndimage()  # missed now, and not after the first frame
+        import_ndimage()  # fails now and not after the first frame
         self.totals = [Sums() for _ in range(tests)]
         self._stops = stops
         self._past: _Past | None = None
-        self.fresh: Mask = np.zeros((0, 0), np.bool_)  # of the last frame: disoccluded in it, no edge beside, [H, W]
+        self.fresh: Mask = np.zeros((0, 0), np.bool_)  # [H, W]: disoccluded in the last frame, with no edge beside
 
     def add(self, frame: Frame, truth: Image, tests: list[Image], *, judged: bool = True) -> list[Sums]:
-        """Judge one frame: ``frame`` as captured, the truth and each test, linear [H, W, 3]; a test that is given twice
-        is judged once.
+        """Judge one frame: ``frame`` as captured, the truth and each test, linear [H, W, 3]; judges a repeated test
+        once.
 
-        A frame that is not to be ``judged`` is only remembered for the next one, and gives no sums.
+        With ``judged`` False it only stores the frame for the next one, and returns no sums.
         """
         shown = to_display(truth, self._stops).astype(np.float64)
         given = {id(test): test for test in tests}
@@ -138,7 +137,7 @@ def _sums(error: Array, before: Array | None, detail: Sums, trail: _Trail, path:
 
 
 def _follow_stale(truth: Array, past: _Past | None, found: Correspondence | None) -> tuple[Array, NDArray[np.int64]]:
-    """The colour that stood before each disoccluded pixel [H, W, 3], and the frames since, from 1 (0: none) [H, W]."""
+    """Return the occluder's colour at disoccluded pixels [H, W, 3], and the frames since, from 1 (0: none) [H, W]."""
     if past is None or found is None:
         return truth, np.zeros(truth.shape[:2], np.int64)
     before = past.truth[found.row, found.column]
@@ -151,10 +150,10 @@ def _follow_stale(truth: Array, past: _Past | None, found: Correspondence | None
 
 
 class _Trail:
-    """Disoccluded pixels of one frame, and what still shows there if the past does.
+    """Disoccluded pixels of one frame, and the ghost of their occluder.
 
-    Only pixels that show whole surfaces count: where an edge runs through a pixel, that its one captured sample fell
-    behind the edge already says which way the error of this frame points.
+    Only pixels without an edge count: with an edge in the pixel, the fact that its one captured sample is behind the
+    edge already biases the error of this frame.
     """
 
     def __init__(self, truth: Array, stale: Array, watched: Mask, found: Correspondence | None) -> None:
@@ -168,16 +167,17 @@ class _Trail:
         self._square = float(self._ghost @ self._ghost)
 
     def _unexplained(self, values: Array) -> Array:
-        """What a blur of the truth does not explain."""
+        """Return the part of ``values`` that a blur of the truth does not explain."""
         if self._blur_square > 0:
             values = values - self._blur * (float(values @ self._blur) / self._blur_square)
         return values
 
     def ghosting(self, error: Array) -> Sums:
-        """Regression of the error on what stood there before, beside what a blur of the truth would do.
+        """Regress the error on the occluder's colour, together with the effect of a blur of the truth.
 
-        What a blur explains is taken off both sides (Frisch-Waugh), so that the rest is a plain ratio of sums. An error
-        of the whole picture (all of it too bright) is no ghost: its mean over the other pixels is taken off.
+        The part that a blur explains is subtracted from both sides (Frisch-Waugh), so that the rest is a plain ratio of
+        sums. An error of the whole picture (all too bright) is no ghost, so the mean error of other pixels is
+        subtracted.
         """
         if not self._judged.size:
             return Sums()
@@ -189,7 +189,7 @@ class _Trail:
 
 
 def _steady(found: Correspondence, watched: Mask, watched_before: Mask) -> Mask:
-    """Pixels that can be followed from the frame before: one surface, one motion all around, nothing disoccluded."""
+    """Return pixels that can be tracked from the previous frame: one surface, one motion around it, no disocclusion."""
     ndimage = import_ndimage()
     motion = found.motion
     spread = ndimage.maximum_filter(motion, (3, 3, 1)) - ndimage.minimum_filter(motion, (3, 3, 1))
@@ -199,7 +199,7 @@ def _steady(found: Correspondence, watched: Mask, watched_before: Mask) -> Mask:
 
 
 class _Path:
-    """Pixels that are followed from the frame before, and where each was."""
+    """Pixels tracked from the previous frame, and their previous positions."""
 
     def __init__(self, found: Correspondence, steady: Mask) -> None:
         moving = steady & (found.motion != 0).any(-1)
@@ -207,11 +207,11 @@ class _Path:
         self._places = found.y[moving] - 0.5, found.x[moving] - 0.5
 
     def flicker(self, error: Array, before: Array) -> Sums:
-        """Change of the error along the motion: what the test changed and the truth did not."""
+        """Return the change of the error along the motion, which is the test's change beyond the truth's."""
         pixels, earlier = (image.reshape(-1, image.shape[-1]) for image in (error, before))
         changes = [pixels[self._stayed] - earlier[self._stayed]]
         if self._moved.size:
-            planes = np.moveaxis(before, -1, 0)  # by interpolating cubic B-splines, edges repeated
+            planes = np.moveaxis(before, -1, 0)  # sampled by cubic B-spline interpolation, with repeated edges
             there = [import_ndimage().map_coordinates(plane, self._places, order=3, mode="nearest") for plane in planes]
             changes.append(pixels[self._moved] - np.stack(there, axis=-1))
         return Sums(
@@ -221,19 +221,19 @@ class _Path:
 
 
 def _grown(mask: Mask) -> Mask:
-    """The mask and every pixel whose fine detail reaches into it."""
+    """Return the mask grown by the reach of the fine-detail filter."""
     grown: Mask = import_ndimage().maximum_filter(mask, 2 * REACH + 1)
     return grown
 
 
-TILE = 32  # pixels a side of the tiles within which a blur counts as one and the same
-# Binomial filters of 3 and 5 taps; fine detail is what the wide one takes away.
+TILE = 32  # side in pixels of the tiles within which a blur is assumed constant
+# Binomial filters of 3 and 5 taps; fine detail is the part that the wide one removes.
 NARROW, WIDE = np.array([1, 2, 1]) / 4, np.array([1, 4, 6, 4, 1]) / 16
 SLOPE = np.array([-0.5, 0, 0.5])
-REACH = 2  # pixels, of the wide filter
-MARGIN = 2 * REACH  # of two such filters one after another
-LEAST_ROWS = 10  # judged values for each filter of the family; with fewer the family explains anything
-RANK = 1e-10  # eigenvalues of a tile's Gram matrix below this share of the largest carry rounding alone
+REACH = 2  # radius of the wide filter in pixels
+MARGIN = 2 * REACH  # radius of two such filters in succession
+LEAST_ROWS = 10  # least judged values per filter of the family; with fewer the family explains anything
+RANK = 1e-10  # smaller eigenvalues of a tile's Gram matrix, relative to the largest, are only rounding
 
 
 def import_ndimage() -> Any:
@@ -242,11 +242,11 @@ def import_ndimage() -> Any:
 
 
 def blurred(image: Array) -> Array:
-    """The wide filter along both axes of [H, W, ...]; edges repeat."""
+    """Apply the wide filter along both axes of [H, W, ...]; edges repeat."""
     for axis in (0, 1):
         margin = [(0, 0)] * image.ndim
         margin[axis] = (REACH, REACH)
-        # Sums of whole slices take half the time of scipy's filter.
+        # Summing whole slices takes half the time of scipy's filter.
         padded = np.moveaxis(np.pad(image, margin, mode="edge"), axis, 0)
         length = image.shape[axis]
         taps = (weight * padded[at : at + length] for at, weight in enumerate(WIDE))
@@ -255,10 +255,10 @@ def blurred(image: Array) -> Array:
 
 
 def judge_detail(truth: Array, tests: list[Array], judged: Mask) -> list[Sums]:
-    """Fine detail of each test against that of the truth, display values [H, W, 3], where ``judged`` [H, W].
+    """Compare the fine detail of each test with the truth's, display values [H, W, 3], where ``judged`` [H, W].
 
-    The margin of the image that the filters reach out of is not judged. In bands of tiles, so that the family of
-    filters is in memory for one band only.
+    Leaves out the margin where the filters reach outside the image. Works in bands of tiles, so that only one band of
+    the filter family is in memory.
     """
     inside = np.zeros_like(judged)
     inside[MARGIN:-MARGIN, MARGIN:-MARGIN] = judged[MARGIN:-MARGIN, MARGIN:-MARGIN]
@@ -284,7 +284,7 @@ def judge_detail(truth: Array, tests: list[Array], judged: Mask) -> list[Sums]:
 
 
 def _family(truth: Array, top: int) -> Array:
-    """The truth's fine detail in one band after 3 widths of blur a direction and after shifts, [rows, W, 3, 11]."""
+    """Return the truth's fine detail in one band after 3 widths of blur per axis and after shifts, [rows, W, 3, 11]."""
     ndimage = import_ndimage()
     rows = np.arange(top - MARGIN, min(top + TILE, truth.shape[0]) + MARGIN)
     slab = truth[np.clip(rows, 0, truth.shape[0] - 1)]
@@ -300,10 +300,10 @@ def _family(truth: Array, top: int) -> Array:
 
 
 def _unexplained(family: Array, tests: Array, judged: Mask) -> Array:
-    """Sum of squares and count of what least squares over each tile leave of each test, [tests, 2].
+    """Return sum of squares and count, [tests, 2], of the residual of each test after least squares over each tile.
 
-    ``family`` [rows, W, 3, F], ``tests`` [tests, rows, W, 3]. By the normal equations, which is all that sums need:
-    the rest is s.s - (F s)' G^-1 (F s) with the Gram matrix G of the tile.
+    ``family`` [rows, W, 3, F], ``tests`` [tests, rows, W, 3]. The normal equations suffice for the sum: it is
+    s.s - (F s)' G^-1 (F s) with the Gram matrix G of the tile.
     """
     result = np.zeros((len(tests), 2))
     for left in range(0, judged.shape[1], TILE):
@@ -312,7 +312,7 @@ def _unexplained(family: Array, tests: Array, judged: Mask) -> Array:
         if len(filters) < LEAST_ROWS * family.shape[-1]:
             continue
         inverse = np.linalg.pinv(filters.T @ filters, rcond=RANK, hermitian=True)
-        for sums, test in zip(result, tests, strict=True):  # one at a time: the same to the last bit beside any others
+        for sums, test in zip(result, tests, strict=True):  # one at a time, so that other tests change no bit
             values = test[:, left : left + TILE][seen].ravel()
             explained = values @ filters
             sums += max(float(values @ values - explained @ inverse @ explained), 0.0), len(filters)

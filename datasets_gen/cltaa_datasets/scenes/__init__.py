@@ -1,6 +1,6 @@
-"""The registry of scenes: name -> what it shows, the effects it calls for, and the function that builds it.
+"""All scenes: importing this package registers them by name.
 
-To add a scene: write a module here with a function of the seed under ``@register(...)``, and import it below.
+To add a scene, write a module here with a function of the seed under ``@register(...)``, and import it below.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def registered() -> list[Entry]:
 
 
 def build_scene(name: str, seed: int = 0, motion: str | None = None) -> Scene:
-    """Build a registered scene, or ``file:PATH`` with a motion of ``MOTIONS`` (default: as the file is animated).
+    """Build a registered scene, or ``file:PATH`` with a motion of ``MOTIONS`` (default: ``default_motion``).
 
     Raises UsageError for an unknown name, and what ``model_files.load_model`` raises for a file.
     """

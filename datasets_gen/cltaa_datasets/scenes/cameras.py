@@ -1,4 +1,4 @@
-"""One camera move each, in the same gallery: pan, dolly, roll, zoom, a parallel lens, a camera that stops, a cut."""
+"""Scenes with one camera move each, in the same gallery: pan, dolly, roll, zoom, parallel lens, halt, cut."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import Instant, Lens, Matrix, Orthographic, Perspective
 from cltaa_datasets.sets import EYE, LENS, TARGET, VIEW, gallery, standing
 
-SLOW, QUICK = 4.0, 2.4  # seconds a swing
+SLOW, QUICK = 4.0, 2.4  # periods of swings in seconds
 PAN = np.radians(7.0)  # either way
 ROLL = np.radians(12.0)
-ZOOM = 0.25  # of the field of view, either way
+ZOOM = 0.25  # share of the field of view, either way
 DOLLY = 0.8  # metres, either way
-STRIDE = 0.5  # seconds that the halting camera walks, and then stands
-SHOT = 0.4  # seconds
+STRIDE = 0.5  # seconds that the halting camera walks, and as long that it stands
+SHOT = 0.4  # length of a shot in seconds
 PARALLEL = Orthographic(half_height=1.3, near=0.5, far=12.0)
 
 
 def _filmed(seed: int, camera: Callable[[float], tuple[Matrix, Lens]]) -> Staging:
-    """Stage the gallery, filmed by ``camera(time)``; the seed also says where its swing begins."""
+    """Stage the gallery, filmed by ``camera(time)``; the seed also changes the start of its swing."""
     parts = gallery(seed)
     start = float(np.random.default_rng(seed).random()) * SLOW
 
@@ -46,19 +46,19 @@ def pan(seed: int) -> Staging:
 
 @register("roll", "A camera turns about the axis of its lens", (Effect.CAMERA,))
 def roll(seed: int) -> Staging:
-    """Turn about the view axis: fast at the rim, still in the middle."""
+    """Turn about the view axis: fast motion at the edges, none in the middle."""
     return _filmed(seed, lambda t: (animation.rotation((0.0, 0.0, 1.0), ROLL * animation.swing(t, SLOW)) @ VIEW, LENS))
 
 
 @register("zoom", "A still camera zooms in and out", (Effect.CAMERA,))
 def zoom(seed: int) -> Staging:
-    """Change the projection and nothing else."""
+    """Change only the projection."""
     return _filmed(seed, lambda t: (VIEW, Perspective(LENS.field_of_view * (1.0 + ZOOM * animation.swing(t, SLOW)))))
 
 
 @register("dolly", "A camera slides to and fro past the things before a wall", (Effect.CAMERA, Effect.DISOCCLUSION))
 def dolly(seed: int) -> Staging:
-    """Slide sideways and forward: parallax, and ground disoccluded behind every exhibit."""
+    """Slide sideways and forward: parallax, and disocclusion behind every exhibit."""
     return _filmed(
         seed, lambda t: (_eye(DOLLY * animation.swing(t, SLOW), -0.5 * DOLLY * animation.swing(t, QUICK)), LENS)
     )
@@ -66,7 +66,7 @@ def dolly(seed: int) -> Staging:
 
 @register("parallel", "A camera with a parallel lens slides to and fro", (Effect.CAMERA, Effect.DISOCCLUSION))
 def parallel(seed: int) -> Staging:
-    """Slide and turn a little under an orthographic projection, in which depth alone tells nothing of motion."""
+    """Slide and turn a little under an orthographic projection, where a slide moves all depths equally."""
 
     def camera(time: float) -> tuple[Matrix, Lens]:
         turn = animation.rotation(animation.UP, 0.5 * PAN * animation.swing(time, QUICK))
@@ -77,7 +77,7 @@ def parallel(seed: int) -> Staging:
 
 @register("halt", "A camera that walks, stands, and walks on", (Effect.CAMERA, Effect.DISOCCLUSION))
 def halt(seed: int) -> Staging:
-    """Walk for half a second, stand for as long: between its steps the camera is still to the bit."""
+    """Walk for half a second, stand for as long: between its steps the camera matrices are equal to the bit."""
     parts = gallery(seed)
     start = float(np.random.default_rng(seed).uniform(-DOLLY, 0.0))
 

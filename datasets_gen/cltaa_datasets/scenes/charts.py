@@ -13,21 +13,21 @@ from cltaa_datasets.scene import Instant, Material, Orthographic, Part, Texture
 from cltaa_datasets.scenes.plants import hedge
 from cltaa_datasets.sets import KEPT, exhibits, standing
 
-HALF = 1.0  # metres, half the height of the picture
+HALF = 1.0  # half the height of the picture in metres
 LENS = Orthographic(HALF, 1.0, 9.0)
 VIEW = animation.look_at((0.0, 0.0, 5.0), (0.0, 0.0, 0.0))
-DRIFT = 0.11  # metres a second along the diagonal: about half a pixel a frame at 360 rows
+DRIFT = 0.11  # metres per second along the diagonal: about half a pixel per frame at 360 rows
 TILT = np.radians(45.0)
 
 
 def _printed(texture: Texture) -> Material:
-    """Shine by itself: what is printed is what is measured, whatever the light."""
+    """Return an emissive material, so that the print does not depend on the light."""
     return Material(base_colour=(0.0, 0.0, 0.0, 1.0), specular=0.0, emissive=(1.0, 1.0, 1.0), emissive_texture=texture)
 
 
 @lru_cache(KEPT)
 def chart(seed: int) -> tuple[Part, ...]:
-    """A page of text, a zone plate and a checkerboard, each turned by 45 degrees, over a plain grey ground."""
+    """Return a page of text, a zone plate and a checkerboard, each turned by 45 degrees, over a plain grey ground."""
     rng = np.random.default_rng(seed)
     square = meshes.sheet((-0.42, -0.42, 0.0), (0.84, 0.0, 0.0), (0.0, 0.84, 0.0))
     printed = {
@@ -51,7 +51,7 @@ def chart(seed: int) -> tuple[Part, ...]:
 
 @register("charts", "Text, zone plate and checkers at 45 degrees, still", ())
 def charts(seed: int) -> Staging:
-    """Stage the chart before a still camera: nothing at all happens."""
+    """Stage the chart before a still camera: nothing changes."""
     parts = chart(seed)
     now = standing(parts, VIEW, lens=LENS, lights=())
     return parts, lambda _: now
@@ -59,7 +59,7 @@ def charts(seed: int) -> Staging:
 
 @register("charts_drift", "The charts under a camera that drifts along the diagonal", (Effect.CAMERA,))
 def charts_drift(seed: int) -> Staging:
-    """Move by a part of a pixel each frame, along the edges and across them."""
+    """Move by a fraction of a pixel per frame, along the edges and across them."""
     parts = chart(seed)
 
     def at(time: float) -> Instant:
@@ -72,7 +72,7 @@ def charts_drift(seed: int) -> Staging:
 
 @register("silhouettes", "Leaves, a lattice and a knot on a transparent ground, still", (Effect.ALPHA, Effect.THIN))
 def silhouettes(seed: int) -> Staging:
-    """Leave the background out: coverage is what has to be smooth."""
+    """Leave out the background, so that coverage must be anti-aliased."""
     parts = (*hedge(seed)[:1], *exhibits(np.random.default_rng(seed)))
     now = standing(parts, sky=None)
     return parts, lambda _: now

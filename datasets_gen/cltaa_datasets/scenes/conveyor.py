@@ -1,4 +1,4 @@
-"""Own motion and nothing else: a printed belt that fills the picture and slides in its own plane."""
+"""Own motion only: a printed belt that fills the picture and slides in its own plane."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import Instant, Material, Part
 from cltaa_datasets.sets import standing
 
-REACH, PERIOD = (0.9, 0.5), (3.1, 4.3)  # metres either way and seconds, across and along
+REACH, PERIOD = (0.9, 0.5), (3.1, 4.3)  # metres either way and periods in seconds, across and along
 VIEW = animation.look_at((0.0, 2.2, 2.0), (0.0, 0.0, 0.0))
 
 
 @register("conveyor", "A printed belt slides under a still camera; nothing is ever disoccluded", (Effect.MOTION,))
 def conveyor(seed: int) -> Staging:
-    """Stage the scene; the seed changes the print and where the slide begins."""
+    """Stage the scene; the seed changes the print and the start of the slide."""
     rng = np.random.default_rng(seed)
     belt = textures.lettering(rng, (0.05, 0.06, 0.10), (0.84, 0.80, 0.70), 20)
     parts = (Part("belt", meshes.floor(9.0, 1.5, 4), Material(base_texture=belt, specular=0.0)),)

@@ -9,9 +9,9 @@ from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import Instant, Material, Part, Perspective, Sky, Sun
 
-PACE = 1.6  # metres a second
-LENGTH = 160.0  # of the colonnade
-BAY = 4.0  # from column to column
+PACE = 1.6  # metres per second
+LENGTH = 160.0  # of the colonnade in metres
+BAY = 4.0  # metres from column to column
 SUN = animation.direction(-60.0, 38.0)
 SKY = Sky(
     zenith=(0.12, 0.28, 0.66),
@@ -25,7 +25,7 @@ SKY = Sky(
 
 
 def colonnade(rng: np.random.Generator) -> tuple[Part, Part]:
-    """Two rows of columns on plinths, and the beams that they carry."""
+    """Return two rows of columns on plinths, and the beams on them."""
     stone = Material(base_texture=textures.mottle(rng, (0.62, 0.54, 0.44), (0.86, 0.80, 0.70), 6), specular=0.0)
     brick = Material(
         base_texture=textures.blocks(rng, (0.72, 0.36, 0.22), (0.62, 0.58, 0.52), 6, 12, 0.012), specular=0.0
@@ -48,7 +48,7 @@ def colonnade(rng: np.random.Generator) -> tuple[Part, Part]:
     (Effect.CAMERA, Effect.DISOCCLUSION, Effect.SKY),
 )
 def corridor(seed: int) -> Staging:
-    """Stage the scene; the seed changes the stones, the bricks and where the walk begins."""
+    """Stage the scene; the seed changes the stones, the bricks and the start of the walk."""
     rng = np.random.default_rng(seed)
     marble = Material(base_texture=textures.checker((0.78, 0.74, 0.68), (0.06, 0.06, 0.07), 8, rng), specular=0.0)
     parts = (Part("floor", meshes.floor(300.0, 2.4, 64), marble), *colonnade(rng))

@@ -1,4 +1,4 @@
-"""Meshes that change their shape: a printed cloth in the wind, a blend of shapes, a skin over joints."""
+"""Deforming meshes: a printed cloth in the wind, morph targets, a skinned arm."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from cltaa_datasets.scene import Instant, Material, Matrix, Part, Shape
 from cltaa_datasets.sets import poster_wall, standing
 
 CELLS = 32  # of the cloth
-WIND, WAVE = 1.1, 0.22  # seconds a wave, metres
+WIND, WAVE = 1.1, 0.22  # period of a wave in seconds, its amplitude in metres
 JOINTS, LENGTH = 5, 1.9  # of the arm; metres
-SWAY, BEND = 2.2, np.radians(26.0)  # seconds a swing, at each joint
-MORPH = (1.3, 1.9)  # seconds a swing of the two targets
+SWAY, BEND = 2.2, np.radians(26.0)  # period of a swing in seconds, largest angle at each joint
+MORPH = (1.3, 1.9)  # periods of the two targets in seconds
 
 
 def shape_of(mesh: trimesh.Trimesh) -> Shape:
-    """Return where a mesh's vertices are."""
+    """Return the vertices of a mesh as a Shape."""
     return Shape(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.vertex_normals, np.float64))
 
 
 def banner(rng: np.random.Generator) -> tuple[Part, Callable[[float], Shape]]:
-    """Return a printed cloth and its shape as a function of time; it shines by itself, so that no colour changes."""
+    """Return a printed cloth and its shape as a function of time; it is emissive, so that no colour changes."""
     page = textures.lettering(rng, (0.05, 0.06, 0.30), (0.86, 0.80, 0.62), 20)
     print_ = Material(
         base_colour=(0.0, 0.0, 0.0, 1.0),
@@ -50,7 +50,7 @@ def banner(rng: np.random.Generator) -> tuple[Part, Callable[[float], Shape]]:
 
 @register("cloth", "A printed cloth waves before a wall", (Effect.MOTION, Effect.DISOCCLUSION))
 def cloth(seed: int) -> Staging:
-    """Wave a sheet: every vertex moves its own way."""
+    """Wave a sheet: every vertex has its own motion."""
     rng = np.random.default_rng(seed)
     sheet, shape = banner(rng)
     parts = (sheet, *poster_wall(rng))
@@ -67,7 +67,7 @@ def morphing(seed: int) -> Staging:
     rng = np.random.default_rng(seed)
     ball = meshes.sphere(0.75, (4.0, 2.0), 24)
     rest = shape_of(ball)
-    # A superellipsoid is near to a cube and has a normal everywhere.
+    # A superellipsoid is nearly a cube and has a normal everywhere.
     bulge = (np.abs(rest.normals) ** 6).sum(axis=1, keepdims=True) ** (-1.0 / 6.0)
     slopes = deform.unit(np.sign(rest.normals) * np.abs(rest.normals) ** 5)
     squeeze = np.array([0.55, 1.5, 0.55])
@@ -90,7 +90,7 @@ def morphing(seed: int) -> Staging:
     "skinned", "An arm of five joints bends before a wall", (Effect.MOTION, Effect.DISOCCLUSION, Effect.ILLUMINATION)
 )
 def skinned(seed: int) -> Staging:
-    """Bend a tube by linear blend skinning; joint by joint the swing is later."""
+    """Bend a tube by linear blend skinning; each joint swings later than the one before."""
     rng = np.random.default_rng(seed)
     tube = meshes.surface(_arm, 24, 40, (4.0, 8.0))
     rest, bone = shape_of(tube), LENGTH / JOINTS

@@ -1,4 +1,4 @@
-"""Where numbers run out: a million metres from the origin, and from a hand's breadth to the horizon in one picture."""
+"""Limits of precision: a million metres from the origin, and ten centimetres to the horizon in one picture."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOON = Sun(animation.direction(-140.0, 50.0), (0.8, 0.9, 1.1))
 
 @register("far_off", "A dolly through a gallery a million metres from the origin", (Effect.CAMERA, Effect.DISOCCLUSION))
 def far_off(seed: int) -> Staging:
-    """The scene ``dolly`` moved away from the origin: float32 world space would be hundreds of pixels off."""
+    """Move the scene ``dolly`` away from the origin: float32 world space would be wrong by hundreds of pixels."""
     parts = gallery(seed)
     there = animation.translation(FAR_OFF)
     back = animation.translation((-FAR_OFF[0], -FAR_OFF[1], -FAR_OFF[2]))
@@ -43,7 +43,7 @@ def far_off(seed: int) -> Staging:
     (Effect.CAMERA, Effect.DISOCCLUSION, Effect.THIN, Effect.SKY),
 )
 def depth_range(seed: int) -> Staging:
-    """Sway behind a lattice: it runs across the picture while the hills only turn with the camera."""
+    """Sway behind a lattice: it crosses the picture while the hills only follow the camera's rotation."""
     rng = np.random.default_rng(seed)
     net = Material(
         base_texture=textures.lattice((0.12, 0.10, 0.08), 6, 0.16),
@@ -89,7 +89,7 @@ def depth_range(seed: int) -> Staging:
     (Effect.CAMERA, Effect.DISOCCLUSION, Effect.THIN, Effect.SKY),
 )
 def starry(seed: int) -> Staging:
-    """Turn under the stars: a walk must not move them."""
+    """Turn and walk under the stars: only the turn moves them."""
     rng = np.random.default_rng(seed)
     ground = Material(base_texture=textures.mottle(rng, (0.02, 0.03, 0.03), (0.10, 0.11, 0.09), 16), specular=0.0)
     timber = Material(base_texture=textures.planks(rng, (0.24, 0.18, 0.12)), specular=0.0)

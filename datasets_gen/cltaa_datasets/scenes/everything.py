@@ -1,4 +1,4 @@
-"""Effects together: all that go together in one picture, and shining things on a transparent ground."""
+"""Combined effects: all compatible ones in one picture, and glossy objects on a transparent ground."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cltaa_datasets.sets import standing
 FIELD_OF_VIEW = np.radians(44.0)
 SKY = Sky(zenith=(0.14, 0.30, 0.64), horizon=(0.70, 0.76, 0.84), ground=(0.24, 0.22, 0.19), fog=0.006, ambient=0.6)
 SHADOW = Shadow((0.0, 1.5, -1.5), 6.0, 2048)
-SHOT, STEP = 0.8, 0.4  # seconds
+SHOT, STEP = 0.8, 0.4  # seconds per shot, per exposure
 EXPOSURES = (1.0, 0.5)
 SWING = 3.0  # seconds
 PLACES = tuple(animation.translation(place) for place in ((1.0, 1.2, 1.0), (-0.6, 0.3, 1.4), (-0.4, 0.4, -2.6)))
@@ -30,7 +30,7 @@ PLACES = tuple(animation.translation(place) for place in ((1.0, 1.2, 1.0), (-0.6
     set(Effect) - {Effect.ALPHA, Effect.NOISE},
 )
 def everything(seed: int) -> Staging:
-    """Let sparks fly, smoke rise, a cloth wave and the sun run, while the camera walks, zooms, cuts and adapts."""
+    """Combine sparks, smoke, a waving cloth and a moving sun with a camera that walks, zooms, cuts and adapts."""
     rng = np.random.default_rng(seed)
     (sheet, waving), flying, drifting = banner(rng), thrown(rng), rising(rng)
     parts = (glowing(), puffs(), sheet, *courtyard(rng), *things(rng))
@@ -64,7 +64,7 @@ def everything(seed: int) -> Staging:
     (Effect.MOTION, Effect.DISOCCLUSION, Effect.ILLUMINATION, Effect.HDR, Effect.ALPHA),
 )
 def turntable(seed: int) -> Staging:
-    """Turn the things of ``spinner`` without anything around them, as for a composite."""
+    """Turn the objects of ``spinner`` without surroundings, as for a composite."""
     parts, at = spinner.spinner(seed)
     turning = len(spinner.movers(np.random.default_rng(seed)))
 

@@ -1,4 +1,4 @@
-"""See-through surfaces, whose motion no channel can hold: panes and smoke before a wall."""
+"""Translucent surfaces, whose motion no channel can hold: panes and smoke before a wall."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import AlphaMode, Instant, Material, Part
 from cltaa_datasets.sets import gallery, standing
 
-PUFFS, SIZE, GROWTH = 40, 0.10, 0.14  # of smoke; metres, metres a second
+PUFFS, SIZE, GROWTH = 40, 0.10, 0.14  # of smoke; metres, metres per second
 LIFE, REST = 2.4, 0.2  # seconds
 SPEEDS = np.array([-0.35, 0.3, -0.1]), np.array([0.35, 0.7, 0.3])
 RISE = np.array([0.12, 0.2, 0.0])
@@ -24,7 +24,7 @@ PANES = (  # colour and opacity, place, metres either way, period
 
 @register("panes", "Coloured panes of glass slide before a still gallery", (Effect.REACTIVE,))
 def panes(seed: int) -> Staging:
-    """Depth and motion stay those of the wall behind; the channel ``reactive`` says how much is the glass's."""
+    """Slide panes: depth and motion remain the wall's; the channel ``reactive`` holds the glass's share."""
     rng = np.random.default_rng(seed)
     phase = rng.random(len(PANES))
     glass = tuple(
@@ -52,7 +52,7 @@ def puffs() -> Part:
     across, down = textures.coordinates(64)
     density = np.clip(1.0 - 2.0 * np.hypot(across - 0.5, down - 0.5), 0.0, 1.0)
     soft = textures.make_texture(np.ones((64, 64, 3)), density)
-    # They shine by themselves and alike, so that it does not matter in which order they are drawn.
+    # All emit the same light, so that the order of drawing does not matter.
     grey = Material(
         base_colour=(0.0, 0.0, 0.0, 0.5),
         base_texture=soft,
@@ -71,7 +71,7 @@ def rising(rng: np.random.Generator) -> swarms.Path:
 
 @register("smoke", "Smoke of soft particles rises before a still gallery", (Effect.REACTIVE,))
 def smoke(seed: int) -> Staging:
-    """Let particles rise that no depth and no motion vector belongs to."""
+    """Let particles rise that have neither depth nor motion vectors."""
     path = rising(np.random.default_rng(seed))
     parts = (puffs(), *gallery(seed))
 

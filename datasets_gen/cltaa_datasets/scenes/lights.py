@@ -1,4 +1,4 @@
-"""Colour that changes where nothing moves: glints, flashes, moving shadows, exposure steps."""
+"""Colour changes without motion: glints, flashes, moving shadows, exposure steps."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from cltaa_datasets.scene import Instant, Lamp, Material, Part, Shadow, Sun
 from cltaa_datasets.sets import LIGHTS, gallery, poster_wall, standing
 
 FLASH = 0.2  # seconds from one flash to the next
-FLASH_LENGTH = 0.07
+FLASH_LENGTH = 0.07  # seconds
 STEP = 0.4  # seconds between changes of exposure
 EXPOSURES = (1.0, 0.25, 2.0, 0.5)
-ORBIT = 1.1  # seconds that the lamp of the glints takes around the things
+ORBIT = 1.1  # period in seconds of the lamp's orbit in ``glints``
 LAMP = 25.0
 SUN_SWING = 3.0  # seconds
 SHADOW = Shadow((0.0, 1.5, -0.5), 4.0)
@@ -22,9 +22,9 @@ SHADOW = Shadow((0.0, 1.5, -0.5), 4.0)
 
 @register("glints", "Highlights of up to 10000 run over still gold and lacquer", (Effect.ILLUMINATION, Effect.HDR))
 def glints(seed: int) -> Staging:
-    """A lamp circles over polished things: the highlights move, no surface does."""
+    """Circle a lamp over polished objects: only the highlights move."""
     rng = np.random.default_rng(seed)
-    # The smoothest surface that the shading model allows concentrates a lamp the most.
+    # The least roughness of the shading model gives the sharpest highlight.
     gold = Material(base_colour=(1.0, 0.72, 0.33, 1.0), metallic=1.0, roughness=0.08)
     lacquer = Material(base_texture=textures.checker((0.5, 0.04, 0.03), (0.05, 0.05, 0.06), 8, rng), roughness=0.15)
     beads = [
@@ -50,7 +50,7 @@ def glints(seed: int) -> Staging:
 
 @register("flash", "Two lamps flash over a wall on which nothing moves", (Effect.ILLUMINATION,))
 def flash(seed: int) -> Staging:
-    """Red and blue in turn, each lit for two frames of six."""
+    """Flash red and blue lamps in turn, each lit for two frames of six."""
     parts = gallery(seed)
     late = float(np.random.default_rng(seed).random()) * FLASH
     places = ((-1.6, 1.8, 0.2), (1.5, 1.9, 0.4))
@@ -66,7 +66,7 @@ def flash(seed: int) -> Staging:
 
 @register("exposure", "The exposure steps between a half, a quarter and twice as much", (Effect.EXPOSURE,))
 def exposure(seed: int) -> Staging:
-    """Change one factor on the whole picture every 0.4 seconds."""
+    """Change the exposure of the whole picture every 0.4 seconds."""
     parts = gallery(seed)
 
     def at(time: float) -> Instant:
@@ -77,7 +77,7 @@ def exposure(seed: int) -> Staging:
 
 @register("shadow", "The shadows of still things sweep over a wall as the sun runs", (Effect.ILLUMINATION,))
 def shadow(seed: int) -> Staging:
-    """Let the sun cross the sky in seconds; nothing else moves."""
+    """Move the sun across the sky in seconds; nothing else moves."""
     parts = gallery(seed)
     phase = float(np.random.default_rng(seed).random())
 

@@ -1,4 +1,4 @@
-"""Things that slide before a detailed wall and uncover it again."""
+"""Occluders that slide before a detailed wall."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import AlphaMode, Instant, Material, Part
 from cltaa_datasets.sets import VIEW, poster_wall, standing
 
-BOARD_PERIOD, BOARD_REACH = 3.2, 1.7  # seconds, metres
+BOARD_PERIOD, BOARD_REACH = 3.2, 1.7  # seconds, metres either way
 GRILLE_PERIOD, GRILLE_REACH = 5.0, 1.2
 
 
 def movers() -> tuple[Part, ...]:
-    """A striped board close by and a cut-out grille behind it."""
+    """Return a striped board in front and a cut-out grille behind it."""
     striped = textures.stripes((0.82, 0.10, 0.08), (0.88, 0.86, 0.80), 3, 3)
     net = Material(
         base_texture=textures.lattice((0.10, 0.32, 0.26), 5), specular=0.0, alpha_mode=AlphaMode.MASK, double_sided=True
@@ -32,7 +32,7 @@ def movers() -> tuple[Part, ...]:
     (Effect.MOTION, Effect.DISOCCLUSION),
 )
 def occluder(seed: int) -> Staging:
-    """Stage the scene; the seed changes wall, posters and where each slide begins."""
+    """Stage the scene; the seed changes wall, posters and the start of each slide."""
     rng = np.random.default_rng(seed)
     parts = (*movers(), *poster_wall(rng))
     phase = rng.random(2).tolist()

@@ -1,4 +1,4 @@
-"""Foliage: cut-outs smaller than a pixel, seen in passing and swaying."""
+"""Foliage: cut-outs smaller than a pixel, under a sliding camera and swaying."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from cltaa_datasets.scene import AlphaMode, Instant, Material, Matrix, Part
 from cltaa_datasets.sets import EYE, KEPT, TARGET, poster_wall, standing
 
 SWING, REACH = 4.0, 0.7  # seconds, metres
-SWAY = 0.09  # metres aside a metre up
+SWAY = 0.09  # metres sideways per metre of height
 
 
 @lru_cache(KEPT)
 def hedge(seed: int, rows: int = 3) -> tuple[Part, ...]:
-    """Rows of crossed leafy sheets before the poster wall, a part a row; each leaf is a few pixels wide or less."""
+    """Return rows of crossed leafy sheets before the poster wall, one part per row; leaves are at most a few pixels
+    wide."""
     rng = np.random.default_rng(seed)
     leaves = textures.leaves(rng, (0.04, 0.12, 0.03), (0.24, 0.40, 0.10), 170)
-    # Shining by itself, a leaf that sways keeps its colour.
+    # Emissive, so that a swaying leaf keeps its colour.
     green = Material(
         base_colour=(0.0, 0.0, 0.0, 1.0),
         base_texture=leaves,
@@ -49,7 +50,7 @@ def hedge(seed: int, rows: int = 3) -> tuple[Part, ...]:
 
 @register("foliage", "A camera slides past hedges of cut-out leaves", (Effect.CAMERA, Effect.THIN, Effect.DISOCCLUSION))
 def foliage(seed: int) -> Staging:
-    """Slide sideways: every leaf disoccludes something."""
+    """Slide sideways: every leaf causes disocclusion."""
     parts = hedge(seed)
     start = float(np.random.default_rng(seed).random()) * SWING
 
@@ -63,7 +64,7 @@ def foliage(seed: int) -> Staging:
 
 @register("swaying", "Hedges of cut-out leaves sway before a wall", (Effect.MOTION, Effect.THIN, Effect.DISOCCLUSION))
 def swaying(seed: int) -> Staging:
-    """Shear each row by the wind: previous poses that are not rigid."""
+    """Shear each row in the wind, which makes non-rigid poses."""
     parts = hedge(seed)
     phase = np.random.default_rng(seed).random(3)
 

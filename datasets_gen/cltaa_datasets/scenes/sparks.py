@@ -1,4 +1,4 @@
-"""Sparks: points of light of ten thousand, a pixel or less wide, each on its own path."""
+"""Sparks: points of radiance ten thousand, at most a pixel wide, each on its own path."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import Instant, Material, Part, Shape
 from cltaa_datasets.sets import gallery, standing
 
-COUNT, SIZE = 70, 0.006  # metres from a spark's centre to its tip
+COUNT, SIZE = 70, 0.006  # number; metres from a spark's centre to its tip
 LIFE, REST = 1.2, 0.15  # seconds
 NOZZLE = animation.translation((-0.2, 1.3, 0.4))
 SPEEDS = np.array([-1.6, 0.0, -0.3]), np.array([1.6, 2.2, 0.5])
@@ -19,7 +19,7 @@ HOT = (1.0e4, 4.2e3, 9.0e2)
 
 
 def glowing() -> Part:
-    """Return the swarm of sparks, which deforms."""
+    """Return the swarm of sparks, a deforming part."""
     light = Material(base_colour=(0.0, 0.0, 0.0, 1.0), specular=0.0, emissive=HOT, double_sided=True)
     return Part("sparks", swarms.repeated(swarms.OCTAHEDRON, swarms.SIDES, COUNT), light, deforms=True)
 
@@ -35,7 +35,7 @@ def thrown(rng: np.random.Generator) -> swarms.Path:
     (Effect.MOTION, Effect.HDR, Effect.THIN, Effect.DISOCCLUSION),
 )
 def sparks(seed: int) -> Staging:
-    """Throw sparks from a nozzle; the seed changes paths and moments."""
+    """Throw sparks from a nozzle; the seed changes their paths and phases."""
     path = thrown(np.random.default_rng(seed))
     parts = (glowing(), *gallery(seed))
 

@@ -1,4 +1,4 @@
-"""Textured things that turn and tumble on their own before a still camera."""
+"""Textured objects with own rotation before a still camera."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ SKY = Sky(
     fog=0.01,
     ambient=0.55,
 )
-BALL_TURNS = 0.16  # a second
+BALL_TURNS = 0.16  # per second, as below
 CRATE_TURNS = 0.12
 KNOT_TURNS = 0.10
 RING_TURNS = 0.20
 
 
 def movers(rng: np.random.Generator) -> tuple[Part, ...]:
-    """A printed ball, a brick cube, a glazed knot and a golden ring."""
+    """Return a printed ball, a brick cube, a glazed knot and a golden ring."""
     page = textures.lettering(rng, (0.05, 0.06, 0.10), (0.86, 0.82, 0.74), 20)
     brick = textures.blocks(rng, (0.75, 0.30, 0.18), (0.66, 0.62, 0.56), 6, 10, 0.012)
     glaze = textures.checker((0.10, 0.36, 0.62), (0.88, 0.84, 0.66), 4, rng)
@@ -41,7 +41,7 @@ def movers(rng: np.random.Generator) -> tuple[Part, ...]:
 
 
 def surroundings(rng: np.random.Generator) -> tuple[Part, ...]:
-    """A tiled terrace, a plastered wall behind it, and plinths."""
+    """Return a tiled terrace, a plastered wall behind it, and plinths."""
     tiles = Material(
         base_texture=textures.blocks(rng, (0.58, 0.55, 0.50), (0.24, 0.22, 0.20), 4, 4, 0.02, bonded=False)
     )
@@ -64,7 +64,7 @@ def surroundings(rng: np.random.Generator) -> tuple[Part, ...]:
     (Effect.MOTION, Effect.DISOCCLUSION, Effect.ILLUMINATION, Effect.HDR, Effect.SKY),
 )
 def spinner(seed: int) -> Staging:
-    """Stage the scene; the seed changes the textures and where each turn begins."""
+    """Stage the scene; the seed changes the textures and the start of each rotation."""
     rng = np.random.default_rng(seed)
     moving, still = movers(rng), surroundings(rng)
     phase = rng.random(len(moving))

@@ -1,4 +1,4 @@
-"""A still life in a courtyard: nothing moves, everything is finely detailed, nothing is much brighter than white."""
+"""A still life in a courtyard: nothing moves, all surfaces have fine detail, nothing is much brighter than white."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SKY = Sky(zenith=(0.14, 0.30, 0.64), horizon=(0.70, 0.76, 0.84), ground=(0.24, 0
 
 
 def courtyard(rng: np.random.Generator) -> tuple[Part, ...]:
-    """Paving, a brick wall with a coping."""
+    """Return paving and a brick wall with a coping."""
     paving = textures.blocks(rng, (0.56, 0.50, 0.42), (0.20, 0.19, 0.16), 4, 4, 0.02, bonded=False)
     brick = textures.blocks(rng, (0.66, 0.32, 0.20), (0.60, 0.56, 0.50), 6, 12, 0.012)
     stone = textures.mottle(rng, (0.45, 0.43, 0.40), (0.70, 0.67, 0.62))
@@ -34,7 +34,7 @@ def courtyard(rng: np.random.Generator) -> tuple[Part, ...]:
 
 
 def things(rng: np.random.Generator) -> tuple[Part, ...]:
-    """Glazed and plain shapes, and crossed sheets of foliage."""
+    """Return glazed and plain shapes, and crossed sheets of foliage."""
     glaze = textures.checker((0.08, 0.34, 0.44), (0.84, 0.80, 0.66), 8, rng)
     page = textures.lettering(rng, (0.06, 0.05, 0.05), (0.80, 0.74, 0.62), 26)
     striped = textures.stripes((0.70, 0.14, 0.08), (0.84, 0.80, 0.72), 6)
@@ -81,7 +81,7 @@ def things(rng: np.random.Generator) -> tuple[Part, ...]:
 
 @register("still", "A finely detailed courtyard in which nothing moves, for convergence", (Effect.SKY,))
 def still(seed: int) -> Staging:
-    """Stage the scene; the seed changes textures, turns and foliage."""
+    """Stage the scene; the seed changes textures, rotations and foliage."""
     rng = np.random.default_rng(seed)
     parts = (*courtyard(rng), *things(rng))
     now = Instant(

@@ -1,4 +1,4 @@
-"""Sub-pixel wires against the sky: a pasture fence and a power line, seen in passing."""
+"""Sub-pixel wires against the sky: a pasture fence and a power line, under a walking camera."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import Instant, Material, Part, Perspective, Sky, Sun
 
-WALK = 0.9  # metres a second
+WALK = 0.9  # metres per second
 SUN = animation.direction(70.0, 32.0)
 SKY = Sky(
     zenith=(0.10, 0.25, 0.62),
@@ -26,7 +26,7 @@ SKY = Sky(
 
 
 def fence(rng: np.random.Generator, posts: int = 18, spacing: float = 2.5) -> tuple[Part, Part]:
-    """Posts on uneven ground, and six wires of 2 mm radius from post to post."""
+    """Return posts on uneven ground, and six wires of 2 mm radius from post to post."""
     lean = rng.uniform(-0.05, 0.05, (posts, 2))
     heads = [
         (spacing * (i - posts // 2) + float(lean[i, 0]), 1.35 + float(lean[i, 1]), -5.0 - 0.35 * i)
@@ -43,7 +43,7 @@ def fence(rng: np.random.Generator, posts: int = 18, spacing: float = 2.5) -> tu
 
 
 def power_line(rng: np.random.Generator, masts: int = 5, span: float = 32.0) -> Part:
-    """Masts with cross-arms and sagging cables of 9 mm radius, far off."""
+    """Return distant masts with cross-arms and sagging cables of 9 mm radius."""
     bars = []
     feet = [(span * (i - 1.6), 0.0, -34.0 - 7.0 * i + float(rng.uniform(-1.0, 1.0))) for i in range(masts)]
     for x, _, z in feet:
@@ -58,7 +58,7 @@ def power_line(rng: np.random.Generator, masts: int = 5, span: float = 32.0) -> 
 
 
 def _sagging(start: meshes.Floats, end: meshes.Floats, s: meshes.Floats) -> meshes.Floats:
-    """Parabola between two points, hanging 1.1 m in the middle."""
+    """Return a parabola between two points, with a sag of 1.1 m in the middle."""
     points = start + s[..., None] * (end - start)
     points[..., 1] -= 4.4 * s * (1.0 - s)
     return points
@@ -74,7 +74,7 @@ def _sideways(_: meshes.Floats) -> meshes.Floats:
     (Effect.CAMERA, Effect.THIN, Effect.DISOCCLUSION, Effect.SKY),
 )
 def wires(seed: int) -> Staging:
-    """Stage the scene; the seed changes posts, masts, textures and where the walk begins."""
+    """Stage the scene; the seed changes posts, masts, textures and the start of the walk."""
     rng = np.random.default_rng(seed)
     grass = Material(base_texture=textures.mottle(rng, (0.10, 0.14, 0.03), (0.36, 0.40, 0.14), 32), specular=0.0)
     meadow = Part("meadow", meshes.floor(240.0, 1.5, 48), grass)

@@ -17,33 +17,33 @@ from cltaa.lab.judge.metrics import METRICS
 from cltaa.lab.timing import Interval
 from cltaa.printable import counted, markdown
 
-MOST = 2.0  # times the default's error at which the colours end, both ways
+MOST = 2.0  # ratio to the default's error at which the colour scale ends, both ways
 
 
 class Overall(NamedTuple):
-    """A variant over all sequences: error and time over the default's, one a sequence and their geometric means."""
+    """A variant over all sequences: error and time over the default's, for each sequence and as geometric means."""
 
     variant: str
-    errors: list[float | None]  # None where either of the two has no error at all
+    errors: list[float | None]  # None if either of the two has no error
     error: float
     times: list[Interval]  # of the sequences that were not too noisy to rank
     rounding: float | None  # root mean square over the sequences
-    best_of: int  # sequences in which nothing has less error
+    best_of: int  # number of sequences on which no variant has less error
 
     @property
     def time(self) -> float | None:
-        """The geometric mean of the times; None where every sequence was too noisy."""
+        """The geometric mean of the times; None if every sequence was too noisy."""
         return geometric_mean(time.median for time in self.times) if self.times else None
 
     @property
     def error_range(self) -> tuple[float, float]:
-        """The least and the greatest of the errors that there are; 1 without any."""
+        """The least and the greatest of the known errors; 1 without any."""
         there = [error for error in self.errors if error is not None] or [1.0]
         return min(there), max(there)
 
 
 def overall(result: Accuracy, metric: str) -> list[Overall]:
-    """Every variant, least error first; ``metric`` is one whose values fall as the image gets better."""
+    """Return every variant, least error first; ``metric`` must fall as the image gets better."""
     least = [min(cell.errors[metric].mean for cell in measured.cells) for measured in result.sequences]
     rows = []
     for place, variant in enumerate(result.variants):
@@ -57,7 +57,7 @@ def overall(result: Accuracy, metric: str) -> list[Overall]:
 
 
 def table(result: Accuracy, metrics: Sequence[str]) -> str:
-    """Markdown, a row a variant, least error by the first of ``metrics`` first; then a row a sequence."""
+    """Return Markdown: a row for each variant, least error by the first metric first; then a row for each sequence."""
     every = {metric: {row.variant: row for row in overall(result, metric)} for metric in metrics}
     heads = ["variant", *(head for metric in metrics for head in (metric, "least to greatest", "best in"))]
     rows = []
@@ -73,8 +73,8 @@ def table(result: Accuracy, metrics: Sequence[str]) -> str:
 
 
 def by_sequence(result: Accuracy, metric: str) -> str:
-    """Markdown, a row a sequence: the default's error and time, then those of every other preset over them; empty
-    without another preset."""
+    """Return Markdown with a row for each sequence: the default's error and time, then the ratios of every other
+    preset; empty without another preset."""
     presets = [variant.name for variant in result.variants if variant.group == PRESETS]
     if not presets:
         return ""
@@ -107,7 +107,7 @@ def _about(result: Accuracy) -> str:
 
 
 def overview_figure(pyplot: Any, result: Accuracy, metric: str) -> Any:
-    """Sequences across, variants down: blue where a step has less error than the default there, red where more."""
+    """Draw sequences across and variants down: blue for less error than the default there, red for more."""
     rows, names = overall(result, metric), [measured.name for measured in result.sequences]
     size = (3.2 + 0.27 * len(names), 1.2 + 0.17 * len(rows))
     figure, axes = pyplot.subplots(figsize=size)
@@ -135,21 +135,21 @@ def _rounding(cells: list[Measured]) -> float | None:
 
 FORMATS = ("svg", "png")
 DOTS_AN_INCH = 150
-CROWDED = 1e3  # from this ratio of an axis's ends on only powers of ten are written
+CROWDED = 1e3  # from this ratio of its ends on, an axis labels only powers of ten
 FRONT, BEATEN, SAMPLES, LIMIT = "#0b62c4", "#a3a6ad", "#16784a", "#b4500a"
 
 
 def import_pyplot() -> Any:
-    """Import what draws, into files alone; raises UsageError that says what to install."""
+    """Import pyplot for drawing into files only; raises UsageError that says what to install."""
     pyplot: Any = import_extra("matplotlib.pyplot", package="matplotlib", extra="bench", purpose="drawing plots")
     pyplot.switch_backend("agg")
     return pyplot
 
 
 def write_plots(result: Accuracy, output: Path, pictured: int | None = None) -> Iterator[Path]:
-    """Write ``front-<sequence>`` and ``steps-<sequence>``, and ``overview`` of several sequences; yield the paths.
+    """Write ``front-<sequence>``, ``steps-<sequence>``, and for several sequences ``overview``; yield the paths.
 
-    ``pictured`` sequences, the first ones, have plots of their own; None: all. Raises UsageError without matplotlib.
+    The first ``pictured`` sequences get their own plots; None: all. Raises UsageError without matplotlib.
     """
     pyplot = import_pyplot()
     for name, figure in _figures(pyplot, result, result.metrics[0], pictured):
@@ -172,7 +172,7 @@ def _figures(pyplot: Any, result: Accuracy, metric: str, pictured: int | None) -
 
 
 def front_figure(pyplot: Any, measured: MeasuredSequence, metric: str, weight: float) -> Any:
-    """Error against time: beside supersampling and what nothing can be better than, and the variants alone, named.
+    """Draw error against time: left with supersampling and the limits, right the named variants alone.
 
     ``weight`` is that of the exponential mean whose noise is drawn.
     """
@@ -218,7 +218,7 @@ def front_figure(pyplot: Any, measured: MeasuredSequence, metric: str, weight: f
 
 
 def _drawn(measured: MeasuredSequence, metric: str) -> list[Measured]:
-    """The cells that have a place: no error at all has none in logarithms, and as a PSNR it is infinite."""
+    """Return the cells that can be drawn: zero error has no logarithm and an infinite PSNR."""
     falling = not METRICS[metric].higher_is_better
     means = [cell.errors[metric].mean for cell in measured.cells]
     there = [math.isfinite(mean) and (mean > 0 or not falling) for mean in means]
@@ -226,7 +226,7 @@ def _drawn(measured: MeasuredSequence, metric: str) -> list[Measured]:
 
 
 def _limits(axes: Any, measured: MeasuredSequence, metric: str, weight: float) -> None:
-    """Supersampling, the floor of time and the noises, with a legend."""
+    """Draw supersampling, the floor of time and the noise levels, with a legend."""
     yards = [(row.added, row.errors[metric].mean, row.samples) for row in measured.yardstick if row.added]
     if yards:
         named = "supersampling, by its drawing time"
@@ -241,9 +241,9 @@ def _limits(axes: Any, measured: MeasuredSequence, metric: str, weight: float) -
 
 
 def _name_points(axes: Any, measured: MeasuredSequence, metric: str) -> None:
-    """Names beside the default, which comes first, and the points that nothing beats, as far as they do not overlap."""
+    """Label the default, then the points that no variant dominates, unless labels overlap."""
     taken: list[Any] = []
-    axes.figure.canvas.draw()  # the scales are final from here on
+    axes.figure.canvas.draw()  # makes the scales final
     default = measured.cells[0].variant
     for cell in sorted(_drawn(measured, metric), key=lambda cell: (cell.variant != default, cell.errors[metric].mean)):
         if metric in cell.dominated_by and cell.variant != default:
@@ -258,7 +258,7 @@ def _name_points(axes: Any, measured: MeasuredSequence, metric: str) -> None:
 
 
 def noise_lines(measured: MeasuredSequence, metric: str, weight: float) -> Iterator[tuple[float, str, str]]:
-    """Level, line style and name of the noises that are known of an error."""
+    """Yield level, line style and name of each known noise level of an error."""
     if metric == "mse" and measured.mean_noise:
         yield measured.mean_noise, "--", f"noise of an exponential mean, weight {weight:g}"
     if metric == "mse" and measured.truth_noise:
@@ -266,13 +266,13 @@ def noise_lines(measured: MeasuredSequence, metric: str, weight: float) -> Itera
 
 
 def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: dict[str, str]) -> Any:
-    """Error and time of each step as a multiple of those of what the ladder departs from."""
+    """Draw error and time of each step as multiples of those of the ladder's base."""
     name, base = measured.cells[0].variant, measured.cells[0].errors[metric].mean
     cells = [cell for cell in measured.cells if groups[cell.variant] not in (DEFAULT, PRESETS)]
     figure, both = pyplot.subplots(1, 2, figsize=(8, 0.7 + 0.19 * max(len(cells), 2)), sharey=True)
     names = [cell.variant for cell in cells]
     means = [cell.errors[metric].mean for cell in cells]
-    known = base and math.isfinite(base)  # else, and where a mean is without end, a multiple of 1
+    known = base and math.isfinite(base)  # unknown and infinite ratios are drawn as 1
     ratios = [mean / base if known and math.isfinite(mean) else 1.0 for mean in means]
     times = [cell.ratio.median for cell in cells]
     errors = [

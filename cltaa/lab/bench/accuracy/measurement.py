@@ -1,4 +1,4 @@
-"""``cltaa bench accuracy``: error and time of every variant over every sequence, in one run."""
+"""``cltaa bench accuracy``: error and time of every variant on every sequence, in one run."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from cltaa.progress import track
 
 
 class Spread(msgspec.Struct, frozen=True, kw_only=True):
-    """An error over the frames of a sequence; the PSNR of an identical frame is infinite, in JSON null."""
+    """An error over the frames of a sequence; the PSNR of an identical frame is infinite, null in JSON."""
 
     mean: float
     p5: float
@@ -55,21 +55,21 @@ class Spread(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Measured(msgspec.Struct, frozen=True, kw_only=True):
-    """One variant over one sequence. Times are milliseconds a megapixel, of the kernels alone."""
+    """One variant on one sequence. Times are milliseconds per megapixel of the kernels alone."""
 
     variant: str
     errors: dict[str, Spread]
     rounding: Rounding | None
-    time: Interval  # by the clock that the sequence is ranked by
+    time: Interval  # by the clock that ranks the sequence
     ratio: Interval  # of that time to the default's, paired
-    dominated_by: dict[str, str] = {}  # metric: a variant with no more error that is faster beyond chance
+    dominated_by: dict[str, str] = {}  # metric -> a variant with no more error that is faster beyond chance
 
 
 class Yardstick(msgspec.Struct, frozen=True, kw_only=True):
-    """Supersampling: ``added`` is what drawing cost beyond one sample a pixel, milliseconds a megapixel."""
+    """Supersampling: ``added`` is the drawing time beyond one sample a pixel, milliseconds per megapixel."""
 
     samples: int
-    seconds: float | None  # a frame
+    seconds: float | None  # per frame
     added: float | None
     errors: dict[str, Spread]
 
@@ -86,19 +86,19 @@ class MeasuredSequence(msgspec.Struct, frozen=True, kw_only=True):
     cells: list[Measured]
     yardstick: list[Yardstick]
     noisy: bool
-    control: Interval  # the default against its own copy, by the clock
-    floor: float  # milliseconds a megapixel: the default's least bytes at the bandwidth of a copy
-    truth_noise: float | None  # mean squared error of the truth itself, by its samples: nothing can be seen below it
-    mean_noise: float | None  # mean squared error that an exponential mean of independent samples ends with
-    stages: dict[str, float]  # milliseconds a megapixel of the default's steps, medians
-    clock: Clock = Clock.DEVICE  # that times are ranked by
-    rounds: int = 0  # of timing, as many as it took
+    control: Interval  # ratio of the default's own copy to the default, by the clock
+    floor: float  # milliseconds per megapixel: the default's least bytes at the bandwidth of a copy
+    truth_noise: float | None  # mean squared error of the truth itself, by its samples; smaller errors are invisible
+    mean_noise: float | None  # limit of the mean squared error of an exponential mean of independent samples
+    stages: dict[str, float]  # milliseconds per megapixel of the default's steps, medians
+    clock: Clock = Clock.DEVICE  # clock of the ranking
+    rounds: int = 0  # number of timing rounds
     timed_pixels: int = 0  # of the enlarged frame
-    profile: str = ""  # that another tool's files were read by
+    profile: str = ""  # reader profile of another tool's files
 
 
 class Accuracy(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole measurement; what the report is drawn from."""
+    """The whole measurement, the source of the report."""
 
     environment: Environment
     metrics: list[str]
@@ -108,26 +108,26 @@ class Accuracy(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def exponential_noise(one_sample: float, weight: float) -> float:
-    """Mean squared error that m <- m + ``weight`` (x - m) ends with, where one sample x has ``one_sample``.
+    """Return the limit of the mean squared error of m <- m + ``weight`` (x - m), if one sample x has ``one_sample``.
 
-    The variance of a geometric sum of independent samples: weight^2 sum (1 - weight)^2k = weight / (2 - weight). A mean
-    whose samples are spread evenly over the pixel, or one that counts, may be better; this one never is.
+    The variance of a geometric sum of independent samples: weight^2 sum (1 - weight)^2k = weight / (2 - weight). Evenly
+    spread samples, or a mean with a sample count, can have less error.
     """
     return one_sample * weight / (2.0 - weight)
 
 
 def spread(metric: str, values: Sequence[float]) -> Spread:
-    """Mean (as ``cltaa compare`` takes it), 5th and 95th percentile and largest of an error over the frames."""
-    # Of the values themselves: between two PSNR one of which is infinite there is none.
+    """Return mean (as in ``cltaa compare``), 5th and 95th percentile and largest of an error over the frames."""
+    # No interpolation, which is undefined beside an infinite PSNR.
     p5, p95 = np.percentile(values, [5, 95], method="nearest")
     return Spread(mean=mean_of(metric, values), p5=float(p5), p95=float(p95), largest=max(values), frames=[*values])
 
 
 def dominated_by(errors: Mapping[str, float], faster: Callable[[str, str], bool]) -> dict[str, str]:
-    """For each name that is beaten, what beats it with the least error.
+    """Return for each dominated name the one that dominates it with the least error.
 
-    ``errors`` are exact, less is better. ``faster(a, b)`` says whether ``a`` takes less time than ``b`` beyond chance:
-    of two whose times cannot be told apart neither beats the other, whatever their errors.
+    ``errors`` are exact, less is better. ``faster(a, b)`` says whether ``a`` is faster than ``b`` beyond chance: of two
+    with indistinguishable times neither dominates, whatever their errors.
     """
     order = sorted(errors, key=lambda name: errors[name])
     result = {}
@@ -140,17 +140,17 @@ def dominated_by(errors: Mapping[str, float], faster: Callable[[str, str], bool]
 
 
 CONTROL = "(A/A)"
-# What fills each compute unit of a CPU and of a GPU, in pixels, and the limits of a frame: with less it is launches
-# that are timed, and the wait for the last of many threads.
+# Pixels that fill a compute unit of a CPU (True) and of a GPU, and the limits of a frame: smaller frames would time
+# mostly launches and the wait for the last of many threads.
 FILLING_A_UNIT = {True: 40_000, False: 15_000}
 LIMITS = {True: (250_000, 2_000_000), False: (1_000_000, 4_000_000)}
-PLANES = ("colour", "depth", "motion", "alpha", "reactive")  # of a frame
-STAGE_PASSES = 5  # over which the time of each stage is a median
-TURN = 0.02  # seconds that a job runs again and again for in a round: its least is what nothing held up
+PLANES = ("colour", "depth", "motion", "alpha", "reactive")  # the images of a frame
+STAGE_PASSES = 5  # passes for the median time of each stage
+TURN = 0.02  # seconds of repeated runs of a job in a round; the least of them is undisturbed
 
 
 class Ranking(NamedTuple):
-    """By which clock variants are compared, and what the default against its own copy says of that."""
+    """The clock that compares variants, and its ratio of the default's own copy to the default."""
 
     clock: Clock
     control: Interval
@@ -158,7 +158,7 @@ class Ranking(NamedTuple):
 
 
 def enlargement(captured: FrameSequence, launcher: DeviceLauncher, pixels: int | None) -> int:
-    """How many times as wide and high frames must be to have ``pixels`` at least; None: to fill the device."""
+    """Return the factor of width and height that gives frames at least ``pixels``; None: enough to fill the device."""
     is_cpu, units = launcher.device.is_cpu, launcher.device.cl_device.max_compute_units
     least, most = LIMITS[is_cpu]
     filling = pixels or min(max(FILLING_A_UNIT[is_cpu] * units, least), most)
@@ -168,7 +168,8 @@ def enlargement(captured: FrameSequence, launcher: DeviceLauncher, pixels: int |
 def jobs_of(
     captured: FrameSequence, variants: Sequence[Variant], launcher: DeviceLauncher, least_pixels: int | None
 ) -> tuple[list[Job], int, int, dict[str, float]]:
-    """A job for each variant and a copy of the default's; pixels and least bytes of a frame; the default's steps."""
+    """Return a job for each variant and a copy of the default's; pixels and least bytes of a frame; the default's
+    stage times."""
     factor = enlargement(captured, launcher, least_pixels)
     frames = [enlarged(frame, factor) for frame in timed_frames(captured)]
     pixels = frames[0].width * frames[0].height
@@ -180,11 +181,11 @@ def jobs_of(
 
 
 def ranking(samples: Samples, default: str, controls: int, *, is_cpu: bool, units: int) -> Ranking:
-    """Rank by the device's clock, or, where that is too noisy on a CPU, by processor time, if that is not.
+    """Rank by the device's clock, or on a CPU, if that is too noisy, by processor time, if that is not.
 
-    Of one thread (``units``) processor time comes first: it is the device's clock without the waits for a processor,
-    which a long kernel on a shared one never escapes, and of which the default and its copy, both short, say nothing.
-    ``controls`` is the number of sequences that are ranked in one run, each of which may exclude 1 by chance.
+    With one thread (``units``) processor time comes first: it is the device's clock without waiting for the processor.
+    Long kernels on a shared processor always wait, which the default and its copy, both short, do not show.
+    ``controls`` is the number of sequences ranked in one run, each of which may exclude 1 by chance.
     """
     found = []
     wanted = (Clock.DEVICE, Clock.PROCESSOR)[: 1 + is_cpu]
@@ -197,7 +198,7 @@ def ranking(samples: Samples, default: str, controls: int, *, is_cpu: bool, unit
 
 
 def enlarged(frame: Frame, factor: int) -> Frame:
-    """The frame with every pixel repeated ``factor`` times along both axes, and motion as many times as long."""
+    """Return the frame with every pixel repeated ``factor`` times along both axes, and its motion scaled by it."""
     given: dict[str, Image | None] = {name: getattr(frame, name) for name in PLANES}
     large: dict[str, Any] = {
         name: image.repeat(factor, 0).repeat(factor, 1) for name, image in given.items() if image is not None
@@ -208,7 +209,7 @@ def enlarged(frame: Frame, factor: int) -> Frame:
 
 
 def stage_seconds(variant: Variant, launcher: DeviceLauncher, frames: Sequence[Frame]) -> dict[str, float]:
-    """Median seconds of upload, each kernel by the device's clock, and read-back, over ``STAGE_PASSES`` passes."""
+    """Return median seconds of upload, each kernel by the device's clock, and read-back, over ``STAGE_PASSES``."""
     resolver = variant.resolver(launcher)
     seen: dict[str, list[float]] = {}
     for _ in range(STAGE_PASSES):
@@ -226,25 +227,25 @@ def stage_seconds(variant: Variant, launcher: DeviceLauncher, frames: Sequence[F
 
 
 class Timing(NamedTuple):
-    """How times are taken."""
+    """Settings of the timing."""
 
-    rounds: int  # at least
-    patience: float  # seconds a sequence for more rounds, while nothing can be ranked
-    together: int  # sequences of the run, each with a control that may differ by chance
-    units: int  # of the device: of PoCL the threads, which its description does not say
-    processors: int  # that this process may use
-    pixels: int | None  # of a frame that is timed, at least; None: what fills the device
+    rounds: int  # least number of rounds
+    patience: float  # extra seconds per sequence for more rounds, while it is too noisy to rank
+    together: int  # number of sequences, each with a control that may differ by chance
+    units: int  # compute units of the device, for PoCL its threads, which its description omits
+    processors: int  # processors that this process may use
+    pixels: int | None  # least pixels of a timed frame; None: enough to fill the device
 
 
 def measure_sequence(
     captured: FrameSequence, cells: Mapping[Variant, Cell], launcher: DeviceLauncher, timing: Timing
 ) -> MeasuredSequence:
-    """Time the variants whose errors are in ``cells``, the default first, and put both together."""
+    """Time the variants whose errors are in ``cells``, the default first, and combine errors and times."""
     variants = [*cells]
     default, metrics = variants[0], [*cells[variants[0]].errors]
-    yardstick = _yardstick(captured, metrics)  # refuses what is no light
+    yardstick = _yardstick(captured, metrics)  # raises for NaN and infinity before the timing
     jobs, pixels, moved, stages = jobs_of(captured, variants, launcher, timing.pixels)
-    unit = 1e9 / pixels  # milliseconds a megapixel
+    unit = 1e9 / pixels  # seconds to milliseconds per megapixel
 
     def ranked(samples: Samples) -> Ranking:
         return ranking(samples, default.name, timing.together, is_cpu=launcher.device.is_cpu, units=timing.units)
@@ -297,7 +298,7 @@ def _spreads(errors: Mapping[str, Sequence[float]]) -> dict[str, Spread]:
 
 
 def _with_front(cells: Sequence[Measured], metrics: Iterable[str], samples: Samples, clock: Clock) -> list[Measured]:
-    """The cells, each with what beats it; the times of two are compared by what they took in the same rounds."""
+    """Return the cells, each with the variants that dominate it; compares times within the same rounds."""
     dominated: dict[str, Mapping[str, str]] = {}
     for metric in metrics:
         errors = {cell.variant: cost(metric, cell.errors[metric].mean) for cell in cells}
@@ -311,15 +312,15 @@ def _with_front(cells: Sequence[Measured], metrics: Iterable[str], samples: Samp
 
 
 def cost(metric: str, value: float) -> float:
-    """An error that falls as the image gets better, whatever the metric's own direction is."""
+    """Return an error that falls as the image gets better, for metrics of either direction."""
     return -value if METRICS[metric].higher_is_better else value
 
 
 def yardstick_errors(sequence: FrameSequence, metrics: Iterable[str]) -> dict[int, dict[str, list[float]]]:
-    """Errors a frame of each supersampled sequence there is, by samples a pixel; one sample is the capture itself.
+    """Return errors per frame of each supersampled sequence, by samples a pixel; one sample is the capture itself.
 
-    What is not finite in the capture is black, as in the table of ``cltaa bench quality``. Raises DataError for NaN or
-    infinity in a supersampled image or the truth.
+    Non-finite values in the capture become black, as in ``cltaa bench quality``. Raises DataError for NaN or infinity
+    in a supersampled image or the truth.
     """
     truth, chosen, yardsticks = truth_of(sequence), named_metrics(metrics), open_yardsticks(sequence)
     found: dict[int, dict[str, list[float]]] = {
@@ -354,17 +355,17 @@ def tasks_of(
     judging: Judging,
     reading: Reading = DEFAULT_READING,
 ) -> list[Task]:
-    """Every variant over every sequence, each by itself.
+    """Return a task for every variant on every sequence.
 
-    ``reading`` is for all of them (``readings``). Raises UsageError for two sequences of one name, what ``task_of``
-    raises, InputMissing where a yardstick lacks a frame, and DataError for a sequence of a single one.
+    ``reading`` applies to all (``readings``). Raises UsageError for two sequences of one name, what ``task_of`` raises,
+    InputMissing if a yardstick lacks a frame, and DataError for a sequence of one frame.
     """
     by_name(folders, "sequences")
     tasks = []
     for folder, how in readings(folders, reading).items():
         sequence = how.open(folder)
         task = task_of(sequence, (), device, judging, how)
-        check_yardsticks(sequence, open_yardsticks(sequence))  # missed now, and not after the sequences before it
+        check_yardsticks(sequence, open_yardsticks(sequence))  # fails now and not after earlier sequences
         timed_numbers(sequence)  # likewise
         tasks += [msgspec.structs.replace(task, variants=(variant,)) for variant in variants]
     return tasks
@@ -380,9 +381,9 @@ def bench_accuracy(
     jobs: int,
     dask: str | None,
 ) -> Accuracy:
-    """Run those of ``tasks``, each of one variant, that are missing, time every variant here, and put all together.
+    """Run the unfinished ``tasks``, each of one variant, time every variant here, and combine all.
 
-    A sequence that is finished is kept in ``output``.
+    Stores each finished sequence in ``output``.
     """
     before = load_average()
     pin_threads()
@@ -414,14 +415,14 @@ def bench_accuracy(
 
 
 def cells_of(tasks: Iterable[Task], output: Path) -> dict[Variant, Cell]:
-    """The cells of finished tasks, by variant."""
+    """Return the cells of finished tasks, by variant."""
     return {variant: task.finished(output)[variant.name] for task in tasks for variant in task.variants}
 
 
 def _path(
     output: Path, tasks: Sequence[Task], captured: FrameSequence, launcher: DeviceLauncher, timing: Timing
 ) -> Path:
-    """The file of a finished sequence, named by everything that it depends on."""
+    """Return the file of a finished sequence, named by a hash of everything that it depends on."""
     cells = [task.path(output, variant).name for task in tasks for variant in task.variants]
     beside = content_sha256(captured, open_yardsticks(captured).values()), repr(captured.sequence_json)
     digest = hashlib.sha256("\0".join([*cells, *beside, launcher.description, repr(timing)]).encode())

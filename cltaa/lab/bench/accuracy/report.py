@@ -1,4 +1,4 @@
-"""The folder of an accuracy report: its page and tables, written, read, and several put together."""
+"""Write, read and merge accuracy reports: folders with a page and tables."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ _FOLDER = resources.files("cltaa") / "lab" / "bench" / "accuracy" / "page"
 
 
 def page(result: Accuracy, tasks: Sequence[Task], output: Path, pictured: int | None = None) -> str:
-    """The report as HTML; ``tasks`` are those of the measurement, whose results lie in ``output``.
+    """Return the report as HTML; ``tasks`` are those of the measurement, with their results in ``output``.
 
-    ``pictured`` sequences, the first ones, have their frames in it; None: all.
+    Shows frames of the first ``pictured`` sequences; None: all.
     """
     data = {
         "accuracy": msgspec.to_builtins(result),
@@ -43,7 +43,7 @@ def page(result: Accuracy, tasks: Sequence[Task], output: Path, pictured: int | 
             for measured in result.sequences[:pictured]
         },
     }
-    text = msgspec.json.encode(data).decode().replace("<", "\\u003c")  # nothing in it may end the script
+    text = msgspec.json.encode(data).decode().replace("<", "\\u003c")  # so that no text ends the script element
     parts = {"STYLE": _read("page.css"), "SCRIPT": _read("page.js"), "DATA": text}
     html = _read("page.html")
     for name, part in parts.items():
@@ -56,7 +56,7 @@ def _read(name: str) -> str:
 
 
 def _pictures(tasks: Sequence[Task], output: Path) -> dict[str, Any]:
-    """Data addresses of what can be looked at of one sequence, all of its last frame."""
+    """Return data URLs of the pictures of one sequence, all of its last frame."""
     sequence = tasks[0].open()
     (frame,) = sequence.select(sequence.last, sequence.last)
     truth = to_picture(truth_of(sequence).image(sequence.last))
@@ -69,7 +69,7 @@ def _pictures(tasks: Sequence[Task], output: Path) -> dict[str, Any]:
 
 
 def _debug_views(frame: Frame) -> dict[str, Picture]:
-    """What the resolve reads beside colour."""
+    """Return pictures of the resolve's inputs other than colour."""
     near = np.empty(frame.depth.shape, np.float32)
     inverse_depth(frame.depth, frame.camera, out=near)
     low, high = float(near.min()), float(near.max())
@@ -82,12 +82,12 @@ def _debug_views(frame: Frame) -> dict[str, Picture]:
 
 
 def _addresses(pictures: Mapping[str, bytes]) -> dict[str, str]:
-    """WebP pictures as data addresses."""
+    """Return WebP pictures as data URLs."""
     return {name: f"data:image/webp;base64,{base64.b64encode(each).decode()}" for name, each in pictures.items()}
 
 
 def csv_text(result: Accuracy) -> str:
-    """All cells and the yardstick; an error is a column ``<metric>``, and with _p5, _p95 and _largest behind it."""
+    """Return all cells and the yardstick as CSV; an error has columns ``<metric>``, and with _p5, _p95, _largest."""
     stream, rows = io.StringIO(), [*_rows(result)]
     writer = csv.DictWriter(stream, rows[0], restval="")
     writer.writeheader()
@@ -129,7 +129,7 @@ NAME = "accuracy.json"
 
 
 def falling_metrics(result: Accuracy) -> list[str]:
-    """Those of its metrics that fall as the image gets better: the errors by which variants can be compared."""
+    """Return the metrics that fall as the image gets better; variants are compared by these errors."""
     return [name for name in result.metrics if not METRICS[name].higher_is_better]
 
 
@@ -137,10 +137,10 @@ def write_report(
     result: Accuracy, output: Path, pictured: int | None = None, pages: Mapping[str, str] | None = None
 ) -> str:
     """Write the numbers as JSON and CSV, the plots, a table over all sequences, and ``pages``, texts by file name, into
-    the folder ``output``; returns the table, empty where no metric falls with the error and none is written.
+    the folder ``output``; returns the table, which is empty, and not written, if no metric falls with the error.
 
-    ``pictured`` sequences, the first ones, have plots of their own. Plots, tables and pages that an earlier report left
-    there and this one has not are deleted. Raises OutputError, StorageError, and UsageError without matplotlib.
+    The first ``pictured`` sequences get their own plots. Deletes plots, tables and pages of an earlier report that this
+    one lacks. Raises OutputError, StorageError, and UsageError without matplotlib.
     """
     texts = {NAME: msgspec.json.encode(result).decode(), "accuracy.csv": csv_text(result), **(pages or {})}
     falling = falling_metrics(result)
@@ -159,7 +159,7 @@ def write_report(
 
 
 def read_report(folder: Path) -> Accuracy:
-    """The numbers of a report; raises InputMissing without them and DataError where they are none."""
+    """Read the numbers of a report; raises InputMissing if missing and DataError if invalid."""
     path = folder / NAME
     try:
         return msgspec.convert(_restored(msgspec.json.decode(path.read_bytes())), Accuracy)
@@ -170,7 +170,7 @@ def read_report(folder: Path) -> Accuracy:
 
 
 def _restored(value: Any, *, error: bool = False) -> Any:
-    """``value`` with infinity where an error is null: JSON has no other form for the PSNR of identical images."""
+    """Return ``value`` with infinity for each null error, which is JSON's form for the PSNR of identical images."""
     if isinstance(value, dict):
         return {key: _restored(item, error=error or key == "errors") for key, item in value.items()}
     if isinstance(value, list):
@@ -179,7 +179,7 @@ def _restored(value: Any, *, error: bool = False) -> Any:
 
 
 def merged(reports: Sequence[tuple[Path, Accuracy]]) -> Accuracy:
-    """All sequences of some reports as one; raises DataError where they are not of one device, code and ladder."""
+    """Merge the sequences of some reports; raises DataError for different devices, code or ladders."""
     (_, first), *others = reports
     for path, other in others:
         for what, expected in _agreed(first).items():
@@ -194,7 +194,7 @@ def merged(reports: Sequence[tuple[Path, Accuracy]]) -> Accuracy:
 
 
 def _agreed(report: Accuracy) -> dict[str, str]:
-    """What reports must agree in to be put together."""
+    """Return the facts that merged reports must share."""
     where = report.environment
     return {
         "device": where.device,

@@ -1,1 +1,1 @@
-"""Scene by preset by score."""
+"""Scores of each preset on each scene."""

@@ -1,4 +1,4 @@
-"""Where each preset fails most: found by its scores, shown magnified beside the default and the truth."""
+"""Pictures of each preset's worst failure, found by its scores, magnified beside the default and the truth."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from cltaa.lab.bench.quality.table import DEFAULT, Row, Table
 from cltaa.lab.judge.video_scores import SCORES, import_ndimage
 from cltaa.progress import track
 
-SHARE = 4  # the crop's side is this part of the image's height
+SHARE = 4  # the image's height over the crop's side
 ZOOM = 5
 FAULTS = {score.name: score.form for score in SCORES}
 
 
 class Crop(NamedTuple):
-    """The same place of one frame, as several see it."""
+    """The same region of one frame in several images."""
 
     excess: float  # of the error over the default's, mean over the crop, display values
     frame: int
@@ -43,9 +43,9 @@ def write_pictures(
     page: Path | None,
     launcher: Launcher,
 ) -> dict[str, str]:
-    """Write one PNG a preset into ``output``, and delete those that stand for none of them any more.
+    """Write one PNG for each preset into ``output``, and delete outdated ones.
 
-    Returns the Markdown that shows each, by preset.
+    Returns the Markdown of each, by preset.
     """
     make_folder(output)
     texts, stale = {}, {*preset_names(), *(preset.name for preset in presets)}
@@ -73,7 +73,7 @@ def write_pictures(
 
 
 def worst_row(rows: Sequence[Row], preset: str) -> Row:
-    """The sequence in which the preset's FLIP is largest against the default's (for the default: one sample's)."""
+    """Return the sequence with the largest FLIP of the preset over the default's (for the default: one sample's)."""
     against = ONE_SAMPLE if preset == DEFAULT else DEFAULT
 
     def ratio(row: Row) -> float:
@@ -84,13 +84,13 @@ def worst_row(rows: Sequence[Row], preset: str) -> Row:
 
 
 def _worse(row: Row, preset: str) -> bool:
-    """Whether the preset's FLIP is above the default's; True where either is not known."""
+    """Return whether the preset's FLIP is above the default's; True if either is unknown."""
     own, default = (row.presets[name].scores["flip"] if name in row.presets else None for name in (preset, DEFAULT))
     return own is None or default is None or own > default
 
 
 def _crops(sequence: FrameSequence, resolvers: Mapping[str, Resolver], preset: str) -> Iterator[Crop]:
-    """Of each frame in the second half of a sequence the place at which the preset errs most beyond the default."""
+    """Yield, for each frame in the second half of a sequence, the region with the preset's worst excess error."""
     reference = sequence.reference
     assert reference is not None
     side = max(8, sequence.height // SHARE)
@@ -111,7 +111,7 @@ def _crops(sequence: FrameSequence, resolvers: Mapping[str, Resolver], preset: s
 
 
 def _magnified(crop: Crop) -> Picture:
-    """The crops next to each other, each pixel a square, each with its name."""
+    """Return the named crops side by side, magnified without interpolation."""
     tiles = []
     for name, image in crop.images.items():
         large = to_picture(image).repeat(ZOOM, axis=0).repeat(ZOOM, axis=1)
@@ -120,7 +120,7 @@ def _magnified(crop: Crop) -> Picture:
 
 
 def caption(row: Row, preset: str, frame: int) -> str:
-    """Which fault the preset has worst there, against the median of all presets judged on the sequence."""
+    """Return a caption with the preset's worst fault there, relative to the median of all presets on the sequence."""
     scores = {name: judged.scores for name, judged in row.presets.items() if name != ONE_SAMPLE}
     excess = {}
     for fault in FAULTS:

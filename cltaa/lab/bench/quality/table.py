@@ -1,4 +1,4 @@
-"""The table of ``cltaa bench quality``: means over sequences, who beats whom, and the Markdown page."""
+"""The table of ``cltaa bench quality``: means over sequences, comparisons of presets, and the Markdown page."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Row(msgspec.Struct, kw_only=True):
 
 
 class Duel(msgspec.Struct, kw_only=True):
-    """One preset against another: sequences in which it is better by FLIP and PSNR both, and those in which not."""
+    """One preset against another: on which sequences it is better by both FLIP and PSNR, and on which not."""
 
     preset: str
     against: str
@@ -57,7 +57,7 @@ class Table(msgspec.Struct, kw_only=True):
 
 
 def summarise(judged: Iterable[tuple[Case, Mapping[str, Judged]]]) -> Table:
-    """The table of all cells."""
+    """Return the table of all cells."""
     rows = [Row(scene=c.title, split=c.split, key=c.key, presets=dict(presets)) for c, presets in judged]
     splits = list(dict.fromkeys(row.split for row in rows))
     names = _names(rows)
@@ -72,15 +72,13 @@ def summarise(judged: Iterable[tuple[Case, Mapping[str, Judged]]]) -> Table:
 
 @cache
 def published(name: str) -> Published:
-    """Whether a preset that comes with cltaa is the resolve of an article or of an engine; no other name is."""
+    """Return whether a preset of cltaa is the resolve of an article or of an engine; NO for any other name."""
     return load_preset(name).published if name in preset_names() else Published.NO
 
 
 def contenders(names: Collection[str]) -> list[str]:
-    """What is compared with the published ones: the default, the last of the ladder, and all that is neither.
-
-    Whoever adds a preset wants to know what it beats.
-    """
+    """Return the presets to compare with published ones: the default, the last of the ladder, and all others outside
+    both groups, such as the user's own."""
     highest = next((name for name in reversed(LADDER) if name in names), None)
 
     def contends(name: str) -> bool:
@@ -90,7 +88,7 @@ def contenders(names: Collection[str]) -> list[str]:
 
 
 def _mean_scores(cells: list[Judged]) -> dict[str, float | None]:
-    """Means over sequences: of a PSNR by way of its error, of samples the geometric one, else the arithmetic one."""
+    """Return means over sequences: of PSNR by its error, of samples geometric, else arithmetic."""
     result: dict[str, float | None] = {}
     for name in (column.name for column in (*COLUMNS, ALPHA)):
         values = [value for cell in cells if (value := cell.scores.get(name)) is not None]
@@ -115,24 +113,24 @@ def _duel(rows: list[Row], preset: str, against: str) -> Duel:
 
 
 def columns_of(scores: Iterable[Mapping[str, float | None]]) -> tuple[Measure, ...]:
-    """The columns of a table; that of alpha only where it was judged."""
+    """Return the columns of a table; alpha only if it was judged."""
     return (*COLUMNS, ALPHA) if any(each.get(ALPHA.name) is not None for each in scores) else COLUMNS
 
 
 def _deciding(scores: Mapping[str, float | None]) -> tuple[float, float]:
-    """FLIP and PSNR, the two that a preset is called better by; NaN where one was not judged."""
+    """Return FLIP and PSNR, which decide whether a preset is better; NaN if not judged."""
     flip, psnr = (math.nan if (value := scores.get(name)) is None else value for name in ("flip", "psnr"))
     return flip, psnr
 
 
 def _better(one: Judged, other: Judged) -> bool:
-    """Better by FLIP and PSNR both."""
+    """Return whether ``one`` is better by both FLIP and PSNR."""
     (flip, psnr), (their_flip, their_psnr) = map(_deciding, (one.scores, other.scores))
     return flip < their_flip and psnr > their_psnr
 
 
 def ordered(names: Iterable[str]) -> list[str]:
-    """Presets as the tables list them: one sample, articles, engines, the ladder, then all others."""
+    """Sort presets for tables: one sample, articles, engines, the ladder, then all others."""
 
     def rank(name: str) -> tuple[int, int, str]:
         groups = (
@@ -148,7 +146,7 @@ def ordered(names: Iterable[str]) -> list[str]:
 
 
 def about_of(table: Table, sequences: Collection[FrameSequence], settled: int, presets: Sequence[Preset]) -> str:
-    """What was judged, as the sequences themselves have it: some may not be as the options say."""
+    """Describe the judged sequences from their own data, because some may differ from the options."""
     devices = sorted({judged.device for row in table.rows for judged in row.presets.values()})
     splits = Counter(row.split for row in table.rows)
     counts = " and ".join(f"{count} {split}" for split, count in splits.items())
@@ -177,18 +175,18 @@ def _either(values: Iterable[object]) -> str:
 
 
 BEGIN, END = "<!-- cltaa bench quality: begin -->", "<!-- cltaa bench quality: end -->"
-OVERVIEW = ("flip", "samples")  # the scores of the table that has a line a scene
+OVERVIEW = ("flip", "samples")  # the scores of the table with one line per scene
 
 
 def scenes_page(page: Path) -> Path:
-    """The page beside a page that holds each scene's own table: ``quality-scenes.md`` beside ``quality.md``."""
+    """Return the path of the page with each scene's own table: ``quality-scenes.md`` beside ``quality.md``."""
     return page.with_name(f"{page.stem}-scenes{page.suffix}")
 
 
 def write_pages(page: Path, table: Table, about: str, pictures: Mapping[str, str] | None = None) -> None:
-    """Replace what stands between the marks of a page and of that beside it; begin those that are not there.
+    """Replace the text between the marks of a page and of its scenes page; creates missing pages.
 
-    ``pictures`` is what ``write_pictures`` returns. Raises what ``check_pages`` does.
+    ``pictures`` is the result of ``write_pictures``. Raises what ``check_pages`` raises.
     """
     beside = scenes_page(page)
     for path, text in ((beside, scenes(table, about, pictures)), (page, summary(table, about, beside.name))):
@@ -198,14 +196,14 @@ def write_pages(page: Path, table: Table, about: str, pictures: Mapping[str, str
 
 
 def check_pages(page: Path) -> None:
-    """That both can be written; raises DataError where one has no marks, OutputError where one cannot be."""
+    """Check both pages; raises DataError for missing marks, OutputError for a page that cannot be written."""
     for path in (page, scenes_page(page)):
         check_creatable(path)
         _around(path, page)
 
 
 def _around(path: Path, page: Path) -> tuple[str, str]:
-    """What stands before and behind the marks of ``page``, or of that beside it."""
+    """Return the text before and after the marks of ``path``: ``page`` or its scenes page."""
     try:
         before, begin, rest = path.read_text(encoding="utf-8").partition(BEGIN)
     except FileNotFoundError:
@@ -217,13 +215,13 @@ def _around(path: Path, page: Path) -> tuple[str, str]:
 
 
 def summary(table: Table, about: str, beside: str) -> str:
-    """What is to be seen at once: how it was made, means, who beats whom, a line a scene that leads to ``beside``."""
+    """Return the main page: method, means, comparisons, and one line per scene with a link to ``beside``."""
     parts = [about, "### Means over sequences", *_means(table), "### Who beats whom", *_duels(table)]
     return "\n\n".join([*parts, "### Each scene", *_overview(table, beside)])
 
 
 def scenes(table: Table, about: str, pictures: Mapping[str, str] | None = None) -> str:
-    """Each scene's table, and each preset at its worst; all collapsed."""
+    """Return each scene's table, and each preset's worst picture; all collapsed."""
     parts = [about]
     for scene, rows in _by_scene(table).items():
         parts += [f"## {scene}", _collapsed("all presets and scores", _scene_table(rows))]
@@ -241,7 +239,7 @@ def _collapsed(summary: str, text: str) -> str:
 
 
 def _overview(table: Table, beside: str) -> Iterable[str]:
-    """A line a scene, with a link to its table: the best published preset, then those that are compared with it."""
+    """Yield the table with one line per scene and a link to its own: the best published preset, then its contenders."""
     names = _names(table.rows)
     shown = {name: [name] for name in contenders(names)}
     if others := [name for name in names if published(name)]:
@@ -266,7 +264,7 @@ def _overview(table: Table, beside: str) -> Iterable[str]:
 
 
 def _anchor(heading: str) -> str:
-    """What GitHub calls a heading in links."""
+    """Return GitHub's anchor of a heading."""
     return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
 
 
@@ -277,7 +275,7 @@ def _means(table: Table) -> Iterable[str]:
 
 
 def _duels(table: Table) -> Iterable[str]:
-    """One line for each pair; better means a lower FLIP and a higher PSNR, both."""
+    """Yield one line for each pair; better means both lower FLIP and higher PSNR."""
     if not table.duels:
         yield "Nothing to compare: no preset of an article or an engine was judged, or none beside it."
         return
@@ -308,7 +306,7 @@ def _splits(splits: Iterable[str]) -> str:
 
 
 def _grid(cells: Mapping[str, list[dict[str, float | None]]]) -> str:
-    """A Markdown table of presets by scores; the best resolve of each column stands in bold."""
+    """Return a Markdown table of presets by scores, with the best resolve of each column in bold."""
     columns = columns_of(values for several in cells.values() for values in several)
     heads = [column.head for column in columns]
     lines = []
@@ -324,7 +322,7 @@ def _grid(cells: Mapping[str, list[dict[str, float | None]]]) -> str:
 
 
 def _best(column: Measure, scores: Iterable[dict[str, float | None]]) -> float | None:
-    """The best value of a column; for shares around 0 that is the one nearest to 0."""
+    """Return the best value of a column; for shares around 0 the one nearest to 0."""
     values = [value for each in scores if (value := each.get(column.name)) is not None]
     if not values:
         return None
@@ -337,7 +335,7 @@ def _cell(value: float | None, column: Measure, best: float | None) -> str:
 
 
 def written(value: float | None, column: Measure) -> str:
-    """A score as the tables have it."""
+    """Format a score for tables."""
     return "–" if value is None else "∞" if math.isinf(value) else format(value, column.form)
 
 

@@ -1,6 +1,6 @@
 "use strict";
 const data = JSON.parse(document.getElementById("data").textContent);
-// JSON has null for what is infinite: the PSNR of a frame that is the truth.
+// JSON has null for infinity: the PSNR of a frame that equals the truth.
 function restored(accuracy) {
   for (const s of accuracy.sequences) for (const row of [...s.cells, ...s.yardstick]) for (const e of Object.values(row.errors)) {
     for (const key of ["mean", "p5", "p95", "largest"]) e[key] ??= Infinity;
@@ -11,11 +11,11 @@ function restored(accuracy) {
 const report = restored(data.accuracy), pictures = data.pictures;
 const $ = (id) => document.getElementById(id);
 const state = { sequence: 0, metric: report.metrics[0], a: null, b: null, x: 0, y: 0 };
-const baseName = report.variants[0].name; // of what all else is compared with
+const baseName = report.variants[0].name; // the variant that all others are compared with
 const groups = Object.fromEntries(report.variants.map((v) => [v.name, v.group]));
 const current = () => report.sequences[state.sequence];
 const counted = (n, thing) => `${n} ${thing}${n === 1 ? "" : "s"}`;
-// Three digits, as plain decimals where those of one table can be compared at a glance.
+// Three digits, as plain decimals from 1e-5 to 1e6.
 const number = (v) => (v === 0 ? "0" : v === Infinity ? "∞" : Math.abs(v) >= 1e6 || Math.abs(v) < 1e-5 ? v.toExponential(2).replace("+", "") : Math.abs(v) >= 100 ? String(Math.round(v)) : Number.isInteger(v) ? String(v) : v.toPrecision(3));
 const tick = (v) => (v >= 1e6 || (v < 1e-4 && v > 0) ? v.toExponential(0).replace("+", "") : String(Number(v.toPrecision(3))));
 const higher = new Set(data.higher_is_better);
@@ -28,7 +28,7 @@ function element(name, attributes = {}, ...children) {
   return node;
 }
 
-// One stop of the tab key for many things; the arrow keys, Home and End move among them, `across` of them a row.
+// One tab stop for many elements; the arrow keys, Home and End move among them, with `across` elements in a row.
 function among(host, items, across = 1) {
   items.forEach((item, i) => item.setAttribute("tabindex", i ? -1 : 0));
   host.onkeydown = (event) => {
@@ -40,7 +40,7 @@ function among(host, items, across = 1) {
   };
 }
 
-// A picture's error in the chosen axis: {mean, p5, p95, frames}, or null where that axis was not measured or has no end.
+// A picture's error in the chosen axis: {mean, p5, p95, frames}, or null if it was not measured or is infinite.
 function errorOf(cell) {
   if (state.metric !== "rounding") return Number.isFinite(cell.errors[state.metric].mean) ? cell.errors[state.metric] : null;
   const r = cell.rounding;
@@ -65,7 +65,7 @@ function linearScale(low, high, from, to) {
   scale.ticks = [0, 0.25, 0.5, 0.75, 1].map((t) => low + t * size);
   return scale;
 }
-// At most six whole numbers at even distances: frames.
+// At most six evenly spaced whole numbers, for frames.
 function wholeTicks(first, last) {
   const step = Math.max(1, [1, 2, 5, 10, 20, 50, 100, 200, 500].find((s) => (last - first) / s < 6) || Math.ceil((last - first) / 5));
   return Array.from({ length: Math.floor((last - first) / step) + 1 }, (_, i) => first + i * step);
@@ -125,18 +125,18 @@ function drawFront() {
   const beaten = (c) => state.metric !== "rounding" && c.dominated_by[state.metric];
   if (!measured.noisy && state.metric !== "rounding") {
     const cost = (c) => (higher.has(state.metric) ? -1 : 1) * errorOf(c).mean;
-    let least = Infinity;  // points whose times cannot be told apart are all unbeaten: the line goes by the better
+    let least = Infinity;  // points with indistinguishable times are all undominated: the line follows the better ones
     const front = cells.filter((c) => !beaten(c)).sort((p, q) => p.time.median - q.time.median || cost(p) - cost(q))
       .filter((c) => cost(c) < least && ((least = cost(c)), true));
     const path = front.map((c, i) => `${i ? "H" + x(c.time.median) + "V" : "M" + x(c.time.median) + " "}${y(errorOf(c).mean)}`);
     svg.append(element("path", { class: "front", d: path.join("") }));
   }
   if (yards.length) svg.append(element("path", { class: "yard", d: "M" + yards.map((s) => `${x(s.added)} ${y(s.errors[state.metric].mean)}`).join("L") }));
-  const LINE = 14, BESIDE = 9, GAP = 24;  // pixels: a line of a name, from its point to it, to the next
-  const labelled = [];  // names that would cover one that is there, or the axis, are left out
-  const named = (px, py, name, shape) => {  // the text beside a point, or nothing where it would cover another
+  const LINE = 14, BESIDE = 9, GAP = 24;  // pixels: height of a label, distance from its point, distance to the next label
+  const labelled = [];  // labels that would cover another one, or the axis, are left out
+  const named = (px, py, name, shape) => {  // the label of a point, or nothing if it would cover another
     const text = element("text", { ...shape, y: py - 6 }, name);
-    svg.append(text);  // only what is on the page has a width
+    svg.append(text);  // only elements on the page have a width
     const wide = text.getComputedTextLength(), right = px + BESIDE + wide < box.right, left = right ? px + BESIDE : px - BESIDE - wide;
     text.setAttribute("x", left);
     text.remove();
@@ -231,7 +231,7 @@ function place() {
   for (const id of ["under", "over"]) $(id).style.transform = `translate(${state.x}px, ${state.y}px) scale(${zoom})`;
   const share = $("slide").value / 1000, edge = share * width;
   $("seam").style.left = `${edge}px`;
-  // The clip is in the canvas's own, unzoomed pixels.
+  // The clip is in the canvas's own pixels, before zooming.
   $("over").style.clipPath = `inset(0 ${Math.max(0, width - (edge - state.x) / zoom)}px 0 0)`;
 }
 function pick(which, name) {
@@ -250,7 +250,7 @@ function fillChoices() {
 
 // --- steps, frames, stages, numbers ------------------------------------------------------------------------------------
 function barOf(ratio, span, uncertain, better = ratio < 1) {
-  if (!Number.isFinite(ratio)) return element("span", { class: "bar-box" }, element("i"), element("b", {}, "–"));  // of no error
+  if (!Number.isFinite(ratio)) return element("span", { class: "bar-box" }, element("i"), element("b", {}, "–"));  // no error to divide by
   const share = Math.min(1, Math.abs(Math.log2(ratio)) / span) * 50, more = ratio > 1;
   const bar = element("i", { class: uncertain ? "" : better ? "better" : "worse" });
   bar.style.left = more ? "50%" : `${50 - share}%`; bar.style.width = `${share}%`;
@@ -272,7 +272,7 @@ function drawSteps() {
   host.replaceChildren(...rows);
   among(host, rows.slice(1));
 }
-// A line through points, broken where one of them has no place.
+// A line through points, broken at points without a position.
 const pathOf = (points) => points.map(([x, y], i) => (Number.isFinite(y) ? `${i && Number.isFinite(points[i - 1][1]) ? "L" : "M"}${x} ${y}` : "")).join("");
 function drawFrames() {
   const measured = current(), host = $("frames"), width = Math.max(host.clientWidth, 280), height = 240;
