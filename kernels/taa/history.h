@@ -136,51 +136,51 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_in
 // How an occluder, now or in the previous frame, affects a pixel's history.
 typedef struct
 {
-    mask beside; // one of the four texels showed something nearer, so the history may hold its colour
-    mask passed; // as `beside`, or at a corner of the 4x4, and camera motion has moved the occluder away since
-    mask instead; // an occluder covered so much of the footprint that the history holds its colour, and has left
-    mask behind; // the pixel lies behind the surface that it follows; the history shows the background elsewhere
-    real most; // limit of the sample count, where pixel and history mix both sides of an edge
-} covering;
+    mask nearer_beside; // one of the four texels showed something nearer, so the history may hold its colour
+    mask passed; // as `nearer_beside`, or at a corner of the 4x4, and camera motion has moved the occluder away since
+    mask covered; // an occluder covered so much of the footprint that the history holds its colour, and has left
+    mask background; // the pixel lies behind the surface that it follows; the history shows the background elsewhere
+    real count_limit; // upper limit of the sample count, where pixel and history mix both sides of an edge
+} occlusion;
 
-STAGE covering covering_of(plane_in previous_inverse_depth, quad previous, footprint f, surface s, motion_t m, int x,
-    int y, frame_t frame, settings_t settings)
+STAGE occlusion find_occlusion(plane_in previous_inverse_depth, quad previous, footprint f, surface s, motion_t m,
+    int x, int y, frame_t frame, settings_t settings)
 {
-    covering c = { 0 };
-    c.most = SPLAT(DOMAIN_LIMIT);
+    occlusion o = { 0 };
+    o.count_limit = SPLAT(DOMAIN_LIMIT);
     // Without motion, jitter alone shows something nearer now and then.
     if ((REJECT != REJECT_DEPTH) | !(CAMERA_MOTION | OWN_MOTION))
-        return c;
+        return o;
     const real high = surface_range(s, m, settings).high;
-    c.beside = any_nearer(previous, high);
+    o.nearer_beside = any_nearer(previous, high);
     if (!(TESTS_LIGHT & CAMERA_MOTION)) {
         if (!COVERED_SHARE)
-            return c;
-        if (!any_of(c.beside))
-            return c;
+            return o;
+        if (!any_of(o.nearer_beside))
+            return o;
     }
     const quad corners = sample_corners(previous_inverse_depth, f, row_stride(frame));
     if (CAMERA_MOTION) {
         const real nearest = greater(nearest_of(previous), nearest_of(corners));
-        c.passed = has_passed(nearest, s, m, LANE_INDEX + K(x), SPLAT(y), frame, settings);
+        o.passed = occluder_has_passed(nearest, s, m, LANE_INDEX + K(x), SPLAT(y), frame, settings);
         if (TESTS_LIGHT) {
-            c.behind = shows_behind(previous, s, m, LANE_INDEX + K(x), SPLAT(y), frame);
-            c.most = samples_of_edge(previous, corners, s, m, LANE_INDEX + K(x), SPLAT(y), frame, settings);
+            o.background = shows_background(previous, s, m, LANE_INDEX + K(x), SPLAT(y), frame);
+            o.count_limit = edge_count_limit(previous, corners, s, m, LANE_INDEX + K(x), SPLAT(y), frame, settings);
         }
     }
     // With own motion, an occluder may have left where camera motion alone would not have moved it.
     if (COVERED_SHARE)
-        c.instead = stood_instead(previous, corners, high, f, settings)
-            & (c.passed | (whole)(OWN_MOTION & frame.own_vectors ? -1 : 0));
-    return c;
+        o.covered = occluder_covered(previous, corners, high, f, settings)
+            & (o.passed | (whole)(OWN_MOTION & frame.own_vectors ? -1 : 0));
+    return o;
 }
 
 // The |t| above which an illumination change reduces the sample count.
-STAGE real least_change(covering c, settings_t settings)
+STAGE real illumination_threshold(occlusion o, settings_t settings)
 {
-    const real behind = c.behind ? SPLAT(settings.behind_t) : SPLAT(settings.illumination_t);
-    const real beside = c.beside ? SPLAT(settings.disocclusion_t) : behind;
-    return c.passed ? lesser(SPLAT(settings.passing_t), beside) : beside;
+    const real background = o.background ? SPLAT(settings.behind_t) : SPLAT(settings.illumination_t);
+    const real beside = o.nearer_beside ? SPLAT(settings.disocclusion_t) : background;
+    return o.passed ? lesser(SPLAT(settings.passing_t), beside) : beside;
 }
 
 // `next` holds the texels of the row below the pixel's; `lacks` is 1 if a sample of the segment is missing.
@@ -198,13 +198,13 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
     const sampled v = sample_at(history, count, previous_inverse_depth, f, alike, frame, settings, cache);
     history_t h = v.h;
     h.valid = shown & !colour_outside_domain(h.rgb);
-    const covering c = covering_of(previous_inverse_depth, v.inverse_depth, f, s, m, x, y, frame, settings);
+    const occlusion o = find_occlusion(previous_inverse_depth, v.inverse_depth, f, s, m, x, y, frame, settings);
     if (REJECT == REJECT_DEPTH) {
         // Without own motion, a neighbour that appears or vanishes does so by jitter: it is a thin feature, and counts.
         quad previous = v.inverse_depth;
         if (OWN_MOTION & frame.own_vectors)
-            previous = texels_read(previous, h.fx, h.fy);
-        mask same = same_surface(previous, s, m, settings) & ~c.instead;
+            previous = weighted_texels(previous, h.fx, h.fy);
+        mask same = same_surface(previous, s, m, settings) & ~o.covered;
         // A missing sample without depth is no evidence of another surface.
         if (lacks)
             same = same | (sample_is_missing(current, x, y, frame) & (s.nearest <= SPLAT(frame.sky_inverse_depth)));
@@ -212,11 +212,11 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
     }
     h.change = SPLAT(0.0);
     if (TESTS_LIGHT) {
-        lit_t l = illumination_test(h.count, least_change(c, settings), current, next, history, count, f, x, y, frame,
-            settings, &cache->illumination);
+        illumination_result l = illumination_test(h.count, illumination_threshold(o, settings), current, next, history,
+            count, f, x, y, frame, settings, &cache->illumination);
         if (lacks)
-            l = tested_by_drawn(l, h.count, current, x, y, frame);
-        h.count = lesser(l.count, c.most);
+            l = illumination_without_missing(l, h.count, current, x, y, frame);
+        h.count = lesser(l.count, o.count_limit);
         h.change = l.change;
     }
     if (HISTORY_RANGE == HISTORY_RANGE_LINEAR)
