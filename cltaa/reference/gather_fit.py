@@ -13,10 +13,10 @@ from cltaa.reference.accumulate import (
     Pixel,
     Resolved,
     disoccluded_colour,
-    drawn_towards,
     fading_share,
     filtered_share,
-    sample_share,
+    lerp_colour,
+    luminance_weight,
     storable,
 )
 from cltaa.reference.colour import Colour, from_range, inner
@@ -135,7 +135,7 @@ def resolve_gathered(
     plain = build.choices.gather_fit is GatherFit.MEAN
     past = current + (g.sum / weight if plain else gathered_change(g, far, layers, samples, settings))
     moved = rectify(past, current, p.stats, m, box_scale_of(m, settings), build, layout, settings).change
-    share = g.weight / (sample_share(current, build, settings) + g.weight) if plain else one
+    share = g.weight / (luminance_weight(current, build, settings) + g.weight) if plain else one
     if build.steps.reactive:
         share = share * (one - distrust(p.reactivity, build))
     mixed = current + share * ((past - current) + moved)
@@ -143,7 +143,7 @@ def resolve_gathered(
     filters = build.choices.current_filter is not CurrentFilter.NONE
     if filters and build.choices.filter_use is FilterUse.FEW:
         filter_share = gathered_filter_share(one / (g.count + one), g, layers, build, settings)
-        chosen = drawn_towards(chosen, p.filtered, filtered_share(filter_share, p.filtered, build, settings))
+        chosen = lerp_colour(chosen, p.filtered, filtered_share(filter_share, p.filtered, build, settings))
     missing = own_samples(p) == zero
     if p.filled is not None:
         chosen = np.where(missing, np.where(any_of, past, p.filled), chosen)

@@ -9,7 +9,7 @@ import numpy as np
 from cltaa.core.build import Build, Record
 from cltaa.core.parameters import GatherFit, Illumination
 from cltaa.core.planes import Layout
-from cltaa.reference.accumulate import Pixel, as_reactive, sample_share, share_difference, share_in_domain
+from cltaa.reference.accumulate import Pixel, luminance_weight, reactivity_weight, share_in_domain, weighted_difference
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.gather_fit import Gathered, first_sample, own_samples
@@ -169,15 +169,15 @@ def gather_sample(
     counted = np.where(good, share, zero)
     if build.steps.reactive and build.choices.illumination is Illumination.WINDOW:
         r = share_in_domain(texel_at(v.planes[ring_reactive(build.steps)], f, zero.dtype), 0.0)
-        alike = as_reactive(r, now)
+        alike = reactivity_weight(r, now)
         if v.recent:
             g.unlike = g.unlike + counted * (np.ones_like(alike) - alike)
         counted = counted * alike
-    w = counted * sample_share(c, build, settings)
+    w = counted * luminance_weight(c, build, settings)
     g.add(c - current, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near, fit)
     g.count = g.count + counted
     if v.recent:
-        g.add_recent(share_difference(c, current, build, settings), counted)
+        g.add_recent(weighted_difference(c, current, build, settings), counted)
     if build.steps.alpha:
         a = share_in_domain(texel_at(v.planes[ring_alpha(build.steps)], f, zero.dtype), 1.0)
         g.alpha = g.alpha + w * (a - now.alpha)
@@ -218,7 +218,11 @@ def begin_layer(
 ) -> Gathered:
     """Sums of a layer before it is followed: the nearer one holds the current sample whatever that shows, the farther
     one only if it shows the farther side; neither holds a missing one."""
-    front, drawn, w = ~layers.edge | (s.centre > layers.cut), own_samples(p) > 0, sample_share(p.own, build, settings)
+    front, drawn, w = (
+        ~layers.edge | (s.centre > layers.cut),
+        own_samples(p) > 0,
+        luminance_weight(p.own, build, settings),
+    )
     return first_sample(w, ~front & drawn if far else drawn, ~front if far else front, build, frame)
 
 
@@ -226,7 +230,7 @@ def add_side(g: Gathered, side: Side, current: Colour, build: Build, settings: R
     """Add the mean of a side's texels in the current 3x3 as one sample."""
     zero = np.zeros_like(side.count)
     some = side.count > zero
-    w = np.where(some, sample_share(side.mean, build, settings), zero)
+    w = np.where(some, luminance_weight(side.mean, build, settings), zero)
     g.add(side.mean - current, w, zero, zero, some, build.choices.gather_fit)
 
 

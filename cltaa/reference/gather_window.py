@@ -16,11 +16,11 @@ from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import (
     Pixel,
     Resolved,
-    as_reactive,
-    sample_share,
-    share_difference,
+    luminance_weight,
+    reactivity_weight,
     share_in_domain,
     storable,
+    weighted_difference,
 )
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, inner, to_range
 from cltaa.reference.gather import Gathering
@@ -53,7 +53,7 @@ def repeats(window: int, frames: int, standing: int, build: Build) -> bool:
 def window_error(g: Gathered, now: Pixel, window: Resolved, build: Build, settings: Record) -> Array:
     """Squared distances of the latest samples, the current one among them, from a window's result."""
     one, two = number(1.0, g.zero), number(2.0, g.zero)
-    d = share_difference(to_range(window.rgb, build), now.own, build, settings)
+    d = weighted_difference(to_range(window.rgb, build), now.own, build, settings)
     squares = (g.recent_squares - two * inner(d, g.recent)) + (own_samples(now) + g.recent_count) * inner(d, d)
     left = one - one / greater(window.count, number(1.5, g.zero))
     return greater(squares, number(0.0, g.zero)) / (left * left)
@@ -74,16 +74,16 @@ def resolve_unmoved(
         c = np.where(good, to_range(c, build), p.own)
         counted = np.where(good, one, g.zero)
         if build.steps.reactive:
-            counted = counted * as_reactive(share_in_domain(planes[ring_reactive(build.steps)], 0.0), p)
-        w = counted * sample_share(c, build, settings)
+            counted = counted * reactivity_weight(share_in_domain(planes[ring_reactive(build.steps)], 0.0), p)
+        w = counted * luminance_weight(c, build, settings)
         g.sum = g.sum + w * (c - p.own)
         g.weight, g.count = g.weight + w, g.count + counted
         if place < SHORT_WINDOW:
-            g.add_recent(share_difference(c, p.own, build, settings), counted)
+            g.add_recent(weighted_difference(c, p.own, build, settings), counted)
         if build.steps.alpha:
             g.alpha = g.alpha + w * (share_in_domain(planes[ring_alpha(build.steps)], 1.0) - p.alpha)
     own = own_samples(p)
-    whole = np.where(own > g.zero, sample_share(p.own, build, settings), g.zero) + g.weight
+    whole = np.where(own > g.zero, luminance_weight(p.own, build, settings), g.zero) + g.weight
     alpha, count = p.alpha, g.count + own
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = alpha + g.alpha / whole
@@ -170,7 +170,7 @@ def present_error(g: Gathered, p: Pixel, valid: Mask, build: Build, frame: Recor
     one = number(1.0, g.zero)
     left, right, above, below = (number(frame[f"{side}_weight"], one) for side in ("left", "right", "above", "below"))
     others = one - (one - (left + right)) * (one - (above + below))
-    d = share_difference(p.filtered, p.own, build, settings)
+    d = weighted_difference(p.filtered, p.own, build, settings)
     error = constant("PRESENT_PENALTY", d) * ((own_samples(p) + g.recent_count) * (inner(d, d) / (others * others)))
     return np.where(valid & (others > constant("LEAST_BESIDE", one)), error, beyond)
 
@@ -264,7 +264,7 @@ def drift_of(then: Array, now: Array, weights: Array, layout: Layout) -> Drift:
 
 def shared_weights(window: Array, shortest: Array, build: Build, settings: Record) -> Array:
     """Weight of each texel [rows, stride]: the luminance weights of both windows."""
-    return sample_share(window[:3], build, settings) * sample_share(shortest[:3], build, settings)
+    return luminance_weight(window[:3], build, settings) * luminance_weight(shortest[:3], build, settings)
 
 
 def t_of(drift: Drift) -> Array:

@@ -84,7 +84,7 @@ def six_taps(p: Sequence[Array], w: Weights) -> Array:
     return ((((w.first * first + w.last * last) + w.w0 * p0) + w.w3 * p3) + w.w1 * p1) + w.w2 * p2
 
 
-def between(a: Array, b: Array, t: Array) -> Array:
+def lerp(a: Array, b: Array, t: Array) -> Array:
     """Interpolate linearly from ``a`` to ``b``."""
     return a + t * (b - a)
 
@@ -107,12 +107,12 @@ def weigh(p: Sequence[Array], w: Weights, build: Build) -> RowTaps:
 def cross(rows: Sequence[RowTaps], wx: Weights, wy: Weights) -> Array:
     """Both arms of the cross, clamped to the range of the four middle texels plus a quarter of it at either end."""
     r1, r2 = rows[2], rows[3]
-    left = between(r1.middle, r2.middle, wy.linear) + six_taps([row.middle for row in rows], wy)
-    right = between(r1.right, r2.right, wy.linear) + six_taps([row.right for row in rows], wy)
+    left = lerp(r1.middle, r2.middle, wy.linear) + six_taps([row.middle for row in rows], wy)
+    right = lerp(r1.right, r2.right, wy.linear) + six_taps([row.right for row in rows], wy)
     low = lesser(lesser(r1.middle, r1.right), lesser(r2.middle, r2.right))
     high = greater(greater(r1.middle, r1.right), greater(r2.middle, r2.right))
-    more, along_x = number(0.25, low) * (high - low), between(r1.sides, r2.sides, wy.linear)
-    return limit(between(left, right, wx.linear) + along_x, low - more, high + more)
+    more, along_x = number(0.25, low) * (high - low), lerp(r1.sides, r2.sides, wy.linear)
+    return limit(lerp(left, right, wx.linear) + along_x, low - more, high + more)
 
 
 def without_corners(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Build) -> Array:

@@ -31,7 +31,7 @@ STAGE shortest_row row_of_shortest(plane_in p, frame_t frame, settings_t setting
     shortest_row row;
     for (int i = 0; i < SIDE; ++i) {
         row.now[i] = load_colour(p + i - WINDOW_REACH, plane);
-        row.share[i] = sample_share(row.now[i], settings);
+        row.share[i] = luminance_weight(row.now[i], settings);
         row.alpha[i] = ALPHA ? load(p + 5 * plane + i - WINDOW_REACH) : SPLAT(1.0);
     }
     return row;
@@ -47,7 +47,7 @@ STAGE drift_sums drift_of_row(plane_in window, const shortest_row* row, frame_t 
         plane_in p = window + i - WINDOW_REACH;
         const colour was = load_colour(p, plane), now = row->now[i];
         d[i] = minus(now, was);
-        w[i] = sample_share(was, settings) * row->share[i];
+        w[i] = luminance_weight(was, settings) * row->share[i];
         s.mean.r += w[i] * d[i].r, s.level.r += w[i] * absolute(was.r);
         s.mean.g += w[i] * d[i].g, s.level.g += w[i] * absolute(was.g);
         s.mean.b += w[i] * d[i].b, s.level.b += w[i] * absolute(was.b);

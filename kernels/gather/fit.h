@@ -130,14 +130,14 @@ STAGE resolved resolve_gathered(gathered g, gathered far, layers_t l, pixel_t p,
         past = plus(current, gathered_change(g, far, l, samples, settings));
     const rectification r = rectify(past, current, p.stats, m, box_scale_of(m, settings), frame, settings);
     // A mean leaves out the current sample and gets a share relative to it; a fit includes it.
-    real share = GATHER_FIT == GATHER_FIT_MEAN ? g.weight / (sample_share(current, settings) + g.weight) : one;
+    real share = GATHER_FIT == GATHER_FIT_MEAN ? g.weight / (luminance_weight(current, settings) + g.weight) : one;
     if (REACTIVE)
         share *= one - distrust(p.reactivity);
     const colour mixed = plus_scaled(current, share, plus(minus(past, current), r.change));
     colour chosen = choose_colour(any, mixed, disoccluded_colour(current, p.stats.mean, settings));
     if ((FILTER_USE == FILTER_USE_FEW_SAMPLES) & (CURRENT_FILTER != CURRENT_FILTER_NONE)) {
         const real of_mean = one / (g.count + one), filter_share = gathered_filter_share(of_mean, g, l, settings);
-        chosen = drawn_towards(chosen, p.filtered, filtered_share(filter_share, p.filtered, settings));
+        chosen = lerp_colour(chosen, p.filtered, filtered_share(filter_share, p.filtered, settings));
     }
     chosen = choose_colour(p.missing, past, chosen);
     if (any_of(p.missing & !any))

@@ -161,15 +161,16 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
     const colour d = minus(c, now.own);
     real counted = good ? share : zero;
     if (REACTIVE & (ILLUMINATION == ILLUMINATION_WINDOW)) {
-        const real alike = as_reactive(share_in_domain(texel_at(p + RING_REACTIVE * plane, v.f, stride), zero), now);
+        const real alike
+            = reactivity_weight(share_in_domain(texel_at(p + RING_REACTIVE * plane, v.f, stride), zero), now);
         g->unlike += v.recent ? counted * (SPLAT(1.0) - alike) : zero;
         counted *= alike;
     }
-    const real w = counted * sample_share(c, settings);
+    const real w = counted * luminance_weight(c, settings);
     add_sample(g, d, w, good ? dx : zero, good ? dy : zero, far_only ? !near : near);
     g->count += counted;
     if (v.recent)
-        add_recent(g, share_difference(c, now.own, settings), counted);
+        add_recent(g, weighted_difference(c, now.own, settings), counted);
     if (ALPHA) {
         const real a = share_in_domain(texel_at(p + RING_ALPHA * plane, v.f, stride), SPLAT(1.0));
         g->alpha += w * (a - now.alpha);
@@ -207,7 +208,7 @@ STAGE motion_t motion_to_frame(
 STAGE gathered begin_layer(surface s, layers_t l, int far, pixel_t p, frame_t frame, settings_t settings)
 {
     const mask front = !l.edge | (s.centre > l.cut);
-    const real w = sample_share(p.own, settings);
+    const real w = luminance_weight(p.own, settings);
     if (far)
         return first_sample(w, !front & !p.missing, !front, frame);
     return first_sample(w, !p.missing, front, frame);
@@ -218,7 +219,7 @@ STAGE void add_side(gathered* g, side_t side, colour current, settings_t setting
 {
     const real zero = SPLAT(0.0);
     const mask any = side.count > zero;
-    add_sample(g, minus(side.mean, current), any ? sample_share(side.mean, settings) : zero, zero, zero, any);
+    add_sample(g, minus(side.mean, current), any ? luminance_weight(side.mean, settings) : zero, zero, zero, any);
 }
 
 // 1 if a pixel of the segment has a farther side, which is followed separately.

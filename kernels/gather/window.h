@@ -26,7 +26,7 @@ STAGE int window_end(int window, int frames)
 STAGE real window_error(gathered g, pixel_t now, resolved window, settings_t settings)
 {
     const real one = SPLAT(1.0), two = SPLAT(2.0);
-    const colour d = share_difference(to_range(window.rgb), now.own, settings);
+    const colour d = weighted_difference(to_range(window.rgb), now.own, settings);
     const real along = inner(d, g.recent);
     const real squares = (g.recent_squares - two * along) + (own_samples(now) + g.recent_count) * inner(d, d);
     const real left = one - reciprocal(greater(window.count, SPLAT(1.5)));
@@ -52,17 +52,17 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
         c = choose_colour(good, to_range(c), p.own);
         real counted = good ? one : zero;
         if (REACTIVE)
-            counted *= as_reactive(load_share(q + RING_REACTIVE * plane, zero), p);
-        const real w = counted * sample_share(c, settings);
+            counted *= reactivity_weight(load_share(q + RING_REACTIVE * plane, zero), p);
+        const real w = counted * luminance_weight(c, settings);
         g.sum = plus_scaled(g.sum, w, minus(c, p.own));
         g.weight += w;
         g.count += counted;
         if (k < SHORT_WINDOW)
-            add_recent(&g, share_difference(c, p.own, settings), counted);
+            add_recent(&g, weighted_difference(c, p.own, settings), counted);
         if (ALPHA)
             g.alpha += w * (load_share(q + RING_ALPHA * plane, one) - p.alpha);
     }
-    const real whole_weight = (p.missing ? zero : sample_share(p.own, settings)) + g.weight;
+    const real whole_weight = (p.missing ? zero : luminance_weight(p.own, settings)) + g.weight;
     resolved out;
     out.count = g.count + own_samples(p);
     out.rgb = storable_colour(from_range(plus(p.own, quotients(g.sum, whole_weight))), p.own);
@@ -124,7 +124,7 @@ STAGE real present_error(gathered g, pixel_t p, mask valid, frame_t frame, setti
     const real one = SPLAT(1.0);
     const real across = one - (SPLAT(frame.left_weight) + SPLAT(frame.right_weight)),
                down = one - (SPLAT(frame.above_weight) + SPLAT(frame.below_weight)), others = one - across * down;
-    const colour d = share_difference(p.filtered, p.own, settings);
+    const colour d = weighted_difference(p.filtered, p.own, settings);
     const real error
         = K(PRESENT_PENALTY) * ((own_samples(p) + g.recent_count) * quotient(inner(d, d), others * others));
     return (valid & (others > SPLAT(LEAST_BESIDE))) ? error : SPLAT(DOMAIN_LIMIT);

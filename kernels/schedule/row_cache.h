@@ -128,9 +128,9 @@ STAGE colour slide_history(
     if ((f.at != cache->at) | any_of((f.fx != cache->fx) | (f.fy != cache->fy))) {
         cache->fx = f.fx, cache->fy = f.fy;
         fill_columns(cache, p, f.at, plane, stride);
-        cache->count = between(load(upper), load(upper + 1), f.fx);
+        cache->count = lerp(load(upper), load(upper + 1), f.fx);
     }
-    const real below = between(lower_left, lower_right, f.fx);
+    const real below = lerp(lower_left, lower_right, f.fx);
     *count = cache->count + f.fy * (below - cache->count);
     cache->count = below;
     cache->at = f.at + (uint)stride;

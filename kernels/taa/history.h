@@ -183,8 +183,8 @@ STAGE real illumination_threshold(occlusion o, settings_t settings)
     return o.passed ? lesser(SPLAT(settings.passing_t), beside) : beside;
 }
 
-// `next` holds the texels of the row below the pixel's; `lacks` is 1 if a sample of the segment is missing.
-STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, history_in history, plane_in count,
+// `next` holds the texels of the row below the pixel's; `has_missing` is 1 if a sample of the segment is missing.
+STAGE history_t sample_history(plane_in current, boxed_row next, int has_missing, history_in history, plane_in count,
     plane_in previous_inverse_depth, motion_t m, surface s, int x, int y, frame_t frame, settings_t settings,
     row_cache* cache)
 {
@@ -206,7 +206,7 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
             previous = weighted_texels(previous, h.fx, h.fy);
         mask same = same_surface(previous, s, m, settings) & ~o.covered;
         // A missing sample without depth is no evidence of another surface.
-        if (lacks)
+        if (has_missing)
             same = same | (sample_is_missing(current, x, y, frame) & (s.nearest <= SPLAT(frame.sky_inverse_depth)));
         h.valid = h.valid & same;
     }
@@ -214,7 +214,7 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int lacks, hist
     if (TESTS_LIGHT) {
         illumination_result l = illumination_test(h.count, illumination_threshold(o, settings), current, next, history,
             count, f, x, y, frame, settings, &cache->illumination);
-        if (lacks)
+        if (has_missing)
             l = illumination_without_missing(l, h.count, current, x, y, frame);
         h.count = lesser(l.count, o.count_limit);
         h.change = l.change;

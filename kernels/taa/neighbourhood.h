@@ -115,7 +115,7 @@ typedef struct
     real rise; // of inverse depth, from the left texel to the right one
     real u, v; // own motion of the nearest texel
     real centre_u, centre_v;
-    int lacks; // 1: a texel of the segment itself is outside the domain, so a pixel's sample is missing
+    int has_missing; // 1: a texel of the segment itself is outside the domain, so a pixel's sample is missing
 } row_t;
 
 // Mean, standard deviation and extremes of the neighbourhood in the box space.
@@ -205,9 +205,9 @@ STAGE row_t read_row(plane_in image, plane_in inverse_depth, plane_in motion, in
     // Loaded before the branch below: a GPU's compiler moves no load past it.
     const real zl = inverse_depth_or_sky(load(z - 1), frame), zc = inverse_depth_or_sky(load(z), frame),
                zr = inverse_depth_or_sky(load(z + 1), frame);
-    int lacks = 0;
+    int has_missing = 0;
     if (any_outside_domain(l, c, r)) {
-        lacks = any_of(colour_outside_domain(c)) ? 1 : 0;
+        has_missing = any_of(colour_outside_domain(c)) ? 1 : 0;
         colour line[3];
         repair_colours(line, 3, image, plane, x - 1, y, frame);
         l = line[0], c = line[1], r = line[2];
@@ -215,7 +215,7 @@ STAGE row_t read_row(plane_in image, plane_in inverse_depth, plane_in motion, in
     l = to_range(l), c = to_range(c), r = to_range(r);
     const boxed bl = to_box_space(l), bc = to_box_space(c), br = to_box_space(r);
     row_t row = { 0 };
-    row.lacks = lacks;
+    row.has_missing = has_missing;
     row.a = chosen_row(bl.a, bc.a, br.a);
     row.b = chosen_row(bl.b, bc.b, br.b);
     row.c = chosen_row(bl.c, bc.c, br.c);

@@ -105,21 +105,21 @@ STAGE real without_corners(row_taps r0, row_taps r1, row_taps r2, row_taps r3, w
     return HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5_RAW ? sum * centre + rest : centre + rest / sum;
 }
 
-STAGE real between(real a, real b, real t) { return a + t * (b - a); }
+STAGE real lerp(real a, real b, real t) { return a + t * (b - a); }
 
 // Sums both arms of the cross, clamped to the range of the four middle texels plus a quarter of it at either end: a
 // sharp filter rings beside an edge, and a history accumulates the ringing.
 STAGE real cross_of(
     row_taps first, row_taps r0, row_taps r1, row_taps r2, row_taps r3, row_taps last, weights wx, weights wy)
 {
-    const real left = between(r1.middle, r2.middle, wy.linear)
+    const real left = lerp(r1.middle, r2.middle, wy.linear)
         + six_taps(first.middle, r0.middle, r1.middle, r2.middle, r3.middle, last.middle, wy);
-    const real right = between(r1.right, r2.right, wy.linear)
+    const real right = lerp(r1.right, r2.right, wy.linear)
         + six_taps(first.right, r0.right, r1.right, r2.right, r3.right, last.right, wy);
     const real low = lesser(lesser(r1.middle, r1.right), lesser(r2.middle, r2.right)),
                high = greater(greater(r1.middle, r1.right), greater(r2.middle, r2.right));
-    const real more = K(0.25) * (high - low), along_x = between(r1.sides, r2.sides, wy.linear);
-    return limit(between(left, right, wx.linear) + along_x, low - more, high + more);
+    const real more = K(0.25) * (high - low), along_x = lerp(r1.sides, r2.sides, wy.linear);
+    return limit(lerp(left, right, wx.linear) + along_x, low - more, high + more);
 }
 
 // Filters rows along y.
