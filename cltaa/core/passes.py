@@ -60,7 +60,7 @@ class Passes:
             planes = {"planes": window_count(build.choices) * window_planes(build.steps), "more": 0}
             self.launcher.run("extend_edges", floats, layout, gathered | planes)
         written = {name: arguments[name] for name in ("frames", "output", "output_count", "frame", "settings")}
-        self.launcher.run("weigh_windows", build, layout, windows | written | {"standing": unmoved["standing"]})
+        self.launcher.run("mix_windows", build, layout, windows | written | {"standing": unmoved["standing"]})
         if build.extends and self.recursive is None:
             self._extend()
         return last

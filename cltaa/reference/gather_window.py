@@ -1,4 +1,4 @@
-"""Twin of ``gather/window.h``, ``gather_windows.cl`` and ``weigh_windows.cl``: the adaptive temporal window.
+"""Twin of ``gather/window.h``, ``gather_windows.cl`` and ``mix_windows.cl``: the adaptive temporal window.
 
 Each pixel is mixed from several windows of its past, each weighted by its error in the texels around.
 """
@@ -293,7 +293,7 @@ def drift_to_shortest(
 
 
 @quiet
-def weigh_windows(
+def mix_windows(
     build: Build,
     layout: Layout,
     *,

@@ -9,8 +9,8 @@
     ((CAMERA_MOTION | OWN_MOTION) & (HISTORY_RANGE == HISTORY_RANGE_LINEAR)                                            \
         & (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM))
 
-// Partial sums of a plane's rows along y, in the order of `weigh`: those of the next pixel and of the one below it, and
-// the last row. Rows themselves would move from register to register.
+// Partial sums of a plane's rows along y, in the order of `filter_taps`: those of the next pixel and of the one below
+// it, and the last row. Rows themselves would move from register to register.
 typedef struct
 {
     real next, second, last;
@@ -93,7 +93,7 @@ STAGE column_sums fill_plane(history_in p, uint at, weights wx, weights wy, int 
 
 STAGE real slide_plane(column_sums* s, taps t, weights wx, weights wy)
 {
-    const real zero = SPLAT(0.0), last = weigh(zero, t.p0, t.p1, t.p2, t.p3, zero, wx).middle;
+    const real zero = SPLAT(0.0), last = filter_taps(zero, t.p0, t.p1, t.p2, t.p3, zero, wx).middle;
     const real step = last - s->last, v = s->next + wy.w3 * step;
     s->next = s->second + wy.w2 * step;
     s->second = last + wy.w0 * step;

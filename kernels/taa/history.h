@@ -49,11 +49,11 @@ STAGE colour sample_in_range(history_in p, footprint f, weights wx, weights wy, 
             tap[0][i] = c.r, tap[1][i] = c.g, tap[2][i] = c.b;
         }
         for (int k = 0; k < 3; ++k)
-            row[k][j] = weigh(tap[k][0], tap[k][1], tap[k][2], tap[k][3], tap[k][4], tap[k][5], wx);
+            row[k][j] = filter_taps(tap[k][0], tap[k][1], tap[k][2], tap[k][3], tap[k][4], tap[k][5], wx);
     }
     real v[3];
     for (int k = 0; k < 3; ++k)
-        v[k] = weigh_rows(row[k][0], row[k][1], row[k][2], row[k][3], row[k][4], row[k][5], wx, wy);
+        v[k] = filter_rows(row[k][0], row[k][1], row[k][2], row[k][3], row[k][4], row[k][5], wx, wy);
     return (colour) { v[0], v[1], v[2] };
 }
 

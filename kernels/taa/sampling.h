@@ -81,7 +81,7 @@ STAGE real six_taps(real first, real p0, real p1, real p2, real p3, real last, w
     return ((((w.first * first + w.last * last) + w.w0 * p0) + w.w3 * p3) + w.w1 * p1) + w.w2 * p2;
 }
 
-STAGE row_taps weigh(real first, real p0, real p1, real p2, real p3, real last, weights w)
+STAGE row_taps filter_taps(real first, real p0, real p1, real p2, real p3, real last, weights w)
 {
     if (CROSS)
         return (row_taps) { p1, p2, six_taps(first, p0, p1, p2, p3, last, w) };
@@ -123,14 +123,14 @@ STAGE real cross_of(
 }
 
 // Filters rows along y.
-STAGE real weigh_rows(
+STAGE real filter_rows(
     row_taps first, row_taps r0, row_taps r1, row_taps r2, row_taps r3, row_taps last, weights wx, weights wy)
 {
     if (CROSS)
         return cross_of(first, r0, r1, r2, r3, last, wx, wy);
     if (FIVE_PAIRS)
         return without_corners(r0, r1, r2, r3, wx, wy);
-    return weigh(first.middle, r0.middle, r1.middle, r2.middle, r3.middle, last.middle, wy).middle;
+    return filter_taps(first.middle, r0.middle, r1.middle, r2.middle, r3.middle, last.middle, wy).middle;
 }
 
 // Where the lanes of a segment lie in the previous frame: all on texels, with one integer displacement (ON_TEXELS),
@@ -197,7 +197,7 @@ STAGE row_taps row_alike(history_in p, weights w)
         first = load_history(p - 2);
         last = load_history(p + 3);
     }
-    return weigh(first, load_history(p - 1), load_history(p), load_history(p + 1), load_history(p + 2), last, w);
+    return filter_taps(first, load_history(p - 1), load_history(p), load_history(p + 1), load_history(p + 2), last, w);
 }
 
 STAGE row_taps row_close(history_in p, weights w, whole step)
@@ -210,7 +210,7 @@ STAGE row_taps row_close(history_in p, weights w, whole step)
         first = right ? a : load_history(p - 2);
         last = right ? load_history(p + 4) : e;
     }
-    return weigh(first, right ? b : a, right ? c : b, right ? d : c, right ? e : d, last, w);
+    return filter_taps(first, right ? b : a, right ? c : b, right ? d : c, right ? e : d, last, w);
 }
 
 // Filters row j of six; p points at the segment's own texel in it. The loads take so long that rolled loops cost
@@ -225,7 +225,7 @@ STAGE row_taps row_apart(history_in p, weights w, whole steps, int j)
     NO_UNROLL
     for (int i = from; i < to; ++i)
         tap[i] = history_apart(p + (i - 2), steps);
-    return weigh(tap[0], tap[1], tap[2], tap[3], tap[4], tap[5], w);
+    return filter_taps(tap[0], tap[1], tap[2], tap[3], tap[4], tap[5], w);
 }
 
 STAGE row_taps choose_row(mask m, row_taps a, row_taps b)
@@ -251,7 +251,7 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
             first = choose_row(down, a, row_close(q - 2 * line, wx, f.step_x));
             last = choose_row(down, row_close(q + 4 * line, wx, f.step_x), e);
         }
-        return weigh_rows(first, choose_row(down, b, a), choose_row(down, c, b), choose_row(down, d, c),
+        return filter_rows(first, choose_row(down, b, a), choose_row(down, c, b), choose_row(down, d, c),
             choose_row(down, e, d), last, wx, wy);
     }
     if (LANES > 1 && f.lanes == LANES_APART) {
@@ -261,13 +261,13 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
         NO_UNROLL
         for (int i = CROSS ? 0 : 1; i < (CROSS ? 6 : 5); ++i)
             row[i] = row_apart(p + f.own + (i - 2) * (ptrdiff_t)stride, wx, steps, i);
-        return weigh_rows(row[0], row[1], row[2], row[3], row[4], row[5], wx, wy);
+        return filter_rows(row[0], row[1], row[2], row[3], row[4], row[5], wx, wy);
     }
     if (CROSS) {
         first = row_alike(ROW_BELOW(p, f.at, -2, stride), wx);
         last = row_alike(ROW_BELOW(p, f.at, 3, stride), wx);
     }
-    return weigh_rows(first, row_alike(ROW_BELOW(p, f.at, -1, stride), wx), row_alike(q, wx),
+    return filter_rows(first, row_alike(ROW_BELOW(p, f.at, -1, stride), wx), row_alike(q, wx),
         row_alike(ROW_BELOW(p, f.at, 1, stride), wx), row_alike(ROW_BELOW(p, f.at, 2, stride), wx), last, wx, wy);
 }
 

@@ -266,9 +266,9 @@ OUTPUTS = [
     Output("gather", "gather: alpha", "output", FOURTH, "u", one),
     Output("gather", "gather: count n", "output_count", FIRST, "u·(1 + n)", one),
     *(output for window in (0, UNMOVED) for output in outputs_of_window(window)),  # with KEPT frames the others repeat
-    Output("weigh_windows", "weighed: colour", "output", RGB, "u·M", of_windows),
-    Output("weigh_windows", "weighed: alpha", "output", FOURTH, "u", one),
-    Output("weigh_windows", "weighed: count n", "output_count", FIRST, "u·(1 + n)", counted),
+    Output("mix_windows", "mixed: colour", "output", RGB, "u·M", of_windows),
+    Output("mix_windows", "mixed: alpha", "output", FOURTH, "u", one),
+    Output("mix_windows", "mixed: count n", "output_count", FIRST, "u·(1 + n)", counted),
 ]
 # The blend's output where the history is kept in halves: the error of the storage beside that of the arithmetic.
 STORED = [

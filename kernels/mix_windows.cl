@@ -2,7 +2,7 @@
 #include "gather/drift.h"
 #include "schedule/window.h"
 
-__kernel void weigh_windows_kernel(plane_in windows, const int frames, const int standing, history_out output,
+__kernel void mix_windows_kernel(plane_in windows, const int frames, const int standing, history_out output,
     plane_out output_count, const frame_t frame, const settings_t settings)
 {
     const column_t column = own_column(frame);
