@@ -25,8 +25,8 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
         layers_t l = layers_of(rows.above, rows.centre, rows.below, s, settings);
         find_subpixel_feature(&s, &l, ring, past, frames, x, y, frame, settings);
-        way_t near = begin_way(s, l, NEARER, p, current, inverse_depth, motion, x, y, frame, settings);
-        way_t far = begin_way(s, l, FARTHER, p, current, inverse_depth, motion, x, y, frame, settings);
+        path_t near = begin_path(s, l, NEARER, p, current, inverse_depth, motion, x, y, frame, settings);
+        path_t far = begin_path(s, l, FARTHER, p, current, inverse_depth, motion, x, y, frame, settings);
 
         // Sample the history window by window: each adds older frames to the samples of the one before.
         resolved out;
@@ -55,7 +55,7 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
         // The window without motion. It is valid where enough of the latest samples can contradict it. Where the
         // surface is at rest, a longer recursive history replaces it.
         if (!repeats(UNMOVED, frames, standing)) {
-            gathered unmoved_sums;
+            sample_sums unmoved_sums;
             resolved unmoved = resolve_unmoved(&unmoved_sums, ring, past, standing, p, x, y, frame, settings);
             if (RECURSION == RECURSION_STANDING)
                 unmoved = longer_history(unmoved, in_place(m), recursive, recursive_count, x, y, frame);

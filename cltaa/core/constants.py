@@ -21,7 +21,7 @@ CONSTANTS: Final[dict[str, Constant]] = {
         0.75, "pixels from the centre to which a thing that the 3x3 misses is looked for: measured"
     ),
     "SUBPIXEL_HITS": Constant(3.0, "samples of a 3x3 that a line through it hits: what hits more is not thin"),
-    "AHEAD_CLOSE": Constant(
+    "AHEAD_TOLERANCE": Constant(
         0.5, "pixels by which the last round of a step ahead may move it: half a sample's distance"
     ),
     "HALF_LIMIT": Constant(65504.0, "largest half; larger magnitudes are stored as it"),

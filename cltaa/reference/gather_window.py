@@ -24,7 +24,7 @@ from cltaa.reference.accumulate import (
 )
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, inner, to_range
 from cltaa.reference.gather import Gathering
-from cltaa.reference.gather_fit import Gathered, own_samples
+from cltaa.reference.gather_fit import SampleSums, own_samples
 from cltaa.reference.gather_track import ring_alpha, ring_reactive
 from cltaa.reference.planes import extend_stored, store_resolved
 from cltaa.reference.real import Array, Mask, constant, greater, lesser, limit, number, quiet, real_type
@@ -50,7 +50,7 @@ def repeats(window: int, frames: int, standing: int, build: Build) -> bool:
     return standing < SHORT_WINDOW if window == UNMOVED else not has_more_frames(window, frames)
 
 
-def window_error(g: Gathered, now: Pixel, window: Resolved, build: Build, settings: Record) -> Array:
+def window_error(g: SampleSums, now: Pixel, window: Resolved, build: Build, settings: Record) -> Array:
     """Squared distances of the latest samples, the current one among them, from a window's result."""
     one, two = number(1.0, g.zero), number(2.0, g.zero)
     d = weighted_difference(to_range(window.rgb, build), now.own, build, settings)
@@ -61,10 +61,10 @@ def window_error(g: Gathered, now: Pixel, window: Resolved, build: Build, settin
 
 def resolve_unmoved(
     slots: Array, past: Any, p: Pixel, build: Build, layout: Layout, settings: Record
-) -> tuple[Resolved, Gathered]:
+) -> tuple[Resolved, SampleSums]:
     """Mean of the samples at each pixel's own position, and the sums of these samples."""
     one = np.ones_like(p.own[0])
-    g = Gathered(np.zeros_like(one))
+    g = SampleSums(np.zeros_like(one))
     for place, then in enumerate(past):
         planes = layout.inside(slots[int(then["slot"])]).astype(one.dtype)
         c = planes[:3]
@@ -161,7 +161,7 @@ def past_is_doubtful(stands: Mask, p: Pixel, recursive_count: Array) -> Mask:
     return stands & few & (p.most_reactive <= number(0.0, recursive_count))
 
 
-def present_error(g: Gathered, p: Pixel, valid: Mask, build: Build, frame: Record, settings: Record) -> Array:
+def present_error(g: SampleSums, p: Pixel, valid: Mask, build: Build, frame: Record, settings: Record) -> Array:
     """Distance of each pixel's own sample from the others in the current filter."""
     beyond = np.full_like(g.zero, constant("DOMAIN_LIMIT", g.zero))
     choices = build.choices

@@ -23,7 +23,7 @@ STAGE int window_end(int window, int frames)
 // Colours have luminance weights: else the edge of a highlight would outweigh all displayable light around it. A window
 // contains these samples and lies the nearer to them the fewer others it has; dividing by (1 - 1 / count)^2 corrects
 // that (leave one out).
-STAGE real window_error(gathered g, pixel_t now, resolved window, settings_t settings)
+STAGE real window_error(sample_sums g, pixel_t now, resolved window, settings_t settings)
 {
     const real one = SPLAT(1.0), two = SPLAT(2.0);
     const colour d = weighted_difference(to_range(window.rgb), now.own, settings);
@@ -36,12 +36,12 @@ STAGE real window_error(gathered g, pixel_t now, resolved window, settings_t set
 // Mean of the samples at the pixel's own position in the `frames` latest frames, which share the current camera: right
 // for a surface that moves along itself, such as a wheel, and for light that rests on a moving one. `sums` are those of
 // its samples.
-STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past, int frames, pixel_t p, int x, int y,
-    frame_t frame, settings_t settings)
+STAGE resolved resolve_unmoved(sample_sums* sums, plane_in ring, frame_records past, int frames, pixel_t p, int x,
+    int y, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
-    gathered g = { 0 };
+    sample_sums g = { 0 };
     for (int k = 0; k < frames; ++k) {
         const frame_t then = past[k];
         plane_in q = ring + (size_t)then.slot * RING_PLANES * plane + texel_offset(frame, x, y);
@@ -117,7 +117,7 @@ STAGE mask past_is_doubtful(motion_t m, pixel_t p, plane_in recursive_count, int
 // each of the latest samples had it. Neighbours that agree prove less than samples of the pixel itself, hence
 // PRESENT_PENALTY. Where it is not `valid`, or the filter has little weight beside its centre, an error beyond any
 // other.
-STAGE real present_error(gathered g, pixel_t p, mask valid, frame_t frame, settings_t settings)
+STAGE real present_error(sample_sums g, pixel_t p, mask valid, frame_t frame, settings_t settings)
 {
     if ((FILTER_USE != FILTER_USE_FEW_SAMPLES) | (CURRENT_FILTER == CURRENT_FILTER_NONE))
         return SPLAT(DOMAIN_LIMIT);
@@ -158,7 +158,7 @@ STAGE void store_window(plane_out windows, int window, resolved r, real error, i
 
 // Where most of the latest samples are unlike, replaces the shorter windows by that of all frames: they hold next to
 // nothing of a surface that a veil has just covered or disoccluded.
-STAGE void stand_in(plane_out windows, gathered latest, resolved all, real error, int x, int y, frame_t frame)
+STAGE void stand_in(plane_out windows, sample_sums latest, resolved all, real error, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);
     const mask unlike = latest.unlike > latest.recent_count;

@@ -14,7 +14,7 @@ from cltaa.core.constants import value as value_of
 from cltaa.reference.accumulate import current_pixel
 from cltaa.reference.colour import filled_colour
 from cltaa.reference.disocclusion import on_screen
-from cltaa.reference.gather_fit import Gathered
+from cltaa.reference.gather_fit import SampleSums
 from cltaa.reference.gather_samples import gather_samples
 from cltaa.reference.gather_sides import layers_of
 from cltaa.reference.gather_track import Track
@@ -142,7 +142,7 @@ def gathered(work: Work) -> Values:
     p = current_pixel(rows, None, None, build, layout, work.frame)
     surface = nearest_surface(*rows, build, work.settings["edge_tolerance"])
     ring = planes["ring"].reshape(len(work.past), -1, layout.rows, layout.stride)
-    layers, none = layers_of(*rows, surface, work.settings), Gathered(np.zeros_like(p.alpha))
+    layers, none = layers_of(*rows, surface, work.settings), SampleSums(np.zeros_like(p.alpha))
     g = gather_samples(
         ring,
         work.past,
