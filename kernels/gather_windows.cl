@@ -45,20 +45,20 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
                 out = longer_history(out, p.most_reactive <= SPLAT(0.0), recursive, recursive_count, x, y, frame);
                 error = window_error(near.sums, p, out, settings);
             }
-            if (!repeats(window, frames, standing))
+            if (!repeats_previous(window, frames, standing))
                 store_window(windows, window, out, error, x, y, frame);
             from = to;
         }
         if (REACTIVE)
-            stand_in(windows, near.sums, out, error, x, y, frame);
+            replace_unlike_windows(windows, near.sums, out, error, x, y, frame);
 
         // The window without motion. It is valid where enough of the latest samples can contradict it. Where the
         // surface is at rest, a longer recursive history replaces it.
-        if (!repeats(UNMOVED, frames, standing)) {
+        if (!repeats_previous(UNMOVED, frames, standing)) {
             sample_sums unmoved_sums;
             resolved unmoved = resolve_unmoved(&unmoved_sums, ring, past, standing, p, x, y, frame, settings);
             if (RECURSION == RECURSION_STANDING)
-                unmoved = longer_history(unmoved, in_place(m), recursive, recursive_count, x, y, frame);
+                unmoved = longer_history(unmoved, at_rest(m), recursive, recursive_count, x, y, frame);
             const mask valid = unmoved_sums.recent_count >= SPLAT(SHORT_WINDOW);
             out.rgb = choose_colour(valid, unmoved.rgb, out.rgb);
             out.alpha = valid ? unmoved.alpha : out.alpha;
@@ -69,11 +69,11 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
 
         // The window of this frame alone. Where it is not valid, it repeats the one before.
         if (RECURSION == RECURSION_STANDING) {
-            const mask doubtful = past_is_doubtful(m, p, recursive_count, before, texel_offset(frame, x, y));
-            out.rgb = choose_colour(doubtful, storable_colour(from_range(p.filtered), p.own), out.rgb);
-            out.alpha = doubtful ? p.alpha : out.alpha;
-            out.count = doubtful ? SPLAT(1.0) : out.count;
-            store_window(windows, PRESENT, out, present_error(near.sums, p, doubtful, frame, settings), x, y, frame);
+            const mask refuted = history_is_refuted(m, p, recursive_count, before, texel_offset(frame, x, y));
+            out.rgb = choose_colour(refuted, storable_colour(from_range(p.filtered), p.own), out.rgb);
+            out.alpha = refuted ? p.alpha : out.alpha;
+            out.count = refuted ? SPLAT(1.0) : out.count;
+            store_window(windows, PRESENT, out, present_error(near.sums, p, refuted, frame, settings), x, y, frame);
         }
     }
     extend_stored(0, 0, windows, WINDOWS * WINDOW_PLANES, stored_block(column), frame);

@@ -29,15 +29,19 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "HALF_STEP": Constant(2.0**-10, "distance of halves over the power of two below them"),
     "HALF_TINY": Constant(2.0**-25, "half the least half: smaller magnitudes round to 0, and are stored as +0"),
     "DITHER_STEP": Constant(2.0**-24, "24 bits as a number in [0, 1)"),
-    "LEAST_TRUST": Constant(2.0**-6, "least ratio of two windows' errors: its 16th power is well above the denormals"),
+    "LEAST_ERROR_RATIO": Constant(
+        2.0**-6, "least ratio of two windows' errors: its 16th power is well above the denormals"
+    ),
     "DRIFT_FLOOR": Constant(0.01, "share of the light below which nobody sees that"),
     "REACTIVE_FALL": Constant(
         10.0,
         "1 over how far beside the reactivities of the 3x3 of now that of a sample may lie: measured (decisions/08)",
     ),
-    "DOUBTFUL_SAMPLES": Constant(7.0, "samples of the recursive resolve below which a past is doubtful: measured"),
+    "REFUTED_SAMPLES": Constant(7.0, "samples of the recursive resolve below which a history is refuted: measured"),
     "PRESENT_PENALTY": Constant(2.0, "of neighbours' error over that of samples of the pixel itself: measured"),
-    "LEAST_BESIDE": Constant(0.25, "share of the filter that lies beside its centre; of less, neighbours tell little"),
+    "LEAST_NEIGHBOUR_SHARE": Constant(
+        0.25, "share of the filter that lies beside its centre; of less, neighbours tell little"
+    ),
     "PASSES": Constant(0.25, "pixels against a surface by which what was before it has passed, jitter apart: measured"),
     "ADDED_EXTENT": Constant(1e-8, "added to half extents that the popular clip divides by: Playdead's and Bevy's"),
     "STATIC_MOTION": Constant(0.01, "pixels of motion along an axis below which a pixel is static (standing): Bevy's"),

@@ -118,7 +118,7 @@ def own_samples(p: Pixel) -> Array:
     return one if p.missing is None else np.where(p.missing, number(0.0, one), one)
 
 
-def distrust(reactivity: Array, build: Build) -> Array:
+def reactive_loss(reactivity: Array, build: Build) -> Array:
     """Share of its samples that a reactive pixel [H, W] gives up for the current one."""
     square: Array = reactivity * reactivity
     return square * square if build.choices.illumination is Illumination.WINDOW else reactivity
@@ -137,7 +137,7 @@ def resolve_gathered(
     moved = rectify(past, current, p.stats, m, box_scale_of(m, settings), build, layout, settings).change
     share = g.weight / (luminance_weight(current, build, settings) + g.weight) if plain else one
     if build.steps.reactive:
-        share = share * (one - distrust(p.reactivity, build))
+        share = share * (one - reactive_loss(p.reactivity, build))
     mixed = current + share * ((past - current) + moved)
     chosen = np.where(any_of, mixed, disoccluded_colour(current, p.stats.mean, build, settings))
     filters = build.choices.current_filter is not CurrentFilter.NONE

@@ -43,7 +43,7 @@ def has_more_frames(window: int, frames: int) -> bool:
     return window == 0 or ends[window] > ends[window - 1]
 
 
-def repeats(window: int, frames: int, standing: int, build: Build) -> bool:
+def repeats_previous(window: int, frames: int, standing: int, build: Build) -> bool:
     """True if a window equals the one before it, and is not stored."""
     if window >= (UNMOVED - 1 if build.choices.recursion is Recursion.STANDING else UNMOVED + 1):
         return False
@@ -118,35 +118,35 @@ def gather_windows(
     target = layout.inside(windows)[: count * planes].reshape(count, planes, layout.height, layout.width)
     for window, end in enumerate(window_ends(frames)):
         gathering.add(past[begun:end], build, layout, frame, settings, before=begun, recent=SHORT_WINDOW - begun)
-        said = gathering.resolved(build, layout, settings)
+        out = gathering.resolved(build, layout, settings)
         if build.choices.recursion is Recursion.STANDING and window == UNMOVED - 1:
-            said = _longer_history(said, own.most_reactive <= 0, recursive, recursive_count, layout)
-        error = window_error(gathering.near, own, said, build, settings)
-        if not repeats(window, frames, standing, build):
-            _store(target[window], said, error)
+            out = longer_history(out, own.most_reactive <= 0, recursive, recursive_count, layout)
+        error = window_error(gathering.near, own, out, build, settings)
+        if not repeats_previous(window, frames, standing, build):
+            _store(target[window], out, error)
         begun = end
     if build.steps.reactive:
         unlike = gathering.near.unlike > gathering.near.recent_count
         for window in range(UNMOVED - 1):
-            _store(target[window], said, error, unlike)
-    stands = (gathering.motion.u == 0) & (gathering.motion.v == 0)
-    if not repeats(UNMOVED, frames, standing, build):
+            _store(target[window], out, error, unlike)
+    at_rest = (gathering.motion.u == 0) & (gathering.motion.v == 0)
+    if not repeats_previous(UNMOVED, frames, standing, build):
         unmoved, sums = resolve_unmoved(gathering.slots, past[:standing], own, build, layout, settings)
         if build.choices.recursion is Recursion.STANDING:
-            unmoved = _longer_history(unmoved, stands, recursive, recursive_count, layout)
-        told = sums.recent_count >= number(SHORT_WINDOW, error)
-        said = _chosen(told, unmoved, said)
-        error = np.where(told, window_error(sums, own, unmoved, build, settings), error)
-        _store(target[UNMOVED], said, error)
+            unmoved = longer_history(unmoved, at_rest, recursive, recursive_count, layout)
+        valid = sums.recent_count >= number(SHORT_WINDOW, error)
+        out = _chosen(valid, unmoved, out)
+        error = np.where(valid, window_error(sums, own, unmoved, build, settings), error)
+        _store(target[UNMOVED], out, error)
     if build.choices.recursion is Recursion.STANDING:
-        doubtful = past_is_doubtful(stands, own, layout.inside(recursive_count[0]).astype(error.dtype))
-        doubtful &= frames_before(past[:standing], build) >= value("DOUBTFUL_SAMPLES")
+        refuted = history_is_refuted(at_rest, own, layout.inside(recursive_count[0]).astype(error.dtype))
+        refuted &= frames_before(past[:standing], build) >= value("REFUTED_SAMPLES")
         if own.missing is not None:
-            doubtful &= ~own.missing
+            refuted &= ~own.missing
         filtered = storable(from_range(own.filtered, build), own.own, build)
         present = Resolved(filtered, own.alpha, np.ones_like(error))
-        beyond = present_error(gathering.near, own, doubtful, build, frame, settings)
-        _store(target[-1], _chosen(doubtful, present, said), beyond)
+        beyond = present_error(gathering.near, own, refuted, build, frame, settings)
+        _store(target[-1], _chosen(refuted, present, out), beyond)
     extend_stored(build, layout, windows[: count * planes])
 
 
@@ -155,10 +155,10 @@ def frames_before(past: Any, build: Build) -> int:
     return int(np.count_nonzero(past["ahead"] <= 0)) if build.steps.look_ahead else len(past)
 
 
-def past_is_doubtful(stands: Mask, p: Pixel, recursive_count: Array) -> Mask:
+def history_is_refuted(at_rest: Mask, p: Pixel, recursive_count: Array) -> Mask:
     """True where a surface is at rest, but the recursive resolve holds few of its samples."""
-    few: Mask = recursive_count < constant("DOUBTFUL_SAMPLES", recursive_count)
-    return stands & few & (p.most_reactive <= number(0.0, recursive_count))
+    few: Mask = recursive_count < constant("REFUTED_SAMPLES", recursive_count)
+    return at_rest & few & (p.most_reactive <= number(0.0, recursive_count))
 
 
 def present_error(g: SampleSums, p: Pixel, valid: Mask, build: Build, frame: Record, settings: Record) -> Array:
@@ -172,12 +172,10 @@ def present_error(g: SampleSums, p: Pixel, valid: Mask, build: Build, frame: Rec
     others = one - (one - (left + right)) * (one - (above + below))
     d = weighted_difference(p.filtered, p.own, build, settings)
     error = constant("PRESENT_PENALTY", d) * ((own_samples(p) + g.recent_count) * (inner(d, d) / (others * others)))
-    return np.where(valid & (others > constant("LEAST_BESIDE", one)), error, beyond)
+    return np.where(valid & (others > constant("LEAST_NEIGHBOUR_SHARE", one)), error, beyond)
 
 
-def _longer_history(
-    window: Resolved, where: Mask, recursive: Array, recursive_count: Array, layout: Layout
-) -> Resolved:
+def longer_history(window: Resolved, where: Mask, recursive: Array, recursive_count: Array, layout: Layout) -> Resolved:
     """A window, or, ``where`` the recursive resolve holds more samples, its history, which contains all frames
     before."""
     count, held = (layout.inside(planes).astype(window.count.dtype) for planes in (recursive_count[0], recursive))
@@ -191,9 +189,9 @@ def _chosen(where: Mask, one: Resolved, other: Resolved) -> Resolved:
     return Resolved(*(np.where(where, *pair) for pair in pairs))
 
 
-def _store(planes: Array, said: Resolved, error: Array, where: Array | None = None) -> None:
+def _store(planes: Array, out: Resolved, error: Array, where: Array | None = None) -> None:
     """Write a window's result, everywhere or only ``where``, and alpha if there is a plane for it."""
-    for plane, values in zip(planes, [*said.rgb, error, said.count, said.alpha], strict=False):
+    for plane, values in zip(planes, [*out.rgb, error, out.count, out.alpha], strict=False):
         plane[...] = values if where is None else np.where(where, values, plane)
 
 
@@ -218,10 +216,10 @@ def sum_around(plane: Array, layout: Layout) -> Array:
     return column_sums(row_sums(plane, layout), layout)
 
 
-def trust(error: Array, least: Array) -> Array:
+def window_weight(error: Array, least: Array) -> Array:
     """Weight of a window relative to that of the least error."""
     tiny = constant("TINY", error)
-    ratio = greater((least + tiny) / (error + tiny), constant("LEAST_TRUST", error))
+    ratio = greater((least + tiny) / (error + tiny), constant("LEAST_ERROR_RATIO", error))
     second = ratio * ratio
     fourth = second * second
     eighth = fourth * fourth
@@ -267,7 +265,7 @@ def shared_weights(window: Array, shortest: Array, build: Build, settings: Recor
     return luminance_weight(window[:3], build, settings) * luminance_weight(shortest[:3], build, settings)
 
 
-def t_of(drift: Drift) -> Array:
+def students_t_of_drift(drift: Drift) -> Array:
     """Student's t of a drift; DRIFT_FLOOR of the light is added to its standard error."""
     floor = constant("DRIFT_FLOOR", drift.mean) * drift.level + constant("TINY", drift.mean)
     return np.abs(drift.mean) / (np.sqrt(drift.variance) + floor)
@@ -282,7 +280,7 @@ def drift_to_shortest(
     """
     weights = shared_weights(window, shortest, build, settings)
     drift = drift_of(window[:3], shortest[:3], weights, layout)
-    r, g, b = t_of(drift)
+    r, g, b = students_t_of_drift(drift)
     enough = number(settings["drift_t"], r)
     chance = enough / greater(greater(r, greater(g, b)), enough)
     sure = number(1.0, r) - chance * chance
@@ -310,18 +308,18 @@ def mix_windows(
     real: Any = real_type(build)
     shape = window_count(build.choices), window_planes(build.steps)
     parts = windows[: shape[0] * shape[1]].astype(real).reshape(*shape, layout.rows, layout.stride)
-    held = [window for window in range(len(parts)) if not repeats(window, frames, standing, build)]
-    said = [max(k for k in held if k <= window) for window in range(len(parts))]
-    errors = [sum_around(parts[k][3], layout) for k in said]
+    stored = [window for window in range(len(parts)) if not repeats_previous(window, frames, standing, build)]
+    sources = [max(k for k in stored if k <= window) for window in range(len(parts))]
+    errors = [sum_around(parts[k][3], layout) for k in sources]
     least: Array = errors[0]
     for error in errors[1:]:
         least = lesser(least, error)
-    zero, first, weight = np.zeros_like(least), layout.inside(parts[0]), trust(errors[0], least)
+    zero, first, weight = np.zeros_like(least), layout.inside(parts[0]), window_weight(errors[0], least)
     alpha, darkest = first[5] if build.steps.alpha else np.ones_like(least), first[:3]
     sums, alphas, counts = np.zeros_like(darkest), zero, zero
     light, opacity = sums, zero  # their drift
-    for window, (k, error) in enumerate(zip(said[1:], errors[1:], strict=True), start=1):
-        w, own = trust(error, least), layout.inside(parts[k])
+    for window, (k, error) in enumerate(zip(sources[1:], errors[1:], strict=True), start=1):
+        w, own = window_weight(error, least), layout.inside(parts[k])
         if window > UNMOVED:
             light, opacity = np.zeros_like(sums), zero
         elif k == window and (window == UNMOVED or has_more_frames(window, frames)):

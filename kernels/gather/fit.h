@@ -110,7 +110,7 @@ STAGE real own_samples(pixel_t p) { return p.missing ? SPLAT(0.0) : SPLAT(1.0); 
 
 // Share of its samples that a reactive pixel gives up for the current one. The latest samples already judge each
 // temporal window, so there a pixel of medium reactivity gives up little.
-STAGE real distrust(real reactivity)
+STAGE real reactive_loss(real reactivity)
 {
     const real square = reactivity * reactivity;
     return ILLUMINATION == ILLUMINATION_WINDOW ? square * square : reactivity;
@@ -132,7 +132,7 @@ STAGE resolved resolve_gathered(sample_sums g, sample_sums far, layers_t l, pixe
     // A mean leaves out the current sample and gets a share relative to it; a fit includes it.
     real share = GATHER_FIT == GATHER_FIT_MEAN ? g.weight / (luminance_weight(current, settings) + g.weight) : one;
     if (REACTIVE)
-        share *= one - distrust(p.reactivity);
+        share *= one - reactive_loss(p.reactivity);
     const colour mixed = plus_scaled(current, share, plus(minus(past, current), r.change));
     colour chosen = choose_colour(any, mixed, disoccluded_colour(current, p.stats.mean, settings));
     if ((FILTER_USE == FILTER_USE_FEW_SAMPLES) & (CURRENT_FILTER != CURRENT_FILTER_NONE)) {

@@ -73,7 +73,7 @@ STAGE resolved resolve_unmoved(sample_sums* sums, plane_in ring, frame_records p
     return out;
 }
 
-STAGE mask in_place(motion_t m) { return (m.u == SPLAT(0.0)) & (m.v == SPLAT(0.0)); }
+STAGE mask at_rest(motion_t m) { return (m.u == SPLAT(0.0)) & (m.v == SPLAT(0.0)); }
 
 // Returns a window, or, `where` the recursive resolve holds more samples, its history, which contains all frames
 // before.
@@ -102,15 +102,15 @@ STAGE int frames_before(frame_records past, int standing)
     return before;
 }
 
-// True where all of the past is doubtful: the camera and the surface were at rest for `before` frames, but the
+// True where the tests have refuted the history: the camera and the surface were at rest for `before` frames, but the
 // recursive resolve holds too few of their samples. A reactive mask marks such pixels by itself.
-STAGE mask past_is_doubtful(motion_t m, pixel_t p, plane_in recursive_count, int before, uint at)
+STAGE mask history_is_refuted(motion_t m, pixel_t p, plane_in recursive_count, int before, uint at)
 {
-    if (K(before) < K(DOUBTFUL_SAMPLES))
+    if (K(before) < K(REFUTED_SAMPLES))
         return (mask)(0);
-    const mask few = load(recursive_count + at) < SPLAT(DOUBTFUL_SAMPLES);
-    const mask doubtful = in_place(m) & few & (p.most_reactive <= SPLAT(0.0));
-    return p.missing ? (mask)(0) : doubtful;
+    const mask few = load(recursive_count + at) < SPLAT(REFUTED_SAMPLES);
+    const mask refuted = at_rest(m) & few & (p.most_reactive <= SPLAT(0.0));
+    return p.missing ? (mask)(0) : refuted;
 }
 
 // Error of the filtered sample as a window: the distance of the pixel's own sample from the others in the filter, as if
@@ -127,7 +127,7 @@ STAGE real present_error(sample_sums g, pixel_t p, mask valid, frame_t frame, se
     const colour d = weighted_difference(p.filtered, p.own, settings);
     const real error
         = K(PRESENT_PENALTY) * ((own_samples(p) + g.recent_count) * quotient(inner(d, d), others * others));
-    return (valid & (others > SPLAT(LEAST_BESIDE))) ? error : SPLAT(DOMAIN_LIMIT);
+    return (valid & (others > SPLAT(LEAST_NEIGHBOUR_SHARE))) ? error : SPLAT(DOMAIN_LIMIT);
 }
 
 STAGE int has_more_frames(int window, int frames)
@@ -137,7 +137,7 @@ STAGE int has_more_frames(int window, int frames)
 
 // 1 if a window equals the one before it, and is not stored: it has no more frames, or it is UNMOVED and the camera has
 // been at rest for too few frames to contradict it. Beside a recursive resolve both may hold its history.
-STAGE int repeats(int window, int frames, int standing)
+STAGE int repeats_previous(int window, int frames, int standing)
 {
     const int longer = RECURSION == RECURSION_STANDING ? ALL_FRAMES : PRESENT;
     if (window >= longer)
@@ -158,7 +158,8 @@ STAGE void store_window(plane_out windows, int window, resolved r, real error, i
 
 // Where most of the latest samples are unlike, replaces the shorter windows by that of all frames: they hold next to
 // nothing of a surface that a veil has just covered or disoccluded.
-STAGE void stand_in(plane_out windows, sample_sums latest, resolved all, real error, int x, int y, frame_t frame)
+STAGE void replace_unlike_windows(
+    plane_out windows, sample_sums latest, resolved all, real error, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);
     const mask unlike = latest.unlike > latest.recent_count;

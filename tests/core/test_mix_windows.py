@@ -9,7 +9,7 @@ from cltaa.core.build import FRAME_DTYPE, Build, Steps, settings_record
 from cltaa.core.constants import WINDOW_REACH
 from cltaa.core.parameters import Settings
 from cltaa.core.planes import Layout
-from cltaa.reference.gather_window import drift_of, mix_windows, shared_weights, t_of, trust
+from cltaa.reference.gather_window import drift_of, mix_windows, shared_weights, students_t_of_drift, window_weight
 from tests.kernels.hard_planes import padded
 
 WIDTH, HEIGHT = 40, 30
@@ -23,7 +23,7 @@ def test_the_drift_is_students_t() -> None:
     now = (then + random.normal(0.01, 0.03, then.shape)).astype(np.float32)
     was, there = (padded(values, layout)[0] for values in (then, now))
     drift = drift_of(was, there, np.full_like(was, 0.25), layout)
-    mean, t = drift.mean, t_of(drift)
+    mean, t = drift.mean, students_t_of_drift(drift)
     side, inside = 2 * WINDOW_REACH + 1, np.s_[WINDOW_REACH:-WINDOW_REACH, WINDOW_REACH:-WINDOW_REACH]
     windows = np.lib.stride_tricks.sliding_window_view(now[0].astype(np.float64) - then[0], (side, side))
     expected = windows.mean((-1, -2))
@@ -73,10 +73,10 @@ def test_a_highlight_that_appears_is_no_drift_of_the_light_around_it() -> None:
         drift = drift_of(was, there, weights, layout)
         beside = np.s_[10:12, WINDOW_REACH:-WINDOW_REACH]
         assert (drift.mean[beside] < 2).all()
-        assert (t_of(drift)[beside] < 0.1).all()
+        assert (students_t_of_drift(drift)[beside] < 0.1).all()
 
 
-def test_trust_falls_with_the_error_and_never_to_nothing() -> None:
+def test_window_weight_falls_with_the_error_and_never_to_nothing() -> None:
     error = np.array([1.0, 1.1, 2.0, 1e30], np.float32)
-    assert np.allclose(trust(error, error[:1]), [1.0, 1.1**-16, 2.0**-16, 2.0**-96], rtol=1e-5)
-    assert trust(np.zeros(1, np.float32), np.zeros(1, np.float32)) == 1.0
+    assert np.allclose(window_weight(error, error[:1]), [1.0, 1.1**-16, 2.0**-16, 2.0**-96], rtol=1e-5)
+    assert window_weight(np.zeros(1, np.float32), np.zeros(1, np.float32)) == 1.0
