@@ -169,10 +169,10 @@ def gather_sample(
     counted = np.where(good, share, zero)
     if build.steps.reactive and build.choices.illumination is Illumination.WINDOW:
         r = share_in_domain(texel_at(v.planes[ring_reactive(build.steps)], f, zero.dtype), 0.0)
-        alike = reactivity_weight(r, now)
+        weight = reactivity_weight(r, now)
         if v.recent:
-            g.unlike = g.unlike + counted * (np.ones_like(alike) - alike)
-        counted = counted * alike
+            g.unlike = g.unlike + counted * (np.ones_like(weight) - weight)
+        counted = counted * weight
     w = counted * luminance_weight(c, build, settings)
     g.add(c - current, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near, fit)
     g.count = g.count + counted

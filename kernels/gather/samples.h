@@ -161,10 +161,10 @@ STAGE void gather_sample(sample_sums* g, view_t v, int right, int down, pixel_t 
     const colour d = minus(c, now.own);
     real counted = good ? share : zero;
     if (REACTIVE & (ILLUMINATION == ILLUMINATION_WINDOW)) {
-        const real alike
+        const real weight
             = reactivity_weight(share_in_domain(texel_at(p + RING_REACTIVE * plane, v.f, stride), zero), now);
-        g->unlike += v.recent ? counted * (SPLAT(1.0) - alike) : zero;
-        counted *= alike;
+        g->unlike += v.recent ? counted * (SPLAT(1.0) - weight) : zero;
+        counted *= weight;
     }
     const real w = counted * luminance_weight(c, settings);
     add_sample(g, d, w, good ? dx : zero, good ? dy : zero, far_only ? !near : near);

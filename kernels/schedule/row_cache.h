@@ -52,7 +52,7 @@ STAGE int same_motion_as_above(const row_cache* cache, real u, real v)
 STAGE footprint footprint_below(const row_cache* cache, uint own, int stride)
 {
     const whole none = (whole)(0), dx = (whole)(cache->dx), dy = (whole)(cache->dy);
-    return (footprint) { dx, dy, cache->fx, cache->fy, none, none, own, cache->at + (uint)stride, LANES_ALIKE };
+    return (footprint) { dx, dy, cache->fx, cache->fy, none, none, own, cache->at + (uint)stride, LANES_UNIFORM };
 }
 
 // 1 if the segment of footprint f and motion (u, v) moves as the one above it. The next one is compared with it.
@@ -60,11 +60,11 @@ STAGE int continues_row_cache(row_cache* cache, footprint f, real u, real v, int
 {
     const uint next = cache->at + (uint)stride;
     cache->at = f.at;
-    cache->u = f.lanes == LANES_ALIKE ? u : SPLAT(DOMAIN_LIMIT);
+    cache->u = f.lanes == LANES_UNIFORM ? u : SPLAT(DOMAIN_LIMIT);
     cache->v = v;
     cache->dx = first_lane(f.dx);
     cache->dy = first_lane(f.dy);
-    if (f.lanes == LANES_ALIKE && f.at == next && !any_of((f.fx != cache->fx) | (f.fy != cache->fy)))
+    if (f.lanes == LANES_UNIFORM && f.at == next && !any_of((f.fx != cache->fx) | (f.fy != cache->fy)))
         return 1;
     cache->fx = f.fx;
     cache->fy = f.fy;
@@ -85,9 +85,9 @@ STAGE taps load_taps(history_in p)
 
 STAGE column_sums fill_plane(history_in p, uint at, weights wx, weights wy, int stride)
 {
-    const real r0 = row_alike(ROW_BELOW(p, at, -1, stride), wx).middle,
-               r1 = row_alike(ROW_BELOW(p, at, 0, stride), wx).middle,
-               r2 = row_alike(ROW_BELOW(p, at, 1, stride), wx).middle;
+    const real r0 = row_uniform(ROW_BELOW(p, at, -1, stride), wx).middle,
+               r1 = row_uniform(ROW_BELOW(p, at, 0, stride), wx).middle,
+               r2 = row_uniform(ROW_BELOW(p, at, 1, stride), wx).middle;
     return (column_sums) { (r1 + wy.w0 * (r1 - r0)) + wy.w2 * (r2 - r1), r2 + wy.w0 * (r2 - r1), r2 };
 }
 

@@ -13,13 +13,14 @@ typedef struct
 } history_t;
 
 // Loads the texel at the footprint's integer position. p points into the red plane, offset to the tap.
-STAGE colour load_colour_apart(history_in p, footprint f, size_t plane, int stride)
+STAGE colour load_colour_lanes(history_in p, footprint f, size_t plane, int stride)
 {
     if (LANES == 1)
         return load_history_colour(p + f.at, plane);
-    const whole steps = steps_apart(f.dx, f.dy, stride);
+    const whole offsets = lane_offsets(f.dx, f.dy, stride);
     history_in q = p + f.own;
-    return (colour) { history_apart(q, steps), history_apart(q + plane, steps), history_apart(q + 2 * plane, steps) };
+    return (colour) { load_history_lanes(q, offsets), load_history_lanes(q + plane, offsets),
+        load_history_lanes(q + 2 * plane, offsets) };
 }
 
 STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, size_t plane, int stride)
@@ -45,7 +46,7 @@ STAGE colour sample_in_range(history_in p, footprint f, weights wx, weights wy, 
         NO_UNROLL
         for (int i = CROSS ? 0 : 1; i < (CROSS ? 6 : 5); ++i) {
             history_in q = p + (j - 2) * (ptrdiff_t)stride + (i - 2);
-            const colour c = history_in_range(load_colour_apart(q, f, plane, stride), frame);
+            const colour c = history_in_range(load_colour_lanes(q, f, plane, stride), frame);
             tap[0][i] = c.r, tap[1][i] = c.g, tap[2][i] = c.b;
         }
         for (int k = 0; k < 3; ++k)
@@ -83,27 +84,28 @@ STAGE sampled sample_planes(history_in history, plane_in previous_inverse_depth,
     return v;
 }
 
-// Returns the footprint of a segment of displacement m. With a row cache, sets *alike if it moves as the one above it.
-STAGE footprint find_footprint(motion_t m, mask valid, uint at, frame_t frame, row_cache* cache, int* alike)
+// Returns the footprint of a segment of displacement m. With a row cache, sets *as_above if it moves as the one above
+// it.
+STAGE footprint find_footprint(motion_t m, mask valid, uint at, frame_t frame, row_cache* cache, int* as_above)
 {
-    *alike = 0;
+    *as_above = 0;
     if (!(CAMERA_MOTION || OWN_MOTION))
-        return own_texel(at);
+        return footprint_at_rest(at);
     if (!ROW_CACHE | (LANES == 1))
         return footprint_of(m, valid, at, frame);
     const real u = valid ? m.u : SPLAT(0.0), v = valid ? m.v : SPLAT(0.0);
     if (same_motion_as_above(cache, u, v)) {
         const footprint f = footprint_below(cache, at, row_stride(frame));
         cache->at = f.at;
-        *alike = 1;
+        *as_above = 1;
         return f;
     }
     const footprint f = footprint_of(m, valid, at, frame);
-    *alike = continues_row_cache(cache, f, u, v, row_stride(frame));
+    *as_above = continues_row_cache(cache, f, u, v, row_stride(frame));
     return f;
 }
 
-STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_inverse_depth, footprint f, int alike,
+STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_inverse_depth, footprint f, int as_above,
     frame_t frame, settings_t settings, row_cache* cache)
 {
     const size_t plane = history_plane_size(frame);
@@ -116,10 +118,10 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_in
         return sample_planes(
             history, previous_inverse_depth, f, cache->wx, cache->wy, rgb, counted, count_limit, frame);
     }
-    if (ROW_CACHE && alike) {
+    if (ROW_CACHE && as_above) {
         f.fx = cache->fx;
         f.fy = cache->fy;
-        f.lanes = LANES_ALIKE;
+        f.lanes = LANES_UNIFORM;
         const colour rgb = sample_cached_colour(cache, history, f.at, plane, row_stride(frame), settings);
         const real counted = sample_count(count, f, row_stride(frame));
         return sample_planes(
@@ -193,9 +195,9 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int has_missing
         fetch_history(history, count, previous_inverse_depth, at, frame);
     const motion_t seen = motion_to_edge(m, LANE_INDEX + K(x), SPLAT(y), frame);
     const mask shown = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
-    int alike;
-    const footprint f = find_footprint(seen, shown, at, frame, cache, &alike);
-    const sampled v = sample_at(history, count, previous_inverse_depth, f, alike, frame, settings, cache);
+    int as_above;
+    const footprint f = find_footprint(seen, shown, at, frame, cache, &as_above);
+    const sampled v = sample_at(history, count, previous_inverse_depth, f, as_above, frame, settings, cache);
     history_t h = v.h;
     h.valid = shown & !colour_outside_domain(h.rgb);
     const occlusion o = find_occlusion(previous_inverse_depth, v.inverse_depth, f, s, m, x, y, frame, settings);

@@ -25,7 +25,7 @@ STAGE footprint nearest_texels(footprint f, int stride)
     }
     f.dx += right ? (whole)(1) : (whole)(0);
     f.dy += down ? (whole)(1) : (whole)(0);
-    return lying(f, stride);
+    return classify_lanes(f, stride);
 }
 
 // Three texels of the history side by side.
@@ -43,7 +43,7 @@ STAGE texel_row texels_of(const real v[9])
 // Loads the row j below the nearest texels n, with left and right neighbours.
 STAGE texel_row nearest_row(history_in p, footprint n, int j, size_t plane, int stride)
 {
-    if (LANES > 1 && n.lanes == LANES_CLOSE) {
+    if (LANES > 1 && n.lanes == LANES_ADJACENT) {
         const mask right = n.step_x != 0, down = n.step_y != 0;
         real line[9];
         NO_UNROLL
@@ -60,13 +60,13 @@ STAGE texel_row nearest_row(history_in p, footprint n, int j, size_t plane, int 
         }
         return texels_of(line);
     }
-    if (LANES > 1 && n.lanes == LANES_APART) {
-        const whole steps = steps_apart(n.dx, n.dy, stride);
+    if (LANES > 1 && n.lanes == LANES_SCATTERED) {
+        const whole offsets = lane_offsets(n.dx, n.dy, stride);
         history_in q = p + n.own + j * (ptrdiff_t)stride;
         real line[9];
         NO_UNROLL
         for (int i = 0; i < 9; ++i)
-            line[i] = history_apart(q + (size_t)(i % 3) * plane + (i / 3 - 1), steps);
+            line[i] = load_history_lanes(q + (size_t)(i % 3) * plane + (i / 3 - 1), offsets);
         return texels_of(line);
     }
     history_in q = ROW_BELOW(p, n.at, j, stride);
@@ -195,13 +195,13 @@ STAGE illumination_result illumination_test(real held, real threshold, plane_in 
     illumination_cache* cache)
 {
     const footprint n = nearest_texels(f, row_stride(frame));
-    const int alike = (LANES == 1) | (n.lanes == LANES_ALIKE);
-    if (!alike | (n.at != cache->nearest))
+    const int uniform_lanes = (LANES == 1) | (n.lanes == LANES_UNIFORM);
+    if (!uniform_lanes | (n.at != cache->nearest))
         cache->row = illumination_above(current, history, n, x, y, frame);
     const illumination_row centre = cache->row;
     const illumination_row below = illumination_below(centre, illumination_of_row(next, history, n, 1, frame));
     cache->row = below;
-    cache->nearest = alike ? n.at + (uint)row_stride(frame) : 0;
+    cache->nearest = uniform_lanes ? n.at + (uint)row_stride(frame) : 0;
     const real level = centre.levels + below.level;
     const real least = K(settings.illumination_floor) * (level * K(ONE_THIRD)) + K(BOX_A * TINY);
     const boxed up = centre.step, down = below.step; // the step to the row above is -up, to the bit
