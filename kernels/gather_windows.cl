@@ -5,15 +5,15 @@
 #include "schedule/window.h"
 
 __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, plane_in motion, plane_in alpha,
-    plane_in reactive, plane_in ring, frame_records past, const int frames, const int standing, history_in recursive,
-    plane_in recursive_count, plane_out windows, const frame_t frame, const settings_t settings)
+    plane_in reactive, plane_in ring, frame_records past, const int frames, const int static_frames,
+    history_in recursive, plane_in recursive_count, plane_out windows, const frame_t frame, const settings_t settings)
 {
     const column_t column = own_column(frame);
     if (is_empty(column, frame))
         return;
     const int x = column.x;
     window_t rows = open_window(current, inverse_depth, motion, column, frame);
-    const int before = frames_before(past, standing);
+    const int before = frames_before(past, static_frames);
     for (int y = column.first; y < column.end; ++y) {
         // Read: the 3x3 around the pixel, its statistics, and the pixel's own sample.
         slide_window(&rows, current, inverse_depth, motion, x, y, frame);
@@ -45,7 +45,7 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
                 out = longer_history(out, p.most_reactive <= SPLAT(0.0), recursive, recursive_count, x, y, frame);
                 error = window_error(near.sums, p, out, settings);
             }
-            if (!repeats_previous(window, frames, standing))
+            if (!repeats_previous(window, frames, static_frames))
                 store_window(windows, window, out, error, x, y, frame);
             from = to;
         }
@@ -54,9 +54,9 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
 
         // The window without motion. It is valid where enough of the latest samples can contradict it. Where the
         // surface is at rest, a longer recursive history replaces it.
-        if (!repeats_previous(UNMOVED, frames, standing)) {
+        if (!repeats_previous(UNMOVED, frames, static_frames)) {
             sample_sums unmoved_sums;
-            resolved unmoved = resolve_unmoved(&unmoved_sums, ring, past, standing, p, x, y, frame, settings);
+            resolved unmoved = resolve_unmoved(&unmoved_sums, ring, past, static_frames, p, x, y, frame, settings);
             if (RECURSION == RECURSION_STANDING)
                 unmoved = longer_history(unmoved, at_rest(m), recursive, recursive_count, x, y, frame);
             const mask valid = unmoved_sums.recent_count >= SPLAT(SHORT_WINDOW);

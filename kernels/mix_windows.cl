@@ -2,7 +2,7 @@
 #include "gather/drift.h"
 #include "schedule/window.h"
 
-__kernel void mix_windows_kernel(plane_in windows, const int frames, const int standing, history_out output,
+__kernel void mix_windows_kernel(plane_in windows, const int frames, const int static_frames, history_out output,
     plane_out output_count, const frame_t frame, const settings_t settings)
 {
     const column_t column = own_column(frame);
@@ -12,14 +12,14 @@ __kernel void mix_windows_kernel(plane_in windows, const int frames, const int s
     const size_t plane = plane_size(frame);
     row_sums rows[SIDE];
     for (int y = column.first - WINDOW_REACH; y < column.first + WINDOW_REACH; ++y)
-        sum_row(rows, windows, x, y, frames, standing, frame, settings);
+        sum_row(rows, windows, x, y, frames, static_frames, frame, settings);
     for (int y = column.first; y < column.end; ++y) {
         // The errors of the texels around.
-        sum_row(rows, windows, x, y + WINDOW_REACH, frames, standing, frame, settings);
+        sum_row(rows, windows, x, y + WINDOW_REACH, frames, static_frames, frame, settings);
         real error[WINDOWS], least = SPLAT(0.0);
         for (int window = 0; window < WINDOWS; ++window) {
             error[window]
-                = repeats_previous(window, frames, standing) ? error[window - 1] : error_around(rows, window, y);
+                = repeats_previous(window, frames, static_frames) ? error[window - 1] : error_around(rows, window, y);
             least = window == 0 ? error[window] : lesser(least, error[window]);
         }
 
@@ -33,9 +33,9 @@ __kernel void mix_windows_kernel(plane_in windows, const int frames, const int s
         plane_in q = p;
         for (int window = 1; window < WINDOWS; ++window) {
             const real w = window_weight(error[window], least);
-            if (!repeats_previous(window, frames, standing))
+            if (!repeats_previous(window, frames, static_frames))
                 q = window_plane(p, window, 0, frame);
-            if (has_drift(window, frames, standing))
+            if (has_drift(window, frames, static_frames))
                 drift = drift_to_shortest(drift_around(rows, window, y), settings);
             if (window == PRESENT)
                 drift = (window_drift) { 0 };

@@ -251,7 +251,7 @@ class FrameRing:
             self._window_planes = planes
         return self._windows
 
-    def standing(self, frame: Frame) -> int:
+    def static_frames(self, frame: Frame) -> int:
         """How many of the nearest frames in the ring were seen by the camera of ``frame``."""
         told = self._told(frame)
         return next((place for place, past in enumerate(told) if not is_still(frame.camera, past.camera)), len(told))

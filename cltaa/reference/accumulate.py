@@ -35,11 +35,11 @@ from cltaa.reference.real import (
     NEIGHBOURS,
     Array,
     Mask,
-    beside,
     constant,
     greater,
     lesser,
     limit,
+    neighbour,
     number,
     outside_domain,
 )
@@ -232,7 +232,7 @@ def current_pixel(
     least = most = shares[1]
     if build.steps.reactive and reactive is not None and build.choices.illumination is Illumination.WINDOW:
         for step in NEIGHBOURS:
-            r = share_in_domain(beside(reactive[0], *step, layout).astype(least.dtype), 0.0)
+            r = share_in_domain(neighbour(reactive[0], *step, layout).astype(least.dtype), 0.0)
             least, most = lesser(least, r), greater(most, r)
     return Pixel(own, filtered, *shares, stats, least, most)
 
@@ -251,7 +251,7 @@ def rectified_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> 
     share = share_in_domain(plane[0].astype(past.dtype), 1.0)
     low, high = np.ones_like(past), np.zeros_like(past)
     for step in NEIGHBOURS:
-        a = beside(share, *step, layout)
+        a = neighbour(share, *step, layout)
         low, high = lesser(a, low), greater(a, high)
     return limit(past, low, high)
 

@@ -8,7 +8,7 @@ from cltaa.core.build import Build, Record
 from cltaa.core.parameters import Dilation
 from cltaa.core.planes import Layout
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
-from cltaa.reference.real import NEIGHBOURS, Array, Mask, beside, limit, number
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, limit, neighbour, number
 from cltaa.reference.reprojection import pixel_grid
 
 CORNERS = [(-2, 2), (2, 2), (-2, -2), (2, -2)]
@@ -25,12 +25,12 @@ def borrowed_surface(
     like = s.centre
 
     def inverse_depth_at(dx: int, dy: int) -> Array:
-        return inverse_depth_or_sky(beside(inverse_depth[0], dx, dy, layout).astype(like.dtype), frame)
+        return inverse_depth_or_sky(neighbour(inverse_depth[0], dx, dy, layout).astype(like.dtype), frame)
 
     def take_texel(s: Surface, where: Mask, dx: int, dy: int) -> Surface:
         u, v = s.u, s.v
         if motion is not None and build.steps.own_motion:
-            u, v = beside(motion, dx, dy, layout).astype(like.dtype)
+            u, v = neighbour(motion, dx, dy, layout).astype(like.dtype)
         return s._replace(
             inverse_depth=np.where(where, inverse_depth_at(dx, dy), s.inverse_depth),
             x=np.where(where, number(dx, like), s.x),

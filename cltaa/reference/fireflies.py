@@ -10,7 +10,7 @@ from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel
 from cltaa.reference.colour import Colour, repaired_planes, to_range
 from cltaa.reference.history import History
-from cltaa.reference.real import NEIGHBOURS, Array, beside, greater, lesser, number
+from cltaa.reference.real import NEIGHBOURS, Array, greater, lesser, neighbour, number
 
 
 def luminance_4(v: Colour) -> Array:
@@ -34,7 +34,7 @@ def without_firefly(p: Pixel, current: Array, h: History, build: Build, layout: 
     first = second = np.zeros_like(h.count)
     y = luminance_4(to_range(repaired_planes(current, layout).astype(first.dtype), build))
     for step in (step for step in NEIGHBOURS if any(step)):
-        there = beside(y, *step, layout)
+        there = neighbour(y, *step, layout)
         second = greater(second, lesser(first, there))
         first = greater(first, there)
     past = np.where(h.valid, luminance_4(h.rgb), np.zeros_like(second))

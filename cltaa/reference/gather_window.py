@@ -43,11 +43,11 @@ def has_more_frames(window: int, frames: int) -> bool:
     return window == 0 or ends[window] > ends[window - 1]
 
 
-def repeats_previous(window: int, frames: int, standing: int, build: Build) -> bool:
+def repeats_previous(window: int, frames: int, static_frames: int, build: Build) -> bool:
     """True if a window equals the one before it, and is not stored."""
     if window >= (UNMOVED - 1 if build.choices.recursion is Recursion.STANDING else UNMOVED + 1):
         return False
-    return standing < SHORT_WINDOW if window == UNMOVED else not has_more_frames(window, frames)
+    return static_frames < SHORT_WINDOW if window == UNMOVED else not has_more_frames(window, frames)
 
 
 def window_error(g: SampleSums, now: Pixel, window: Resolved, build: Build, settings: Record) -> Array:
@@ -103,7 +103,7 @@ def gather_windows(
     ring: Array,
     past: Any,
     frames: int,
-    standing: int,
+    static_frames: int,
     recursive: Array,
     recursive_count: Array,
     windows: Array,
@@ -111,7 +111,7 @@ def gather_windows(
     settings: Record,
 ) -> None:
     """Resolve one frame from each window of ``frames`` ring frames into ``windows`` [WINDOWS * WINDOW_PLANES, rows,
-    stride]; the latest ``standing`` of them share the current camera."""
+    stride]; the latest ``static_frames`` of them share the current camera."""
     gathering = Gathering.begin(build, layout, locals())
     own, planes, begun = gathering.pixel, window_planes(build.steps), 0
     count = window_count(build.choices)
@@ -122,7 +122,7 @@ def gather_windows(
         if build.choices.recursion is Recursion.STANDING and window == UNMOVED - 1:
             out = longer_history(out, own.most_reactive <= 0, recursive, recursive_count, layout)
         error = window_error(gathering.near, own, out, build, settings)
-        if not repeats_previous(window, frames, standing, build):
+        if not repeats_previous(window, frames, static_frames, build):
             _store(target[window], out, error)
         begun = end
     if build.steps.reactive:
@@ -130,8 +130,8 @@ def gather_windows(
         for window in range(UNMOVED - 1):
             _store(target[window], out, error, unlike)
     at_rest = (gathering.motion.u == 0) & (gathering.motion.v == 0)
-    if not repeats_previous(UNMOVED, frames, standing, build):
-        unmoved, sums = resolve_unmoved(gathering.slots, past[:standing], own, build, layout, settings)
+    if not repeats_previous(UNMOVED, frames, static_frames, build):
+        unmoved, sums = resolve_unmoved(gathering.slots, past[:static_frames], own, build, layout, settings)
         if build.choices.recursion is Recursion.STANDING:
             unmoved = longer_history(unmoved, at_rest, recursive, recursive_count, layout)
         valid = sums.recent_count >= number(SHORT_WINDOW, error)
@@ -140,7 +140,7 @@ def gather_windows(
         _store(target[UNMOVED], out, error)
     if build.choices.recursion is Recursion.STANDING:
         refuted = history_is_refuted(at_rest, own, layout.inside(recursive_count[0]).astype(error.dtype))
-        refuted &= frames_before(past[:standing], build) >= value("REFUTED_SAMPLES")
+        refuted &= frames_before(past[:static_frames], build) >= value("REFUTED_SAMPLES")
         if own.missing is not None:
             refuted &= ~own.missing
         filtered = storable(from_range(own.filtered, build), own.own, build)
@@ -297,18 +297,18 @@ def mix_windows(
     *,
     windows: Array,
     frames: int,
-    standing: int,
+    static_frames: int,
     output: Array,
     output_count: Array,
     frame: Record,
     settings: Record,
 ) -> None:
     """Mix each pixel from the windows of its past, padded planes [WINDOWS * WINDOW_PLANES, rows, stride], of a ring of
-    ``frames``, of which the latest ``standing`` share the current camera."""
+    ``frames``, of which the latest ``static_frames`` share the current camera."""
     real: Any = real_type(build)
     shape = window_count(build.choices), window_planes(build.steps)
     parts = windows[: shape[0] * shape[1]].astype(real).reshape(*shape, layout.rows, layout.stride)
-    stored = [window for window in range(len(parts)) if not repeats_previous(window, frames, standing, build)]
+    stored = [window for window in range(len(parts)) if not repeats_previous(window, frames, static_frames, build)]
     sources = [max(k for k in stored if k <= window) for window in range(len(parts))]
     errors = [sum_around(parts[k][3], layout) for k in sources]
     least: Array = errors[0]

@@ -21,7 +21,7 @@ from cltaa.reference.colour import (
     to_range,
 )
 from cltaa.reference.neighbourhood import spread_of_three
-from cltaa.reference.real import NEIGHBOURS, Array, beside, constant, greater, lesser, limit, number
+from cltaa.reference.real import NEIGHBOURS, Array, constant, greater, lesser, limit, neighbour, number
 from cltaa.reference.sampling import Footprint
 
 
@@ -111,7 +111,7 @@ def illumination_test(
     )
 
     def difference(i: int, j: int) -> tuple[Colour, Array]:
-        now = to_boxed(to_range(beside(colour, i, j, layout), build), build)
+        now = to_boxed(to_range(neighbour(colour, i, j, layout), build), build)
         past = history[:3, row + j, column + i].astype(real)
         return illumination_difference(now, past, build, frame), np.abs(now[0])
 
@@ -143,4 +143,4 @@ def illumination_test(
 def _rendered(current: Array, layout: Layout, zero: Array) -> Array:
     """Number of usable texels in the 3x3 of each pixel, with the image's edge repeated."""
     usable = ~colour_outside_domain(current[:3])
-    return zero + sum(beside(usable, *step, layout) for step in NEIGHBOURS)
+    return zero + sum(neighbour(usable, *step, layout) for step in NEIGHBOURS)

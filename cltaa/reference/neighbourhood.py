@@ -11,7 +11,7 @@ from cltaa.core.build import Build, Record
 from cltaa.core.parameters import Box, BoxSpace, CurrentFilter, Dilation, Neighbourhood, Variance
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, from_box_space, in_units, luminance, to_box_space, to_boxed, to_range
-from cltaa.reference.real import Array, Mask, beside, constant, greater, lesser, limit, number, outside_domain
+from cltaa.reference.real import Array, Mask, constant, greater, lesser, limit, neighbour, number, outside_domain
 
 
 class Moments(NamedTuple):
@@ -200,7 +200,7 @@ def read_row(
     """Rows y + ``dy`` of repaired colour planes, inverse depth [1, rows, stride] and motion [2, rows, stride]."""
 
     def window(planes: Array, dx: int) -> Array:
-        return beside(planes, dx, dy, layout)
+        return neighbour(planes, dx, dy, layout)
 
     left, centre, right = [to_range(window(colour, dx), build) for dx in (-1, 0, 1)]
     texels = to_boxed(left, build), to_boxed(centre, build), to_boxed(right, build)

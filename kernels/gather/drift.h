@@ -75,10 +75,10 @@ STAGE real error_of_row(plane_in window, frame_t frame)
 
 // 1 if a window's drift of light is computed. The window of the current frame has no past, and one with no more frames
 // of the ring than the one before has the same drift.
-STAGE int has_drift(int window, int frames, int standing)
+STAGE int has_drift(int window, int frames, int static_frames)
 {
     if (window == UNMOVED)
-        return !repeats_previous(window, frames, standing);
+        return !repeats_previous(window, frames, static_frames);
     return window > 0 && window < UNMOVED && has_more_frames(window, frames);
 }
 
@@ -93,18 +93,18 @@ typedef struct
 STAGE int row_slot(int y) { return (y + WINDOW_REACH) % SIDE; }
 
 STAGE void sum_row(
-    row_sums* rows, plane_in windows, int x, int y, int frames, int standing, frame_t frame, settings_t settings)
+    row_sums* rows, plane_in windows, int x, int y, int frames, int static_frames, frame_t frame, settings_t settings)
 {
     row_sums* sums = &rows[row_slot(y)];
     const uint at = texel_offset(frame, x, y);
     const shortest_row row = row_of_shortest(windows + at, frame, settings);
     for (int window = 0; window < WINDOWS; ++window) {
         plane_in planes = window_plane(windows, window, 0, frame);
-        if (!repeats_previous(window, frames, standing)) {
-            fetch_planes(planes, WINDOW_PLANES, at, frame);
+        if (!repeats_previous(window, frames, static_frames)) {
+            prefetch_planes(planes, WINDOW_PLANES, at, frame);
             sums->error[window] = error_of_row(planes + at, frame);
         }
-        if (has_drift(window, frames, standing))
+        if (has_drift(window, frames, static_frames))
             sums->drift[window - 1] = drift_of_row(planes + at, &row, frame, settings);
     }
 }

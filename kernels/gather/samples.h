@@ -289,7 +289,7 @@ STAGE void gather_samples(path_t* path, plane_in ring, frame_records past, int f
         v.reach = reach;
         v.recent = k < recent;
         v.static_ahead = ahead ? !t.own : t.own & !t.own;
-        fetch_planes(v.planes, RING_PLANES, v.f.at, frame);
+        prefetch_planes(v.planes, RING_PLANES, v.f.at, frame);
         const neighbours_t near = neighbours_within(v);
         for (int down = near.top; down <= near.bottom; ++down)
             for (int right = near.left; right <= near.right; ++right)

@@ -93,11 +93,11 @@ STAGE resolved longer_history(
     return out;
 }
 
-// Number of earlier frames among the nearest `standing` frames in the ring.
-STAGE int frames_before(frame_records past, int standing)
+// Number of earlier frames among the nearest `static_frames` frames in the ring.
+STAGE int frames_before(frame_records past, int static_frames)
 {
-    int before = standing;
-    for (int k = 0; LOOK_AHEAD && k < standing; ++k)
+    int before = static_frames;
+    for (int k = 0; LOOK_AHEAD && k < static_frames; ++k)
         before -= past[k].ahead > 0 ? 1 : 0;
     return before;
 }
@@ -137,12 +137,12 @@ STAGE int has_more_frames(int window, int frames)
 
 // 1 if a window equals the one before it, and is not stored: it has no more frames, or it is UNMOVED and the camera has
 // been at rest for too few frames to contradict it. Beside a recursive resolve both may hold its history.
-STAGE int repeats_previous(int window, int frames, int standing)
+STAGE int repeats_previous(int window, int frames, int static_frames)
 {
     const int longer = RECURSION == RECURSION_STANDING ? ALL_FRAMES : PRESENT;
     if (window >= longer)
         return 0;
-    return window == UNMOVED ? standing < SHORT_WINDOW : !has_more_frames(window, frames);
+    return window == UNMOVED ? static_frames < SHORT_WINDOW : !has_more_frames(window, frames);
 }
 
 STAGE void store_window(plane_out windows, int window, resolved r, real error, int x, int y, frame_t frame)

@@ -54,7 +54,7 @@ STAGE floats half_storable(floats v)
 }
 
 // Hashes a number to 32 bits (the integer hash "lowbias32", Wellons 2018).
-STAGE words spread_bits(words v)
+STAGE words hash_bits(words v)
 {
     v = (v ^ (v >> 16)) * (words)(0x7feb352du);
     v = (v ^ (v >> 15)) * (words)(0x846ca68bu);
@@ -65,8 +65,8 @@ STAGE words spread_bits(words v)
 // share it, so that greys stay grey.
 STAGE floats storage_dither(int x, int y, frame_t frame)
 {
-    const words row = spread_bits((words)((uint)y) + spread_bits((words)((uint)frame.number)));
-    const words bits = spread_bits((TO_WORDS(LANE_INDEX) + (words)((uint)x)) ^ row);
+    const words row = hash_bits((words)((uint)y) + hash_bits((words)((uint)frame.number)));
+    const words bits = hash_bits((TO_WORDS(LANE_INDEX) + (words)((uint)x)) ^ row);
     return TO_FLOATS(bits >> 8) * (floats)((float)DITHER_STEP);
 }
 

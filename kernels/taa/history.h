@@ -110,7 +110,7 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_in
 {
     const size_t plane = history_plane_size(frame);
     if (LANES == 1)
-        fetch_history(history, count, previous_inverse_depth, f.at, frame);
+        prefetch_history(history, count, previous_inverse_depth, f.at, frame);
     if (ROW_CACHE & (LANES == 1)) {
         real counted;
         const colour rgb = slide_history(cache, history, count, f, plane, row_stride(frame), &counted);
@@ -192,7 +192,7 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int has_missing
 {
     const uint at = history_offset(frame, x, y);
     if (LANES > 1) // not with the frame's: all at once exceed the loads a core can have in flight
-        fetch_history(history, count, previous_inverse_depth, at, frame);
+        prefetch_history(history, count, previous_inverse_depth, at, frame);
     const motion_t seen = motion_to_edge(m, LANE_INDEX + K(x), SPLAT(y), frame);
     const mask shown = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
     int as_above;

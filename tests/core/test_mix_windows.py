@@ -47,7 +47,7 @@ def mixed(errors: tuple[float, float, float, float]) -> float:
     frame["width"], frame["height"] = WIDTH, HEIGHT
     settings = settings_record(Settings())
     planes = {"windows": windows, "output": output, "output_count": count}
-    mix_windows(build, layout, frames=48, standing=48, frame=frame, settings=settings, **planes)
+    mix_windows(build, layout, frames=48, static_frames=48, frame=frame, settings=settings, **planes)
     return float(layout.inside(output)[0, HEIGHT // 2, WIDTH // 2])
 
 

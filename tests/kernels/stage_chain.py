@@ -195,7 +195,7 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     the frames in the ring only the planes that its steps read are there.
     """
     given: dict[str, Any] = {"frame": work.frame, "settings": work.settings, **work.planes}
-    given |= {"past": work.past, "frames": len(work.past), "standing": len(work.past)}
+    given |= {"past": work.past, "frames": len(work.past), "static_frames": len(work.past)}
     if len(work.past):
         given |= {"recursive": work.planes["history"], "recursive_count": work.planes["history_count"]}
         given["ring"] = ring_of(build.steps, work)
