@@ -42,7 +42,9 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "LEAST_NEIGHBOUR_SHARE": Constant(
         0.25, "share of the filter that lies beside its centre; of less, neighbours tell little"
     ),
-    "PASSES": Constant(0.25, "pixels against a surface by which what was before it has passed, jitter apart: measured"),
+    "LEAST_PARALLAX": Constant(
+        0.25, "pixels against a surface by which what was before it has passed, jitter apart: measured"
+    ),
     "ADDED_EXTENT": Constant(1e-8, "added to half extents that the popular clip divides by: Playdead's and Bevy's"),
     "STATIC_MOTION": Constant(0.01, "pixels of motion along an axis below which a pixel is static (standing): Bevy's"),
     "STANDING_GAIN": Constant(10.0, "by which the count of a pixel that stands grows a frame (standing): Bevy's"),

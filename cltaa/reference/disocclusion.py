@@ -73,7 +73,7 @@ def parallax_of(other: Array, s: Surface, m: Motion, build: Build, layout: Layou
 
 def has_parallax(other: Array, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
     """True where that parallax is large enough for one to have passed the other."""
-    moved: Mask = parallax_of(other, s, m, build, layout, frame) >= constant("PASSES", m.u)
+    moved: Mask = parallax_of(other, s, m, build, layout, frame) >= constant("LEAST_PARALLAX", m.u)
     return moved
 
 
@@ -109,7 +109,7 @@ def edge_count_limit(
     moved the background past it."""
     middle = middle_inverse_depth(s, m)
     edge = has_edge(s, settings["edge_tolerance"]) & any_nearer(previous, middle) & any_nearer(corners, middle)
-    parallax, least = parallax_of(s.farthest, s, m, build, layout, frame), constant("PASSES", m.u)
+    parallax, least = parallax_of(s.farthest, s, m, build, layout, frame), constant("LEAST_PARALLAX", m.u)
     count_limit = number(settings["edge_samples"], m.u) / limit(parallax, least, number(1, m.u))
     return np.where(edge & (parallax >= least), count_limit, constant("DOMAIN_LIMIT", m.u))
 

@@ -241,12 +241,12 @@ typedef struct
 STAGE path_t begin_path(surface s, layers_t l, int far, pixel_t p, plane_in current, plane_in inverse_depth,
     plane_in motion, int x, int y, frame_t frame, settings_t settings)
 {
-    path_t path = { { s, l }, first_step(s), first_step_ahead(s), begin_layer(s, l, far, p, frame, settings), far };
+    path_t path = { { s, l }, begin_track(s), begin_track_ahead(s), begin_layer(s, l, far, p, frame, settings), far };
     if (!has_edges(l))
         return path;
     path.side = side_of(s, l, far, p.own, current, inverse_depth, motion, x, y, frame, settings);
-    path.track = first_step(path.side.s);
-    path.ahead = first_step_ahead(path.side.s);
+    path.track = begin_track(path.side.s);
+    path.ahead = begin_track_ahead(path.side.s);
     if (far)
         add_side(&path.sums, path.side, p.own, settings);
     return path;

@@ -23,7 +23,7 @@ typedef struct
 STAGE mask no_motion_vector(real u, real v) { return outside_domain(u) | outside_domain(v); }
 
 // Starts the track of surface s with its motion vector to the previous frame.
-STAGE track_t first_step(surface s)
+STAGE track_t begin_track(surface s)
 {
     const real zero = SPLAT(0.0);
     track_t t = { s.x != s.x, s.x != s.x, s.u, s.v, zero, zero, zero };
@@ -33,9 +33,9 @@ STAGE track_t first_step(surface s)
 }
 
 // Starts the track ahead at the surface itself; its first step is expected to equal the step that led to the surface.
-STAGE track_t first_step_ahead(surface s)
+STAGE track_t begin_track_ahead(surface s)
 {
-    track_t t = first_step(s);
+    track_t t = begin_track(s);
     t.u = t.v = SPLAT(0.0);
     t.step_x = -s.u, t.step_y = -s.v;
     return t;

@@ -78,7 +78,7 @@ STAGE real parallax_of(real other, surface s, motion_t m, real x, real y, frame_
 // True where that parallax is large enough for one to have passed the other.
 STAGE mask has_parallax(real other, surface s, motion_t m, real x, real y, frame_t frame)
 {
-    return parallax_of(other, s, m, x, y, frame) >= SPLAT(PASSES);
+    return parallax_of(other, s, m, x, y, frame) >= SPLAT(LEAST_PARALLAX);
 }
 
 // True where the nearest texel around the history position is nearer than the surface and has moved against it since,
@@ -118,8 +118,8 @@ STAGE real edge_count_limit(
     if (LANES > 1 && !any_of(edge))
         return any;
     const real parallax = parallax_of(s.farthest, s, m, x, y, frame);
-    const real count_limit = quotient(SPLAT(settings.edge_samples), limit(parallax, SPLAT(PASSES), SPLAT(1.0)));
-    return (edge & (parallax >= SPLAT(PASSES))) ? count_limit : any;
+    const real count_limit = quotient(SPLAT(settings.edge_samples), limit(parallax, SPLAT(LEAST_PARALLAX), SPLAT(1.0)));
+    return (edge & (parallax >= SPLAT(LEAST_PARALLAX))) ? count_limit : any;
 }
 
 // True where an occluder nearer than `high` hid the surface: it covered more than covered_share of the footprint, by
