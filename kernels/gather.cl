@@ -23,8 +23,8 @@ __kernel void gather_kernel(plane_in current, plane_in inverse_depth, plane_in m
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
         layers_t l = layers_of(rows.above, rows.centre, rows.below, s, settings);
         find_subpixel_feature(&s, &l, ring, past, frames, x, y, frame, settings);
-        way_t near = begin_way(s, l, NEARER, p, current, inverse_depth, motion, x, y, frame, settings);
-        way_t far = begin_way(s, l, FARTHER, p, current, inverse_depth, motion, x, y, frame, settings);
+        path_t near = begin_path(s, l, NEARER, p, current, inverse_depth, motion, x, y, frame, settings);
+        path_t far = begin_path(s, l, FARTHER, p, current, inverse_depth, motion, x, y, frame, settings);
 
         // Sample the history: follow each surface back through the frame ring, and sum up the samples on it.
         gather_samples(&near, ring, past, 0, frames, 0, p, x, y, frame, settings);

@@ -1,19 +1,19 @@
 // As gather.cl, but where light may change: resolves the pixel from several windows of its past, with the error of
-// each. weigh_windows.cl mixes the windows.
+// each. mix_windows.cl mixes the windows.
 #include "gather/subpixel.h"
 #include "gather/window.h"
 #include "schedule/window.h"
 
 __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, plane_in motion, plane_in alpha,
-    plane_in reactive, plane_in ring, frame_records past, const int frames, const int standing, history_in recursive,
-    plane_in recursive_count, plane_out windows, const frame_t frame, const settings_t settings)
+    plane_in reactive, plane_in ring, frame_records past, const int frames, const int static_frames,
+    history_in recursive, plane_in recursive_count, plane_out windows, const frame_t frame, const settings_t settings)
 {
     const column_t column = own_column(frame);
     if (is_empty(column, frame))
         return;
     const int x = column.x;
     window_t rows = open_window(current, inverse_depth, motion, column, frame);
-    const int before = frames_before(past, standing);
+    const int before = frames_before(past, static_frames);
     for (int y = column.first; y < column.end; ++y) {
         // Read: the 3x3 around the pixel, its statistics, and the pixel's own sample.
         slide_window(&rows, current, inverse_depth, motion, x, y, frame);
@@ -25,8 +25,8 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
         layers_t l = layers_of(rows.above, rows.centre, rows.below, s, settings);
         find_subpixel_feature(&s, &l, ring, past, frames, x, y, frame, settings);
-        way_t near = begin_way(s, l, NEARER, p, current, inverse_depth, motion, x, y, frame, settings);
-        way_t far = begin_way(s, l, FARTHER, p, current, inverse_depth, motion, x, y, frame, settings);
+        path_t near = begin_path(s, l, NEARER, p, current, inverse_depth, motion, x, y, frame, settings);
+        path_t far = begin_path(s, l, FARTHER, p, current, inverse_depth, motion, x, y, frame, settings);
 
         // Sample the history window by window: each adds older frames to the samples of the one before.
         resolved out;
@@ -45,20 +45,20 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
                 out = longer_history(out, p.most_reactive <= SPLAT(0.0), recursive, recursive_count, x, y, frame);
                 error = window_error(near.sums, p, out, settings);
             }
-            if (!repeats(window, frames, standing))
+            if (!repeats_previous(window, frames, static_frames))
                 store_window(windows, window, out, error, x, y, frame);
             from = to;
         }
         if (REACTIVE)
-            stand_in(windows, near.sums, out, error, x, y, frame);
+            replace_unlike_windows(windows, near.sums, out, error, x, y, frame);
 
         // The window without motion. It is valid where enough of the latest samples can contradict it. Where the
         // surface is at rest, a longer recursive history replaces it.
-        if (!repeats(UNMOVED, frames, standing)) {
-            gathered unmoved_sums;
-            resolved unmoved = resolve_unmoved(&unmoved_sums, ring, past, standing, p, x, y, frame, settings);
+        if (!repeats_previous(UNMOVED, frames, static_frames)) {
+            sample_sums unmoved_sums;
+            resolved unmoved = resolve_unmoved(&unmoved_sums, ring, past, static_frames, p, x, y, frame, settings);
             if (RECURSION == RECURSION_STANDING)
-                unmoved = longer_history(unmoved, in_place(m), recursive, recursive_count, x, y, frame);
+                unmoved = longer_history(unmoved, at_rest(m), recursive, recursive_count, x, y, frame);
             const mask valid = unmoved_sums.recent_count >= SPLAT(SHORT_WINDOW);
             out.rgb = choose_colour(valid, unmoved.rgb, out.rgb);
             out.alpha = valid ? unmoved.alpha : out.alpha;
@@ -69,11 +69,11 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
 
         // The window of this frame alone. Where it is not valid, it repeats the one before.
         if (RECURSION == RECURSION_STANDING) {
-            const mask doubtful = past_is_doubtful(m, p, recursive_count, before, texel_offset(frame, x, y));
-            out.rgb = choose_colour(doubtful, storable_colour(from_range(p.filtered), p.own), out.rgb);
-            out.alpha = doubtful ? p.alpha : out.alpha;
-            out.count = doubtful ? SPLAT(1.0) : out.count;
-            store_window(windows, PRESENT, out, present_error(near.sums, p, doubtful, frame, settings), x, y, frame);
+            const mask refuted = history_is_refuted(m, p, recursive_count, before, texel_offset(frame, x, y));
+            out.rgb = choose_colour(refuted, storable_colour(from_range(p.filtered), p.own), out.rgb);
+            out.alpha = refuted ? p.alpha : out.alpha;
+            out.count = refuted ? SPLAT(1.0) : out.count;
+            store_window(windows, PRESENT, out, present_error(near.sums, p, refuted, frame, settings), x, y, frame);
         }
     }
     extend_stored(0, 0, windows, WINDOWS * WINDOW_PLANES, stored_block(column), frame);

@@ -34,7 +34,7 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
 
         // Sample the history there. It is invalid where the previous frame did not show that surface.
-        history_t h = sample_history(current, rows.below.texels, rows.centre.lacks, history, history_count,
+        history_t h = sample_history(current, rows.below.texels, rows.centre.has_missing, history, history_count,
             previous_inverse_depth, m, s, x, y, frame, settings, &cache);
 
         // Rectify: move the history into the range of the 3x3.
@@ -46,7 +46,7 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
 
         // Accumulate: blend the sample with the history, by the history's effective sample count.
         resolved out = resolve_pixel(p, h, r, settings);
-        if (rows.centre.lacks)
+        if (rows.centre.has_missing)
             out = without_missing(out, h, current, x, y, frame);
 
         // Store: this result is the history of the next frame.

@@ -251,9 +251,8 @@ class FrameRing:
             self._window_planes = planes
         return self._windows
 
-    def standing(self, frame: Frame) -> int:
-        """Return how many of the nearest frames in the ring have the camera of ``frame``, up to the first that has
-        not."""
+    def static_frames(self, frame: Frame) -> int:
+        """Return how many of the nearest frames in the ring were seen by the camera of ``frame``."""
         told = self._told(frame)
         return next((place for place, past in enumerate(told) if not is_still(frame.camera, past.camera)), len(told))
 

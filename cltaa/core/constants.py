@@ -21,28 +21,32 @@ CONSTANTS: Final[dict[str, Constant]] = {
         0.75, "pixels from the centre within which a missed sub-pixel feature is searched: measured"
     ),
     "SUBPIXEL_HITS": Constant(3.0, "samples of a 3x3 that a line hits; a feature with more hits is not thin"),
-    "AHEAD_CLOSE": Constant(0.5, "largest move in pixels of the last round of a step ahead: half a sample's distance"),
+    "AHEAD_TOLERANCE": Constant(
+        0.5, "largest move in pixels of the last round of a step ahead: half a sample's distance"
+    ),
     "HALF_LIMIT": Constant(65504.0, "largest half; larger magnitudes saturate"),
     "HALF_NORMAL": Constant(2.0**-14, "least normal half; below it halves have one distance"),
     "HALF_STEP": Constant(2.0**-10, "distance of halves over the power of two below them"),
     "HALF_TINY": Constant(2.0**-25, "half the least half: smaller magnitudes round to 0, and are stored as +0"),
     "DITHER_STEP": Constant(2.0**-24, "24 bits as a number in [0, 1)"),
-    "LEAST_TRUST": Constant(2.0**-6, "least ratio of two windows' errors: its 16th power is well above the denormals"),
+    "LEAST_ERROR_RATIO": Constant(
+        2.0**-6, "least ratio of two windows' errors: its 16th power is well above the denormals"
+    ),
     "DRIFT_FLOOR": Constant(0.01, "share of the light below which a change is invisible"),
     "REACTIVE_FALL": Constant(
         10.0,
         "1 / the largest distance of a sample's reactivity from the range of the 3x3: measured (decisions/08)",
     ),
-    "DOUBTFUL_SAMPLES": Constant(
-        7.0, "sample count of the recursive resolve below which history is doubtful: measured"
-    ),
+    "REFUTED_SAMPLES": Constant(7.0, "sample count of the recursive resolve below which history is refuted: measured"),
     "PRESENT_PENALTY": Constant(
         2.0, "factor of the neighbours' error beside that of the pixel's own samples: measured"
     ),
-    "LEAST_BESIDE": Constant(0.25, "least share of the filter beside its centre for neighbours to be evidence"),
-    "PASSES": Constant(0.25, "parallax in pixels from which an occluder has passed a surface: measured"),
+    "LEAST_NEIGHBOUR_SHARE": Constant(
+        0.25, "least share of the filter beside its centre for neighbours to be evidence"
+    ),
+    "LEAST_PARALLAX": Constant(0.25, "parallax in pixels from which an occluder has passed a surface: measured"),
     "ADDED_EXTENT": Constant(1e-8, "added to half extents that the popular clip divides by: Playdead's and Bevy's"),
-    "STANDS": Constant(0.01, "motion in pixels along an axis below which a pixel is static (standing): Bevy's"),
+    "STATIC_MOTION": Constant(0.01, "motion in pixels along an axis below which a pixel is static (standing): Bevy's"),
     "STANDING_GAIN": Constant(10.0, "growth a frame of a static pixel's count (standing): Bevy's"),
     "MOST_CHANGE": Constant(8.0, "largest stored Student's t of an illumination change"),
     "LEAST_HEADROOM": Constant(2.0**-16, "least 1 - peak when a tonemap is undone: half's largest number, 65504"),

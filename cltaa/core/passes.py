@@ -52,7 +52,7 @@ class Passes:
         windows = {"windows": frame_ring.window_memory(build)}
         inputs = {name: value for name, value in arguments.items() if name not in ("output", "output_count")}
         recursive = {"recursive": self.buffers.output, "recursive_count": self.buffers.output_count}
-        unmoved = {"standing": frame_ring.standing(frame), **recursive}
+        unmoved = {"static_frames": frame_ring.static_frames(frame), **recursive}
         self.launcher.run("gather_windows", build, layout, inputs | windows | unmoved)
         if not build.extends:
             gathered = {"image": windows["windows"], "floats": None, "frame": self.record}
@@ -60,7 +60,7 @@ class Passes:
             planes = {"planes": window_count(build.choices) * window_planes(build.steps), "more": 0}
             self.launcher.run("extend_edges", floats, layout, gathered | planes)
         written = {name: arguments[name] for name in ("frames", "output", "output_count", "frame", "settings")}
-        self.launcher.run("weigh_windows", build, layout, windows | written | {"standing": unmoved["standing"]})
+        self.launcher.run("mix_windows", build, layout, windows | written | {"static_frames": unmoved["static_frames"]})
         if build.extends and self.recursive is None:
             self._extend()
         return last

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from cltaa.opencl.device import Kernel
 
 GATHERING = frozenset({"gather", "gather_windows"})
-SLIDING = frozenset({"resolve", "gather", "gather_windows", "weigh_windows"})  # kernels whose work-items walk down rows
+SLIDING = frozenset({"resolve", "gather", "gather_windows", "mix_windows"})  # kernels whose work-items walk down rows
 ARRAYS = frozenset({"unpack", "pack"})  # kernels between planes and arrays of a program
 ARRAY_GROUP = 128  # work-items in a group of those
 EDGE_GROUP = 256  # work-items in a group of extend_edges

@@ -16,6 +16,7 @@ KERNELS: dict[str, Callable[..., Any]] = {
     "extend_edges": planes.extend_edges,
     "gather": gather.gather,
     "gather_windows": gather_window.gather_windows,
+    "mix_windows": gather_window.mix_windows,
     "pack": planes.pack,
     "neighbourhood_statistics": stages.neighbourhood_statistics_kernel,
     "rectify_history": stages.rectify_history_kernel,
@@ -24,5 +25,4 @@ KERNELS: dict[str, Callable[..., Any]] = {
     "sample_history": stages.sample_history_kernel,
     "surface_motion": stages.surface_motion_kernel,
     "unpack": planes.unpack,
-    "weigh_windows": gather_window.weigh_windows,
 }

@@ -35,11 +35,11 @@ from cltaa.reference.real import (
     NEIGHBOURS,
     Array,
     Mask,
-    beside,
     constant,
     greater,
     lesser,
     limit,
+    neighbour,
     number,
     outside_domain,
 )
@@ -47,7 +47,7 @@ from cltaa.reference.rectify import Rectification
 from cltaa.reference.sampling import count_limit_of
 
 
-def grown_count(count: Array, blend_boost: Array, build: Build) -> Array:
+def next_count(count: Array, blend_boost: Array, build: Build) -> Array:
     """Sample count after one more sample; with ``standing`` 1 where a pixel moves, and ten more where it does not."""
     one = number(1.0, count)
     if build.choices.accumulate is Accumulate.STANDING:
@@ -76,8 +76,8 @@ def sample_weight(count: Array, blend_boost: Array, build: Build, settings: Reco
     if build.choices.accumulate is Accumulate.CAPPED:
         return capped_weight(count, blend_boost, settings)
     if build.choices.accumulate is Accumulate.STANDING:
-        grown = grown_count(count, blend_boost, build)
-        return limit(number(1.0, count) / grown, least, number(settings["moving_weight"], count))
+        after = next_count(count, blend_boost, build)
+        return limit(number(1.0, count) / after, least, number(settings["moving_weight"], count))
     mean: Array = number(1.0, count) / (count + number(1.0, count))
     if build.choices.accumulate is Accumulate.COUNT:
         return mean
@@ -92,16 +92,16 @@ def samples_in_mean(count: Array, build: Build, settings: Record) -> Array:
     return lesser(count, one / number(settings["blend_weight"], count) - one)
 
 
-def luminance_inertia(v: Colour, settings: Record) -> Array:
+def inverse_luminance_weight(v: Colour, settings: Record) -> Array:
     """knee + Y, the inverse of a luminance weight (Karis 2014 with knee 1); the kernels have four times it."""
     return number(settings["luminance_knee"], v[0]) + greater(luminance(v), number(0.0, v[0]))
 
 
-def luminance_weight(weight: Array, current: Colour, history: Colour, build: Build, settings: Record) -> Array:
+def fold_luminance_weights(weight: Array, current: Colour, history: Colour, build: Build, settings: Record) -> Array:
     """Fold the luminance weights 1 / (knee + Y) of both into one weight of the current sample."""
     if build.choices.weighting is Weighting.NONE:
         return weight
-    x, h = luminance_inertia(current, settings), luminance_inertia(history, settings)
+    x, h = inverse_luminance_weight(current, settings), inverse_luminance_weight(history, settings)
     for_current, for_history = weight * h, (number(1.0, weight) - weight) * x
     return for_current / (for_current + for_history)
 
@@ -120,29 +120,29 @@ def weight_of_sample(
     one = number(1.0, count)
     in_mean = build.choices.accumulate in (Accumulate.COUNT, Accumulate.EXPONENTIAL)
     if in_mean and build.choices.weighting is not Weighting.NONE:
-        now, inertia = luminance_inertia(history, settings), luminance_inertia(current, settings)
+        now, x = inverse_luminance_weight(history, settings), inverse_luminance_weight(current, settings)
         samples = samples_in_mean(count, build, settings)
         if build.steps.reactive:
             now, samples = (one + reactivity * samples) * now, samples * (one - reactivity)
-        return now / (now + samples * inertia)
+        return now / (now + samples * x)
     weight = sample_weight(count, blend_boost, build, settings)
     if build.steps.reactive:
         weight = weight + reactivity * (one - weight)
-    return luminance_weight(weight, current, history, build, settings)
+    return fold_luminance_weights(weight, current, history, build, settings)
 
 
-def sample_share(v: Colour, build: Build, settings: Record) -> Array:
+def luminance_weight(v: Colour, build: Build, settings: Record) -> Array:
     """Luminance weight 1 / (knee + Y) of a sample."""
     one = number(1.0, v[0])
     if build.choices.weighting is Weighting.NONE:
         return np.full_like(v[0], one)
-    return one / luminance_inertia(v, settings)
+    return one / inverse_luminance_weight(v, settings)
 
 
-def share_difference(v: Colour, other: Colour, build: Build, settings: Record) -> Colour:
+def weighted_difference(v: Colour, other: Colour, build: Build, settings: Record) -> Colour:
     """Difference of two colours, each scaled by knee / (knee + Y): no highlight exceeds ``luminance_knee``."""
     knee = number(1.0 if build.choices.weighting is Weighting.NONE else settings["luminance_knee"], v[0])
-    a, b = (knee * sample_share(c, build, settings) for c in (v, other))
+    a, b = (knee * luminance_weight(c, build, settings) for c in (v, other))
     return a * v - b * other
 
 
@@ -155,7 +155,7 @@ def filtered_share(share: Array, filtered: Colour, build: Build, settings: Recor
     return share * (dim * dim)
 
 
-def difference_share(current: Colour, history: Colour, settings: Record) -> Array:
+def difference_factor(current: Colour, history: Colour, settings: Record) -> Array:
     """Factor of the weight by the difference of the luminances (Lottes)."""
     x, h = luminance(current), luminance(history)
     size = greater(greater(x, h), number(settings["difference_knee"], x))
@@ -232,12 +232,12 @@ def current_pixel(
     least = most = shares[1]
     if build.steps.reactive and reactive is not None and build.choices.illumination is Illumination.WINDOW:
         for step in NEIGHBOURS:
-            r = share_in_domain(beside(reactive[0], *step, layout).astype(least.dtype), 0.0)
+            r = share_in_domain(neighbour(reactive[0], *step, layout).astype(least.dtype), 0.0)
             least, most = lesser(least, r), greater(most, r)
     return Pixel(own, filtered, *shares, stats, least, most)
 
 
-def as_reactive(r: Array, now: Pixel) -> Array:
+def reactivity_weight(r: Array, now: Pixel) -> Array:
     """Weights of samples [H, W] that were rendered with reactivity ``r``."""
     off = greater(greater(now.least_reactive - r, r - now.most_reactive), np.zeros_like(r))
     far = off * constant("REACTIVE_FALL", r)
@@ -251,7 +251,7 @@ def rectified_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> 
     share = share_in_domain(plane[0].astype(past.dtype), 1.0)
     low, high = np.ones_like(past), np.zeros_like(past)
     for step in NEIGHBOURS:
-        a = beside(share, *step, layout)
+        a = neighbour(share, *step, layout)
         low, high = lesser(a, low), greater(a, high)
     return limit(past, low, high)
 
@@ -262,7 +262,7 @@ def disoccluded_colour(current: Colour, mean: Colour, build: Build, settings: Re
     return current + number(settings["disocclusion_blur"], current) * change
 
 
-def drawn_towards(own: Colour, filtered: Colour, share: Array) -> Colour:
+def lerp_colour(own: Colour, filtered: Colour, share: Array) -> Colour:
     """Move ``own`` towards ``filtered`` by a share."""
     return own + share * (filtered - own)
 
@@ -298,10 +298,10 @@ def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings
     past = rectified(h, r, build, settings)
     if build.choices.filter_use is FilterUse.FEW:
         share = np.where(h.valid, fading_share(one / (count + one), settings), one)
-        current = drawn_towards(p.own, current, filtered_share(share, current, build, settings))
+        current = lerp_colour(p.own, current, filtered_share(share, current, build, settings))
     weight = weight_of_sample(count, current, past, p.reactivity, r.blend_boost, build, settings)
     if build.choices.anti_flicker is AntiFlicker.DIFFERENCE:
-        weight = weight * difference_share(current, past, settings)
+        weight = weight * difference_factor(current, past, settings)
     if build.choices.anti_flicker is AntiFlicker.CLAMP_DISTANCE:
         weight = weight * r.anti_flicker_factor
     if build.choices.accumulate in (Accumulate.CONSTANT, Accumulate.ADAPTIVE):
@@ -313,7 +313,7 @@ def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = np.where(h.valid, blend(h.alpha, alpha, weight), alpha)
     first = h.count if build.terms.first_samples else one
-    samples = np.where(h.valid, grown_count(count, r.blend_boost, build), first)
+    samples = np.where(h.valid, next_count(count, r.blend_boost, build), first)
     return Resolved(stored, alpha, samples, np.where(h.valid, h.change, number(0.0, samples)))
 
 

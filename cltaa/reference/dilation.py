@@ -8,7 +8,7 @@ from cltaa.core.build import Build, Record
 from cltaa.core.parameters import Dilation
 from cltaa.core.planes import Layout
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
-from cltaa.reference.real import NEIGHBOURS, Array, Mask, beside, limit, number
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, limit, neighbour, number
 from cltaa.reference.reprojection import pixel_grid
 
 CORNERS = [(-2, 2), (2, 2), (-2, -2), (2, -2)]
@@ -24,30 +24,30 @@ def borrowed_surface(
         return s
     like = s.centre
 
-    def depth_at(dx: int, dy: int) -> Array:
-        return inverse_depth_or_sky(beside(inverse_depth[0], dx, dy, layout).astype(like.dtype), frame)
+    def inverse_depth_at(dx: int, dy: int) -> Array:
+        return inverse_depth_or_sky(neighbour(inverse_depth[0], dx, dy, layout).astype(like.dtype), frame)
 
-    def take(s: Surface, taken: Mask, dx: int, dy: int) -> Surface:
+    def take_texel(s: Surface, where: Mask, dx: int, dy: int) -> Surface:
         u, v = s.u, s.v
         if motion is not None and build.steps.own_motion:
-            u, v = beside(motion, dx, dy, layout).astype(like.dtype)
+            u, v = neighbour(motion, dx, dy, layout).astype(like.dtype)
         return s._replace(
-            inverse_depth=np.where(taken, depth_at(dx, dy), s.inverse_depth),
-            x=np.where(taken, number(dx, like), s.x),
-            y=np.where(taken, number(dy, like), s.y),
-            u=np.where(taken, u, s.u),
-            v=np.where(taken, v, s.v),
+            inverse_depth=np.where(where, inverse_depth_at(dx, dy), s.inverse_depth),
+            x=np.where(where, number(dx, like), s.x),
+            y=np.where(where, number(dy, like), s.y),
+            u=np.where(where, u, s.u),
+            v=np.where(where, v, s.v),
         )
 
     nearest, by, places = s.centre, 0, CORNERS
     if kind is Dilation.BESIDE:
         nearest, by, places = np.full_like(like, frame["sky_inverse_depth"]), -1, NEIGHBOURS
-        s = take(s, np.ones(like.shape, bool), -1, -1)
+        s = take_texel(s, np.ones(like.shape, bool), -1, -1)
     for dx, dy in places:
-        q = depth_at(dx, dy)
+        q = inverse_depth_at(dx, dy)
         nearer = q > nearest
         nearest = np.where(nearer, q, nearest)
-        s = take(s, nearer, dx + by, dy + by)
+        s = take_texel(s, nearer, dx + by, dy + by)
     if kind is Dilation.BESIDE:
         return s
     x, y = pixel_grid(layout, like)

@@ -31,7 +31,7 @@ def surface_range(s: Surface, m: Motion, tolerance: Any) -> tuple[Array, Array]:
     return far - slack, near + slack
 
 
-def texels_read(q: Quad, f: Footprint) -> Quad:
+def weighted_texels(q: Quad, f: Footprint) -> Quad:
     """Replace texels of no bilinear weight (a fraction is 0) by the neighbour that has the weight."""
     one_column, one_row = f.fx == number(0, f.fx), f.fy == number(0, f.fy)
     p10, p11 = np.where(one_column, q.p00, q.p10), np.where(one_column, q.p01, q.p11)
@@ -61,7 +61,7 @@ def nearest_of(q: Quad) -> Array:
     return greater(greater(q.p00, q.p10), greater(q.p01, q.p11))
 
 
-def distance_against(other: Array, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Array:
+def parallax_of(other: Array, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Array:
     """Parallax in pixels, by camera motion alone, between the surface and a point of inverse depth ``other``."""
     here = np.zeros_like(s.nearest)
     point = Surface(here, here, other, here, here, here, here, here)
@@ -71,50 +71,50 @@ def distance_against(other: Array, s: Surface, m: Motion, build: Build, layout: 
     return greater(np.abs(its.u - m.u), np.abs(its.v - m.v))
 
 
-def moved_against(other: Array, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
+def has_parallax(other: Array, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
     """True where that parallax is large enough for one to have passed the other."""
-    moved: Mask = distance_against(other, s, m, build, layout, frame) >= constant("PASSES", m.u)
+    moved: Mask = parallax_of(other, s, m, build, layout, frame) >= constant("LEAST_PARALLAX", m.u)
     return moved
 
 
-def has_passed(
+def occluder_has_passed(
     nearest: Array, s: Surface, m: Motion, tolerance: Any, build: Build, layout: Layout, frame: Record
 ) -> Mask:
     """True where the ``nearest`` inverse depth around the history position is nearer than the surface, and has moved
     against it since."""
     _, high = surface_range(s, m, tolerance)
-    moved = moved_against((nearest - m.shift) / m.scale, s, m, build, layout, frame)
+    moved = has_parallax((nearest - m.shift) / m.scale, s, m, build, layout, frame)
     return (nearest > high) & moved
 
 
-def between_both(s: Surface, m: Motion) -> Array:
+def middle_inverse_depth(s: Surface, m: Motion) -> Array:
     """Middle of the nearest and the farthest inverse depth of the 3x3, seen from the previous camera."""
-    between: Array = number(0.5, m.u) * (s.nearest + s.farthest) * m.scale + m.shift
-    return between
+    middle: Array = number(0.5, m.u) * (s.nearest + s.farthest) * m.scale + m.shift
+    return middle
 
 
-def shows_behind(previous: Quad, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
+def shows_background(previous: Quad, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
     """True where a pixel follows a nearer surface past its own, and three of the four texels at the history position
     did not show that surface either."""
-    nearer = nearer_than(previous, between_both(s, m))
+    nearer = nearer_than(previous, middle_inverse_depth(s, m))
     shown, none = (nearer.p00 + nearer.p10) + (nearer.p01 + nearer.p11), number(0, m.u)
-    moved = moved_against(s.centre, s, m, build, layout, frame)
+    moved = has_parallax(s.centre, s, m, build, layout, frame)
     return ((s.x != none) | (s.y != none)) & (shown <= number(1, m.u)) & moved
 
 
-def samples_of_edge(
+def edge_count_limit(
     previous: Quad, corners: Quad, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record, settings: Record
 ) -> Array:
     """Upper limit of the sample count: low at the edge of a nearer surface, not of a wire, where camera motion has
     moved the background past it."""
-    between = between_both(s, m)
-    edge = has_edge(s, settings["edge_tolerance"]) & any_nearer(previous, between) & any_nearer(corners, between)
-    by, least = distance_against(s.farthest, s, m, build, layout, frame), constant("PASSES", m.u)
-    most = number(settings["edge_samples"], m.u) / limit(by, least, number(1, m.u))
-    return np.where(edge & (by >= least), most, constant("DOMAIN_LIMIT", m.u))
+    middle = middle_inverse_depth(s, m)
+    edge = has_edge(s, settings["edge_tolerance"]) & any_nearer(previous, middle) & any_nearer(corners, middle)
+    parallax, least = parallax_of(s.farthest, s, m, build, layout, frame), constant("LEAST_PARALLAX", m.u)
+    count_limit = number(settings["edge_samples"], m.u) / limit(parallax, least, number(1, m.u))
+    return np.where(edge & (parallax >= least), count_limit, constant("DOMAIN_LIMIT", m.u))
 
 
-def stood_instead(previous: Quad, corners: Quad, high: Array, f: Footprint, covered_share: Any) -> Mask:
+def occluder_covered(previous: Quad, corners: Quad, high: Array, f: Footprint, covered_share: Any) -> Mask:
     """True where an occluder nearer than ``high`` covered more than ``covered_share`` of the footprint, and a corner of
     the 4x4 around it."""
     share = bilinear(nearer_than(previous, high), f)

@@ -10,7 +10,7 @@ from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel
 from cltaa.reference.colour import Colour, repaired_planes, to_range
 from cltaa.reference.history import History
-from cltaa.reference.real import NEIGHBOURS, Array, beside, greater, lesser, number
+from cltaa.reference.real import NEIGHBOURS, Array, greater, lesser, neighbour, number
 
 
 def luminance_4(v: Colour) -> Array:
@@ -18,12 +18,12 @@ def luminance_4(v: Colour) -> Array:
     return (v[0] + v[2]) + number(2.0, v[0]) * v[1]
 
 
-def borne_out_sample(v: Colour, borne_out: Array, h: History, settings: Record) -> Colour:
-    """Replace samples of more than ``firefly_threshold`` times the luminance ``borne_out`` (4 Y): by the history, or
+def clamp_firefly(v: Colour, reference: Array, h: History, settings: Record) -> Colour:
+    """Replace samples of more than ``firefly_threshold`` times the luminance ``reference`` (4 Y): by the history, or
     without it by themselves dimmed to that luminance."""
-    y, one = luminance_4(v), number(1.0, borne_out)
-    fly = y > number(settings["firefly_threshold"], y) * borne_out
-    return np.where(fly & h.valid, h.rgb, v * np.where(fly, borne_out / y, one))
+    y, one = luminance_4(v), number(1.0, reference)
+    is_firefly = y > number(settings["firefly_threshold"], y) * reference
+    return np.where(is_firefly & h.valid, h.rgb, v * np.where(is_firefly, reference / y, one))
 
 
 def without_firefly(p: Pixel, current: Array, h: History, build: Build, layout: Layout, settings: Record) -> Pixel:
@@ -34,10 +34,10 @@ def without_firefly(p: Pixel, current: Array, h: History, build: Build, layout: 
     first = second = np.zeros_like(h.count)
     y = luminance_4(to_range(repaired_planes(current, layout).astype(first.dtype), build))
     for step in (step for step in NEIGHBOURS if any(step)):
-        there = beside(y, *step, layout)
+        there = neighbour(y, *step, layout)
         second = greater(second, lesser(first, there))
         first = greater(first, there)
     past = np.where(h.valid, luminance_4(h.rgb), np.zeros_like(second))
-    borne_out = greater(greater(second, past), number(4.0, past) * number(settings["firefly_floor"], past))
-    own, filtered = (borne_out_sample(v, borne_out, h, settings) for v in (p.own, p.filtered))
+    reference = greater(greater(second, past), number(4.0, past) * number(settings["firefly_floor"], past))
+    own, filtered = (clamp_firefly(v, reference, h, settings) for v in (p.own, p.filtered))
     return p._replace(own=own, filtered=filtered)

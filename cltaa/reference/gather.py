@@ -11,7 +11,7 @@ from cltaa.core.parameters import GatherFit
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel, Resolved, current_pixel
 from cltaa.reference.colour import filled_colour, sample_is_missing
-from cltaa.reference.gather_fit import Gathered, resolve_gathered
+from cltaa.reference.gather_fit import SampleSums, resolve_gathered
 from cltaa.reference.gather_samples import add_side, begin_layer, gather_samples
 from cltaa.reference.gather_sides import Layers, find_subpixel_feature, layers_of, side_of
 from cltaa.reference.gather_track import Track
@@ -30,8 +30,8 @@ class Gathering:
     motion: Motion
     layers: Layers
     slots: Array
-    sides: list[tuple[Surface, Layers, Gathered, Track]]
-    far: Gathered  # sums of the farther side; empty without edges
+    sides: list[tuple[Surface, Layers, SampleSums, Track]]
+    far: SampleSums  # sums of the farther side; empty without edges
 
     @classmethod
     def begin(cls, build: Build, layout: Layout, given: Mapping[str, Any]) -> Gathering:
@@ -98,7 +98,7 @@ class Gathering:
         return resolve_gathered(self.near, self.far, self.layers, self.pixel, self.motion, build, layout, settings)
 
     @property
-    def near(self) -> Gathered:
+    def near(self) -> SampleSums:
         """Sums of the nearer side, or of the only one."""
         return self.sides[0][2]
 

@@ -13,10 +13,10 @@ from cltaa.reference.accumulate import (
     Pixel,
     Resolved,
     disoccluded_colour,
-    drawn_towards,
     fading_share,
     filtered_share,
-    sample_share,
+    lerp_colour,
+    luminance_weight,
     storable,
 )
 from cltaa.reference.colour import Colour, from_range, inner
@@ -26,7 +26,7 @@ from cltaa.reference.rectify import box_scale_of, rectify
 from cltaa.reference.reprojection import Motion
 
 
-class Gathered:
+class SampleSums:
     """Sums over the samples of a pixel: of differences from the current one, of weights, and of both times offsets."""
 
     def __init__(self, zero: Array) -> None:
@@ -58,10 +58,10 @@ class Gathered:
         self.recent_count = self.recent_count + counted
 
 
-def first_sample(w: Array, counted: Mask, near: Mask, build: Build, frame: Record) -> Gathered:
+def first_sample(w: Array, counted: Mask, near: Mask, build: Build, frame: Record) -> SampleSums:
     """Sums of the current sample alone, where it is ``counted``; empty for a mean of the others."""
     zero = np.zeros_like(w)
-    g = Gathered(zero)
+    g = SampleSums(zero)
     if build.choices.gather_fit is not GatherFit.MEAN:
         x, y = (np.full_like(w, number(frame[name], w)) for name in ("jitter_x", "jitter_y"))
         g.add(np.zeros_like(g.sum), np.where(counted, w, zero), x, y, near, build.choices.gather_fit)
@@ -80,7 +80,7 @@ class Fit(NamedTuple):
         return self.one * total - (self.x * along + self.y * down)
 
 
-def fit_at_centre(g: Gathered, samples: Array, settings: Record) -> Fit:
+def fit_at_centre(g: SampleSums, samples: Array, settings: Record) -> Fit:
     """Weighted least squares of a plane, its slope damped by a ridge."""
     mean = number(1.0, samples) / g.weight
     mx, my = g.x * mean, g.y * mean
@@ -91,7 +91,7 @@ def fit_at_centre(g: Gathered, samples: Array, settings: Record) -> Fit:
     return Fit(mean + (x * mx + y * my), x, y)
 
 
-def gathered_change(g: Gathered, far: Gathered, layers: Layers, samples: Array, settings: Record) -> Colour:
+def gathered_change(g: SampleSums, far: SampleSums, layers: Layers, samples: Array, settings: Record) -> Colour:
     """Colour of the ``samples`` of a pixel [H, W] minus the current one."""
     zero, one = np.zeros_like(g.count), np.ones_like(g.count)
     f = fit_at_centre(g, samples, settings)
@@ -103,7 +103,7 @@ def gathered_change(g: Gathered, far: Gathered, layers: Layers, samples: Array, 
     return v + mean * np.where(any_of, far.sum, g.sum)
 
 
-def gathered_filter_share(of_mean: Array, g: Gathered, layers: Layers, build: Build, settings: Record) -> Array:
+def gathered_filter_share(of_mean: Array, g: SampleSums, layers: Layers, build: Build, settings: Record) -> Array:
     """Share of the filtered sample beside a pixel's n samples, given ``of_mean`` = 1 / n."""
     if build.choices.illumination is Illumination.WINDOW:
         return np.where(layers.edge, of_mean, fading_share(of_mean, settings))
@@ -118,14 +118,14 @@ def own_samples(p: Pixel) -> Array:
     return one if p.missing is None else np.where(p.missing, number(0.0, one), one)
 
 
-def distrust(reactivity: Array, build: Build) -> Array:
+def reactive_loss(reactivity: Array, build: Build) -> Array:
     """Share of its samples that a reactive pixel [H, W] gives up for the current one."""
     square: Array = reactivity * reactivity
     return square * square if build.choices.illumination is Illumination.WINDOW else reactivity
 
 
 def resolve_gathered(
-    g: Gathered, far: Gathered, layers: Layers, p: Pixel, m: Motion, build: Build, layout: Layout, settings: Record
+    g: SampleSums, far: SampleSums, layers: Layers, p: Pixel, m: Motion, build: Build, layout: Layout, settings: Record
 ) -> Resolved:
     """Resolve the pixel from its samples and the current one if not missing; a pixel without any is filled."""
     current, alpha = p.own, p.alpha
@@ -135,15 +135,15 @@ def resolve_gathered(
     plain = build.choices.gather_fit is GatherFit.MEAN
     past = current + (g.sum / weight if plain else gathered_change(g, far, layers, samples, settings))
     moved = rectify(past, current, p.stats, m, box_scale_of(m, settings), build, layout, settings).change
-    share = g.weight / (sample_share(current, build, settings) + g.weight) if plain else one
+    share = g.weight / (luminance_weight(current, build, settings) + g.weight) if plain else one
     if build.steps.reactive:
-        share = share * (one - distrust(p.reactivity, build))
+        share = share * (one - reactive_loss(p.reactivity, build))
     mixed = current + share * ((past - current) + moved)
     chosen = np.where(any_of, mixed, disoccluded_colour(current, p.stats.mean, build, settings))
     filters = build.choices.current_filter is not CurrentFilter.NONE
     if filters and build.choices.filter_use is FilterUse.FEW:
         filter_share = gathered_filter_share(one / (g.count + one), g, layers, build, settings)
-        chosen = drawn_towards(chosen, p.filtered, filtered_share(filter_share, p.filtered, build, settings))
+        chosen = lerp_colour(chosen, p.filtered, filtered_share(filter_share, p.filtered, build, settings))
     missing = own_samples(p) == zero
     if p.filled is not None:
         chosen = np.where(missing, np.where(any_of, past, p.filled), chosen)

@@ -9,10 +9,10 @@ import numpy as np
 from cltaa.core.build import Build, Record
 from cltaa.core.parameters import GatherFit, Illumination
 from cltaa.core.planes import Layout
-from cltaa.reference.accumulate import Pixel, as_reactive, sample_share, share_difference, share_in_domain
+from cltaa.reference.accumulate import Pixel, luminance_weight, reactivity_weight, share_in_domain, weighted_difference
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.disocclusion import on_screen
-from cltaa.reference.gather_fit import Gathered, first_sample, own_samples
+from cltaa.reference.gather_fit import SampleSums, first_sample, own_samples
 from cltaa.reference.gather_sides import Layers, Side, range_of_side
 from cltaa.reference.gather_track import (
     MOTION,
@@ -30,7 +30,7 @@ from cltaa.reference.reprojection import Motion, motion_from_depth, pixel_grid
 from cltaa.reference.sampling import Footprint, footprint_of
 
 
-class Stretch(NamedTuple):
+class Jacobian(NamedTuple):
     """Jacobian of the motion to another frame."""
 
     xx: Array
@@ -39,20 +39,20 @@ class Stretch(NamedTuple):
     yy: Array
 
 
-def stretch_of(
+def jacobian_of(
     s: Surface, slope: tuple[Array, Array], m: Motion, build: Build, layout: Layout, then: Record
-) -> Stretch:
+) -> Jacobian:
     """The derivative of the camera's motion on a plane whose inverse depth changes by ``slope`` a pixel."""
     zero, one = np.zeros_like(s.centre), np.ones_like(s.centre)
     if not build.steps.camera_motion:
-        return Stretch(zero, zero, zero, zero)
+        return Jacobian(zero, zero, zero, zero)
     x, y = pixel_grid(layout, zero)
     f = {name: number(then[name], zero) for name in then.dtype.fields or ()}
     px, py, q = (x + s.x) + f["origin_x"], (y + s.y) + f["origin_y"], s.inverse_depth
     dw = ((f["wx"] * px + f["wy"] * py) + f["wq"] * q) + f["w1"]
     w = np.where(m.visible, one + dw, one)
     wx, wy = f["wx"] + f["wq"] * slope[0], f["wy"] + f["wq"] * slope[1]
-    return Stretch(
+    return Jacobian(
         ((f["xx"] + f["xq"] * slope[0]) - dw - (px + m.u) * wx) / w,
         ((f["xy"] + f["xq"] * slope[1]) - (px + m.u) * wy) / w,
         ((f["yx"] + f["yq"] * slope[0]) - (py + m.v) * wx) / w,
@@ -60,7 +60,7 @@ def stretch_of(
     )
 
 
-class Places(NamedTuple):
+class SampleGrid(NamedTuple):
     """Positions of another frame's samples, seen from the current one: the nearest one, and the steps from it to the
     next to the right (xx, yx) and below (xy, yy)."""
 
@@ -72,13 +72,13 @@ class Places(NamedTuple):
     yy: Array
     visible: Mask
 
-    def beside(self, right: int, down: int) -> tuple[Array, Array]:
+    def offset(self, right: int, down: int) -> tuple[Array, Array]:
         """Offset from the pixel's centre of the sample ``right`` and ``down`` texels beside the nearest one."""
         r, d = number(right, self.x), number(down, self.x)
         return self.x + (self.xx * r + self.xy * d), self.y + (self.yx * r + self.yy * d)
 
 
-def places_now(dx: Array, dy: Array, t: Stretch) -> Places:
+def sample_grid(dx: Array, dy: Array, t: Jacobian) -> SampleGrid:
     """Positions of samples of which the nearest lies at (dx, dy) in its own frame."""
     one = number(1.0, dx)
     xx, yy = one + t.xx, one + t.yy
@@ -86,7 +86,7 @@ def places_now(dx: Array, dy: Array, t: Stretch) -> Places:
     visible = det > constant("LEAST_W", dx)
     share = one / np.where(visible, det, one)
     xx, xy, yx, yy = yy * share, -t.xy * share, -t.yx * share, xx * share
-    return Places(xx * dx + xy * dy, yx * dx + yy * dy, xx, xy, yx, yy, visible)
+    return SampleGrid(xx * dx + xy * dy, yx * dx + yy * dy, xx, xy, yx, yy, visible)
 
 
 def reach_of(n: int, settings: Record, like: Array) -> Array:
@@ -112,14 +112,14 @@ class View(NamedTuple):
     f: Footprint
     column: Array
     row: Array
-    places: Places
+    grid: SampleGrid
     reach: Array
     recent: bool = False  # its samples are also summed separately
-    stands: Mask | None = None  # the surfaces without own motion, in a later frame
+    static_ahead: Mask | None = None  # the surfaces without own motion, in a later frame
 
-    def weight_beside(self, right: int, down: int, fit: GatherFit, layout: Layout) -> tuple[Array, Array, Array]:
+    def neighbour_weight(self, right: int, down: int, fit: GatherFit, layout: Layout) -> tuple[Array, Array, Array]:
         """Weight of the sample beside the nearest one, and its offset from the centre."""
-        dx, dy = self.places.beside(right, down)
+        dx, dy = self.grid.offset(right, down)
         half, zero = number(0.5, dx), np.zeros_like(dx)
         if fit is GatherFit.MEAN:
             return np.where(self.seen, np.ones_like(dx), zero), dx, dy
@@ -127,11 +127,11 @@ class View(NamedTuple):
         inside = (column > -half) & (row > -half)
         inside &= (column < number(layout.width, dx) - half) & (row < number(layout.height, dx) - half)
         share = window(dx, self.reach) * window(dy, self.reach)
-        return np.where(self.seen & self.places.visible & inside, share, zero), dx, dy
+        return np.where(self.seen & self.grid.visible & inside, share, zero), dx, dy
 
 
 def gather_sample(
-    g: Gathered,
+    g: SampleSums,
     v: View,
     right: int,
     down: int,
@@ -147,7 +147,7 @@ def gather_sample(
     """Add one sample of a frame of the ring, ``right`` and ``down`` texels beside the nearest one."""
     current, fit = now.own, build.choices.gather_fit
     zero = np.zeros_like(current[0])
-    share, dx, dy = v.weight_beside(right, down, fit, layout)
+    share, dx, dy = v.neighbour_weight(right, down, fit, layout)
     good = share > zero
     if not good.any():
         return
@@ -156,9 +156,9 @@ def gather_sample(
     q = inverse_depth_or_sky(texel_at(v.planes[RING_INVERSE_DEPTH], f, zero.dtype), v.then)
     good = good & ~colour_outside_domain(c)
     good = good & matches_surface(q, s, v.m, build, settings)
-    if v.stands is not None:
+    if v.static_ahead is not None:
         moves = ~no_motion_vector(*texel_at(v.planes[MOTION], f, zero.dtype))
-        good = good & ~(v.stands & moves)
+        good = good & ~(v.static_ahead & moves)
     near = np.ones(zero.shape, bool)
     if fit is not GatherFit.MEAN:
         near = ~layers.edge | (q > layers.cut * v.m.scale + v.m.shift)
@@ -169,39 +169,39 @@ def gather_sample(
     counted = np.where(good, share, zero)
     if build.steps.reactive and build.choices.illumination is Illumination.WINDOW:
         r = share_in_domain(texel_at(v.planes[ring_reactive(build.steps)], f, zero.dtype), 0.0)
-        alike = as_reactive(r, now)
+        weight = reactivity_weight(r, now)
         if v.recent:
-            g.unlike = g.unlike + counted * (np.ones_like(alike) - alike)
-        counted = counted * alike
-    w = counted * sample_share(c, build, settings)
+            g.unlike = g.unlike + counted * (np.ones_like(weight) - weight)
+        counted = counted * weight
+    w = counted * luminance_weight(c, build, settings)
     g.add(c - current, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near, fit)
     g.count = g.count + counted
     if v.recent:
-        g.add_recent(share_difference(c, current, build, settings), counted)
+        g.add_recent(weighted_difference(c, current, build, settings), counted)
     if build.steps.alpha:
         a = share_in_domain(texel_at(v.planes[ring_alpha(build.steps)], f, zero.dtype), 1.0)
         g.alpha = g.alpha + w * (a - now.alpha)
 
 
-def _way_back(
+def motion_to_frame(
     track: Track, s: Surface, layers: Layers, build: Build, layout: Layout, frame: Record, then: Record
-) -> tuple[Motion, Stretch]:
+) -> tuple[Motion, Jacobian]:
     """The motion of the pixel's centre to a frame of the ring, and its Jacobian."""
     zero = np.zeros_like(s.centre)
     m = motion_from_depth(s, build, layout, then)
-    stretch = Stretch(zero, zero, zero, zero)
+    jacobian = Jacobian(zero, zero, zero, zero)
     if build.choices.gather_fit is not GatherFit.MEAN:
-        stretch = stretch_of(s, layers.slope, m, build, layout, then)
+        jacobian = jacobian_of(s, layers.slope, m, build, layout, then)
         ox, oy = s.x + number(frame["jitter_x"], zero), s.y + number(frame["jitter_y"], zero)
-        m = m._replace(u=m.u - (stretch.xx * ox + stretch.xy * oy), v=m.v - (stretch.yx * ox + stretch.yy * oy))
+        m = m._replace(u=m.u - (jacobian.xx * ox + jacobian.xy * oy), v=m.v - (jacobian.yx * ox + jacobian.yy * oy))
     if build.steps.own_motion:
         m = track.motion(m)
-        stretch = Stretch(*(np.where(track.own, zero, part) for part in stretch))
-    return m, stretch
+        jacobian = Jacobian(*(np.where(track.own, zero, part) for part in jacobian))
+    return m, jacobian
 
 
 def _view(
-    planes: Array, m: Motion, seen: Mask, stretch: Stretch, reach: Array, layout: Layout, then: Record
+    planes: Array, m: Motion, seen: Mask, jacobian: Jacobian, reach: Array, layout: Layout, then: Record
 ) -> tuple[Motion, View]:
     """The motion to the texels whose samples lie nearest, and the frame seen from there."""
     half = number(0.5, m.u)
@@ -209,31 +209,35 @@ def _view(
     nearest = m._replace(u=u, v=v)
     f = footprint_of(nearest, seen, layout)
     x, y = pixel_grid(layout, m.u)
-    places = places_now(half - f.fx, half - f.fy, stretch)
-    return nearest, View(planes, then, m, seen, f, (x + u) - f.fx, (y + v) - f.fy, places, reach)
+    grid = sample_grid(half - f.fx, half - f.fy, jacobian)
+    return nearest, View(planes, then, m, seen, f, (x + u) - f.fx, (y + v) - f.fy, grid, reach)
 
 
 def begin_layer(
     s: Surface, layers: Layers, p: Pixel, build: Build, frame: Record, settings: Record, *, far: bool
-) -> Gathered:
+) -> SampleSums:
     """Sums of a layer before it is followed: the nearer one holds the current sample whatever that shows, the farther
     one only if it shows the farther side; neither holds a missing one."""
-    front, drawn, w = ~layers.edge | (s.centre > layers.cut), own_samples(p) > 0, sample_share(p.own, build, settings)
+    front, drawn, w = (
+        ~layers.edge | (s.centre > layers.cut),
+        own_samples(p) > 0,
+        luminance_weight(p.own, build, settings),
+    )
     return first_sample(w, ~front & drawn if far else drawn, ~front if far else front, build, frame)
 
 
-def add_side(g: Gathered, side: Side, current: Colour, build: Build, settings: Record) -> None:
+def add_side(g: SampleSums, side: Side, current: Colour, build: Build, settings: Record) -> None:
     """Add the mean of a side's texels in the current 3x3 as one sample."""
     zero = np.zeros_like(side.count)
     some = side.count > zero
-    w = np.where(some, sample_share(side.mean, build, settings), zero)
+    w = np.where(some, luminance_weight(side.mean, build, settings), zero)
     g.add(side.mean - current, w, zero, zero, some, build.choices.gather_fit)
 
 
 def gather_samples(
     ring: Array,
     past: Any,
-    g: Gathered,
+    g: SampleSums,
     now: Pixel,
     s: Surface,
     layers: Layers,
@@ -246,7 +250,7 @@ def gather_samples(
     track: Track,
     before: int,
     recent: int,
-) -> Gathered:
+) -> SampleSums:
     """Add the samples of ``now`` on ``s`` in the ring frames [slots, planes, rows, stride] of ``past``, latest first,
     the next ones in turn with them, to ``g``.
 
@@ -261,15 +265,15 @@ def gather_samples(
     for k, then in enumerate(past):
         planes = ring[int(then["slot"])]
         ahead = build.steps.look_ahead and then["ahead"] > 0
-        way = track.ahead_of(s, build) if ahead else track
+        t = track.ahead_of(s, build) if ahead else track
         if own_motion and ahead:
-            way.lead(followed, planes, build, layout, then, settings)
-        m, stretch = _way_back(way, s, layers, build, layout, frame, then)
-        nearest, v = _view(planes, m, on_screen(m, layout) & ~way.lost, stretch, reach, layout, then)
-        v = v._replace(recent=k < recent, stands=~way.own if own_motion and ahead else None)
+            t.step_ahead(followed, planes, build, layout, then, settings)
+        m, jacobian = motion_to_frame(t, s, layers, build, layout, frame, then)
+        nearest, v = _view(planes, m, on_screen(m, layout) & ~t.lost, jacobian, reach, layout, then)
+        v = v._replace(recent=k < recent, static_ahead=~t.own if own_motion and ahead else None)
         for right, down in steps:
             gather_sample(g, v, right, down, now, s, layers, build, layout, settings, far_only=far_only)
         if own_motion and not ahead:
             there = footprint_of(nearest._replace(u=nearest.u + s.x, v=nearest.v + s.y), v.seen, layout)
-            track.follow(followed, m, v.planes, there, v.seen, build, then, settings)
+            track.step_back(followed, m, v.planes, there, v.seen, build, then, settings)
     return g

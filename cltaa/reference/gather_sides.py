@@ -14,7 +14,7 @@ from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.gather_track import MOTION, RING_INVERSE_DEPTH, no_motion_vector, texel_at
 from cltaa.reference.neighbourhood import Row, Surface, has_edge, inverse_depth_or_sky
-from cltaa.reference.real import NEIGHBOURS, Array, Mask, beside, constant, greater, number
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, constant, greater, neighbour, number
 from cltaa.reference.reprojection import motion_from_depth
 from cltaa.reference.sampling import footprint_of
 
@@ -69,13 +69,13 @@ def side_surface(
     least = np.full_like(s.centre, constant("DOMAIN_LIMIT", s.centre))
     x, y, q, u, v = s.x, s.y, s.inverse_depth, s.u, s.v
     for dx, dy in NEIGHBOURS:
-        z = inverse_depth_or_sky(beside(inverse_depth[0], dx, dy, layout).astype(real), frame)
+        z = inverse_depth_or_sky(neighbour(inverse_depth[0], dx, dy, layout).astype(real), frame)
         away = number(2 * dx * dx + 3 * dy * dy, least)
         here = layers.on_side(z, far=far) & (away < least)
         least = np.where(here, away, least)
         x, y, q = np.where(here, number(dx, x), x), np.where(here, number(dy, y), y), np.where(here, z, q)
         if build.steps.own_motion and motion is not None:
-            own_u, own_v = beside(motion, dx, dy, layout).astype(real)
+            own_u, own_v = neighbour(motion, dx, dy, layout).astype(real)
             u, v = np.where(here, own_u, u), np.where(here, own_v, v)
     return s._replace(x=x, y=y, inverse_depth=q, u=u, v=v)
 
@@ -102,14 +102,14 @@ def side_of(
     xy = qx = qy = count = zero
     mean = np.zeros_like(own)
     for dx, dy in NEIGHBOURS:
-        z = inverse_depth_or_sky(beside(inverse_depth[0], dx, dy, layout).astype(real), frame)
+        z = inverse_depth_or_sky(neighbour(inverse_depth[0], dx, dy, layout).astype(real), frame)
         here = layers.on_side(z, far=far)
         rise = np.where(here, z - at.inverse_depth, zero)
         ox = np.where(here, number(dx, zero) - at.x, zero)
         oy = np.where(here, number(dy, zero) - at.y, zero)
         xx, xy, yy = xx + ox * ox, xy + ox * oy, yy + oy * oy
         qx, qy = qx + ox * rise, qy + oy * rise
-        colour = beside(current[:3], dx, dy, layout).astype(real)
+        colour = neighbour(current[:3], dx, dy, layout).astype(real)
         in_domain = here & ~colour_outside_domain(colour)
         mean = mean + np.where(in_domain, to_range(colour, build) - own, zero)
         count = count + np.where(in_domain, one, zero)
@@ -180,14 +180,14 @@ def search_subpixel_feature(
             q = inverse_depth_or_sky(texel_at(planes[RING_INVERSE_DEPTH], there, real), then)
             nearer = seen & (q > high)
             hit = s._replace(inverse_depth=(q - m.shift) / m.scale)
-            way = motion_from_depth(hit, build, layout, then)
-            ox = ((half - f.fx) + number(dx, zero)) + (m.u - way.u)
-            oy = ((half - f.fy) + number(dy, zero)) + (m.v - way.v)
+            hit_motion = motion_from_depth(hit, build, layout, then)
+            ox = ((half - f.fx) + number(dx, zero)) + (m.u - hit_motion.u)
+            oy = ((half - f.fy) + number(dy, zero)) + (m.v - hit_motion.v)
             off = greater(np.abs(ox), np.abs(oy))
             hits = hits + np.where(nearer, number(1.0, zero), zero)
             if own_motion:
                 nearer = nearer & no_motion_vector(*texel_at(planes[MOTION], there, real))
-            here = nearer & way.visible & (off < best)
+            here = nearer & hit_motion.visible & (off < best)
             best, thinner = np.where(here, off, best), np.where(here, hit.inverse_depth, thinner)
         is_subpixel = (best < least) & (hits <= constant("SUBPIXEL_HITS", zero))
         least, inverse_depth = np.where(is_subpixel, best, least), np.where(is_subpixel, thinner, inverse_depth)

@@ -91,7 +91,7 @@ class Track:
             m.visible | self.own,
         )
 
-    def follow(
+    def step_back(
         self,
         s: Surface,
         m: Motion,
@@ -107,22 +107,24 @@ class Track:
         real: Any = self.u.dtype
         u, v = texel_at(planes[MOTION], there, real)
         z = inverse_depth_or_sky(texel_at(planes[RING_INVERSE_DEPTH], there, real), then)
-        followed, told = self.own & seen, ~no_motion_vector(u, v)
-        same = told & matches_surface(z, s, m, build, settings)
+        followed, has_motion = self.own & seen, ~no_motion_vector(u, v)
+        same = has_motion & matches_surface(z, s, m, build, settings)
         self.shift = np.where(followed & same, z - s.inverse_depth, self.shift)
         if build.choices.gather_fit is GatherFit.LAYERS:
-            u, v = _nearest_motion(u, v, followed & ~told, planes, there)
-        self.lost = self.lost | (self.own & (~seen | no_motion_vector(u, v) | (told & ~same)))
+            u, v = _nearest_motion(u, v, followed & ~has_motion, planes, there)
+        self.lost = self.lost | (self.own & (~seen | no_motion_vector(u, v) | (has_motion & ~same)))
         self.u, self.v = self.u + u, self.v + v
 
-    def lead(self, s: Surface, planes: Array, build: Build, layout: Layout, then: Record, settings: Record) -> None:
+    def step_ahead(
+        self, s: Surface, planes: Array, build: Build, layout: Layout, then: Record, settings: Record
+    ) -> None:
         """Step ahead to the position whose motion vector leads back to where the surface was; it is lost where the
         search does not converge, and as on a step back."""
         real: Any = self.u.dtype
         half = number(0.5, self.u)
         u, v = self.u + self.step[0], self.v + self.step[1]
         seen = self.own & ~self.lost
-        off, z, told = u, u, seen
+        off, z, has_motion = u, u, seen
         one, jitter = np.ones_like(u), [number(then[name], u) for name in ("jitter_x", "jitter_y")]
         for _ in range(AHEAD_STEPS):
             place = Motion(u, v, one, self.shift, seen)
@@ -131,16 +133,16 @@ class Track:
             there = footprint_of(nearest, seen, layout)
             back_x, back_y = texel_at(planes[MOTION], there, real)
             z = inverse_depth_or_sky(texel_at(planes[RING_INVERSE_DEPTH], there, real), then)
-            told = ~no_motion_vector(back_x, back_y)
+            has_motion = ~no_motion_vector(back_x, back_y)
             if build.choices.gather_fit is GatherFit.LAYERS:
-                back_x, back_y = _nearest_motion(back_x, back_y, seen & ~told, planes, there)
+                back_x, back_y = _nearest_motion(back_x, back_y, seen & ~has_motion, planes, there)
             next_u, next_v = self.u - back_x, self.v - back_y
             off = greater(np.abs(next_u - u), np.abs(next_v - v))
             u, v = next_u, next_v
-        same = told & matches_surface(z, s, Motion(u, v, one, self.shift, seen), build, settings)
-        closed = seen & (off <= constant("AHEAD_CLOSE", off))
-        self.shift = np.where(closed & same, z - s.inverse_depth, self.shift)
-        self.lost = self.lost | (self.own & (~closed | (told & ~same)))
+        same = has_motion & matches_surface(z, s, Motion(u, v, one, self.shift, seen), build, settings)
+        converged = seen & (off <= constant("AHEAD_TOLERANCE", off))
+        self.shift = np.where(converged & same, z - s.inverse_depth, self.shift)
+        self.lost = self.lost | (self.own & (~converged | (has_motion & ~same)))
         self.step = u - self.u, v - self.v
         self.u, self.v = u, v
 

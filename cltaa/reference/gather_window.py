@@ -1,4 +1,4 @@
-"""Twin of ``gather/window.h``, ``gather_windows.cl`` and ``weigh_windows.cl``: the adaptive temporal window.
+"""Twin of ``gather/window.h``, ``gather_windows.cl`` and ``mix_windows.cl``: the adaptive temporal window.
 
 Each pixel is mixed from several windows of its past, each weighted by its error in the texels around.
 """
@@ -16,15 +16,15 @@ from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import (
     Pixel,
     Resolved,
-    as_reactive,
-    sample_share,
-    share_difference,
+    luminance_weight,
+    reactivity_weight,
     share_in_domain,
     storable,
+    weighted_difference,
 )
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, inner, to_range
 from cltaa.reference.gather import Gathering
-from cltaa.reference.gather_fit import Gathered, own_samples
+from cltaa.reference.gather_fit import SampleSums, own_samples
 from cltaa.reference.gather_track import ring_alpha, ring_reactive
 from cltaa.reference.planes import extend_stored, store_resolved
 from cltaa.reference.real import Array, Mask, constant, greater, lesser, limit, number, quiet, real_type
@@ -43,17 +43,17 @@ def has_more_frames(window: int, frames: int) -> bool:
     return window == 0 or ends[window] > ends[window - 1]
 
 
-def repeats(window: int, frames: int, standing: int, build: Build) -> bool:
+def repeats_previous(window: int, frames: int, static_frames: int, build: Build) -> bool:
     """True if a window equals the one before it, and is not stored."""
     if window >= (UNMOVED - 1 if build.choices.recursion is Recursion.STANDING else UNMOVED + 1):
         return False
-    return standing < SHORT_WINDOW if window == UNMOVED else not has_more_frames(window, frames)
+    return static_frames < SHORT_WINDOW if window == UNMOVED else not has_more_frames(window, frames)
 
 
-def window_error(g: Gathered, now: Pixel, window: Resolved, build: Build, settings: Record) -> Array:
+def window_error(g: SampleSums, now: Pixel, window: Resolved, build: Build, settings: Record) -> Array:
     """Squared distances of the latest samples, the current one among them, from a window's result."""
     one, two = number(1.0, g.zero), number(2.0, g.zero)
-    d = share_difference(to_range(window.rgb, build), now.own, build, settings)
+    d = weighted_difference(to_range(window.rgb, build), now.own, build, settings)
     squares = (g.recent_squares - two * inner(d, g.recent)) + (own_samples(now) + g.recent_count) * inner(d, d)
     left = one - one / greater(window.count, number(1.5, g.zero))
     return greater(squares, number(0.0, g.zero)) / (left * left)
@@ -61,10 +61,10 @@ def window_error(g: Gathered, now: Pixel, window: Resolved, build: Build, settin
 
 def resolve_unmoved(
     slots: Array, past: Any, p: Pixel, build: Build, layout: Layout, settings: Record
-) -> tuple[Resolved, Gathered]:
+) -> tuple[Resolved, SampleSums]:
     """Mean of the samples at each pixel's own position, and the sums of these samples."""
     one = np.ones_like(p.own[0])
-    g = Gathered(np.zeros_like(one))
+    g = SampleSums(np.zeros_like(one))
     for place, then in enumerate(past):
         planes = layout.inside(slots[int(then["slot"])]).astype(one.dtype)
         c = planes[:3]
@@ -74,16 +74,16 @@ def resolve_unmoved(
         c = np.where(good, to_range(c, build), p.own)
         counted = np.where(good, one, g.zero)
         if build.steps.reactive:
-            counted = counted * as_reactive(share_in_domain(planes[ring_reactive(build.steps)], 0.0), p)
-        w = counted * sample_share(c, build, settings)
+            counted = counted * reactivity_weight(share_in_domain(planes[ring_reactive(build.steps)], 0.0), p)
+        w = counted * luminance_weight(c, build, settings)
         g.sum = g.sum + w * (c - p.own)
         g.weight, g.count = g.weight + w, g.count + counted
         if place < SHORT_WINDOW:
-            g.add_recent(share_difference(c, p.own, build, settings), counted)
+            g.add_recent(weighted_difference(c, p.own, build, settings), counted)
         if build.steps.alpha:
             g.alpha = g.alpha + w * (share_in_domain(planes[ring_alpha(build.steps)], 1.0) - p.alpha)
     own = own_samples(p)
-    whole = np.where(own > g.zero, sample_share(p.own, build, settings), g.zero) + g.weight
+    whole = np.where(own > g.zero, luminance_weight(p.own, build, settings), g.zero) + g.weight
     alpha, count = p.alpha, g.count + own
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = alpha + g.alpha / whole
@@ -103,7 +103,7 @@ def gather_windows(
     ring: Array,
     past: Any,
     frames: int,
-    standing: int,
+    static_frames: int,
     recursive: Array,
     recursive_count: Array,
     windows: Array,
@@ -111,42 +111,42 @@ def gather_windows(
     settings: Record,
 ) -> None:
     """Resolve one frame from each window of ``frames`` ring frames into ``windows`` [WINDOWS * WINDOW_PLANES, rows,
-    stride]; the latest ``standing`` of them share the current camera."""
+    stride]; the latest ``static_frames`` of them share the current camera."""
     gathering = Gathering.begin(build, layout, locals())
     own, planes, begun = gathering.pixel, window_planes(build.steps), 0
     count = window_count(build.choices)
     target = layout.inside(windows)[: count * planes].reshape(count, planes, layout.height, layout.width)
     for window, end in enumerate(window_ends(frames)):
         gathering.add(past[begun:end], build, layout, frame, settings, before=begun, recent=SHORT_WINDOW - begun)
-        said = gathering.resolved(build, layout, settings)
+        out = gathering.resolved(build, layout, settings)
         if build.choices.recursion is Recursion.STANDING and window == UNMOVED - 1:
-            said = _longer_history(said, own.most_reactive <= 0, recursive, recursive_count, layout)
-        error = window_error(gathering.near, own, said, build, settings)
-        if not repeats(window, frames, standing, build):
-            _store(target[window], said, error)
+            out = longer_history(out, own.most_reactive <= 0, recursive, recursive_count, layout)
+        error = window_error(gathering.near, own, out, build, settings)
+        if not repeats_previous(window, frames, static_frames, build):
+            _store(target[window], out, error)
         begun = end
     if build.steps.reactive:
         unlike = gathering.near.unlike > gathering.near.recent_count
         for window in range(UNMOVED - 1):
-            _store(target[window], said, error, unlike)
-    stands = (gathering.motion.u == 0) & (gathering.motion.v == 0)
-    if not repeats(UNMOVED, frames, standing, build):
-        unmoved, sums = resolve_unmoved(gathering.slots, past[:standing], own, build, layout, settings)
+            _store(target[window], out, error, unlike)
+    at_rest = (gathering.motion.u == 0) & (gathering.motion.v == 0)
+    if not repeats_previous(UNMOVED, frames, static_frames, build):
+        unmoved, sums = resolve_unmoved(gathering.slots, past[:static_frames], own, build, layout, settings)
         if build.choices.recursion is Recursion.STANDING:
-            unmoved = _longer_history(unmoved, stands, recursive, recursive_count, layout)
-        told = sums.recent_count >= number(SHORT_WINDOW, error)
-        said = _chosen(told, unmoved, said)
-        error = np.where(told, window_error(sums, own, unmoved, build, settings), error)
-        _store(target[UNMOVED], said, error)
+            unmoved = longer_history(unmoved, at_rest, recursive, recursive_count, layout)
+        valid = sums.recent_count >= number(SHORT_WINDOW, error)
+        out = _chosen(valid, unmoved, out)
+        error = np.where(valid, window_error(sums, own, unmoved, build, settings), error)
+        _store(target[UNMOVED], out, error)
     if build.choices.recursion is Recursion.STANDING:
-        doubtful = past_is_doubtful(stands, own, layout.inside(recursive_count[0]).astype(error.dtype))
-        doubtful &= frames_before(past[:standing], build) >= value("DOUBTFUL_SAMPLES")
+        refuted = history_is_refuted(at_rest, own, layout.inside(recursive_count[0]).astype(error.dtype))
+        refuted &= frames_before(past[:static_frames], build) >= value("REFUTED_SAMPLES")
         if own.missing is not None:
-            doubtful &= ~own.missing
+            refuted &= ~own.missing
         filtered = storable(from_range(own.filtered, build), own.own, build)
         present = Resolved(filtered, own.alpha, np.ones_like(error))
-        beyond = present_error(gathering.near, own, doubtful, build, frame, settings)
-        _store(target[-1], _chosen(doubtful, present, said), beyond)
+        beyond = present_error(gathering.near, own, refuted, build, frame, settings)
+        _store(target[-1], _chosen(refuted, present, out), beyond)
     extend_stored(build, layout, windows[: count * planes])
 
 
@@ -155,13 +155,13 @@ def frames_before(past: Any, build: Build) -> int:
     return int(np.count_nonzero(past["ahead"] <= 0)) if build.steps.look_ahead else len(past)
 
 
-def past_is_doubtful(stands: Mask, p: Pixel, recursive_count: Array) -> Mask:
+def history_is_refuted(at_rest: Mask, p: Pixel, recursive_count: Array) -> Mask:
     """True where a surface is at rest, but the recursive resolve holds few of its samples."""
-    few: Mask = recursive_count < constant("DOUBTFUL_SAMPLES", recursive_count)
-    return stands & few & (p.most_reactive <= number(0.0, recursive_count))
+    few: Mask = recursive_count < constant("REFUTED_SAMPLES", recursive_count)
+    return at_rest & few & (p.most_reactive <= number(0.0, recursive_count))
 
 
-def present_error(g: Gathered, p: Pixel, valid: Mask, build: Build, frame: Record, settings: Record) -> Array:
+def present_error(g: SampleSums, p: Pixel, valid: Mask, build: Build, frame: Record, settings: Record) -> Array:
     """Distance of each pixel's own sample from the others in the current filter."""
     beyond = np.full_like(g.zero, constant("DOMAIN_LIMIT", g.zero))
     choices = build.choices
@@ -170,14 +170,12 @@ def present_error(g: Gathered, p: Pixel, valid: Mask, build: Build, frame: Recor
     one = number(1.0, g.zero)
     left, right, above, below = (number(frame[f"{side}_weight"], one) for side in ("left", "right", "above", "below"))
     others = one - (one - (left + right)) * (one - (above + below))
-    d = share_difference(p.filtered, p.own, build, settings)
+    d = weighted_difference(p.filtered, p.own, build, settings)
     error = constant("PRESENT_PENALTY", d) * ((own_samples(p) + g.recent_count) * (inner(d, d) / (others * others)))
-    return np.where(valid & (others > constant("LEAST_BESIDE", one)), error, beyond)
+    return np.where(valid & (others > constant("LEAST_NEIGHBOUR_SHARE", one)), error, beyond)
 
 
-def _longer_history(
-    window: Resolved, where: Mask, recursive: Array, recursive_count: Array, layout: Layout
-) -> Resolved:
+def longer_history(window: Resolved, where: Mask, recursive: Array, recursive_count: Array, layout: Layout) -> Resolved:
     """A window, or, ``where`` the recursive resolve holds more samples, its history, which contains all frames
     before."""
     count, held = (layout.inside(planes).astype(window.count.dtype) for planes in (recursive_count[0], recursive))
@@ -191,9 +189,9 @@ def _chosen(where: Mask, one: Resolved, other: Resolved) -> Resolved:
     return Resolved(*(np.where(where, *pair) for pair in pairs))
 
 
-def _store(planes: Array, said: Resolved, error: Array, where: Array | None = None) -> None:
+def _store(planes: Array, out: Resolved, error: Array, where: Array | None = None) -> None:
     """Write a window's result, everywhere or only ``where``, and alpha if there is a plane for it."""
-    for plane, values in zip(planes, [*said.rgb, error, said.count, said.alpha], strict=False):
+    for plane, values in zip(planes, [*out.rgb, error, out.count, out.alpha], strict=False):
         plane[...] = values if where is None else np.where(where, values, plane)
 
 
@@ -218,10 +216,10 @@ def sum_around(plane: Array, layout: Layout) -> Array:
     return column_sums(row_sums(plane, layout), layout)
 
 
-def trust(error: Array, least: Array) -> Array:
+def window_weight(error: Array, least: Array) -> Array:
     """Weight of a window relative to that of the least error."""
     tiny = constant("TINY", error)
-    ratio = greater((least + tiny) / (error + tiny), constant("LEAST_TRUST", error))
+    ratio = greater((least + tiny) / (error + tiny), constant("LEAST_ERROR_RATIO", error))
     second = ratio * ratio
     fourth = second * second
     eighth = fourth * fourth
@@ -264,10 +262,10 @@ def drift_of(then: Array, now: Array, weights: Array, layout: Layout) -> Drift:
 
 def shared_weights(window: Array, shortest: Array, build: Build, settings: Record) -> Array:
     """Weight of each texel [rows, stride]: the luminance weights of both windows."""
-    return sample_share(window[:3], build, settings) * sample_share(shortest[:3], build, settings)
+    return luminance_weight(window[:3], build, settings) * luminance_weight(shortest[:3], build, settings)
 
 
-def t_of(drift: Drift) -> Array:
+def students_t_of_drift(drift: Drift) -> Array:
     """Student's t of a drift; DRIFT_FLOOR of the light is added to its standard error."""
     floor = constant("DRIFT_FLOOR", drift.mean) * drift.level + constant("TINY", drift.mean)
     return np.abs(drift.mean) / (np.sqrt(drift.variance) + floor)
@@ -282,7 +280,7 @@ def drift_to_shortest(
     """
     weights = shared_weights(window, shortest, build, settings)
     drift = drift_of(window[:3], shortest[:3], weights, layout)
-    r, g, b = t_of(drift)
+    r, g, b = students_t_of_drift(drift)
     enough = number(settings["drift_t"], r)
     chance = enough / greater(greater(r, greater(g, b)), enough)
     sure = number(1.0, r) - chance * chance
@@ -293,35 +291,35 @@ def drift_to_shortest(
 
 
 @quiet
-def weigh_windows(
+def mix_windows(
     build: Build,
     layout: Layout,
     *,
     windows: Array,
     frames: int,
-    standing: int,
+    static_frames: int,
     output: Array,
     output_count: Array,
     frame: Record,
     settings: Record,
 ) -> None:
     """Mix each pixel from the windows of its past, padded planes [WINDOWS * WINDOW_PLANES, rows, stride], of a ring of
-    ``frames``, of which the latest ``standing`` share the current camera."""
+    ``frames``, of which the latest ``static_frames`` share the current camera."""
     real: Any = real_type(build)
     shape = window_count(build.choices), window_planes(build.steps)
     parts = windows[: shape[0] * shape[1]].astype(real).reshape(*shape, layout.rows, layout.stride)
-    held = [window for window in range(len(parts)) if not repeats(window, frames, standing, build)]
-    said = [max(k for k in held if k <= window) for window in range(len(parts))]
-    errors = [sum_around(parts[k][3], layout) for k in said]
+    stored = [window for window in range(len(parts)) if not repeats_previous(window, frames, static_frames, build)]
+    sources = [max(k for k in stored if k <= window) for window in range(len(parts))]
+    errors = [sum_around(parts[k][3], layout) for k in sources]
     least: Array = errors[0]
     for error in errors[1:]:
         least = lesser(least, error)
-    zero, first, weight = np.zeros_like(least), layout.inside(parts[0]), trust(errors[0], least)
+    zero, first, weight = np.zeros_like(least), layout.inside(parts[0]), window_weight(errors[0], least)
     alpha, darkest = first[5] if build.steps.alpha else np.ones_like(least), first[:3]
     sums, alphas, counts = np.zeros_like(darkest), zero, zero
     light, opacity = sums, zero  # their drift
-    for window, (k, error) in enumerate(zip(said[1:], errors[1:], strict=True), start=1):
-        w, own = trust(error, least), layout.inside(parts[k])
+    for window, (k, error) in enumerate(zip(sources[1:], errors[1:], strict=True), start=1):
+        w, own = window_weight(error, least), layout.inside(parts[k])
         if window > UNMOVED:
             light, opacity = np.zeros_like(sums), zero
         elif k == window and (window == UNMOVED or has_more_frames(window, frames)):

@@ -13,15 +13,15 @@ from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain, sample_is_missing
 from cltaa.reference.disocclusion import (
     any_nearer,
-    has_passed,
+    edge_count_limit,
     nearest_of,
+    occluder_covered,
+    occluder_has_passed,
     on_screen,
     same_surface,
-    samples_of_edge,
-    shows_behind,
-    stood_instead,
+    shows_background,
     surface_range,
-    texels_read,
+    weighted_texels,
 )
 from cltaa.reference.illumination import history_in_range, illumination_test, tests_light
 from cltaa.reference.neighbourhood import Surface
@@ -53,19 +53,19 @@ class History:
     change: Array
 
 
-class Covering(NamedTuple):
+class Occlusion(NamedTuple):
     """How occluders, now or in the previous frame, affect each history, masks [H, W]: something nearer beside its
     position, moved away since, over so much of it that the history holds its colour; pixels behind the surface that
-    they follow. ``most`` [H, W] limits the sample count where pixel and history mix both sides of an edge."""
+    they follow. ``count_limit`` [H, W] limits the sample count where pixel and history mix both sides of an edge."""
 
-    beside: Mask
+    nearer_beside: Mask
     passed: Mask
-    instead: Mask
-    behind: Mask
-    most: Array
+    covered: Mask
+    background: Mask
+    count_limit: Array
 
 
-def covering_of(
+def find_occlusion(
     previous_inverse_depth: Array,
     previous: Quad,
     f: Footprint,
@@ -75,31 +75,31 @@ def covering_of(
     layout: Layout,
     frame: Record,
     settings: Record,
-) -> Covering:
+) -> Occlusion:
     """Find from the previous inverse depth [rows, stride] how occluders affect each pixel's history."""
-    no, most = np.zeros(m.u.shape, np.bool_), np.full_like(m.u, constant("DOMAIN_LIMIT", m.u))
+    no, count_limit = np.zeros(m.u.shape, np.bool_), np.full_like(m.u, constant("DOMAIN_LIMIT", m.u))
     steps, tolerance = build.steps, settings["depth_tolerance"]
     if build.choices.reject is not Reject.DEPTH or not (steps.camera_motion or steps.own_motion):
-        return Covering(no, no, no, no, most)
+        return Occlusion(no, no, no, no, count_limit)
     _, high = surface_range(s, m, tolerance)
-    beside, passed, instead, behind = any_nearer(previous, high), no, no, no
+    nearer_beside, passed, covered, background = any_nearer(previous, high), no, no, no
     corners = sample_corners(previous_inverse_depth, f, m.u.dtype)
     if steps.camera_motion:
         nearest = greater(nearest_of(previous), nearest_of(corners))
-        passed = has_passed(nearest, s, m, tolerance, build, layout, frame)
-        behind = shows_behind(previous, s, m, build, layout, frame)
-        most = samples_of_edge(previous, corners, s, m, build, layout, frame, settings)
+        passed = occluder_has_passed(nearest, s, m, tolerance, build, layout, frame)
+        background = shows_background(previous, s, m, build, layout, frame)
+        count_limit = edge_count_limit(previous, corners, s, m, build, layout, frame, settings)
     if build.terms.covered_share:
-        instead = stood_instead(previous, corners, high, f, settings["covered_share"])
-        instead &= passed | bool(steps.own_motion and frame["own_vectors"])
-    return Covering(beside, passed, instead, behind, most)
+        covered = occluder_covered(previous, corners, high, f, settings["covered_share"])
+        covered &= passed | bool(steps.own_motion and frame["own_vectors"])
+    return Occlusion(nearer_beside, passed, covered, background, count_limit)
 
 
-def least_change(c: Covering, settings: Record, like: Array) -> Array:
+def illumination_threshold(o: Occlusion, settings: Record, like: Array) -> Array:
     """The |t| above which an illumination change reduces the sample count, [H, W] in the type of ``like``."""
-    behind = np.where(c.behind, number(settings["behind_t"], like), number(settings["illumination_t"], like))
-    beside: Array = np.where(c.beside, number(settings["disocclusion_t"], like), behind)
-    return np.where(c.passed, lesser(number(settings["passing_t"], like), beside), beside)
+    background = np.where(o.background, number(settings["behind_t"], like), number(settings["illumination_t"], like))
+    beside: Array = np.where(o.nearer_beside, number(settings["disocclusion_t"], like), background)
+    return np.where(o.passed, lesser(number(settings["passing_t"], like), beside), beside)
 
 
 def sample_history(
@@ -129,18 +129,18 @@ def sample_history(
     valid &= ~colour_outside_domain(rgb)
     count = bilinear(sample_quad(history_count[0], f, real), f)
     previous = sample_quad(previous_inverse_depth[0], f, real)
-    c = covering_of(previous_inverse_depth[0], previous, f, s, m, build, layout, frame, settings)
+    o = find_occlusion(previous_inverse_depth[0], previous, f, s, m, build, layout, frame, settings)
     if build.choices.reject is Reject.DEPTH:
         no_depth = sample_is_missing(current, layout) & (s.nearest <= number(frame["sky_inverse_depth"], s.nearest))
-        read = texels_read(previous, f) if build.steps.own_motion and frame["own_vectors"] else previous
-        valid &= (same_surface(read, s, m, settings["depth_tolerance"]) & ~c.instead) | no_depth
+        read = weighted_texels(previous, f) if build.steps.own_motion and frame["own_vectors"] else previous
+        valid &= (same_surface(read, s, m, settings["depth_tolerance"]) & ~o.covered) | no_depth
     change = np.zeros_like(count)
     if tests_light(build):
-        least_t = least_change(c, settings, count)
+        threshold = illumination_threshold(o, settings, count)
         count, change = illumination_test(
-            count, least_t, current, history, history_count[1], f, build, layout, frame, settings
+            count, threshold, current, history, history_count[1], f, build, layout, frame, settings
         )
-        count = lesser(count, c.most)
+        count = lesser(count, o.count_limit)
     rgb = rgb if in_range else history_in_range(rgb, build, frame)
     alpha = np.ones_like(count)
     if build.steps.alpha:

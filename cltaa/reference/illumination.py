@@ -21,7 +21,7 @@ from cltaa.reference.colour import (
     to_range,
 )
 from cltaa.reference.neighbourhood import spread_of_three
-from cltaa.reference.real import NEIGHBOURS, Array, beside, constant, greater, lesser, limit, number
+from cltaa.reference.real import NEIGHBOURS, Array, constant, greater, lesser, limit, neighbour, number
 from cltaa.reference.sampling import Footprint
 
 
@@ -32,20 +32,20 @@ def history_in_range(colour: Colour, build: Build, frame: Record) -> Colour:
     return to_range(colour, build)
 
 
-class Paired(NamedTuple):
+class DifferenceMoments(NamedTuple):
     """Mean of three differences, and 3/2 of their spread."""
 
     mean: Array
     spread: Array
 
 
-def pair_row(left: Array, centre: Array, right: Array) -> Paired:
+def difference_row(left: Array, centre: Array, right: Array) -> DifferenceMoments:
     """Three differences of a row."""
     dl, dr = left - centre, right - centre
-    return Paired(centre + (dl + dr) * constant("ONE_THIRD", centre), spread_of_three(dl, dr))
+    return DifferenceMoments(centre + (dl + dr) * constant("ONE_THIRD", centre), spread_of_three(dl, dr))
 
 
-def paired_t(above: Paired, centre: Paired, below: Paired, least: Array) -> Array:
+def students_t(above: DifferenceMoments, centre: DifferenceMoments, below: DifferenceMoments, least: Array) -> Array:
     """A third of Student's t of nine differences, with the sign of their mean; ``least`` is added to their
     deviation."""
     da, db = above.mean - centre.mean, below.mean - centre.mean
@@ -85,7 +85,7 @@ class IlluminationResult(NamedTuple):
 
 def illumination_test(
     held: Array,
-    least_t: Array,
+    threshold: Array,
     current: Array,
     history: Array,
     history_change: Array,
@@ -95,11 +95,11 @@ def illumination_test(
     frame: Record,
     settings: Record,
 ) -> IlluminationResult:
-    """Divide the history's ``held`` [H, W] samples by max(1, |change| / ``least_t``)^2.
+    """Divide the history's ``held`` [H, W] samples by max(1, |change| / ``threshold``)^2.
 
     The change is Student's t of the channel that changed most, negative where luminance falls, plus
-    ``illumination_decay`` times the stored change of the previous frame. Where light falls, ``falling_t * least_t``
-    replaces ``least_t`` [H, W]. ``current`` [3, rows, stride], ``history`` [3 or 4, rows, stride] and
+    ``illumination_decay`` times the stored change of the previous frame. Where light falls, ``falling_t * threshold``
+    replaces ``threshold`` [H, W]. ``current`` [3, rows, stride], ``history`` [3 or 4, rows, stride] and
     ``history_change`` [rows, stride], of the previous frame, are padded planes.
     """
     real: Any = f.fx.dtype
@@ -111,36 +111,36 @@ def illumination_test(
     )
 
     def difference(i: int, j: int) -> tuple[Colour, Array]:
-        now = to_boxed(to_range(beside(colour, i, j, layout), build), build)
+        now = to_boxed(to_range(neighbour(colour, i, j, layout), build), build)
         past = history[:3, row + j, column + i].astype(real)
         return illumination_difference(now, past, build, frame), np.abs(now[0])
 
-    rows: list[Paired] = []
+    rows: list[DifferenceMoments] = []
     levels = []
     for j in (-1, 0, 1):
         (left, left_size), (own, own_size), (right, right_size) = (difference(i, j) for i in (-1, 0, 1))
-        rows.append(pair_row(left, own, right))
+        rows.append(difference_row(left, own, right))
         levels.append((left_size + own_size) + right_size)
     level = (levels[0] + levels[1]) + levels[2]
     floor = number(settings["illumination_floor"], level)
     first, *_ = units = box_units(build)
     least = floor * (level * constant("ONE_THIRD", level)) + number(first * value("TINY"), level)
     above, centre, below = rows
-    ta, tb, tc = paired_t(above, centre, below, a_channel([unit / first for unit in units]) * least)
+    ta, tb, tc = students_t(above, centre, below, a_channel([unit / first for unit in units]) * least)
     largest = number(3.0, level) * greater(np.abs(ta), greater(np.abs(tb), np.abs(tc)))
     t = lesser(largest, constant("DOMAIN_LIMIT", level))
     before = history_change[row, column].astype(real)
     change = np.where(ta < number(0.0, level), -t, t) + number(settings["illumination_decay"], level) * before
-    falling_t = number(settings["falling_t"], level) * least_t
-    by = greater(np.abs(change) / np.where(change < number(0.0, level), falling_t, least_t), number(1.0, level))
-    drawn = _drawn(current, layout, zero)
-    untested = sample_is_missing(current, layout) & (drawn < number(5.0, drawn))
+    falling_t = number(settings["falling_t"], level) * threshold
+    by = greater(np.abs(change) / np.where(change < number(0.0, level), falling_t, threshold), number(1.0, level))
+    rendered = _rendered(current, layout, zero)
+    untested = sample_is_missing(current, layout) & (rendered < number(5.0, rendered))
     return IlluminationResult(
         np.where(untested, held, held / (by * by)), np.where(untested, zero, stored_change(change))
     )
 
 
-def _drawn(current: Array, layout: Layout, zero: Array) -> Array:
+def _rendered(current: Array, layout: Layout, zero: Array) -> Array:
     """Number of usable texels in the 3x3 of each pixel, with the image's edge repeated."""
     usable = ~colour_outside_domain(current[:3])
-    return zero + sum(beside(usable, *step, layout) for step in NEIGHBOURS)
+    return zero + sum(neighbour(usable, *step, layout) for step in NEIGHBOURS)

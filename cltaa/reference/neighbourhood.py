@@ -11,7 +11,7 @@ from cltaa.core.build import Build, Record
 from cltaa.core.parameters import Box, BoxSpace, CurrentFilter, Dilation, Neighbourhood, Variance
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, from_box_space, in_units, luminance, to_box_space, to_boxed, to_range
-from cltaa.reference.real import Array, Mask, beside, constant, greater, lesser, limit, number, outside_domain
+from cltaa.reference.real import Array, Mask, constant, greater, lesser, limit, neighbour, number, outside_domain
 
 
 class Moments(NamedTuple):
@@ -147,7 +147,7 @@ def texel_weights(texels: Sequence[Colour], build: Build, frame: Record) -> list
     return [one / (one + greater(y, number(0.0, one))) for y in lights]
 
 
-def weighed_texels(texels: Sequence[Colour], build: Build, frame: Record) -> tuple[Colour, Colour]:
+def weighted_statistics(texels: Sequence[Colour], build: Build, frame: Record) -> tuple[Colour, Colour]:
     """Weighted mean and deviation of nine texels, in the kernels' coordinates."""
     weights = texel_weights(texels, build, frame)
     shift = spread = np.zeros_like(texels[0])
@@ -165,12 +165,12 @@ def neighbourhood_statistics(above: Row, centre: Row, below: Row, build: Build, 
     m = neighbourhood_moments(above.moments, centre.moments, below.moments, build)
     mean, deviation = m.shift + m.offset, deviation_of(m, build)
     if build.choices.neighbourhood in (Neighbourhood.LUMINANCE, Neighbourhood.JITTERED):
-        mean, deviation = weighed_texels((*above.texels, *centre.texels, *below.texels), build, frame)
+        mean, deviation = weighted_statistics((*above.texels, *centre.texels, *below.texels), build, frame)
         mean = limit(mean, m.low, m.high)
     return Statistics(*(in_units(colour, build) for colour in (mean, deviation, m.low, m.high)))
 
 
-def weigh_line(before: Colour, middle: Colour, after: Colour, first: Any, last: Any, build: Build) -> Colour:
+def filter_three(before: Colour, middle: Colour, after: Colour, first: Any, last: Any, build: Build) -> Colour:
     """Weight three colours as the middle one plus weighted differences from it."""
     if build.choices.current_filter is CurrentFilter.NONE:
         return middle
@@ -182,7 +182,7 @@ def current_sample(above: Row, centre: Row, below: Row, near: Statistics, build:
     """The pixel's own sample, or the one that the current filter reconstructs at its centre."""
     if build.choices.current_filter is CurrentFilter.NONE:
         return centre.centre
-    v = weigh_line(above.across, centre.across, below.across, frame["above_weight"], frame["below_weight"], build)
+    v = filter_three(above.across, centre.across, below.across, frame["above_weight"], frame["below_weight"], build)
     if build.choices.current_filter is not CurrentFilter.LANCZOS:
         return v
     b = to_box_space(v, build)
@@ -200,7 +200,7 @@ def read_row(
     """Rows y + ``dy`` of repaired colour planes, inverse depth [1, rows, stride] and motion [2, rows, stride]."""
 
     def window(planes: Array, dx: int) -> Array:
-        return beside(planes, dx, dy, layout)
+        return neighbour(planes, dx, dy, layout)
 
     left, centre, right = [to_range(window(colour, dx), build) for dx in (-1, 0, 1)]
     texels = to_boxed(left, build), to_boxed(centre, build), to_boxed(right, build)
@@ -220,7 +220,7 @@ def read_row(
         chosen_row(*texels, build),
         texels,
         centre,
-        weigh_line(left, centre, right, frame["left_weight"], frame["right_weight"], build),
+        filter_three(left, centre, right, frame["left_weight"], frame["right_weight"], build),
         nearest,
         nearest_x,
         lesser(lesser(zl, zr), zc),

@@ -30,7 +30,7 @@ def half_storable(v: Array) -> Array:
     return np.where(np.abs(limited) <= tiny, v.dtype.type(0.0), limited)
 
 
-def spread_bits(v: Words) -> Words:
+def hash_bits(v: Words) -> Words:
     """Hash numbers to 32 bits (the integer hash "lowbias32", Wellons 2018)."""
     v = (v ^ (v >> np.uint32(16))) * np.uint32(0x7FEB352D)
     v = (v ^ (v >> np.uint32(15))) * np.uint32(0x846CA68B)
@@ -40,8 +40,8 @@ def spread_bits(v: Words) -> Words:
 def storage_dither(layout: Layout, frame: Record) -> Array:
     """Pseudo-random numbers in [0, 1), new for every pixel and frame and the same in every run, [H, W] float32."""
     x, y = np.arange(layout.width, dtype=np.uint32), np.arange(layout.height, dtype=np.uint32)
-    row = spread_bits(y + spread_bits(np.array([frame["number"]], np.uint32)))
-    bits = spread_bits(x[None, :] ^ row[:, None])
+    row = hash_bits(y + hash_bits(np.array([frame["number"]], np.uint32)))
+    bits = hash_bits(x[None, :] ^ row[:, None])
     dither = (bits >> np.uint32(8)).astype(np.float32)
     return dither * constant("DITHER_STEP", dither)
 

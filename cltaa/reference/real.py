@@ -35,7 +35,7 @@ def number(v: Any, like: Array) -> Any:
     return like.dtype.type(v)
 
 
-def beside(planes: Array, dx: int, dy: int, layout: Layout) -> Array:
+def neighbour(planes: Array, dx: int, dy: int, layout: Layout) -> Array:
     """For every pixel the texel ``dx`` columns and ``dy`` rows beside it, from padded planes [..., rows, stride]."""
     top, left = PAD_Y + dy, PAD_X + dx
     return planes[..., top : top + layout.height, left : left + layout.width]

@@ -61,7 +61,7 @@ def neighbourhood_box(s: Statistics, gamma: Array, build: Build, settings: Recor
     return BoxOf(centre, extent, low, high)
 
 
-def _outsideness(d: Colour, extent: Colour, build: Build) -> Array:
+def _distance_in_extents(d: Colour, extent: Colour, build: Build) -> Array:
     far = np.abs(d) / extent
     if build.choices.rectify is Rectify.ELLIPSOID:
         return np.sqrt(inner(far, far))
@@ -73,18 +73,18 @@ def _outside_ends(v: Colour, box: BoxOf) -> Any:
     return out[0] | out[1] | out[2]
 
 
-def _entry(h: Colour, way: Colour, low: Colour, high: Colour) -> Colour:
+def _entry(h: Colour, direction: Colour, low: Colour, high: Colour) -> Colour:
     """Share of the way from ``h`` at which each coordinate enters the box; 0 inside."""
-    still = way == number(0.0, way)
-    safe = np.where(still, number(1.0, way), way)
+    parallel = direction == number(0.0, direction)
+    safe = np.where(parallel, number(1.0, direction), direction)
     to_low, to_high = (low - h) / safe, (high - h) / safe
-    return np.where(still, number(0.0, way), lesser(to_low, to_high))
+    return np.where(parallel, number(0.0, direction), lesser(to_low, to_high))
 
 
 def _clip_towards(history: Colour, target: Colour, box: BoxOf) -> Colour:
-    way = target - history
-    a, b, c = _entry(history, way, box.low, box.high)
-    return history + limit(greater(greater(a, b), c), number(0.0, a), number(1.0, a)) * way
+    direction = target - history
+    a, b, c = _entry(history, direction, box.low, box.high)
+    return history + limit(greater(greater(a, b), c), number(0.0, a), number(1.0, a)) * direction
 
 
 def rectify_history(history: Colour, current: Colour, box: BoxOf, build: Build) -> Colour:
@@ -96,7 +96,7 @@ def rectify_history(history: Colour, current: Colour, box: BoxOf, build: Build) 
     if build.choices.rectify is Rectify.CLIP_CURRENT:
         return _clip_towards(history, limit(current, box.low, box.high), box)
     d = history - box.centre
-    t = _outsideness(d, box.extent, build)
+    t = _distance_in_extents(d, box.extent, build)
     one = number(1.0, t)
     out = t > one
     if build.choices.rectify is Rectify.CLIP and build.choices.box is not Box.VARIANCE:
@@ -108,9 +108,9 @@ def blend_boost_of(m: Motion, moved: Colour, build: Build, layout: Layout, setti
     """0 to 1: the larger of motion in screens a frame and the distance moved in the box space; 1 in motion
     (standing)."""
     if build.choices.accumulate is Accumulate.STANDING:
-        least = constant("STANDS", m.u)
-        stands = (np.abs(m.u) < least) & (np.abs(m.v) < least)
-        return np.where(stands, np.zeros_like(m.u), np.ones_like(m.u))
+        least = constant("STATIC_MOTION", m.u)
+        is_static = (np.abs(m.u) < least) & (np.abs(m.v) < least)
+        return np.where(is_static, np.zeros_like(m.u), np.ones_like(m.u))
     if build.choices.accumulate not in (Accumulate.ADAPTIVE, Accumulate.CAPPED):
         return np.zeros_like(m.u)
     across, down = m.u / number(layout.width, m.u), m.v / number(layout.height, m.v)

@@ -84,12 +84,12 @@ def six_taps(p: Sequence[Array], w: Weights) -> Array:
     return ((((w.first * first + w.last * last) + w.w0 * p0) + w.w3 * p3) + w.w1 * p1) + w.w2 * p2
 
 
-def between(a: Array, b: Array, t: Array) -> Array:
+def lerp(a: Array, b: Array, t: Array) -> Array:
     """Interpolate linearly from ``a`` to ``b``."""
     return a + t * (b - a)
 
 
-def weigh(p: Sequence[Array], w: Weights, build: Build) -> RowTaps:
+def filter_taps(p: Sequence[Array], w: Weights, build: Build) -> RowTaps:
     """Filter the taps of a line: one of them, or their pair in the middle, plus weighted differences from it."""
     kind = build.choices.history_filter
     if kind is HistoryFilter.CROSS_20:
@@ -104,15 +104,15 @@ def weigh(p: Sequence[Array], w: Weights, build: Build) -> RowTaps:
     return RowTaps(middle, pair, sides)
 
 
-def cross(rows: Sequence[RowTaps], wx: Weights, wy: Weights) -> Array:
+def cross_of(rows: Sequence[RowTaps], wx: Weights, wy: Weights) -> Array:
     """Both arms of the cross, clamped to the range of the four middle texels plus a quarter of it at either end."""
     r1, r2 = rows[2], rows[3]
-    left = between(r1.middle, r2.middle, wy.linear) + six_taps([row.middle for row in rows], wy)
-    right = between(r1.right, r2.right, wy.linear) + six_taps([row.right for row in rows], wy)
+    left = lerp(r1.middle, r2.middle, wy.linear) + six_taps([row.middle for row in rows], wy)
+    right = lerp(r1.right, r2.right, wy.linear) + six_taps([row.right for row in rows], wy)
     low = lesser(lesser(r1.middle, r1.right), lesser(r2.middle, r2.right))
     high = greater(greater(r1.middle, r1.right), greater(r2.middle, r2.right))
-    more, along_x = number(0.25, low) * (high - low), between(r1.sides, r2.sides, wy.linear)
-    return limit(between(left, right, wx.linear) + along_x, low - more, high + more)
+    more, along_x = number(0.25, low) * (high - low), lerp(r1.sides, r2.sides, wy.linear)
+    return limit(lerp(left, right, wx.linear) + along_x, low - more, high + more)
 
 
 def without_corners(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Build) -> Array:
@@ -128,13 +128,13 @@ def without_corners(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Bu
     return total * centre + rest if raw else centre + rest / total
 
 
-def weigh_rows(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Build) -> Array:
+def filter_rows(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Build) -> Array:
     """Filter rows along y."""
     if build.choices.history_filter is HistoryFilter.CROSS_20:
-        return cross(rows, wx, wy)
+        return cross_of(rows, wx, wy)
     if build.choices.history_filter in FIVE_PAIRS:
         return without_corners(rows, wx, wy, build)
-    return weigh([row.middle for row in rows], wy, build).middle
+    return filter_taps([row.middle for row in rows], wy, build).middle
 
 
 class Footprint(NamedTuple):
@@ -170,8 +170,8 @@ def sample_plane(plane: Array, f: Footprint, wx: Weights, wy: Weights, build: Bu
     rows: list[RowTaps] = []
     for j in reach:
         taps = [plane[f.row + j, f.column + i].astype(real) for i in reach]
-        rows.append(weigh(taps, wx, build))
-    return weigh_rows(rows, wx, wy, build)
+        rows.append(filter_taps(taps, wx, build))
+    return filter_rows(rows, wx, wy, build)
 
 
 def sample_quad(plane: Array, f: Footprint, real: Any) -> Quad:

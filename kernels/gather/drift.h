@@ -31,7 +31,7 @@ STAGE shortest_row row_of_shortest(plane_in p, frame_t frame, settings_t setting
     shortest_row row;
     for (int i = 0; i < SIDE; ++i) {
         row.now[i] = load_colour(p + i - WINDOW_REACH, plane);
-        row.share[i] = sample_share(row.now[i], settings);
+        row.share[i] = luminance_weight(row.now[i], settings);
         row.alpha[i] = ALPHA ? load(p + 5 * plane + i - WINDOW_REACH) : SPLAT(1.0);
     }
     return row;
@@ -47,7 +47,7 @@ STAGE drift_sums drift_of_row(plane_in window, const shortest_row* row, frame_t 
         plane_in p = window + i - WINDOW_REACH;
         const colour was = load_colour(p, plane), now = row->now[i];
         d[i] = minus(now, was);
-        w[i] = sample_share(was, settings) * row->share[i];
+        w[i] = luminance_weight(was, settings) * row->share[i];
         s.mean.r += w[i] * d[i].r, s.level.r += w[i] * absolute(was.r);
         s.mean.g += w[i] * d[i].g, s.level.g += w[i] * absolute(was.g);
         s.mean.b += w[i] * d[i].b, s.level.b += w[i] * absolute(was.b);
@@ -75,10 +75,10 @@ STAGE real error_of_row(plane_in window, frame_t frame)
 
 // 1 if a window's drift of light is computed. The window of the current frame has no past, and one with no more frames
 // of the ring than the one before has the same drift.
-STAGE int drifts(int window, int frames, int standing)
+STAGE int has_drift(int window, int frames, int static_frames)
 {
     if (window == UNMOVED)
-        return !repeats(window, frames, standing);
+        return !repeats_previous(window, frames, static_frames);
     return window > 0 && window < UNMOVED && has_more_frames(window, frames);
 }
 
@@ -90,22 +90,22 @@ typedef struct
 } row_sums;
 
 // Index of the sums of row y.
-STAGE int kept_row(int y) { return (y + WINDOW_REACH) % SIDE; }
+STAGE int row_slot(int y) { return (y + WINDOW_REACH) % SIDE; }
 
-STAGE void keep_row(
-    row_sums* rows, plane_in windows, int x, int y, int frames, int standing, frame_t frame, settings_t settings)
+STAGE void sum_row(
+    row_sums* rows, plane_in windows, int x, int y, int frames, int static_frames, frame_t frame, settings_t settings)
 {
-    row_sums* kept = &rows[kept_row(y)];
+    row_sums* sums = &rows[row_slot(y)];
     const uint at = texel_offset(frame, x, y);
     const shortest_row row = row_of_shortest(windows + at, frame, settings);
     for (int window = 0; window < WINDOWS; ++window) {
         plane_in planes = window_plane(windows, window, 0, frame);
-        if (!repeats(window, frames, standing)) {
-            fetch_planes(planes, WINDOW_PLANES, at, frame);
-            kept->error[window] = error_of_row(planes + at, frame);
+        if (!repeats_previous(window, frames, static_frames)) {
+            prefetch_planes(planes, WINDOW_PLANES, at, frame);
+            sums->error[window] = error_of_row(planes + at, frame);
         }
-        if (drifts(window, frames, standing))
-            kept->drift[window - 1] = drift_of_row(planes + at, &row, frame, settings);
+        if (has_drift(window, frames, static_frames))
+            sums->drift[window - 1] = drift_of_row(planes + at, &row, frame, settings);
     }
 }
 
@@ -113,7 +113,7 @@ STAGE real error_around(const row_sums* rows, int window, int y)
 {
     real sum = SPLAT(0.0);
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j)
-        sum += rows[kept_row(y + j)].error[window];
+        sum += rows[row_slot(y + j)].error[window];
     return sum;
 }
 
@@ -124,7 +124,7 @@ STAGE drift_sums drift_around(const row_sums* rows, int window, int y)
 {
     drift_sums all = { 0 };
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
-        const drift_sums* row = &rows[kept_row(y + j)].drift[window - 1];
+        const drift_sums* row = &rows[row_slot(y + j)].drift[window - 1];
         all.mean.r += row->weight * row->mean.r, all.level.r += row->level.r;
         all.mean.g += row->weight * row->mean.g, all.level.g += row->level.g;
         all.mean.b += row->weight * row->mean.b, all.level.b += row->level.b;
@@ -133,7 +133,7 @@ STAGE drift_sums drift_around(const row_sums* rows, int window, int y)
     }
     all.mean = quotients(all.mean, all.weight);
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
-        const drift_sums* row = &rows[kept_row(y + j)].drift[window - 1];
+        const drift_sums* row = &rows[row_slot(y + j)].drift[window - 1];
         const colour off = minus(row->mean, all.mean);
         all.squares.r += row->squares.r + row->weight * (off.r * off.r);
         all.squares.g += row->squares.g + row->weight * (off.g * off.g);
@@ -144,16 +144,16 @@ STAGE drift_sums drift_around(const row_sums* rows, int window, int y)
 
 // Weight of a window relative to that of the least error: the ratio of errors to the 16th power, since the exponent of
 // a likelihood is half the number of recent samples.
-STAGE real trust(real error, real least)
+STAGE real window_weight(real error, real least)
 {
-    const real ratio = greater(quotient(least + K(TINY), error + K(TINY)), SPLAT(LEAST_TRUST));
+    const real ratio = greater(quotient(least + K(TINY), error + K(TINY)), SPLAT(LEAST_ERROR_RATIO));
     const real second = ratio * ratio, fourth = second * second, eighth = fourth * fourth;
     return eighth * eighth;
 }
 
 // Student's t of a mean difference. DRIFT_FLOOR of the light is added to the standard error, so that an invisible
 // difference counts for little.
-STAGE real t_of(real mean, real squares, real level, real weight)
+STAGE real students_t_of_drift(real mean, real squares, real level, real weight)
 {
     const real variance = quotient(squares, weight * SPLAT(SIDE * SIDE - 1));
     const real error = square_root(variance) + (SPLAT(DRIFT_FLOOR) * quotient(level, weight) + K(TINY));
@@ -165,16 +165,16 @@ typedef struct
 {
     colour light;
     real alpha;
-} drifted;
+} window_drift;
 
 // Drift from a window to the shortest: the mean difference of the texels around, as far as it is not chance, 1 -
 // (drift_t / t)^2 (James and Stein), by the channel of light that drifted most.
-STAGE drifted drift_to_shortest(drift_sums s, settings_t settings)
+STAGE window_drift drift_to_shortest(drift_sums s, settings_t settings)
 {
-    const real r = t_of(s.mean.r, s.squares.r, s.level.r, s.weight),
-               g = t_of(s.mean.g, s.squares.g, s.level.g, s.weight),
-               b = t_of(s.mean.b, s.squares.b, s.level.b, s.weight);
+    const real r = students_t_of_drift(s.mean.r, s.squares.r, s.level.r, s.weight),
+               g = students_t_of_drift(s.mean.g, s.squares.g, s.level.g, s.weight),
+               b = students_t_of_drift(s.mean.b, s.squares.b, s.level.b, s.weight);
     const real t = greater(greater(r, greater(g, b)), SPLAT(settings.drift_t));
     const real chance = quotient(SPLAT(settings.drift_t), t), sure = SPLAT(1.0) - chance * chance;
-    return (drifted) { scaled(s.mean, sure), ALPHA ? sure * quotient(s.alpha, s.weight) : SPLAT(0.0) };
+    return (window_drift) { scaled(s.mean, sure), ALPHA ? sure * quotient(s.alpha, s.weight) : SPLAT(0.0) };
 }

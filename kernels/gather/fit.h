@@ -14,10 +14,10 @@ typedef struct
     // weight that they lose because they were rendered with another reactivity.
     colour recent;
     real recent_squares, recent_count, unlike;
-} gathered;
+} sample_sums;
 
 // Adds a recent sample that differs by d from the current one, with weight `counted`.
-STAGE void add_recent(gathered* g, colour d, real counted)
+STAGE void add_recent(sample_sums* g, colour d, real counted)
 {
     g->recent = plus_scaled(g->recent, counted, d);
     g->recent_squares += counted * inner(d, d);
@@ -26,7 +26,7 @@ STAGE void add_recent(gathered* g, colour d, real counted)
 
 // Adds a sample that differs by d from the current one and lies at (dx, dy), in pixels from the centre. A sample of the
 // farther surface adds its position only.
-STAGE void add_sample(gathered* g, colour d, real w, real dx, real dy, mask near)
+STAGE void add_sample(sample_sums* g, colour d, real w, real dx, real dy, mask near)
 {
     const real n = GATHER_FIT == GATHER_FIT_LAYERS ? (near ? w : SPLAT(0.0)) : w;
     g->sum = plus_scaled(g->sum, n, d);
@@ -47,9 +47,9 @@ STAGE void add_sample(gathered* g, colour d, real w, real dx, real dy, mask near
 }
 
 // Sums of the current sample alone, where it is `counted`. To a mean of the others, resolve_gathered adds it.
-STAGE gathered first_sample(real w, mask counted, mask near, frame_t frame)
+STAGE sample_sums first_sample(real w, mask counted, mask near, frame_t frame)
 {
-    gathered g = { 0 };
+    sample_sums g = { 0 };
     const colour same = { 0 };
     if (GATHER_FIT != GATHER_FIT_MEAN)
         add_sample(&g, same, counted ? w : SPLAT(0.0), SPLAT(frame.jitter_x), SPLAT(frame.jitter_y), near);
@@ -64,7 +64,7 @@ typedef struct
     real one, x, y;
 } fit_t;
 
-STAGE fit_t fit_at_centre(gathered g, real samples, settings_t settings)
+STAGE fit_t fit_at_centre(sample_sums g, real samples, settings_t settings)
 {
     const real mean = SPLAT(1.0) / g.weight, mx = g.x * mean, my = g.y * mean;
     const real ridge = K(settings.fit_ridge) * (g.weight / samples);
@@ -81,7 +81,7 @@ STAGE real fitted(fit_t f, real sum, real along, real down) { return f.one * sum
 
 // Colour of a pixel's samples minus the current one. At a depth edge the nearer surface's coverage and colour are
 // fitted to the samples along its track; behind it lies the mean of the samples along the farther surface's own track.
-STAGE colour gathered_change(gathered g, gathered far, layers_t l, real samples, settings_t settings)
+STAGE colour gathered_change(sample_sums g, sample_sums far, layers_t l, real samples, settings_t settings)
 {
     const fit_t f = fit_at_centre(g, samples, settings);
     const colour v = { fitted(f, g.sum.r, g.along.r, g.down.r), fitted(f, g.sum.g, g.along.g, g.down.g),
@@ -97,7 +97,7 @@ STAGE colour gathered_change(gathered g, gathered far, layers_t l, real samples,
 // Share of the filtered sample beside a pixel's n samples, given 1 / n: 1 / (n^2 - 1), at most 1, since a fit needs it
 // only with two or three samples; where light may change 1 / n, and as 1 / n^2 beyond filter_samples. At a depth edge,
 // where samples miss their surface and so count for less, 1 / n.
-STAGE real gathered_filter_share(real of_mean, gathered g, layers_t l, settings_t settings)
+STAGE real gathered_filter_share(real of_mean, sample_sums g, layers_t l, settings_t settings)
 {
     if (ILLUMINATION == ILLUMINATION_WINDOW)
         return l.edge ? of_mean : fading_share(of_mean, settings);
@@ -110,7 +110,7 @@ STAGE real own_samples(pixel_t p) { return p.missing ? SPLAT(0.0) : SPLAT(1.0); 
 
 // Share of its samples that a reactive pixel gives up for the current one. The latest samples already judge each
 // temporal window, so there a pixel of medium reactivity gives up little.
-STAGE real distrust(real reactivity)
+STAGE real reactive_loss(real reactivity)
 {
     const real square = reactivity * reactivity;
     return ILLUMINATION == ILLUMINATION_WINDOW ? square * square : reactivity;
@@ -118,8 +118,8 @@ STAGE real distrust(real reactivity)
 
 // Resolves the pixel from its samples and the current one. Where that is missing the others alone count, and where
 // there are none the pixel is filled, with count 0.
-STAGE resolved resolve_gathered(gathered g, gathered far, layers_t l, pixel_t p, motion_t m, plane_in image, int x,
-    int y, frame_t frame, settings_t settings)
+STAGE resolved resolve_gathered(sample_sums g, sample_sums far, layers_t l, pixel_t p, motion_t m, plane_in image,
+    int x, int y, frame_t frame, settings_t settings)
 {
     const colour current = p.own;
     const real zero = SPLAT(0.0), one = SPLAT(1.0), samples = g.count + own_samples(p);
@@ -130,14 +130,14 @@ STAGE resolved resolve_gathered(gathered g, gathered far, layers_t l, pixel_t p,
         past = plus(current, gathered_change(g, far, l, samples, settings));
     const rectification r = rectify(past, current, p.stats, m, box_scale_of(m, settings), frame, settings);
     // A mean leaves out the current sample and gets a share relative to it; a fit includes it.
-    real share = GATHER_FIT == GATHER_FIT_MEAN ? g.weight / (sample_share(current, settings) + g.weight) : one;
+    real share = GATHER_FIT == GATHER_FIT_MEAN ? g.weight / (luminance_weight(current, settings) + g.weight) : one;
     if (REACTIVE)
-        share *= one - distrust(p.reactivity);
+        share *= one - reactive_loss(p.reactivity);
     const colour mixed = plus_scaled(current, share, plus(minus(past, current), r.change));
     colour chosen = choose_colour(any, mixed, disoccluded_colour(current, p.stats.mean, settings));
     if ((FILTER_USE == FILTER_USE_FEW_SAMPLES) & (CURRENT_FILTER != CURRENT_FILTER_NONE)) {
         const real of_mean = one / (g.count + one), filter_share = gathered_filter_share(of_mean, g, l, settings);
-        chosen = drawn_towards(chosen, p.filtered, filtered_share(filter_share, p.filtered, settings));
+        chosen = lerp_colour(chosen, p.filtered, filtered_share(filter_share, p.filtered, settings));
     }
     chosen = choose_colour(p.missing, past, chosen);
     if (any_of(p.missing & !any))

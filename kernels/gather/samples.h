@@ -10,11 +10,11 @@
 typedef struct
 {
     real xx, xy, yx, yy;
-} stretch_t;
+} jacobian_t;
 
-STAGE stretch_t stretch_of(surface s, real slope_x, real slope_y, motion_t m, real x, real y, frame_t then)
+STAGE jacobian_t jacobian_of(surface s, real slope_x, real slope_y, motion_t m, real x, real y, frame_t then)
 {
-    stretch_t t = { 0 };
+    jacobian_t t = { 0 };
     if (!CAMERA_MOTION)
         return t;
     const real px = (x + s.x) + K(then.origin_x), py = (y + s.y) + K(then.origin_y), q = s.inverse_depth;
@@ -36,12 +36,12 @@ typedef struct
 {
     real x, y, xx, xy, yx, yy;
     mask visible;
-} places_t;
+} sample_grid_t;
 
-STAGE places_t places_now(real dx, real dy, stretch_t t)
+STAGE sample_grid_t sample_grid(real dx, real dy, jacobian_t t)
 {
     const real one = SPLAT(1.0), xx = one + t.xx, yy = one + t.yy, det = xx * yy - t.xy * t.yx;
-    places_t p;
+    sample_grid_t p;
     p.visible = det > SPLAT(LEAST_W);
     const real share = reciprocal(p.visible ? det : one);
     p.xx = yy * share, p.xy = -t.xy * share, p.yx = -t.yx * share, p.yy = xx * share;
@@ -81,22 +81,22 @@ typedef struct
     mask seen;
     footprint f;
     real column, row; // of that texel
-    places_t places;
+    sample_grid_t grid;
     real reach; // distance from which samples have no weight
     int recent; // 1: its samples are also summed separately
-    mask stands; // the surface has no own motion, and the frame is a later one
+    mask static_ahead; // the surface has no own motion, and the frame is a later one
 } view_t;
 
 // Returns the weight of the sample `right` and `down` texels from the nearest one, and its offset. Most of the eight
 // have weight 0, which is tested first. The halo of an image has no samples. A mean takes the nearest one alone.
-STAGE real weight_beside(view_t v, int right, int down, real* dx, real* dy, frame_t frame)
+STAGE real neighbour_weight(view_t v, int right, int down, real* dx, real* dy, frame_t frame)
 {
     const real zero = SPLAT(0.0), reach = v.reach;
-    *dx = v.places.x + (v.places.xx * K(right) + v.places.xy * K(down));
-    *dy = v.places.y + (v.places.yx * K(right) + v.places.yy * K(down));
+    *dx = v.grid.x + (v.grid.xx * K(right) + v.grid.xy * K(down));
+    *dy = v.grid.y + (v.grid.yx * K(right) + v.grid.yy * K(down));
     if (GATHER_FIT == GATHER_FIT_MEAN)
         return v.seen ? SPLAT(1.0) : zero;
-    const mask near = v.seen & v.places.visible & (absolute(*dx) < reach) & (absolute(*dy) < reach);
+    const mask near = v.seen & v.grid.visible & (absolute(*dx) < reach) & (absolute(*dy) < reach);
     if (!any_of(near))
         return zero;
     const real column = v.column + K(right), row = v.row + K(down), low = SPLAT(-0.5);
@@ -117,7 +117,7 @@ STAGE neighbours_t neighbours_within(view_t v)
 {
     if (GATHER_FIT == GATHER_FIT_MEAN)
         return (neighbours_t) { 0, 0, 0, 0 };
-    const places_t p = v.places;
+    const sample_grid_t p = v.grid;
     const real beyond = v.reach + SPLAT(1.0 / 1024); // an offset of a few pixels is rounded by 2^-21
     const real by_x = p.xx - absolute(p.xy), by_y = p.yy - absolute(p.yx);
     const mask seen = v.seen & p.visible;
@@ -128,14 +128,14 @@ STAGE neighbours_t neighbours_within(view_t v)
 
 // Adds one sample of a frame of the ring, if it shows one of the pixel's surfaces; with `far_only`, if it shows the
 // farther one.
-STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now, surface s, layers_t l, int far_only,
-    frame_t then, frame_t frame, settings_t settings)
+STAGE void gather_sample(sample_sums* g, view_t v, int right, int down, pixel_t now, surface s, layers_t l,
+    int far_only, frame_t then, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
     const int stride = row_stride(frame);
     const real zero = SPLAT(0.0);
     real dx, dy;
-    const real share = weight_beside(v, right, down, &dx, &dy, frame);
+    const real share = neighbour_weight(v, right, down, &dx, &dy, frame);
     mask good = share > zero;
     if (!any_of(good))
         return;
@@ -148,7 +148,7 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
         // The object there has set out since, or occludes the surface.
         plane_in moved = p + RING_MOTION * plane;
         const mask moves = !no_motion_vector(texel_at(moved, v.f, stride), texel_at(moved + plane, v.f, stride));
-        good = good & !(v.stands & moves);
+        good = good & !(v.static_ahead & moves);
     }
     mask near = (s.x == s.x);
     if (GATHER_FIT != GATHER_FIT_MEAN) {
@@ -161,15 +161,16 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
     const colour d = minus(c, now.own);
     real counted = good ? share : zero;
     if (REACTIVE & (ILLUMINATION == ILLUMINATION_WINDOW)) {
-        const real alike = as_reactive(share_in_domain(texel_at(p + RING_REACTIVE * plane, v.f, stride), zero), now);
-        g->unlike += v.recent ? counted * (SPLAT(1.0) - alike) : zero;
-        counted *= alike;
+        const real weight
+            = reactivity_weight(share_in_domain(texel_at(p + RING_REACTIVE * plane, v.f, stride), zero), now);
+        g->unlike += v.recent ? counted * (SPLAT(1.0) - weight) : zero;
+        counted *= weight;
     }
-    const real w = counted * sample_share(c, settings);
+    const real w = counted * luminance_weight(c, settings);
     add_sample(g, d, w, good ? dx : zero, good ? dy : zero, far_only ? !near : near);
     g->count += counted;
     if (v.recent)
-        add_recent(g, share_difference(c, now.own, settings), counted);
+        add_recent(g, weighted_difference(c, now.own, settings), counted);
     if (ALPHA) {
         const real a = share_in_domain(texel_at(p + RING_ALPHA * plane, v.f, stride), SPLAT(1.0));
         g->alpha += w * (a - now.alpha);
@@ -177,18 +178,18 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
 }
 
 // Returns the motion of the pixel's centre to a frame of the ring, by the sample that gives the depth or by the track,
-// and the stretch.
+// and its Jacobian.
 STAGE motion_t motion_to_frame(
-    stretch_t* stretch, track_t t, surface s, layers_t l, real px, real py, frame_t frame, frame_t then)
+    jacobian_t* jacobian, track_t t, surface s, layers_t l, real px, real py, frame_t frame, frame_t then)
 {
     const real zero = SPLAT(0.0);
     motion_t m = motion_from_depth(s, px, py, then);
-    *stretch = (stretch_t) { 0 };
+    *jacobian = (jacobian_t) { 0 };
     if (GATHER_FIT != GATHER_FIT_MEAN) {
-        *stretch = stretch_of(s, l.slope_x, l.slope_y, m, px, py, then);
+        *jacobian = jacobian_of(s, l.slope_x, l.slope_y, m, px, py, then);
         const real ox = s.x + K(frame.jitter_x), oy = s.y + K(frame.jitter_y);
-        m.u -= stretch->xx * ox + stretch->xy * oy;
-        m.v -= stretch->yx * ox + stretch->yy * oy;
+        m.u -= jacobian->xx * ox + jacobian->xy * oy;
+        m.v -= jacobian->yx * ox + jacobian->yy * oy;
     }
     if (OWN_MOTION) {
         m.u = t.own ? t.u : m.u;
@@ -196,29 +197,29 @@ STAGE motion_t motion_to_frame(
         m.scale = t.own ? SPLAT(1.0) : m.scale;
         m.shift = t.own ? t.shift : m.shift;
         m.visible = m.visible | t.own;
-        stretch->xx = t.own ? zero : stretch->xx, stretch->xy = t.own ? zero : stretch->xy;
-        stretch->yx = t.own ? zero : stretch->yx, stretch->yy = t.own ? zero : stretch->yy;
+        jacobian->xx = t.own ? zero : jacobian->xx, jacobian->xy = t.own ? zero : jacobian->xy;
+        jacobian->yx = t.own ? zero : jacobian->yx, jacobian->yy = t.own ? zero : jacobian->yy;
     }
     return m;
 }
 
 // Sums of a layer before it is followed. The nearer layer holds the current sample whatever that shows, the farther one
 // only if it shows the farther side; neither holds a missing sample.
-STAGE gathered begin_layer(surface s, layers_t l, int far, pixel_t p, frame_t frame, settings_t settings)
+STAGE sample_sums begin_layer(surface s, layers_t l, int far, pixel_t p, frame_t frame, settings_t settings)
 {
     const mask front = !l.edge | (s.centre > l.cut);
-    const real w = sample_share(p.own, settings);
+    const real w = luminance_weight(p.own, settings);
     if (far)
         return first_sample(w, !front & !p.missing, !front, frame);
     return first_sample(w, !p.missing, front, frame);
 }
 
 // Adds the mean of a side's texels in the current 3x3 as one sample: a disoccluded side has hardly another.
-STAGE void add_side(gathered* g, side_t side, colour current, settings_t settings)
+STAGE void add_side(sample_sums* g, side_t side, colour current, settings_t settings)
 {
     const real zero = SPLAT(0.0);
     const mask any = side.count > zero;
-    add_sample(g, minus(side.mean, current), any ? sample_share(side.mean, settings) : zero, zero, zero, any);
+    add_sample(g, minus(side.mean, current), any ? luminance_weight(side.mean, settings) : zero, zero, zero, any);
 }
 
 // 1 if a pixel of the segment has a farther side, which is followed separately.
@@ -233,22 +234,22 @@ typedef struct
 {
     side_t side;
     track_t track, ahead;
-    gathered sums;
+    sample_sums sums;
     int far; // NEARER or FARTHER
-} way_t;
+} path_t;
 
-STAGE way_t begin_way(surface s, layers_t l, int far, pixel_t p, plane_in current, plane_in inverse_depth,
+STAGE path_t begin_path(surface s, layers_t l, int far, pixel_t p, plane_in current, plane_in inverse_depth,
     plane_in motion, int x, int y, frame_t frame, settings_t settings)
 {
-    way_t way = { { s, l }, first_step(s), first_step_ahead(s), begin_layer(s, l, far, p, frame, settings), far };
+    path_t path = { { s, l }, begin_track(s), begin_track_ahead(s), begin_layer(s, l, far, p, frame, settings), far };
     if (!has_edges(l))
-        return way;
-    way.side = side_of(s, l, far, p.own, current, inverse_depth, motion, x, y, frame, settings);
-    way.track = first_step(way.side.s);
-    way.ahead = first_step_ahead(way.side.s);
+        return path;
+    path.side = side_of(s, l, far, p.own, current, inverse_depth, motion, x, y, frame, settings);
+    path.track = begin_track(path.side.s);
+    path.ahead = begin_track_ahead(path.side.s);
     if (far)
-        add_side(&way.sums, way.side, p.own, settings);
-    return way;
+        add_side(&path.sums, path.side, p.own, settings);
+    return path;
 }
 
 // Follows a surface of the pixel `now` through the frames in the ring `from` to `to` - 1, the latest being 0, and adds
@@ -256,27 +257,27 @@ STAGE way_t begin_way(surface s, layers_t l, int far, pixel_t p, plane_in curren
 // frame to the k-th, its jitter, and its slot in `ring`. The pixel's centre, reprojected to frame k, falls into the
 // area of exactly one sample there: the one whose position rounds to it. That sample and the eight around it are
 // weighted by their positions in the current frame.
-STAGE void gather_samples(way_t* way, plane_in ring, frame_records past, int from, int to, int recent, pixel_t now,
+STAGE void gather_samples(path_t* path, plane_in ring, frame_records past, int from, int to, int recent, pixel_t now,
     int x, int y, frame_t frame, settings_t settings)
 {
-    const surface s = way->side.s;
-    const layers_t l = way->side.l;
+    const surface s = path->side.s;
+    const layers_t l = path->side.l;
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
     const real px = LANE_INDEX + K(x), py = SPLAT(y), reach = reach_of(to + 1, settings);
-    const surface followed = GATHER_FIT == GATHER_FIT_LAYERS ? range_of_side(s, l, way->far) : s;
+    const surface followed = GATHER_FIT == GATHER_FIT_LAYERS ? range_of_side(s, l, path->far) : s;
     for (int k = from; k < to; ++k) {
         const frame_t then = past[k];
         const int ahead = LOOK_AHEAD ? then.ahead > 0 : 0;
-        stretch_t stretch;
+        jacobian_t jacobian;
         view_t v;
         v.planes = ring + (size_t)then.slot * RING_PLANES * plane;
-        track_t t = ahead ? way->ahead : way->track;
+        track_t t = ahead ? path->ahead : path->track;
         if (OWN_MOTION & (ahead > 0)) {
-            lead(&t, followed, v.planes, px, py, at, plane, then, frame, settings);
-            way->ahead = t;
+            step_ahead(&t, followed, v.planes, px, py, at, plane, then, frame, settings);
+            path->ahead = t;
         }
-        v.m = motion_to_frame(&stretch, t, s, l, px, py, frame, then);
+        v.m = motion_to_frame(&jacobian, t, s, l, px, py, frame, then);
         v.seen = on_screen(v.m, px, py, frame) & !t.lost;
         motion_t nearest = v.m;
         nearest.u = v.m.u + (K(0.5) - K(then.jitter_x));
@@ -284,21 +285,21 @@ STAGE void gather_samples(way_t* way, plane_in ring, frame_records past, int fro
         v.f = footprint_of(nearest, v.seen, at, frame);
         v.column = (px + nearest.u) - v.f.fx;
         v.row = (py + nearest.v) - v.f.fy;
-        v.places = places_now(SPLAT(0.5) - v.f.fx, SPLAT(0.5) - v.f.fy, stretch);
+        v.grid = sample_grid(SPLAT(0.5) - v.f.fx, SPLAT(0.5) - v.f.fy, jacobian);
         v.reach = reach;
         v.recent = k < recent;
-        v.stands = ahead ? !t.own : t.own & !t.own;
-        fetch_planes(v.planes, RING_PLANES, v.f.at, frame);
+        v.static_ahead = ahead ? !t.own : t.own & !t.own;
+        prefetch_planes(v.planes, RING_PLANES, v.f.at, frame);
         const neighbours_t near = neighbours_within(v);
         for (int down = near.top; down <= near.bottom; ++down)
             for (int right = near.left; right <= near.right; ++right)
-                gather_sample(&way->sums, v, right, down, now, s, l, way->far, then, frame, settings);
+                gather_sample(&path->sums, v, right, down, now, s, l, path->far, then, frame, settings);
         if (OWN_MOTION & (ahead == 0)) {
             motion_t place = nearest;
             place.u += s.x;
             place.v += s.y;
-            follow(&way->track, followed, v.m, v.planes, footprint_of(place, v.seen, at, frame), v.seen, plane, then,
-                settings);
+            step_back(&path->track, followed, v.m, v.planes, footprint_of(place, v.seen, at, frame), v.seen, plane,
+                then, settings);
         }
     }
 }

@@ -44,16 +44,16 @@ STAGE subpixel_feature search_subpixel_feature(mask open, surface s, plane_in ri
                 hits += nearer ? SPLAT(1.0) : SPLAT(0.0);
                 surface hit = s;
                 hit.inverse_depth = (q - m.shift) / m.scale;
-                const motion_t way = motion_from_depth(hit, px, py, then);
+                const motion_t hit_motion = motion_from_depth(hit, px, py, then);
                 // Offset of the sample from this pixel, reprojected at the depth of the hit.
-                const real ox = ((K(0.5) - f.fx) + K(dx)) + (m.u - way.u),
-                           oy = ((K(0.5) - f.fy) + K(dy)) + (m.v - way.v);
+                const real ox = ((K(0.5) - f.fx) + K(dx)) + (m.u - hit_motion.u),
+                           oy = ((K(0.5) - f.fy) + K(dy)) + (m.v - hit_motion.v);
                 const real off = greater(absolute(ox), absolute(oy));
                 if (OWN_MOTION) {
                     plane_in moved = p + RING_MOTION * plane + step;
                     nearer = nearer & no_motion_vector(texel_at(moved, f, stride), texel_at(moved + plane, f, stride));
                 }
-                const mask here = nearer & way.visible & (off < best);
+                const mask here = nearer & hit_motion.visible & (off < best);
                 best = here ? off : best;
                 nearer_one = here ? hit.inverse_depth : nearer_one;
             }

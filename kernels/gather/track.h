@@ -23,7 +23,7 @@ typedef struct
 STAGE mask no_motion_vector(real u, real v) { return outside_domain(u) | outside_domain(v); }
 
 // Starts the track of surface s with its motion vector to the previous frame.
-STAGE track_t first_step(surface s)
+STAGE track_t begin_track(surface s)
 {
     const real zero = SPLAT(0.0);
     track_t t = { s.x != s.x, s.x != s.x, s.u, s.v, zero, zero, zero };
@@ -33,9 +33,9 @@ STAGE track_t first_step(surface s)
 }
 
 // Starts the track ahead at the surface itself; its first step is expected to equal the step that led to the surface.
-STAGE track_t first_step_ahead(surface s)
+STAGE track_t begin_track_ahead(surface s)
 {
-    track_t t = first_step(s);
+    track_t t = begin_track(s);
     t.u = t.v = SPLAT(0.0);
     t.step_x = -s.u, t.step_y = -s.v;
     return t;
@@ -72,8 +72,8 @@ STAGE void nearest_motion(real* u, real* v, mask missing, plane_in p, footprint 
 // of an object covers a sample in one frame and misses it in the next. Without any the surface is lost in this frame
 // and all before it. So is a surface that another one occludes there, by its inverse depth. From frame to frame a
 // surface may come closer by as much as the range of `s` and the slack of the depth test allow.
-STAGE void follow(track_t* t, surface s, motion_t m, plane_in p, footprint there, mask seen, size_t plane, frame_t then,
-    settings_t settings)
+STAGE void step_back(track_t* t, surface s, motion_t m, plane_in p, footprint there, mask seen, size_t plane,
+    frame_t then, settings_t settings)
 {
     plane_in moved = p + RING_MOTION * plane;
     const int stride = then.stride;
@@ -92,8 +92,8 @@ STAGE void follow(track_t* t, surface s, motion_t m, plane_in p, footprint there
 // was. That is a fixed point, since the vectors of a frame lead back only. The search begins where the surface would be
 // if it went on as before; where vectors change by d pixels a pixel, each round multiplies its error by d. A surface is
 // lost in this frame and all beyond it where the search does not converge, and as on a step back.
-STAGE void lead(track_t* t, surface s, plane_in p, real x, real y, uint at, size_t plane, frame_t then, frame_t frame,
-    settings_t settings)
+STAGE void step_ahead(track_t* t, surface s, plane_in p, real x, real y, uint at, size_t plane, frame_t then,
+    frame_t frame, settings_t settings)
 {
     plane_in moved = p + RING_MOTION * plane;
     const int stride = row_stride(frame);
@@ -115,9 +115,10 @@ STAGE void lead(track_t* t, surface s, plane_in p, real x, real y, uint at, size
         v = next_v;
     }
     const motion_t m = { u, v, SPLAT(1.0), t->shift, seen };
-    const mask same = has_motion & matches_surface(q, s, m, settings), closed = seen & (off <= SPLAT(AHEAD_CLOSE));
-    t->shift = closed & same ? q - s.inverse_depth : t->shift;
-    t->lost = t->lost | (t->own & (!closed | (has_motion & !same)));
+    const mask same = has_motion & matches_surface(q, s, m, settings),
+               converged = seen & (off <= SPLAT(AHEAD_TOLERANCE));
+    t->shift = converged & same ? q - s.inverse_depth : t->shift;
+    t->lost = t->lost | (t->own & (!converged | (has_motion & !same)));
     t->step_x = u - t->u;
     t->step_y = v - t->v;
     t->u = u;

@@ -23,10 +23,10 @@ STAGE int window_end(int window, int frames)
 // Colours have luminance weights: else the edge of a highlight would outweigh all displayable light around it. A window
 // contains these samples and lies the nearer to them the fewer others it has; dividing by (1 - 1 / count)^2 corrects
 // that (leave one out).
-STAGE real window_error(gathered g, pixel_t now, resolved window, settings_t settings)
+STAGE real window_error(sample_sums g, pixel_t now, resolved window, settings_t settings)
 {
     const real one = SPLAT(1.0), two = SPLAT(2.0);
-    const colour d = share_difference(to_range(window.rgb), now.own, settings);
+    const colour d = weighted_difference(to_range(window.rgb), now.own, settings);
     const real along = inner(d, g.recent);
     const real squares = (g.recent_squares - two * along) + (own_samples(now) + g.recent_count) * inner(d, d);
     const real left = one - reciprocal(greater(window.count, SPLAT(1.5)));
@@ -36,12 +36,12 @@ STAGE real window_error(gathered g, pixel_t now, resolved window, settings_t set
 // Mean of the samples at the pixel's own position in the `frames` latest frames, which share the current camera: right
 // for a surface that moves along itself, such as a wheel, and for light that rests on a moving one. `sums` are those of
 // its samples.
-STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past, int frames, pixel_t p, int x, int y,
-    frame_t frame, settings_t settings)
+STAGE resolved resolve_unmoved(sample_sums* sums, plane_in ring, frame_records past, int frames, pixel_t p, int x,
+    int y, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
-    gathered g = { 0 };
+    sample_sums g = { 0 };
     for (int k = 0; k < frames; ++k) {
         const frame_t then = past[k];
         plane_in q = ring + (size_t)then.slot * RING_PLANES * plane + texel_offset(frame, x, y);
@@ -52,17 +52,17 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
         c = choose_colour(good, to_range(c), p.own);
         real counted = good ? one : zero;
         if (REACTIVE)
-            counted *= as_reactive(load_share(q + RING_REACTIVE * plane, zero), p);
-        const real w = counted * sample_share(c, settings);
+            counted *= reactivity_weight(load_share(q + RING_REACTIVE * plane, zero), p);
+        const real w = counted * luminance_weight(c, settings);
         g.sum = plus_scaled(g.sum, w, minus(c, p.own));
         g.weight += w;
         g.count += counted;
         if (k < SHORT_WINDOW)
-            add_recent(&g, share_difference(c, p.own, settings), counted);
+            add_recent(&g, weighted_difference(c, p.own, settings), counted);
         if (ALPHA)
             g.alpha += w * (load_share(q + RING_ALPHA * plane, one) - p.alpha);
     }
-    const real whole_weight = (p.missing ? zero : sample_share(p.own, settings)) + g.weight;
+    const real whole_weight = (p.missing ? zero : luminance_weight(p.own, settings)) + g.weight;
     resolved out;
     out.count = g.count + own_samples(p);
     out.rgb = storable_colour(from_range(plus(p.own, quotients(g.sum, whole_weight))), p.own);
@@ -73,7 +73,7 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past
     return out;
 }
 
-STAGE mask in_place(motion_t m) { return (m.u == SPLAT(0.0)) & (m.v == SPLAT(0.0)); }
+STAGE mask at_rest(motion_t m) { return (m.u == SPLAT(0.0)) & (m.v == SPLAT(0.0)); }
 
 // Returns a window, or, `where` the recursive resolve holds more samples, its history, which contains all frames
 // before.
@@ -93,41 +93,41 @@ STAGE resolved longer_history(
     return out;
 }
 
-// Number of earlier frames among the nearest `standing` frames in the ring.
-STAGE int frames_before(frame_records past, int standing)
+// Number of earlier frames among the nearest `static_frames` frames in the ring.
+STAGE int frames_before(frame_records past, int static_frames)
 {
-    int before = standing;
-    for (int k = 0; LOOK_AHEAD && k < standing; ++k)
+    int before = static_frames;
+    for (int k = 0; LOOK_AHEAD && k < static_frames; ++k)
         before -= past[k].ahead > 0 ? 1 : 0;
     return before;
 }
 
-// True where all of the past is doubtful: the camera and the surface were at rest for `before` frames, but the
+// True where the tests have refuted the history: the camera and the surface were at rest for `before` frames, but the
 // recursive resolve holds too few of their samples. A reactive mask marks such pixels by itself.
-STAGE mask past_is_doubtful(motion_t m, pixel_t p, plane_in recursive_count, int before, uint at)
+STAGE mask history_is_refuted(motion_t m, pixel_t p, plane_in recursive_count, int before, uint at)
 {
-    if (K(before) < K(DOUBTFUL_SAMPLES))
+    if (K(before) < K(REFUTED_SAMPLES))
         return (mask)(0);
-    const mask few = load(recursive_count + at) < SPLAT(DOUBTFUL_SAMPLES);
-    const mask doubtful = in_place(m) & few & (p.most_reactive <= SPLAT(0.0));
-    return p.missing ? (mask)(0) : doubtful;
+    const mask few = load(recursive_count + at) < SPLAT(REFUTED_SAMPLES);
+    const mask refuted = at_rest(m) & few & (p.most_reactive <= SPLAT(0.0));
+    return p.missing ? (mask)(0) : refuted;
 }
 
 // Error of the filtered sample as a window: the distance of the pixel's own sample from the others in the filter, as if
 // each of the latest samples had it. Neighbours that agree prove less than samples of the pixel itself, hence
 // PRESENT_PENALTY. Where it is not `valid`, or the filter has little weight beside its centre, an error beyond any
 // other.
-STAGE real present_error(gathered g, pixel_t p, mask valid, frame_t frame, settings_t settings)
+STAGE real present_error(sample_sums g, pixel_t p, mask valid, frame_t frame, settings_t settings)
 {
     if ((FILTER_USE != FILTER_USE_FEW_SAMPLES) | (CURRENT_FILTER == CURRENT_FILTER_NONE))
         return SPLAT(DOMAIN_LIMIT);
     const real one = SPLAT(1.0);
     const real across = one - (SPLAT(frame.left_weight) + SPLAT(frame.right_weight)),
                down = one - (SPLAT(frame.above_weight) + SPLAT(frame.below_weight)), others = one - across * down;
-    const colour d = share_difference(p.filtered, p.own, settings);
+    const colour d = weighted_difference(p.filtered, p.own, settings);
     const real error
         = K(PRESENT_PENALTY) * ((own_samples(p) + g.recent_count) * quotient(inner(d, d), others * others));
-    return (valid & (others > SPLAT(LEAST_BESIDE))) ? error : SPLAT(DOMAIN_LIMIT);
+    return (valid & (others > SPLAT(LEAST_NEIGHBOUR_SHARE))) ? error : SPLAT(DOMAIN_LIMIT);
 }
 
 STAGE int has_more_frames(int window, int frames)
@@ -137,12 +137,12 @@ STAGE int has_more_frames(int window, int frames)
 
 // 1 if a window equals the one before it, and is not stored: it has no more frames, or it is UNMOVED and the camera has
 // been at rest for too few frames to contradict it. Beside a recursive resolve both may hold its history.
-STAGE int repeats(int window, int frames, int standing)
+STAGE int repeats_previous(int window, int frames, int static_frames)
 {
     const int longer = RECURSION == RECURSION_STANDING ? ALL_FRAMES : PRESENT;
     if (window >= longer)
         return 0;
-    return window == UNMOVED ? standing < SHORT_WINDOW : !has_more_frames(window, frames);
+    return window == UNMOVED ? static_frames < SHORT_WINDOW : !has_more_frames(window, frames);
 }
 
 STAGE void store_window(plane_out windows, int window, resolved r, real error, int x, int y, frame_t frame)
@@ -158,7 +158,8 @@ STAGE void store_window(plane_out windows, int window, resolved r, real error, i
 
 // Where most of the latest samples are unlike, replaces the shorter windows by that of all frames: they hold next to
 // nothing of a surface that a veil has just covered or disoccluded.
-STAGE void stand_in(plane_out windows, gathered latest, resolved all, real error, int x, int y, frame_t frame)
+STAGE void replace_unlike_windows(
+    plane_out windows, sample_sums latest, resolved all, real error, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);
     const mask unlike = latest.unlike > latest.recent_count;

@@ -192,17 +192,17 @@ STAGE real first_lanes(real v) { return (real)(v.s0); }
 #endif
 
 // Offset from the segment's own texel to each lane's; a plane has less than 2^31 texels.
-STAGE whole steps_apart(whole dx, whole dy, int stride) { return dy * stride + dx + (whole)(LANE_NUMBERS); }
+STAGE whole lane_offsets(whole dx, whole dy, int stride) { return dy * stride + dx + (whole)(LANE_NUMBERS); }
 
-// Loads the texels of a plane of floats at p + steps, lane by lane.
-STAGE real texels_apart(plane_in p, whole steps)
+// Loads the texels of a plane of floats at p + offsets, lane by lane.
+STAGE real load_lanes(plane_in p, whole offsets)
 {
 #if GATHERS
-    return __builtin_ia32_gathersiv16sf(SPLAT(0.0), (const void*)(size_t)p, steps, (ushort)0xffff, sizeof(float));
+    return __builtin_ia32_gathersiv16sf(SPLAT(0.0), (const void*)(size_t)p, offsets, (ushort)0xffff, sizeof(float));
 #else
     real v;
     for (int lane = 0; lane < LANES; ++lane)
-        ((scalar*)&v)[lane] = p[((const scalar_whole*)&steps)[lane]];
+        ((scalar*)&v)[lane] = p[((const scalar_whole*)&offsets)[lane]];
     return v;
 #endif
 }

@@ -54,7 +54,7 @@ STAGE floats half_storable(floats v)
 }
 
 // Hashes a number to 32 bits (the integer hash "lowbias32", Wellons 2018).
-STAGE words spread_bits(words v)
+STAGE words hash_bits(words v)
 {
     v = (v ^ (v >> 16)) * (words)(0x7feb352du);
     v = (v ^ (v >> 15)) * (words)(0x846ca68bu);
@@ -65,8 +65,8 @@ STAGE words spread_bits(words v)
 // share it, so that greys stay grey.
 STAGE floats storage_dither(int x, int y, frame_t frame)
 {
-    const words row = spread_bits((words)((uint)y) + spread_bits((words)((uint)frame.number)));
-    const words bits = spread_bits((TO_WORDS(LANE_INDEX) + (words)((uint)x)) ^ row);
+    const words row = hash_bits((words)((uint)y) + hash_bits((words)((uint)frame.number)));
+    const words bits = hash_bits((TO_WORDS(LANE_INDEX) + (words)((uint)x)) ^ row);
     return TO_FLOATS(bits >> 8) * (floats)((float)DITHER_STEP);
 }
 
@@ -130,34 +130,34 @@ STAGE scalar load_one(history_in p)
 #endif
 }
 
-// Loads the texels of the history at p + steps, lane by lane.
+// Loads the texels of the history at p + offsets, lane by lane.
 #if STORAGE_HALF && CONVERTS_HALVES && LANES == 8
 // Reads halves as bits and converts all by one instruction. It runs rarely, so it is a call: inlined it took registers
 // from the rest.
-static __attribute__((noinline)) real history_apart(history_in p, whole steps)
+static __attribute__((noinline)) real load_history_lanes(history_in p, whole offsets)
 {
     LANED(short) halves;
     for (int lane = 0; lane < LANES; ++lane)
-        ((short*)&halves)[lane] = ((__global const short*)p)[((const scalar_whole*)&steps)[lane]];
+        ((short*)&halves)[lane] = ((__global const short*)p)[((const scalar_whole*)&offsets)[lane]];
     return from_halves(halves);
 }
 #elif STORAGE_HALF && CONVERTS_HALVES && GATHERS
 // A gather loads 32-bit words: the lower half of each is the lane's texel, the upper half the texel right of it.
-STAGE real history_apart(history_in p, whole steps)
+STAGE real load_history_lanes(history_in p, whole offsets)
 {
-    const whole words = __builtin_ia32_gathersiv16si((whole)(0), (const void*)(size_t)p, steps, (ushort)0xffff, 2);
+    const whole words = __builtin_ia32_gathersiv16si((whole)(0), (const void*)(size_t)p, offsets, (ushort)0xffff, 2);
     return from_halves(__builtin_convertvector(words, short16));
 }
 #else
-STAGE real history_apart(history_in p, whole steps)
+STAGE real load_history_lanes(history_in p, whole offsets)
 {
 #if STORAGE_HALF || STORAGE_DOUBLE
     real v;
     for (int lane = 0; lane < LANES; ++lane)
-        ((scalar*)&v)[lane] = load_one(p + ((const scalar_whole*)&steps)[lane]);
+        ((scalar*)&v)[lane] = load_one(p + ((const scalar_whole*)&offsets)[lane]);
     return v;
 #else
-    return texels_apart(p, steps);
+    return load_lanes(p, offsets);
 #endif
 }
 #endif

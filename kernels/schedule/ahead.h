@@ -13,43 +13,43 @@
 
 #define ROWS_AHEAD (LANES > 1 ? (FAR_FIRST ? 3 : 4) : 2)
 
-STAGE void fetch_frame(plane_in current, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
+STAGE void prefetch_frame(plane_in current, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);
     // From the row that is read next, whose address a GPU has already computed.
     const uint at = texel_offset(frame, x, y + 1);
     enum { ROWS_BELOW = ROWS_AHEAD - 1 };
     const int stride = row_stride(frame);
-    FETCH_BELOW(current, at, ROWS_BELOW, stride);
-    FETCH_BELOW(current + plane, at, ROWS_BELOW, stride);
-    FETCH_BELOW(current + 2 * plane, at, ROWS_BELOW, stride);
-    FETCH_BELOW(inverse_depth, at, ROWS_BELOW, stride);
+    PREFETCH_BELOW(current, at, ROWS_BELOW, stride);
+    PREFETCH_BELOW(current + plane, at, ROWS_BELOW, stride);
+    PREFETCH_BELOW(current + 2 * plane, at, ROWS_BELOW, stride);
+    PREFETCH_BELOW(inverse_depth, at, ROWS_BELOW, stride);
     if (OWN_MOTION) {
-        FETCH_BELOW(motion, at, ROWS_BELOW, stride);
-        FETCH_BELOW(motion + plane, at, ROWS_BELOW, stride);
+        PREFETCH_BELOW(motion, at, ROWS_BELOW, stride);
+        PREFETCH_BELOW(motion + plane, at, ROWS_BELOW, stride);
     }
 }
 
 // Prefetches below the texel at `at`: on a GPU the reprojected one, on a CPU the pixel's own, as if nothing moved: with
 // motion a line arrives some rows earlier or later, as a rule still ahead of its use.
-STAGE void fetch_history(history_in history, plane_in count, plane_in previous_inverse_depth, uint at, frame_t frame)
+STAGE void prefetch_history(history_in history, plane_in count, plane_in previous_inverse_depth, uint at, frame_t frame)
 {
     const size_t plane = history_plane_size(frame);
     enum { ROWS_BELOW = ROWS_AHEAD + 1 };
     const int stride = row_stride(frame);
-    FETCH_BELOW(history, at, ROWS_BELOW, stride);
-    FETCH_BELOW(history + plane, at, ROWS_BELOW, stride);
-    FETCH_BELOW(history + 2 * plane, at, ROWS_BELOW, stride);
-    FETCH_BELOW(count, at, ROWS_BELOW, stride);
+    PREFETCH_BELOW(history, at, ROWS_BELOW, stride);
+    PREFETCH_BELOW(history + plane, at, ROWS_BELOW, stride);
+    PREFETCH_BELOW(history + 2 * plane, at, ROWS_BELOW, stride);
+    PREFETCH_BELOW(count, at, ROWS_BELOW, stride);
     if (REJECT == REJECT_DEPTH)
-        FETCH_BELOW(previous_inverse_depth, at, ROWS_BELOW, stride);
+        PREFETCH_BELOW(previous_inverse_depth, at, ROWS_BELOW, stride);
 }
 
 // Prefetches below the texel at `at` in each of `count` planes: what the next row will read of frames in the ring,
 // unless motion varies wildly, and of temporal windows.
-STAGE void fetch_planes(plane_in first, int count, uint at, frame_t frame)
+STAGE void prefetch_planes(plane_in first, int count, uint at, frame_t frame)
 {
     enum { ROWS_BELOW = 2 };
     for (int i = 0; i < count; ++i)
-        FETCH_BELOW(first + i * plane_size(frame), at, ROWS_BELOW, row_stride(frame));
+        PREFETCH_BELOW(first + i * plane_size(frame), at, ROWS_BELOW, row_stride(frame));
 }

@@ -9,8 +9,8 @@
     ((CAMERA_MOTION | OWN_MOTION) & (HISTORY_RANGE == HISTORY_RANGE_LINEAR)                                            \
         & (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM))
 
-// Partial sums of a plane's rows along y, in the order of `weigh`: those of the next pixel and of the one below it, and
-// the last row. Rows themselves would move from register to register.
+// Partial sums of a plane's rows along y, in the order of `filter_taps`: those of the next pixel and of the one below
+// it, and the last row. Rows themselves would move from register to register.
 typedef struct
 {
     real next, second, last;
@@ -52,7 +52,7 @@ STAGE int same_motion_as_above(const row_cache* cache, real u, real v)
 STAGE footprint footprint_below(const row_cache* cache, uint own, int stride)
 {
     const whole none = (whole)(0), dx = (whole)(cache->dx), dy = (whole)(cache->dy);
-    return (footprint) { dx, dy, cache->fx, cache->fy, none, none, own, cache->at + (uint)stride, LANES_ALIKE };
+    return (footprint) { dx, dy, cache->fx, cache->fy, none, none, own, cache->at + (uint)stride, LANES_UNIFORM };
 }
 
 // 1 if the segment of footprint f and motion (u, v) moves as the one above it. The next one is compared with it.
@@ -60,11 +60,11 @@ STAGE int continues_row_cache(row_cache* cache, footprint f, real u, real v, int
 {
     const uint next = cache->at + (uint)stride;
     cache->at = f.at;
-    cache->u = f.lanes == LANES_ALIKE ? u : SPLAT(DOMAIN_LIMIT);
+    cache->u = f.lanes == LANES_UNIFORM ? u : SPLAT(DOMAIN_LIMIT);
     cache->v = v;
     cache->dx = first_lane(f.dx);
     cache->dy = first_lane(f.dy);
-    if (f.lanes == LANES_ALIKE && f.at == next && !any_of((f.fx != cache->fx) | (f.fy != cache->fy)))
+    if (f.lanes == LANES_UNIFORM && f.at == next && !any_of((f.fx != cache->fx) | (f.fy != cache->fy)))
         return 1;
     cache->fx = f.fx;
     cache->fy = f.fy;
@@ -85,15 +85,15 @@ STAGE taps load_taps(history_in p)
 
 STAGE column_sums fill_plane(history_in p, uint at, weights wx, weights wy, int stride)
 {
-    const real r0 = row_alike(ROW_BELOW(p, at, -1, stride), wx).middle,
-               r1 = row_alike(ROW_BELOW(p, at, 0, stride), wx).middle,
-               r2 = row_alike(ROW_BELOW(p, at, 1, stride), wx).middle;
+    const real r0 = row_uniform(ROW_BELOW(p, at, -1, stride), wx).middle,
+               r1 = row_uniform(ROW_BELOW(p, at, 0, stride), wx).middle,
+               r2 = row_uniform(ROW_BELOW(p, at, 1, stride), wx).middle;
     return (column_sums) { (r1 + wy.w0 * (r1 - r0)) + wy.w2 * (r2 - r1), r2 + wy.w0 * (r2 - r1), r2 };
 }
 
 STAGE real slide_plane(column_sums* s, taps t, weights wx, weights wy)
 {
-    const real zero = SPLAT(0.0), last = weigh(zero, t.p0, t.p1, t.p2, t.p3, zero, wx).middle;
+    const real zero = SPLAT(0.0), last = filter_taps(zero, t.p0, t.p1, t.p2, t.p3, zero, wx).middle;
     const real step = last - s->last, v = s->next + wy.w3 * step;
     s->next = s->second + wy.w2 * step;
     s->second = last + wy.w0 * step;
@@ -128,9 +128,9 @@ STAGE colour slide_history(
     if ((f.at != cache->at) | any_of((f.fx != cache->fx) | (f.fy != cache->fy))) {
         cache->fx = f.fx, cache->fy = f.fy;
         fill_columns(cache, p, f.at, plane, stride);
-        cache->count = between(load(upper), load(upper + 1), f.fx);
+        cache->count = lerp(load(upper), load(upper + 1), f.fx);
     }
-    const real below = between(lower_left, lower_right, f.fx);
+    const real below = lerp(lower_left, lower_right, f.fx);
     *count = cache->count + f.fy * (below - cache->count);
     cache->count = below;
     cache->at = f.at + (uint)stride;

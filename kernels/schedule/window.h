@@ -33,7 +33,7 @@ typedef struct
 STAGE void slide_window(
     window_t* w, plane_in current, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
 {
-    fetch_frame(current, inverse_depth, motion, x, y, frame);
+    prefetch_frame(current, inverse_depth, motion, x, y, frame);
     w->above = w->centre;
     w->centre = w->below;
     w->below = read_next_row(w->centre, current, inverse_depth, motion, x, y + 1, frame);

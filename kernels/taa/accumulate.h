@@ -4,7 +4,7 @@
 
 // Sample count after one more sample. With `standing`, a pixel that moves begins anew with 1, and one at rest gains
 // STANDING_GAIN.
-STAGE real grown_count(real count, real blend_boost)
+STAGE real next_count(real count, real blend_boost)
 {
     if (ACCUMULATE == ACCUMULATE_STANDING)
         return blend_boost > SPLAT(0.0) ? SPLAT(1.0) : count + K(STANDING_GAIN);
@@ -35,7 +35,7 @@ STAGE real sample_weight(real count, real blend_boost, settings_t settings)
         return capped_weight(count, blend_boost, settings);
     if (ACCUMULATE == ACCUMULATE_STANDING)
         return limit(
-            reciprocal(grown_count(count, blend_boost)), SPLAT(settings.blend_weight), SPLAT(settings.moving_weight));
+            reciprocal(next_count(count, blend_boost)), SPLAT(settings.blend_weight), SPLAT(settings.moving_weight));
     const real mean = reciprocal(count + K(1.0));
     if (ACCUMULATE == ACCUMULATE_COUNT)
         return mean;
@@ -52,31 +52,31 @@ STAGE real samples_in_mean(real count, settings_t settings)
 }
 
 // 4 (knee + Y) from 4 Y: four times the inverse of a luminance weight (Karis 2014 with knee 1).
-STAGE real luminance_inertia(real luminance, settings_t settings)
+STAGE real inverse_luminance_weight(real luminance, settings_t settings)
 {
     return K(4.0) * SPLAT(settings.luminance_knee) + greater(luminance, SPLAT(0.0));
 }
 
 // Folds the luminance weights 1 / (knee + Y) of both into one weight of the current sample, w_x / (w_x + w_h), so that
 // blending stays a single step from the history. `current` and `history` are 4 Y.
-STAGE real luminance_weight(real weight, real current, real history, settings_t settings)
+STAGE real fold_luminance_weights(real weight, real current, real history, settings_t settings)
 {
     if (WEIGHTING == WEIGHTING_NONE)
         return weight;
-    const real x = luminance_inertia(current, settings), h = luminance_inertia(history, settings);
+    const real x = inverse_luminance_weight(current, settings), h = inverse_luminance_weight(history, settings);
     const real for_current = weight * h, for_history = (SPLAT(1.0) - weight) * x;
     return quotient(for_current, for_current + for_history);
 }
 
 // Weight of the current sample against a history of `count`, before anti-flicker. In a running mean with luminance
-// weights it is h / (h + count x), x and h the inertias of sample and history, without the step over 1 / (count + 1). A
-// reactive sample gains as many samples as the history loses. `current` and `history` are 4 Y.
+// weights it is h / (h + count x), x and h the inverse weights of sample and history, without the step over 1 / (count
+// + 1). A reactive sample gains as many samples as the history loses. `current` and `history` are 4 Y.
 STAGE real weight_of_sample(
     real count, real current, real history, real reactivity, real blend_boost, settings_t settings)
 {
     const int in_mean = (ACCUMULATE == ACCUMULATE_COUNT) | (ACCUMULATE == ACCUMULATE_EXPONENTIAL);
     if (in_mean & (WEIGHTING != WEIGHTING_NONE)) {
-        const real x = luminance_inertia(current, settings), h = luminance_inertia(history, settings);
+        const real x = inverse_luminance_weight(current, settings), h = inverse_luminance_weight(history, settings);
         const real samples = samples_in_mean(count, settings);
         // Reactivity 0 gives the bits of a frame without a mask.
         const real now = REACTIVE ? (SPLAT(1.0) + reactivity * samples) * h : h;
@@ -86,11 +86,11 @@ STAGE real weight_of_sample(
     real weight = sample_weight(count, blend_boost, settings);
     if (REACTIVE)
         weight += reactivity * (SPLAT(1.0) - weight);
-    return luminance_weight(weight, current, history, settings);
+    return fold_luminance_weights(weight, current, history, settings);
 }
 
 // Luminance weight 1 / (knee + Y): one firefly does not outweigh a pixel's whole past (Karis 2014 with knee 1).
-STAGE real sample_share(colour v, settings_t settings)
+STAGE real luminance_weight(colour v, settings_t settings)
 {
     if (WEIGHTING == WEIGHTING_NONE)
         return SPLAT(1.0);
@@ -99,16 +99,16 @@ STAGE real sample_share(colour v, settings_t settings)
 
 // Difference of two colours, each scaled by knee / (knee + Y): dim light hardly changes, and no highlight exceeds
 // luminance_knee.
-STAGE colour share_difference(colour v, colour other, settings_t settings)
+STAGE colour weighted_difference(colour v, colour other, settings_t settings)
 {
     const real knee = WEIGHTING == WEIGHTING_NONE ? SPLAT(1.0) : SPLAT(settings.luminance_knee);
-    const real a = knee * sample_share(v, settings), b = knee * sample_share(other, settings);
+    const real a = knee * luminance_weight(v, settings), b = knee * luminance_weight(other, settings);
     return (colour) { a * v.r - b * other.r, a * v.g - b * other.g, a * v.b - b * other.b };
 }
 
 // Lottes' measure u = 1 - |dY| / max(Y, Y, knee). Returns a factor of the weight that rises with u^2 from
 // differing_share, where luminances differ, to agreeing_share, where they agree. `current` and `history` are 4 Y.
-STAGE real difference_share(real current, real history, settings_t settings)
+STAGE real difference_factor(real current, real history, settings_t settings)
 {
     const real size = greater(greater(current, history), K(4.0) * SPLAT(settings.difference_knee));
     const real u = SPLAT(1.0) - quotient(absolute(current - history), size);
@@ -187,7 +187,7 @@ STAGE void reactive_range(pixel_t* p, plane_in reactive_at, frame_t frame)
 
 // Weight of a sample that was rendered with reactivity r: 1 within the range of the current 3x3, and 0 from a distance
 // of 1 / REACTIVE_FALL on. Light seen through a pane differs from light seen without, in every frame.
-STAGE real as_reactive(real r, pixel_t now)
+STAGE real reactivity_weight(real r, pixel_t now)
 {
     const real off = greater(greater(now.least_reactive - r, r - now.most_reactive), SPLAT(0.0));
     const real far = off * SPLAT(REACTIVE_FALL);
@@ -223,7 +223,7 @@ STAGE colour disoccluded_colour(colour current, boxed mean, settings_t settings)
 }
 
 // Moves `own` towards `filtered` by a share; equal colours keep their bits.
-STAGE colour drawn_towards(colour own, colour filtered, real share)
+STAGE colour lerp_colour(colour own, colour filtered, real share)
 {
     return plus_scaled(own, share, minus(filtered, own));
 }
@@ -257,24 +257,24 @@ STAGE colour rectified(history_t h, rectification r, settings_t settings)
 }
 
 // The sample to blend with a history of `count` samples: the filtered one, or the pixel's own moved towards it.
-STAGE colour sample_beside(pixel_t p, mask valid, real count, settings_t settings)
+STAGE colour sample_to_blend(pixel_t p, mask valid, real count, settings_t settings)
 {
     if (FILTER_USE != FILTER_USE_FEW_SAMPLES)
         return p.filtered;
     const real share = valid ? fading_share(reciprocal(count + K(1.0)), settings) : SPLAT(1.0);
-    return drawn_towards(p.own, p.filtered, filtered_share(share, p.filtered, settings));
+    return lerp_colour(p.own, p.filtered, filtered_share(share, p.filtered, settings));
 }
 
 // Blends the pixel's sample with its rectified history; without history the result begins anew.
 STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t settings)
 {
     const real count = effective_count(p, h, r, settings);
-    const colour past = rectified(h, r, settings), current = sample_beside(p, h.valid, count, settings);
+    const colour past = rectified(h, r, settings), current = sample_to_blend(p, h.valid, count, settings);
     const real y = FILTER_USE == FILTER_USE_FEW_SAMPLES ? luminance_4(current) : p.luminance,
                past_y = luminance_4(past);
     real weight = weight_of_sample(count, y, past_y, p.reactivity, r.blend_boost, settings);
     if (ANTI_FLICKER == ANTI_FLICKER_DIFFERENCE)
-        weight *= difference_share(y, past_y, settings);
+        weight *= difference_factor(y, past_y, settings);
     if (ANTI_FLICKER == ANTI_FLICKER_CLAMP_DISTANCE)
         weight *= r.anti_flicker_factor;
     // A count of 0, as of a fill, means no history; a running mean gives it no weight anyway.
@@ -293,7 +293,7 @@ STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t
     out.alpha = p.alpha;
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
         out.alpha = h.valid ? blend(h.alpha, p.alpha, weight) : p.alpha;
-    out.count = h.valid ? grown_count(count, r.blend_boost) : (FIRST_SAMPLES ? h.count : SPLAT(1.0));
+    out.count = h.valid ? next_count(count, r.blend_boost) : (FIRST_SAMPLES ? h.count : SPLAT(1.0));
     out.change = h.valid ? h.change : SPLAT(0.0);
     return out;
 }

@@ -2,22 +2,22 @@
 // left of and above the nearest depth.
 #include "taa/neighbourhood.h"
 
-// Where `taken`, gives `s` the offset, depth and own motion of the texel (dx, dy) from the pixel at `at`.
+// `where` true, gives `s` the offset, depth and own motion of the texel (dx, dy) from the pixel at `at`.
 STAGE surface take_texel(
-    surface s, mask taken, plane_in inverse_depth, plane_in motion, int dx, int dy, uint at, frame_t frame)
+    surface s, mask where, plane_in inverse_depth, plane_in motion, int dx, int dy, uint at, frame_t frame)
 {
     const ptrdiff_t by = (ptrdiff_t)at + dy * (ptrdiff_t)row_stride(frame) + dx;
-    s.inverse_depth = taken ? inverse_depth_or_sky(load(inverse_depth + by), frame) : s.inverse_depth;
-    s.x = taken ? SPLAT(dx) : s.x;
-    s.y = taken ? SPLAT(dy) : s.y;
+    s.inverse_depth = where ? inverse_depth_or_sky(load(inverse_depth + by), frame) : s.inverse_depth;
+    s.x = where ? SPLAT(dx) : s.x;
+    s.y = where ? SPLAT(dy) : s.y;
     if (OWN_MOTION) {
-        s.u = taken ? load(motion + by) : s.u;
-        s.v = taken ? load(motion + by + plane_size(frame)) : s.v;
+        s.u = where ? load(motion + by) : s.u;
+        s.v = where ? load(motion + by + plane_size(frame)) : s.v;
     }
     return s;
 }
 
-STAGE real depth_beside(plane_in inverse_depth, int dx, int dy, uint at, frame_t frame)
+STAGE real inverse_depth_at(plane_in inverse_depth, int dx, int dy, uint at, frame_t frame)
 {
     return inverse_depth_or_sky(load(inverse_depth + (ptrdiff_t)at + dy * (ptrdiff_t)row_stride(frame) + dx), frame);
 }
@@ -30,7 +30,7 @@ STAGE surface borrowed_surface(surface s, plane_in inverse_depth, plane_in motio
         real nearest = s.centre;
         for (int k = 0; k < 4; ++k) {
             const int dx = k & 1 ? 2 : -2, dy = k < 2 ? 2 : -2;
-            const real q = depth_beside(inverse_depth, dx, dy, at, frame);
+            const real q = inverse_depth_at(inverse_depth, dx, dy, at, frame);
             const mask nearer = q > nearest;
             nearest = nearer ? q : nearest;
             s = take_texel(s, nearer, inverse_depth, motion, dx, dy, at, frame);
@@ -45,7 +45,7 @@ STAGE surface borrowed_surface(surface s, plane_in inverse_depth, plane_in motio
         s = take_texel(s, (mask)(-1), inverse_depth, motion, -1, -1, at, frame);
         for (int k = 0; k < 9; ++k) {
             const int dx = k % 3 - 1, dy = k / 3 - 1;
-            const real q = depth_beside(inverse_depth, dx, dy, at, frame);
+            const real q = inverse_depth_at(inverse_depth, dx, dy, at, frame);
             const mask nearer = q > nearest;
             nearest = nearer ? q : nearest;
             s = take_texel(s, nearer, inverse_depth, motion, dx - 1, dy - 1, at, frame);

@@ -28,7 +28,7 @@ STAGE depth_range surface_range(surface s, motion_t m, settings_t settings)
 }
 
 // Replaces texels of no bilinear weight (a fraction is 0) by the neighbour that has the weight.
-STAGE quad texels_read(quad q, real fx, real fy)
+STAGE quad weighted_texels(quad q, real fx, real fy)
 {
     const mask one_column = fx == SPLAT(0.0), one_row = fy == SPLAT(0.0);
     q.p10 = one_column ? q.p00 : q.p10;
@@ -61,7 +61,7 @@ STAGE real nearest_of(quad q) { return greater(greater(q.p00, q.p10), greater(q.
 
 // Parallax in pixels, by camera motion alone, between the surface and a point of inverse depth `other` at the same
 // pixel. Own motion is left out of both: a point that moves along with the surface has not moved against it.
-STAGE real distance_against(real other, surface s, motion_t m, real x, real y, frame_t frame)
+STAGE real parallax_of(real other, surface s, motion_t m, real x, real y, frame_t frame)
 {
     surface point = s;
     point.x = point.y = SPLAT(0.0);
@@ -76,55 +76,55 @@ STAGE real distance_against(real other, surface s, motion_t m, real x, real y, f
 }
 
 // True where that parallax is large enough for one to have passed the other.
-STAGE mask moved_against(real other, surface s, motion_t m, real x, real y, frame_t frame)
+STAGE mask has_parallax(real other, surface s, motion_t m, real x, real y, frame_t frame)
 {
-    return distance_against(other, s, m, x, y, frame) >= SPLAT(PASSES);
+    return parallax_of(other, s, m, x, y, frame) >= SPLAT(LEAST_PARALLAX);
 }
 
 // True where the nearest texel around the history position is nearer than the surface and has moved against it since,
 // so that it disoccluded what it hid. A texel that comes and goes by jitter alone has not moved.
-STAGE mask has_passed(real nearest, surface s, motion_t m, real x, real y, frame_t frame, settings_t settings)
+STAGE mask occluder_has_passed(real nearest, surface s, motion_t m, real x, real y, frame_t frame, settings_t settings)
 {
     const mask nearer = nearest > surface_range(s, m, settings).high;
     if (LANES > 1 && !any_of(nearer))
         return nearer;
-    return nearer & moved_against(quotient(nearest - m.shift, m.scale), s, m, x, y, frame);
+    return nearer & has_parallax(quotient(nearest - m.shift, m.scale), s, m, x, y, frame);
 }
 
 // Middle of the nearest and the farthest inverse depth of the 3x3, seen from the previous camera.
-STAGE real between_both(surface s, motion_t m) { return K(0.5) * (s.nearest + s.farthest) * m.scale + m.shift; }
+STAGE real middle_inverse_depth(surface s, motion_t m) { return K(0.5) * (s.nearest + s.farthest) * m.scale + m.shift; }
 
 // True where the pixel follows a nearer surface past its own, and three of the four texels did not show that surface:
 // the history holds the background at another place.
-STAGE mask shows_behind(quad previous, surface s, motion_t m, real x, real y, frame_t frame)
+STAGE mask shows_background(quad previous, surface s, motion_t m, real x, real y, frame_t frame)
 {
     const mask borrowed = (s.x != SPLAT(0.0)) | (s.y != SPLAT(0.0));
     if (!any_of(borrowed))
         return borrowed;
-    const quad nearer = nearer_than(previous, between_both(s, m));
+    const quad nearer = nearer_than(previous, middle_inverse_depth(s, m));
     const real shown = (nearer.p00 + nearer.p10) + (nearer.p01 + nearer.p11);
-    return borrowed & (shown <= SPLAT(1.0)) & moved_against(s.centre, s, m, x, y, frame);
+    return borrowed & (shown <= SPLAT(1.0)) & has_parallax(s.centre, s, m, x, y, frame);
 }
 
 // Upper limit of the sample count at a depth edge. There the pixel mixes the nearer surface with the background, and
 // the history mixes it with the background of an earlier frame. Where camera motion moves one past the other by a pixel
 // a frame or more, the limit is edge_samples; where slower, edge_samples over that distance. A wire keeps its history:
 // either the four texels or the corners of the 4x4 show it, not both.
-STAGE real samples_of_edge(
+STAGE real edge_count_limit(
     quad previous, quad corners, surface s, motion_t m, real x, real y, frame_t frame, settings_t settings)
 {
-    const real between = between_both(s, m), any = SPLAT(DOMAIN_LIMIT);
-    const mask edge = has_edge(s, settings) & any_nearer(previous, between) & any_nearer(corners, between);
+    const real middle = middle_inverse_depth(s, m), any = SPLAT(DOMAIN_LIMIT);
+    const mask edge = has_edge(s, settings) & any_nearer(previous, middle) & any_nearer(corners, middle);
     if (LANES > 1 && !any_of(edge))
         return any;
-    const real by = distance_against(s.farthest, s, m, x, y, frame);
-    const real most = quotient(SPLAT(settings.edge_samples), limit(by, SPLAT(PASSES), SPLAT(1.0)));
-    return (edge & (by >= SPLAT(PASSES))) ? most : any;
+    const real parallax = parallax_of(s.farthest, s, m, x, y, frame);
+    const real count_limit = quotient(SPLAT(settings.edge_samples), limit(parallax, SPLAT(LEAST_PARALLAX), SPLAT(1.0)));
+    return (edge & (parallax >= SPLAT(LEAST_PARALLAX))) ? count_limit : any;
 }
 
 // True where an occluder nearer than `high` hid the surface: it covered more than covered_share of the footprint, by
 // bilinear weights, and a corner of the 4x4. A wire that jitter hits and misses covers no such corner.
-STAGE mask stood_instead(quad previous, quad corners, real high, footprint f, settings_t settings)
+STAGE mask occluder_covered(quad previous, quad corners, real high, footprint f, settings_t settings)
 {
     return (bilinear(nearer_than(previous, high), f) > SPLAT(settings.covered_share)) & any_nearer(corners, high);
 }

@@ -10,20 +10,20 @@ typedef struct
     real first, second;
 } greatest_t;
 
-STAGE void see_luminance(greatest_t* g, boxed v)
+STAGE void add_luminance(greatest_t* g, boxed v)
 {
     const real y = boxed_luminance_4(v);
     g->second = greater(g->second, lesser(g->first, y));
     g->first = greater(g->first, y);
 }
 
-// Replaces the sample `v` where its luminance exceeds firefly_threshold times that of `borne_out` (4 Y): by the
-// history, so that the sample adds nothing, or without history by itself dimmed to `borne_out`.
-STAGE colour borne_out_sample(colour v, real borne_out, history_t h, settings_t settings)
+// Replaces the sample `v` where its luminance exceeds firefly_threshold times `reference` (4 Y): by the
+// history, so that the sample adds nothing, or without history by itself dimmed to `reference`.
+STAGE colour clamp_firefly(colour v, real reference, history_t h, settings_t settings)
 {
     const real y = luminance_4(v);
-    const mask fly = y > K(settings.firefly_threshold) * borne_out;
-    return choose_colour(fly & h.valid, h.rgb, scaled(v, fly ? quotient(borne_out, y) : SPLAT(1.0)));
+    const mask is_firefly = y > K(settings.firefly_threshold) * reference;
+    return choose_colour(is_firefly & h.valid, h.rgb, scaled(v, is_firefly ? quotient(reference, y) : SPLAT(1.0)));
 }
 
 // Removes a firefly from the pixel. Its sample is compared with the greatest of three: the second greatest of the eight
@@ -35,18 +35,18 @@ STAGE pixel_t without_firefly(
     if (FIREFLIES == FIREFLIES_KEEP)
         return p;
     greatest_t around = { SPLAT(0.0), SPLAT(0.0) };
-    see_luminance(&around, above.left);
-    see_luminance(&around, above.own);
-    see_luminance(&around, above.right);
-    see_luminance(&around, own.left);
-    see_luminance(&around, own.right);
-    see_luminance(&around, below.left);
-    see_luminance(&around, below.own);
-    see_luminance(&around, below.right);
+    add_luminance(&around, above.left);
+    add_luminance(&around, above.own);
+    add_luminance(&around, above.right);
+    add_luminance(&around, own.left);
+    add_luminance(&around, own.right);
+    add_luminance(&around, below.left);
+    add_luminance(&around, below.own);
+    add_luminance(&around, below.right);
     const real past = h.valid ? luminance_4(h.rgb) : SPLAT(0.0);
-    const real borne_out = greater(greater(around.second, past), K(4.0) * SPLAT(settings.firefly_floor));
-    p.own = borne_out_sample(p.own, borne_out, h, settings);
-    p.filtered = borne_out_sample(p.filtered, borne_out, h, settings);
+    const real reference = greater(greater(around.second, past), K(4.0) * SPLAT(settings.firefly_floor));
+    p.own = clamp_firefly(p.own, reference, h, settings);
+    p.filtered = clamp_firefly(p.filtered, reference, h, settings);
     p.luminance = luminance_4(p.filtered);
     return p;
 }

@@ -25,7 +25,7 @@ STAGE footprint nearest_texels(footprint f, int stride)
     }
     f.dx += right ? (whole)(1) : (whole)(0);
     f.dy += down ? (whole)(1) : (whole)(0);
-    return lying(f, stride);
+    return classify_lanes(f, stride);
 }
 
 // Three texels of the history side by side.
@@ -43,7 +43,7 @@ STAGE texel_row texels_of(const real v[9])
 // Loads the row j below the nearest texels n, with left and right neighbours.
 STAGE texel_row nearest_row(history_in p, footprint n, int j, size_t plane, int stride)
 {
-    if (LANES > 1 && n.lanes == LANES_CLOSE) {
+    if (LANES > 1 && n.lanes == LANES_ADJACENT) {
         const mask right = n.step_x != 0, down = n.step_y != 0;
         real line[9];
         NO_UNROLL
@@ -60,13 +60,13 @@ STAGE texel_row nearest_row(history_in p, footprint n, int j, size_t plane, int 
         }
         return texels_of(line);
     }
-    if (LANES > 1 && n.lanes == LANES_APART) {
-        const whole steps = steps_apart(n.dx, n.dy, stride);
+    if (LANES > 1 && n.lanes == LANES_SCATTERED) {
+        const whole offsets = lane_offsets(n.dx, n.dy, stride);
         history_in q = p + n.own + j * (ptrdiff_t)stride;
         real line[9];
         NO_UNROLL
         for (int i = 0; i < 9; ++i)
-            line[i] = history_apart(q + (size_t)(i % 3) * plane + (i / 3 - 1), steps);
+            line[i] = load_history_lanes(q + (size_t)(i % 3) * plane + (i / 3 - 1), offsets);
         return texels_of(line);
     }
     history_in q = ROW_BELOW(p, n.at, j, stride);
@@ -90,17 +90,17 @@ typedef struct
 {
     real mean, spread;
     real spreads; // sum of its own and that of the row above
-} paired;
+} difference_moments;
 
-STAGE paired pair_row(real left, real centre, real right)
+STAGE difference_moments difference_row(real left, real centre, real right)
 {
     const real dl = left - centre, dr = right - centre;
-    return (paired) { centre + (dl + dr) * K(ONE_THIRD), spread_of_three(dl, dr), SPLAT(0.0) };
+    return (difference_moments) { centre + (dl + dr) * K(ONE_THIRD), spread_of_three(dl, dr), SPLAT(0.0) };
 }
 
 // A third of Student's t of nine differences: mean over deviation, with the sign of the mean. `least` is added to the
 // deviation, so that an invisible difference counts for little in a flat area too.
-STAGE real paired_t(paired centre, paired below, real da, real db, real least)
+STAGE real students_t(difference_moments centre, difference_moments below, real da, real db, real least)
 {
     const real mean = centre.mean + (da + db) * K(ONE_THIRD),
                spread = (centre.spreads + below.spread) + K(3.0) * spread_of_three(da, db);
@@ -110,7 +110,7 @@ STAGE real paired_t(paired centre, paired below, real da, real db, real least)
 // A row of three: its differences, the steps of their means from the row above, and the sum of its samples' levels.
 typedef struct
 {
-    paired a, b, c;
+    difference_moments a, b, c;
     boxed step;
     real level, levels; // of this row, and summed with that of the row above
 } illumination_row;
@@ -143,9 +143,9 @@ STAGE illumination_row illumination_of_row(boxed_row now, history_in history, fo
     const boxed left = illumination_difference(now.left, past.left, frame),
                 own = illumination_difference(now.own, past.own, frame),
                 right = illumination_difference(now.right, past.right, frame);
-    row.a = pair_row(left.a, own.a, right.a);
-    row.b = pair_row(left.b, own.b, right.b);
-    row.c = pair_row(left.c, own.c, right.c);
+    row.a = difference_row(left.a, own.a, right.a);
+    row.b = difference_row(left.b, own.b, right.b);
+    row.c = difference_row(left.c, own.c, right.c);
     row.step = (boxed) { 0 };
     row.level = (absolute(now.left.a) + absolute(now.own.a)) + absolute(now.right.a);
     row.levels = SPLAT(0.0);
@@ -182,48 +182,50 @@ STAGE illumination_row illumination_above(
 typedef struct
 {
     real count, change;
-} lit_t;
+} illumination_result;
 
-// Divides the history's `held` samples by max(1, |change| / least_t)^2: history that is off by one standard error is
+// Divides the history's `held` samples by max(1, |change| / threshold)^2: history that is off by one standard error is
 // worth one sample, by k standard errors 1 / k^2 of it. `change` is Student's t of the channel that changed most, with
 // the sign of the first one, luminance, plus illumination_decay times the stored change of the previous frame. Jitter
 // moves all nine differences one way in one frame and another way in the next, a light change goes on, so jitter stays
-// small in the sum. Where light falls, falling_t * least_t replaces least_t: nine dim samples of noise agree, nine with
+// small in the sum. Where light falls, falling_t * threshold replaces it: nine dim samples of noise agree, nine with
 // a bright one do not. `next` is the row below the pixel's.
-STAGE lit_t illumination_test(real held, real least_t, plane_in current, boxed_row next, history_in history,
-    plane_in count, footprint f, int x, int y, frame_t frame, settings_t settings, illumination_cache* cache)
+STAGE illumination_result illumination_test(real held, real threshold, plane_in current, boxed_row next,
+    history_in history, plane_in count, footprint f, int x, int y, frame_t frame, settings_t settings,
+    illumination_cache* cache)
 {
     const footprint n = nearest_texels(f, row_stride(frame));
-    const int alike = (LANES == 1) | (n.lanes == LANES_ALIKE);
-    if (!alike | (n.at != cache->nearest))
+    const int uniform_lanes = (LANES == 1) | (n.lanes == LANES_UNIFORM);
+    if (!uniform_lanes | (n.at != cache->nearest))
         cache->row = illumination_above(current, history, n, x, y, frame);
     const illumination_row centre = cache->row;
     const illumination_row below = illumination_below(centre, illumination_of_row(next, history, n, 1, frame));
     cache->row = below;
-    cache->nearest = alike ? n.at + (uint)row_stride(frame) : 0;
+    cache->nearest = uniform_lanes ? n.at + (uint)row_stride(frame) : 0;
     const real level = centre.levels + below.level;
     const real least = K(settings.illumination_floor) * (level * K(ONE_THIRD)) + K(BOX_A * TINY);
     const boxed up = centre.step, down = below.step; // the step to the row above is -up, to the bit
-    const real ta = paired_t(centre.a, below.a, -up.a, down.a, least),
-               tb = paired_t(centre.b, below.b, -up.b, down.b, K(BOX_B / BOX_A) * least),
-               tc = paired_t(centre.c, below.c, -up.c, down.c, least);
+    const real ta = students_t(centre.a, below.a, -up.a, down.a, least),
+               tb = students_t(centre.b, below.b, -up.b, down.b, K(BOX_B / BOX_A) * least),
+               tc = students_t(centre.c, below.c, -up.c, down.c, least);
     const real largest = K(3.0) * greater(absolute(ta), greater(absolute(tb), absolute(tc)));
     const real t = lesser(largest, SPLAT(DOMAIN_LIMIT)); // DOMAIN_LIMIT where `largest` is NaN
     const real before = texel_at(count + history_plane_size(frame), n, row_stride(frame));
     const real change = (ta < SPLAT(0.0) ? -t : t) + K(settings.illumination_decay) * before;
-    const real from = change < SPLAT(0.0) ? SPLAT(settings.falling_t) * least_t : least_t;
+    const real from = change < SPLAT(0.0) ? SPLAT(settings.falling_t) * threshold : threshold;
     const real by = greater(quotient(absolute(change), from), SPLAT(1.0));
-    return (lit_t) { quotient(held, by * by), stored_change(change) };
+    return (illumination_result) { quotient(held, by * by), stored_change(change) };
 }
 
 // Corrects the result where a pixel's own sample is missing. Repaired texels say nothing about light: unless at least
 // five of the nine were rendered, the count stays as before the test and the change is 0.
-STAGE lit_t tested_by_drawn(lit_t l, real held, plane_in current, int x, int y, frame_t frame)
+STAGE illumination_result illumination_without_missing(
+    illumination_result l, real held, plane_in current, int x, int y, frame_t frame)
 {
-    real drawn = SPLAT(0.0);
+    real rendered = SPLAT(0.0);
     NO_UNROLL
     for (int k = 0; k < 9; ++k)
-        drawn += sample_is_missing(current, x + k % 3 - 1, y + k / 3 - 1, frame) ? SPLAT(0.0) : SPLAT(1.0);
-    const mask untested = sample_is_missing(current, x, y, frame) & (drawn < SPLAT(5.0));
-    return (lit_t) { untested ? held : l.count, untested ? SPLAT(0.0) : l.change };
+        rendered += sample_is_missing(current, x + k % 3 - 1, y + k / 3 - 1, frame) ? SPLAT(0.0) : SPLAT(1.0);
+    const mask untested = sample_is_missing(current, x, y, frame) & (rendered < SPLAT(5.0));
+    return (illumination_result) { untested ? held : l.count, untested ? SPLAT(0.0) : l.change };
 }

@@ -115,7 +115,7 @@ typedef struct
     real rise; // of inverse depth, from the left texel to the right one
     real u, v; // own motion of the nearest texel
     real centre_u, centre_v;
-    int lacks; // 1: a texel of the segment itself is outside the domain, so a pixel's sample is missing
+    int has_missing; // 1: a texel of the segment itself is outside the domain, so a pixel's sample is missing
 } row_t;
 
 // Mean, standard deviation and extremes of the neighbourhood in the box space.
@@ -144,7 +144,7 @@ STAGE void weighted_channel(real* mean, real* deviation, const real* v, const re
 }
 
 // Replaces mean and deviation by weighted ones: by luminance, or by the distance of samples from the pixel's centre.
-STAGE void weighed_texels(statistics* s, boxed_row above, boxed_row centre, boxed_row below, frame_t frame)
+STAGE void weighted_statistics(statistics* s, boxed_row above, boxed_row centre, boxed_row below, frame_t frame)
 {
     const boxed texels[9] = { above.left, above.own, above.right, centre.left, centre.own, centre.right, below.left,
         below.own, below.right };
@@ -172,7 +172,7 @@ STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below
     s.low = (boxed) { a.low, b.low, c.low };
     s.high = (boxed) { a.high, b.high, c.high };
     if ((NEIGHBOURHOOD == NEIGHBOURHOOD_LUMINANCE) | (NEIGHBOURHOOD == NEIGHBOURHOOD_JITTERED)) {
-        weighed_texels(&s, above.texels, centre.texels, below.texels, frame);
+        weighted_statistics(&s, above.texels, centre.texels, below.texels, frame);
         // Rounding may move a weighted mean beyond the extremes, and turn a box inside out.
         s.mean = (boxed) { limit(s.mean.a, s.low.a, s.high.a), limit(s.mean.b, s.low.b, s.high.b),
             limit(s.mean.c, s.low.c, s.high.c) };
@@ -184,7 +184,7 @@ STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below
 STAGE real inverse_depth_or_sky(real v, frame_t frame) { return in_domain_or(v, SPLAT(frame.sky_inverse_depth)); }
 
 // Weights three colours as the middle one plus the weighted steps to it and from it: equal colours keep their bits.
-STAGE colour weigh_line(colour to, colour middle, colour from, scalar first, scalar last)
+STAGE colour filter_three(colour to, colour middle, colour from, scalar first, scalar last)
 {
     colour v = middle;
     if (CURRENT_FILTER != CURRENT_FILTER_NONE) {
@@ -205,9 +205,9 @@ STAGE row_t read_row(plane_in image, plane_in inverse_depth, plane_in motion, in
     // Loaded before the branch below: a GPU's compiler moves no load past it.
     const real zl = inverse_depth_or_sky(load(z - 1), frame), zc = inverse_depth_or_sky(load(z), frame),
                zr = inverse_depth_or_sky(load(z + 1), frame);
-    int lacks = 0;
+    int has_missing = 0;
     if (any_outside_domain(l, c, r)) {
-        lacks = any_of(colour_outside_domain(c)) ? 1 : 0;
+        has_missing = any_of(colour_outside_domain(c)) ? 1 : 0;
         colour line[3];
         repair_colours(line, 3, image, plane, x - 1, y, frame);
         l = line[0], c = line[1], r = line[2];
@@ -215,13 +215,13 @@ STAGE row_t read_row(plane_in image, plane_in inverse_depth, plane_in motion, in
     l = to_range(l), c = to_range(c), r = to_range(r);
     const boxed bl = to_box_space(l), bc = to_box_space(c), br = to_box_space(r);
     row_t row = { 0 };
-    row.lacks = lacks;
+    row.has_missing = has_missing;
     row.a = chosen_row(bl.a, bc.a, br.a);
     row.b = chosen_row(bl.b, bc.b, br.b);
     row.c = chosen_row(bl.c, bc.c, br.c);
     row.texels = (boxed_row) { bl, bc, br };
     row.centre = c;
-    row.across = weigh_line(minus(c, l), c, minus(r, c), K(frame.left_weight), K(frame.right_weight));
+    row.across = filter_three(minus(c, l), c, minus(r, c), K(frame.left_weight), K(frame.right_weight));
 
     const mask left = zl > zc;
     row.inverse_depth = zc;
@@ -312,7 +312,7 @@ STAGE colour current_sample(row_t above, row_t centre, row_t below, statistics n
 {
     if (CURRENT_FILTER == CURRENT_FILTER_NONE)
         return centre.centre;
-    colour v = weigh_line(
+    colour v = filter_three(
         centre.across_step, centre.across, below.across_step, K(frame.above_weight), K(frame.below_weight));
     if (CURRENT_FILTER == CURRENT_FILTER_LANCZOS) {
         const boxed b = to_box_space(v);

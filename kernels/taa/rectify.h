@@ -21,10 +21,10 @@ typedef struct
     boxed centre, extent, low, high;
 } box_t;
 
-STAGE real half_width(real low, real high) { return K(0.5) * (high - low); }
+STAGE real half_extent(real low, real high) { return K(0.5) * (high - low); }
 
 // Intersection of mean +- gamma deviation with the extremes; never empty, since the mean lies between the extremes.
-STAGE void narrow(real* low, real* high, real mean, real width)
+STAGE void intersect(real* low, real* high, real mean, real width)
 {
     *low = greater(mean - width, *low);
     *high = lesser(mean + width, *high);
@@ -52,17 +52,17 @@ STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
         s.high = (boxed) { s.mean.a + box.extent.a, s.mean.b + box.extent.b, s.mean.c + box.extent.c };
     } else {
         if (BOX == BOX_BOTH) {
-            narrow(&s.low.a, &s.high.a, s.mean.a, gamma * s.deviation.a);
-            narrow(&s.low.b, &s.high.b, s.mean.b, gamma * s.deviation.b);
-            narrow(&s.low.c, &s.high.c, s.mean.c, gamma * s.deviation.c);
+            intersect(&s.low.a, &s.high.a, s.mean.a, gamma * s.deviation.a);
+            intersect(&s.low.b, &s.high.b, s.mean.b, gamma * s.deviation.b);
+            intersect(&s.low.c, &s.high.c, s.mean.c, gamma * s.deviation.c);
         }
         if (BOX == BOX_UNIT) {
             const real zero = SPLAT(0.0), one = SPLAT(BOX_A);
             s.low = (boxed) { lesser(s.low.a, one), lesser(s.low.b, SPLAT(BOX_B)), lesser(s.low.c, one) };
             s.high = (boxed) { greater(s.high.a, zero), greater(s.high.b, zero), greater(s.high.c, zero) };
         }
-        box.extent
-            = (boxed) { half_width(s.low.a, s.high.a), half_width(s.low.b, s.high.b), half_width(s.low.c, s.high.c) };
+        box.extent = (boxed) { half_extent(s.low.a, s.high.a), half_extent(s.low.b, s.high.b),
+            half_extent(s.low.c, s.high.c) };
         box.centre = (boxed) { s.low.a + box.extent.a, s.low.b + box.extent.b, s.low.c + box.extent.c };
         if (BOX == BOX_EXTREMES) {
             // A gamma of 1 adds exactly nothing.
@@ -92,7 +92,7 @@ STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
 
 // Distance from the centre in half extents: of the largest channel (box), or the length of the vector (ellipsoid). At
 // most 1 means inside.
-STAGE real outsideness(boxed d, boxed extent)
+STAGE real distance_in_extents(boxed d, boxed extent)
 {
     const real a = quotient(absolute(d.a), extent.a), b = quotient(absolute(d.b), extent.b),
                c = quotient(absolute(d.c), extent.c);
@@ -102,7 +102,7 @@ STAGE real outsideness(boxed d, boxed extent)
 }
 
 // True where history lies beyond an end of the box. Always true for a variance box: its ends are centre -+ extent,
-// which outsideness has already compared with.
+// which distance_in_extents has already compared with.
 STAGE mask outside_ends(boxed v, box_t box)
 {
     if (BOX == BOX_VARIANCE)
@@ -112,12 +112,12 @@ STAGE mask outside_ends(boxed v, box_t box)
 }
 
 // Share of the way from h to a target inside the box at which one coordinate enters the box; 0 inside.
-STAGE real entry(real h, real way, real low, real high)
+STAGE real entry(real h, real direction, real low, real high)
 {
-    const mask still = way == SPLAT(0.0);
-    const real safe = still ? SPLAT(1.0) : way;
+    const mask parallel = direction == SPLAT(0.0);
+    const real safe = parallel ? SPLAT(1.0) : direction;
     const real to_low = (low - h) / safe, to_high = (high - h) / safe;
-    return still ? SPLAT(0.0) : lesser(to_low, to_high);
+    return parallel ? SPLAT(0.0) : lesser(to_low, to_high);
 }
 
 STAGE boxed clamp_to_box(boxed v, box_t box)
@@ -128,11 +128,11 @@ STAGE boxed clamp_to_box(boxed v, box_t box)
 
 STAGE boxed clip_towards(boxed history, boxed target, box_t box)
 {
-    const boxed way = { target.a - history.a, target.b - history.b, target.c - history.c };
-    const real first
-        = greater(entry(history.a, way.a, box.low.a, box.high.a), entry(history.b, way.b, box.low.b, box.high.b));
-    const real t = limit(greater(first, entry(history.c, way.c, box.low.c, box.high.c)), SPLAT(0.0), SPLAT(1.0));
-    return (boxed) { history.a + t * way.a, history.b + t * way.b, history.c + t * way.c };
+    const boxed direction = { target.a - history.a, target.b - history.b, target.c - history.c };
+    const real first = greater(
+        entry(history.a, direction.a, box.low.a, box.high.a), entry(history.b, direction.b, box.low.b, box.high.b));
+    const real t = limit(greater(first, entry(history.c, direction.c, box.low.c, box.high.c)), SPLAT(0.0), SPLAT(1.0));
+    return (boxed) { history.a + t * direction.a, history.b + t * direction.b, history.c + t * direction.c };
 }
 
 STAGE boxed rectify_history(boxed history, boxed current, box_t box)
@@ -144,7 +144,7 @@ STAGE boxed rectify_history(boxed history, boxed current, box_t box)
         out = clip_towards(history, clamp_to_box(current, box), box);
     } else if (RECTIFY != RECTIFY_NONE) {
         const boxed d = { history.a - box.centre.a, history.b - box.centre.b, history.c - box.centre.c };
-        const real t = outsideness(d, box.extent);
+        const real t = distance_in_extents(d, box.extent);
         const mask out_of_it = (t > SPLAT(1.0)) & (RECTIFY == RECTIFY_CLIP ? outside_ends(history, box) : (mask)(-1));
         const real by = divisor(out_of_it ? t : SPLAT(1.0));
         out.a = out_of_it ? box.centre.a + over(d.a, by) : history.a;
@@ -165,8 +165,8 @@ typedef struct
     real anti_flicker_factor; // factor of the current sample's weight (clamp-distance)
 } rectification;
 
-// True where a pixel moves less than STANDS pixels along each axis: too little to be seen.
-STAGE mask stands(motion_t m) { return (absolute(m.u) < K(STANDS)) & (absolute(m.v) < K(STANDS)); }
+// True where a pixel moves less than STATIC_MOTION pixels along each axis: too little to be seen.
+STAGE mask is_static(motion_t m) { return (absolute(m.u) < K(STATIC_MOTION)) & (absolute(m.v) < K(STATIC_MOTION)); }
 
 // The larger of two shares, 1 at most: motion in screens a frame times motion_rate, and the distance moved in the box
 // space times clip_rate.
@@ -207,7 +207,7 @@ STAGE rectification rectify(
     if ((ACCUMULATE == ACCUMULATE_ADAPTIVE) | (ACCUMULATE == ACCUMULATE_CAPPED))
         out.blend_boost = blend_boost_of(m, in_units(moved), frame, settings);
     if (ACCUMULATE == ACCUMULATE_STANDING)
-        out.blend_boost = stands(m) ? SPLAT(0.0) : SPLAT(1.0);
+        out.blend_boost = is_static(m) ? SPLAT(0.0) : SPLAT(1.0);
     out.anti_flicker_factor = ANTI_FLICKER == ANTI_FLICKER_CLAMP_DISTANCE
         ? anti_flicker_factor_of(h.a, box.centre.a, box.extent.a)
         : SPLAT(1.0);

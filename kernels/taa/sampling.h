@@ -81,7 +81,7 @@ STAGE real six_taps(real first, real p0, real p1, real p2, real p3, real last, w
     return ((((w.first * first + w.last * last) + w.w0 * p0) + w.w3 * p3) + w.w1 * p1) + w.w2 * p2;
 }
 
-STAGE row_taps weigh(real first, real p0, real p1, real p2, real p3, real last, weights w)
+STAGE row_taps filter_taps(real first, real p0, real p1, real p2, real p3, real last, weights w)
 {
     if (CROSS)
         return (row_taps) { p1, p2, six_taps(first, p0, p1, p2, p3, last, w) };
@@ -105,64 +105,64 @@ STAGE real without_corners(row_taps r0, row_taps r1, row_taps r2, row_taps r3, w
     return HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5_RAW ? sum * centre + rest : centre + rest / sum;
 }
 
-STAGE real between(real a, real b, real t) { return a + t * (b - a); }
+STAGE real lerp(real a, real b, real t) { return a + t * (b - a); }
 
 // Sums both arms of the cross, clamped to the range of the four middle texels plus a quarter of it at either end: a
 // sharp filter rings beside an edge, and a history accumulates the ringing.
 STAGE real cross_of(
     row_taps first, row_taps r0, row_taps r1, row_taps r2, row_taps r3, row_taps last, weights wx, weights wy)
 {
-    const real left = between(r1.middle, r2.middle, wy.linear)
+    const real left = lerp(r1.middle, r2.middle, wy.linear)
         + six_taps(first.middle, r0.middle, r1.middle, r2.middle, r3.middle, last.middle, wy);
-    const real right = between(r1.right, r2.right, wy.linear)
+    const real right = lerp(r1.right, r2.right, wy.linear)
         + six_taps(first.right, r0.right, r1.right, r2.right, r3.right, last.right, wy);
     const real low = lesser(lesser(r1.middle, r1.right), lesser(r2.middle, r2.right)),
                high = greater(greater(r1.middle, r1.right), greater(r2.middle, r2.right));
-    const real more = K(0.25) * (high - low), along_x = between(r1.sides, r2.sides, wy.linear);
-    return limit(between(left, right, wx.linear) + along_x, low - more, high + more);
+    const real more = K(0.25) * (high - low), along_x = lerp(r1.sides, r2.sides, wy.linear);
+    return limit(lerp(left, right, wx.linear) + along_x, low - more, high + more);
 }
 
 // Filters rows along y.
-STAGE real weigh_rows(
+STAGE real filter_rows(
     row_taps first, row_taps r0, row_taps r1, row_taps r2, row_taps r3, row_taps last, weights wx, weights wy)
 {
     if (CROSS)
         return cross_of(first, r0, r1, r2, r3, last, wx, wy);
     if (FIVE_PAIRS)
         return without_corners(r0, r1, r2, r3, wx, wy);
-    return weigh(first.middle, r0.middle, r1.middle, r2.middle, r3.middle, last.middle, wy).middle;
+    return filter_taps(first.middle, r0.middle, r1.middle, r2.middle, r3.middle, last.middle, wy).middle;
 }
 
 // Where the lanes of a segment lie in the previous frame: all on texels, with one integer displacement (ON_TEXELS),
-// between texels with one integer part (ALIKE), with integer parts that differ by at most 1 an axis (CLOSE), or
-// anywhere (APART). The values read are the same in each case, only the loads differ. A pixel without motion lies on
-// texels.
+// between texels with one integer part (UNIFORM), with integer parts that differ by at most 1 an axis (ADJACENT), or
+// anywhere (SCATTERED). The values read are the same in each case, only the loads differ. A pixel without motion lies
+// on texels.
 #define LANES_ON_TEXELS 0
-#define LANES_ALIKE 1
-#define LANES_CLOSE 2
-#define LANES_APART 3
+#define LANES_UNIFORM 1
+#define LANES_ADJACENT 2
+#define LANES_SCATTERED 3
 
 typedef struct
 {
     whole dx, dy; // integer part of the displacement, by lane
     real fx, fy; // fraction in [0, 1)
-    whole step_x, step_y; // lane's integer part minus the segment's: 0 or 1, where CLOSE
+    whole step_x, step_y; // lane's integer part minus the segment's: 0 or 1, where ADJACENT
     uint own, at; // offsets in a plane: the segment's own, and displaced by its integer part
     int lanes;
 } footprint;
 
 // Sets how the footprint's lanes lie, from their integer parts, and its offset from its own texel.
-STAGE footprint lying(footprint f, int stride)
+STAGE footprint classify_lanes(footprint f, int stride)
 {
     scalar_whole x = first_lane(f.dx), y = first_lane(f.dy);
-    f.lanes = LANES_ALIKE;
+    f.lanes = LANES_UNIFORM;
     f.step_x = f.step_y = (whole)(0);
     if (LANES > 1 && any_of((f.dx ^ x) | (f.dy ^ y))) {
         x -= any_of(f.dx < x) ? 1 : 0;
         y -= any_of(f.dy < y) ? 1 : 0;
         f.step_x = f.dx - x;
         f.step_y = f.dy - y;
-        f.lanes = any_of((f.step_x | f.step_y) & ~(whole)(1)) ? LANES_APART : LANES_CLOSE;
+        f.lanes = any_of((f.step_x | f.step_y) & ~(whole)(1)) ? LANES_SCATTERED : LANES_ADJACENT;
     }
     f.at = f.own + (uint)((int)y * stride + (int)x);
     return f;
@@ -175,32 +175,32 @@ STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
     f.dx = TO_WHOLE(left), f.dy = TO_WHOLE(top);
     f.fx = u - left, f.fy = v - top;
     f.own = at;
-    f = lying(f, row_stride(frame));
+    f = classify_lanes(f, row_stride(frame));
     // Not on a GPU: it waits for each load behind a branch, but issues those before the first branch all at once.
-    if (LANES > 1 && f.lanes == LANES_ALIKE && !any_of((f.fx != SPLAT(0.0)) | (f.fy != SPLAT(0.0))))
+    if (LANES > 1 && f.lanes == LANES_UNIFORM && !any_of((f.fx != SPLAT(0.0)) | (f.fy != SPLAT(0.0))))
         f.lanes = LANES_ON_TEXELS;
     return f;
 }
 
 // The footprint without motion. Explicit, since not every compiler sees through the conversions of footprint_of.
-STAGE footprint own_texel(uint at)
+STAGE footprint footprint_at_rest(uint at)
 {
     const whole no = (whole)(0);
     return (footprint) { no, no, SPLAT(0.0), SPLAT(0.0), no, no, at, at, LANES_ON_TEXELS };
 }
 
 // Filters one row of taps around p along x. p points at tap 1 of the segment.
-STAGE row_taps row_alike(history_in p, weights w)
+STAGE row_taps row_uniform(history_in p, weights w)
 {
     real first = SPLAT(0.0), last = SPLAT(0.0);
     if (CROSS) {
         first = load_history(p - 2);
         last = load_history(p + 3);
     }
-    return weigh(first, load_history(p - 1), load_history(p), load_history(p + 1), load_history(p + 2), last, w);
+    return filter_taps(first, load_history(p - 1), load_history(p), load_history(p + 1), load_history(p + 2), last, w);
 }
 
-STAGE row_taps row_close(history_in p, weights w, whole step)
+STAGE row_taps row_adjacent(history_in p, weights w, whole step)
 {
     const mask right = step != 0;
     const real a = load_history(p - 1), b = load_history(p), c = load_history(p + 1), d = load_history(p + 2),
@@ -210,12 +210,12 @@ STAGE row_taps row_close(history_in p, weights w, whole step)
         first = right ? a : load_history(p - 2);
         last = right ? load_history(p + 4) : e;
     }
-    return weigh(first, right ? b : a, right ? c : b, right ? d : c, right ? e : d, last, w);
+    return filter_taps(first, right ? b : a, right ? c : b, right ? d : c, right ? e : d, last, w);
 }
 
 // Filters row j of six; p points at the segment's own texel in it. The loads take so long that rolled loops cost
 // nothing; unrolled, they were half of what a compiler had to work through.
-STAGE row_taps row_apart(history_in p, weights w, whole steps, int j)
+STAGE row_taps row_scattered(history_in p, weights w, whole offsets, int j)
 {
     real tap[6];
     for (int i = 0; i < 6; ++i)
@@ -224,8 +224,8 @@ STAGE row_taps row_apart(history_in p, weights w, whole steps, int j)
     const int from = pair ? 2 : CROSS ? 0 : 1, to = pair ? 4 : CROSS ? 6 : 5;
     NO_UNROLL
     for (int i = from; i < to; ++i)
-        tap[i] = history_apart(p + (i - 2), steps);
-    return weigh(tap[0], tap[1], tap[2], tap[3], tap[4], tap[5], w);
+        tap[i] = load_history_lanes(p + (i - 2), offsets);
+    return filter_taps(tap[0], tap[1], tap[2], tap[3], tap[4], tap[5], w);
 }
 
 STAGE row_taps choose_row(mask m, row_taps a, row_taps b)
@@ -242,33 +242,33 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
     row_taps first = { 0 }, last = { 0 };
     if (f.lanes == LANES_ON_TEXELS)
         return load_history(q);
-    if (LANES > 1 && f.lanes == LANES_CLOSE) {
+    if (LANES > 1 && f.lanes == LANES_ADJACENT) {
         const mask down = f.step_y != 0;
-        const row_taps a = row_close(q - line, wx, f.step_x), b = row_close(q, wx, f.step_x),
-                       c = row_close(q + line, wx, f.step_x), d = row_close(q + 2 * line, wx, f.step_x),
-                       e = row_close(q + 3 * line, wx, f.step_x);
+        const row_taps a = row_adjacent(q - line, wx, f.step_x), b = row_adjacent(q, wx, f.step_x),
+                       c = row_adjacent(q + line, wx, f.step_x), d = row_adjacent(q + 2 * line, wx, f.step_x),
+                       e = row_adjacent(q + 3 * line, wx, f.step_x);
         if (CROSS) {
-            first = choose_row(down, a, row_close(q - 2 * line, wx, f.step_x));
-            last = choose_row(down, row_close(q + 4 * line, wx, f.step_x), e);
+            first = choose_row(down, a, row_adjacent(q - 2 * line, wx, f.step_x));
+            last = choose_row(down, row_adjacent(q + 4 * line, wx, f.step_x), e);
         }
-        return weigh_rows(first, choose_row(down, b, a), choose_row(down, c, b), choose_row(down, d, c),
+        return filter_rows(first, choose_row(down, b, a), choose_row(down, c, b), choose_row(down, d, c),
             choose_row(down, e, d), last, wx, wy);
     }
-    if (LANES > 1 && f.lanes == LANES_APART) {
-        const whole steps = steps_apart(f.dx, f.dy, stride);
+    if (LANES > 1 && f.lanes == LANES_SCATTERED) {
+        const whole offsets = lane_offsets(f.dx, f.dy, stride);
         row_taps row[6];
         row[0] = row[5] = first;
         NO_UNROLL
         for (int i = CROSS ? 0 : 1; i < (CROSS ? 6 : 5); ++i)
-            row[i] = row_apart(p + f.own + (i - 2) * (ptrdiff_t)stride, wx, steps, i);
-        return weigh_rows(row[0], row[1], row[2], row[3], row[4], row[5], wx, wy);
+            row[i] = row_scattered(p + f.own + (i - 2) * (ptrdiff_t)stride, wx, offsets, i);
+        return filter_rows(row[0], row[1], row[2], row[3], row[4], row[5], wx, wy);
     }
     if (CROSS) {
-        first = row_alike(ROW_BELOW(p, f.at, -2, stride), wx);
-        last = row_alike(ROW_BELOW(p, f.at, 3, stride), wx);
+        first = row_uniform(ROW_BELOW(p, f.at, -2, stride), wx);
+        last = row_uniform(ROW_BELOW(p, f.at, 3, stride), wx);
     }
-    return weigh_rows(first, row_alike(ROW_BELOW(p, f.at, -1, stride), wx), row_alike(q, wx),
-        row_alike(ROW_BELOW(p, f.at, 1, stride), wx), row_alike(ROW_BELOW(p, f.at, 2, stride), wx), last, wx, wy);
+    return filter_rows(first, row_uniform(ROW_BELOW(p, f.at, -1, stride), wx), row_uniform(q, wx),
+        row_uniform(ROW_BELOW(p, f.at, 1, stride), wx), row_uniform(ROW_BELOW(p, f.at, 2, stride), wx), last, wx, wy);
 }
 
 // The four texels around the footprint in a plane of floats: count and inverse depth of the previous frame.
@@ -280,7 +280,7 @@ typedef struct
 STAGE quad sample_quad(plane_in p, footprint f, int stride)
 {
     plane_in q = p + f.at;
-    if (LANES > 1 && f.lanes == LANES_CLOSE) {
+    if (LANES > 1 && f.lanes == LANES_ADJACENT) {
         const mask right = f.step_x != 0, down = f.step_y != 0;
         real a = load(q), b = load(q + 1), c = load(q + 2);
         const real a0 = right ? b : a, b0 = right ? c : b;
@@ -291,12 +291,12 @@ STAGE quad sample_quad(plane_in p, footprint f, int stride)
         const real a2 = right ? b : a, b2 = right ? c : b;
         return (quad) { down ? a1 : a0, down ? b1 : b0, down ? a2 : a1, down ? b2 : b1 };
     }
-    if (LANES > 1 && f.lanes == LANES_APART) {
-        const whole steps = steps_apart(f.dx, f.dy, stride);
+    if (LANES > 1 && f.lanes == LANES_SCATTERED) {
+        const whole offsets = lane_offsets(f.dx, f.dy, stride);
         real texel[4];
         NO_UNROLL
         for (int i = 0; i < 4; ++i)
-            texel[i] = texels_apart(p + f.own + (i & 1) + (i >> 1) * (ptrdiff_t)stride, steps);
+            texel[i] = load_lanes(p + f.own + (i & 1) + (i >> 1) * (ptrdiff_t)stride, offsets);
         return (quad) { texel[0], texel[1], texel[2], texel[3] };
     }
     return (quad) { load(q), load(q + 1), load(q + stride), load(q + stride + 1) };
@@ -306,13 +306,13 @@ STAGE quad sample_quad(plane_in p, footprint f, int stride)
 STAGE real texel_at(plane_in p, footprint f, int stride)
 {
     plane_in q = p + f.at;
-    if (LANES > 1 && f.lanes == LANES_CLOSE) {
+    if (LANES > 1 && f.lanes == LANES_ADJACENT) {
         const mask right = f.step_x != 0, down = f.step_y != 0;
         const real a = right ? load(q + 1) : load(q), b = right ? load(q + stride + 1) : load(q + stride);
         return down ? b : a;
     }
-    if (LANES > 1 && f.lanes == LANES_APART)
-        return texels_apart(p + f.own, steps_apart(f.dx, f.dy, stride));
+    if (LANES > 1 && f.lanes == LANES_SCATTERED)
+        return load_lanes(p + f.own, lane_offsets(f.dx, f.dy, stride));
     return load(q);
 }
 

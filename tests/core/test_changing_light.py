@@ -34,7 +34,7 @@ NONE = 1.0 + 2.0**-22  # divisors below it are 1
 
 
 def in_light(
-    now: Any, then: Any, before: float, held: float = 1.0, *, least_t: float | None = None, **settings: Any
+    now: Any, then: Any, before: float, held: float = 1.0, *, threshold: float | None = None, **settings: Any
 ) -> IlluminationResult:
     """What ``held`` samples count for, [H, W], and the change, where nothing moves; ``before`` is the last one."""
     layout = Layout(WIDTH, HEIGHT)
@@ -45,7 +45,7 @@ def in_light(
     change, counts = padded(np.full((1, HEIGHT, WIDTH), before, np.float32), layout)[0], np.full_like(still, held)
     return illumination_test(
         counts,
-        np.full_like(still, record["illumination_t"] if least_t is None else least_t),
+        np.full_like(still, record["illumination_t"] if threshold is None else threshold),
         padded(now, layout),
         padded(then, layout),
         change,
@@ -74,23 +74,25 @@ def test_it_is_students_t() -> None:
     assert 0.05 < (found < NONE).mean() < 0.95
 
 
-def test_least_t_divides() -> None:
+def test_threshold_divides() -> None:
     noisy = np.random.default_rng(1).normal(0.5, 0.1, (3, HEIGHT, WIDTH)).astype(np.float32)
     brighter, settings = np.float32(1.1) * noisy, Settings()
     elsewhere = divisors(brighter, noisy)
     changed = elsewhere > NONE
     assert changed.any()
-    for least_t in (settings.disocclusion_t, settings.passing_t):
-        there = divisors(brighter, noisy, least_t=least_t)
-        assert np.allclose(there[changed], (settings.illumination_t / least_t) ** 2 * elsewhere[changed], rtol=1e-5)
+    for threshold in (settings.disocclusion_t, settings.passing_t):
+        there = divisors(brighter, noisy, threshold=threshold)
+        assert np.allclose(there[changed], (settings.illumination_t / threshold) ** 2 * elsewhere[changed], rtol=1e-5)
         assert (there >= elsewhere).all()
 
 
 def test_light_that_falls_is_asked_for_falling_t_times_as_much() -> None:
     noisy = np.random.default_rng(1).normal(0.5, 0.1, (3, HEIGHT, WIDTH)).astype(np.float32)
-    for least_t in (None, Settings().disocclusion_t):
+    for threshold in (None, Settings().disocclusion_t):
         for light, factor in ((1.2, 1.0), (0.8, 2.0)):
-            once, asked = (divisors(np.float32(light) * noisy, noisy, least_t=least_t, falling_t=t) for t in (1.0, 2.0))
+            once, asked = (
+                divisors(np.float32(light) * noisy, noisy, threshold=threshold, falling_t=t) for t in (1.0, 2.0)
+            )
             changed = asked > NONE
             assert changed.any()
             assert np.allclose(once[changed], factor**2 * asked[changed], rtol=1e-5)

@@ -11,7 +11,7 @@ from cltaa.core.parameters import GatherFit
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Camera, Effect, Frame
-from cltaa.reference.gather_fit import Gathered, fit_at_centre
+from cltaa.reference.gather_fit import SampleSums, fit_at_centre
 from cltaa.reference.real import quiet
 from tests.kernels.test_resolve import differing, hard_frames
 from tests.sequence_factory import make_camera, make_frame
@@ -116,7 +116,7 @@ def test_what_comes_closer_by_itself_keeps_its_samples(fit: str) -> None:
 def test_weights_whose_squares_are_0_are_fitted_without_a_warning() -> None:
     weight = np.full((1, 1), 1e-30, np.float32)  # of a sample of luminance 1e30
     place = np.full_like(weight, 0.25)
-    gathered = Gathered(np.zeros_like(weight))
+    gathered = SampleSums(np.zeros_like(weight))
     gathered.add(np.stack([place] * 3), weight, place, place, np.ones((1, 1), bool), GatherFit.LAYERS)
     settings = np.array([(0.1,)], [("fit_ridge", np.float32)])[0]
     with quiet:  # as all that gathers is called; a warning would fail the test

@@ -106,7 +106,7 @@ def test_what_no_vector_tells_of_is_taken_from_the_frame_of_now() -> None:
     assert errors[0] < 0.5 * errors[1]
 
 
-def test_a_shot_that_has_just_begun_is_no_doubtful_past() -> None:
+def test_a_shot_that_has_just_begun_is_no_refuted_history() -> None:
     # It has few samples because there were few frames. Stripes: what lies beside a pixel agrees, its samples do not.
     def stripes(right: float, down: float) -> Array:
         x, y = np.arange(WIDTH) + right, np.arange(HEIGHT)[:, None] + down

@@ -52,7 +52,7 @@ WRITES: dict[str, dict[str, int]] = {
     "resolve": {"output": 4, "output_count": 1},
     "gather": {"output": 4, "output_count": 1},
     "gather_windows": {"windows": 24},
-    "weigh_windows": {"output": 4, "output_count": 1},
+    "mix_windows": {"output": 4, "output_count": 1},
 }
 FUSED = ("resolve", "gather", "gather_windows")
 # The choices that fused kernels are shipped with, all of them at once.
@@ -121,7 +121,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "tonemap",
         "weighting",
     ),
-    "weigh_windows": ("alpha", "recursion", "storage", "weighting"),
+    "mix_windows": ("alpha", "recursion", "storage", "weighting"),
 }
 # Seeds of the rows of several choices, with which each value is in one that shows it, and no clip that rounding in one
 # channel can turn is in RGB.
@@ -195,14 +195,14 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     the frames in the ring only the planes that its steps read are there.
     """
     given: dict[str, Any] = {"frame": work.frame, "settings": work.settings, **work.planes}
-    given |= {"past": work.past, "frames": len(work.past), "standing": len(work.past)}
+    given |= {"past": work.past, "frames": len(work.past), "static_frames": len(work.past)}
     if len(work.past):
         given |= {"recursive": work.planes["history"], "recursive_count": work.planes["history_count"]}
         given["ring"] = ring_of(build.steps, work)
     given |= {f"{name[:-4]}_in": planes for name, planes in work.planes.items() if name.endswith("_out")}
     if "windows" in work.planes:
         given["windows"] = windows_of(build, work)
-    if kernel == "weigh_windows":
+    if kernel == "mix_windows":
         given["frames"] = LONG_RING  # each of its windows is another
     given |= {name: np.full_like(work.layout.zeros(count), UNWRITTEN) for name, count in writes(kernel, build).items()}
     names = [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]

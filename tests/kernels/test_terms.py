@@ -113,7 +113,7 @@ def test_rows_that_were_not_asked_for_fill_the_device(monkeypatch: pytest.Monkey
     assert fitted("resolve", device().build(Build(rows=asked))).rows == taken
 
 
-@pytest.mark.parametrize(("kernel", "rows"), [("gather", 1), ("gather_windows", 1), ("weigh_windows", ROWS)])
+@pytest.mark.parametrize(("kernel", "rows"), [("gather", 1), ("gather_windows", 1), ("mix_windows", ROWS)])
 def test_what_gathers_may_have_rows_of_its_own(monkeypatch: pytest.MonkeyPatch, kernel: str, rows: int) -> None:
     shape = Shape(lanes=1, rows=ROWS, group=(32, 1), gather_rows=1)
     monkeypatch.setattr(Device, "shape", property(lambda _: shape))

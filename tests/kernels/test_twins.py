@@ -37,7 +37,7 @@ from cltaa.core.presets import load_preset
 from cltaa.opencl.device import POCL
 from cltaa.opencl.launcher import SLIDING, DeviceLauncher
 from cltaa.reference.colour import sample_is_missing
-from cltaa.reference.gather_window import repeats
+from cltaa.reference.gather_window import repeats_previous
 from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import KEPT
 from tests.kernels.stage_chain import (
@@ -172,7 +172,7 @@ def test_the_windows_beside_a_recursive_resolve_have_the_bits_of_their_twin(lane
     )
     build = replace(strict(lanes), steps=steps, choices=choices, storage=storage)
     few = chain_work()
-    past = np.tile(few.past, 3)  # more frames than make a past doubtful
+    past = np.tile(few.past, 3)  # more frames than make a history refuted
     past["slot"] = np.arange(len(past))
     work = dataclasses.replace(few, past=past, planes={**few.planes, "ring": np.tile(few.planes["ring"], (3, 1, 1))})
     many = np.indices((work.layout.rows, work.layout.stride)).sum(0) % 2 == 0
@@ -269,7 +269,7 @@ def test_a_kernel_writes_its_pixels_and_at_most_the_rest_of_a_segment(kernel: st
     for name, planes in run_stage(kernel, strict(lanes), work, device()).items():
         if kernel in FUSED and strict(lanes).extends:
             windows = planes.reshape(-1, window_planes(ALL_STEPS), *planes.shape[1:]) if name == "windows" else [planes]
-            anew = [k for k in range(len(windows)) if not repeats(k, KEPT, KEPT, strict(lanes))]
+            anew = [k for k in range(len(windows)) if not repeats_previous(k, KEPT, KEPT, strict(lanes))]
             assert all((windows[k] != UNWRITTEN).all() for k in anew), name  # its halo too
             continue
         written = planes != UNWRITTEN

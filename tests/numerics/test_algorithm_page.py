@@ -201,14 +201,14 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
         apart = np.maximum(np.abs(own_u - u), np.abs(own_v - v)) >= PASSED
         showing = np.sum([t > (near + far) * scale / 2 for t in four], 0)
         behind = ((right != 0) | (down != 0)) & (showing <= 1) & apart
-        least_t = np.where(behind, BEHIND_T, LIGHT_T)
-        least_t = np.where(np.max(four, 0) > near * scale + slack, COVERED_T, least_t)
+        threshold = np.where(behind, BEHIND_T, LIGHT_T)
+        threshold = np.where(np.max(four, 0) > near * scale + slack, COVERED_T, threshold)
         corners = [past(left.inverse_depth, dx, dy) for dx in (-1, 2) for dy in (-1, 2)]
         nearest = np.max([*four, *corners], 0)
         its_u, its_v, _ = reproject(nearest / scale, none, none, frame, left.camera)
         against = np.maximum(np.abs(its_u - u), np.abs(its_v - v)) >= PASSED
         passed = (nearest > near * scale + slack) & against
-        least_t = np.where(passed, PASSED_T, least_t)
+        threshold = np.where(passed, PASSED_T, threshold)
         covered = np.sum([w * (t > near * scale + slack) for w, t in zip(weights, four, strict=True)], 0)
         far_u, far_v, _ = reproject(far, none, none, frame, left.camera)
         edge = np.abs((near - q) - (q - far)) > EDGE * np.abs(near)
@@ -233,7 +233,7 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
         t = mean / (deviation / 3 + LIGHT_FLOOR * level[..., None])
         signed = np.where(t[..., 0] < 0, -1, 1) * np.abs(t).max(-1)
         change = signed + LIGHT_DECAY * past(left.change, across, below)
-        n = count / np.maximum(1, np.abs(change) / least_t) ** 2
+        n = count / np.maximum(1, np.abs(change) / threshold) ** 2
         n = np.minimum(n, most)
     clipped = np.zeros_like(q)
     gamma = MOVING + np.maximum(0, 1 - np.maximum(np.abs(u), np.abs(v))) * (STATIC - MOVING)

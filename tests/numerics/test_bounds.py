@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from cltaa.core.build import Build, Storage, window_planes
 from cltaa.core.parameters import Accumulate
 from cltaa.opencl.launcher import DeviceLauncher
-from cltaa.reference.gather_window import repeats
+from cltaa.reference.gather_window import repeats_previous
 from cltaa.reference.real import greater
 from tests.kernels.hard_planes import KEPT
 from tests.kernels.stage_chain import (
@@ -140,7 +140,9 @@ def test_every_channel_of_every_kernel_has_a_row() -> None:
         for plane, count in written.items():
             channels = [i for o in OUTPUTS if (o.kernel, o.plane) == (kernel, plane) for i in range(count)[o.channels]]
             each = window_planes(ALL_STEPS) if plane == "windows" else count
-            stored = [k for k in range(count) if plane != "windows" or not repeats(k // each, KEPT, KEPT, DEFAULT)]
+            stored = [
+                k for k in range(count) if plane != "windows" or not repeats_previous(k // each, KEPT, KEPT, DEFAULT)
+            ]
             assert channels == stored, (kernel, plane)
 
 

@@ -16,7 +16,7 @@ from cltaa.core.presets import override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Image
 from cltaa.opencl.launcher import DeviceLauncher
-from cltaa.reference.accumulate import blend, luminance_weight
+from cltaa.reference.accumulate import blend, fold_luminance_weights
 from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_of, looped, still_frame, unfiltered
 from tests.sequence_factory import bits
 
@@ -71,7 +71,7 @@ def test_e2_luminance_weights_are_exact_at_any_level(level: float) -> None:
 
     def mixed(kind: Any) -> NDArray[Any]:
         now, then = x.astype(kind), h.astype(kind)
-        return blend(then, now, luminance_weight(share.astype(kind), now, then, build, settings))
+        return blend(then, now, fold_luminance_weights(share.astype(kind), now, then, build, settings))
 
     largest = np.maximum(np.abs(x), np.abs(h))
     assert (np.abs(mixed(np.float32) - mixed(np.float64)) <= 12 * UNIT_ROUNDOFF * largest).all()

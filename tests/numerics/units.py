@@ -14,7 +14,7 @@ from cltaa.core.constants import value as value_of
 from cltaa.reference.accumulate import current_pixel
 from cltaa.reference.colour import filled_colour
 from cltaa.reference.disocclusion import on_screen
-from cltaa.reference.gather_fit import Gathered
+from cltaa.reference.gather_fit import SampleSums
 from cltaa.reference.gather_samples import gather_samples
 from cltaa.reference.gather_sides import layers_of
 from cltaa.reference.gather_track import Track
@@ -142,7 +142,7 @@ def gathered(work: Work) -> Values:
     p = current_pixel(rows, None, None, build, layout, work.frame)
     surface = nearest_surface(*rows, build, work.settings["edge_tolerance"])
     ring = planes["ring"].reshape(len(work.past), -1, layout.rows, layout.stride)
-    layers, none = layers_of(*rows, surface, work.settings), Gathered(np.zeros_like(p.alpha))
+    layers, none = layers_of(*rows, surface, work.settings), SampleSums(np.zeros_like(p.alpha))
     g = gather_samples(
         ring,
         work.past,
@@ -266,9 +266,9 @@ OUTPUTS = [
     Output("gather", "gather: alpha", "output", FOURTH, "u", one),
     Output("gather", "gather: count n", "output_count", FIRST, "u·(1 + n)", one),
     *(output for window in (0, UNMOVED) for output in outputs_of_window(window)),  # with KEPT frames the others repeat
-    Output("weigh_windows", "weighed: colour", "output", RGB, "u·M", of_windows),
-    Output("weigh_windows", "weighed: alpha", "output", FOURTH, "u", one),
-    Output("weigh_windows", "weighed: count n", "output_count", FIRST, "u·(1 + n)", counted),
+    Output("mix_windows", "mixed: colour", "output", RGB, "u·M", of_windows),
+    Output("mix_windows", "mixed: alpha", "output", FOURTH, "u", one),
+    Output("mix_windows", "mixed: count n", "output_count", FIRST, "u·(1 + n)", counted),
 ]
 # The blend's output where the history is kept in halves: the error of the storage beside that of the arithmetic.
 STORED = [

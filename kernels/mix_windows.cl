@@ -2,7 +2,7 @@
 #include "gather/drift.h"
 #include "schedule/window.h"
 
-__kernel void weigh_windows_kernel(plane_in windows, const int frames, const int standing, history_out output,
+__kernel void mix_windows_kernel(plane_in windows, const int frames, const int static_frames, history_out output,
     plane_out output_count, const frame_t frame, const settings_t settings)
 {
     const column_t column = own_column(frame);
@@ -12,13 +12,14 @@ __kernel void weigh_windows_kernel(plane_in windows, const int frames, const int
     const size_t plane = plane_size(frame);
     row_sums rows[SIDE];
     for (int y = column.first - WINDOW_REACH; y < column.first + WINDOW_REACH; ++y)
-        keep_row(rows, windows, x, y, frames, standing, frame, settings);
+        sum_row(rows, windows, x, y, frames, static_frames, frame, settings);
     for (int y = column.first; y < column.end; ++y) {
         // The errors of the texels around.
-        keep_row(rows, windows, x, y + WINDOW_REACH, frames, standing, frame, settings);
+        sum_row(rows, windows, x, y + WINDOW_REACH, frames, static_frames, frame, settings);
         real error[WINDOWS], least = SPLAT(0.0);
         for (int window = 0; window < WINDOWS; ++window) {
-            error[window] = repeats(window, frames, standing) ? error[window - 1] : error_around(rows, window, y);
+            error[window]
+                = repeats_previous(window, frames, static_frames) ? error[window - 1] : error_around(rows, window, y);
             least = window == 0 ? error[window] : lesser(least, error[window]);
         }
 
@@ -26,26 +27,26 @@ __kernel void weigh_windows_kernel(plane_in windows, const int frames, const int
         plane_in p = windows + texel_offset(frame, x, y);
         const colour first = load_colour(p, plane);
         const real zero = SPLAT(0.0), alpha = ALPHA ? load(p + 5 * plane) : SPLAT(1.0), count = load(p + 4 * plane);
-        real weight = trust(error[0], least), alpha_sum = zero, count_sum = zero;
+        real weight = window_weight(error[0], least), alpha_sum = zero, count_sum = zero;
         colour sum = { 0 }, darkest = first;
-        drifted moved = { 0 };
+        window_drift drift = { 0 };
         plane_in q = p;
         for (int window = 1; window < WINDOWS; ++window) {
-            const real w = trust(error[window], least);
-            if (!repeats(window, frames, standing))
+            const real w = window_weight(error[window], least);
+            if (!repeats_previous(window, frames, static_frames))
                 q = window_plane(p, window, 0, frame);
-            if (drifts(window, frames, standing))
-                moved = drift_to_shortest(drift_around(rows, window, y), settings);
+            if (has_drift(window, frames, static_frames))
+                drift = drift_to_shortest(drift_around(rows, window, y), settings);
             if (window == PRESENT)
-                moved = (drifted) { 0 };
+                drift = (window_drift) { 0 };
             const colour v = load_colour(q, plane);
-            sum = plus_scaled(sum, w, minus(plus(v, moved.light), first));
+            sum = plus_scaled(sum, w, minus(plus(v, drift.light), first));
             darkest.r = lesser(darkest.r, v.r);
             darkest.g = lesser(darkest.g, v.g);
             darkest.b = lesser(darkest.b, v.b);
             count_sum += w * (load(q + 4 * plane) - count);
             if (ALPHA)
-                alpha_sum += w * ((load(q + 5 * plane) + moved.alpha) - alpha);
+                alpha_sum += w * ((load(q + 5 * plane) + drift.alpha) - alpha);
             weight += w;
         }
         resolved out;

@@ -1,4 +1,4 @@
-"""How temporal windows are weighed, and moved to what light does now: by hand, of texels that are given."""
+"""How temporal windows are mixed, and moved to what light does now: by hand, of texels that are given."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cltaa.core.build import FRAME_DTYPE, Build, Steps, settings_record
 from cltaa.core.constants import WINDOW_REACH
 from cltaa.core.parameters import Settings
 from cltaa.core.planes import Layout
-from cltaa.reference.gather_window import drift_of, shared_weights, t_of, trust, weigh_windows
+from cltaa.reference.gather_window import drift_of, mix_windows, shared_weights, students_t_of_drift, window_weight
 from tests.kernels.hard_planes import padded
 
 WIDTH, HEIGHT = 40, 30
@@ -23,7 +23,7 @@ def test_the_drift_is_students_t() -> None:
     now = (then + random.normal(0.01, 0.03, then.shape)).astype(np.float32)
     was, there = (padded(values, layout)[0] for values in (then, now))
     drift = drift_of(was, there, np.full_like(was, 0.25), layout)
-    mean, t = drift.mean, t_of(drift)
+    mean, t = drift.mean, students_t_of_drift(drift)
     side, inside = 2 * WINDOW_REACH + 1, np.s_[WINDOW_REACH:-WINDOW_REACH, WINDOW_REACH:-WINDOW_REACH]
     windows = np.lib.stride_tricks.sliding_window_view(now[0].astype(np.float64) - then[0], (side, side))
     expected = windows.mean((-1, -2))
@@ -35,7 +35,7 @@ def test_the_drift_is_students_t() -> None:
     )
 
 
-def weighed(errors: tuple[float, float, float, float]) -> float:
+def mixed(errors: tuple[float, float, float, float]) -> float:
     """What flat windows come to, each of which leaves its error in every texel: 1.0 the latest four frames, 0.98 the
     latest eight, 0.8 all and 0.4 all without motion."""
     layout, build = Layout(WIDTH, HEIGHT), Build(steps=Steps(alpha=False))
@@ -47,7 +47,7 @@ def weighed(errors: tuple[float, float, float, float]) -> float:
     frame["width"], frame["height"] = WIDTH, HEIGHT
     settings = settings_record(Settings())
     planes = {"windows": windows, "output": output, "output_count": count}
-    weigh_windows(build, layout, frames=48, standing=48, frame=frame, settings=settings, **planes)
+    mix_windows(build, layout, frames=48, static_frames=48, frame=frame, settings=settings, **planes)
     return float(layout.inside(output)[0, HEIGHT // 2, WIDTH // 2])
 
 
@@ -59,7 +59,7 @@ def test_a_span_counts_by_its_error_and_is_moved_to_the_shortest_where_that_is_n
     places = [1.0, *(moved(light) for light in LIGHTS[1:])]
     for errors in ((1.0, 1.0, 1.0, 1.0), (1.0, 1.1, 0.9, 1.2), (5.0, 1.0, 1.0, 4.0)):
         shares = [(min(errors) / error) ** 16 for error in errors]
-        assert weighed(errors) == pytest.approx(np.average(places, weights=shares), abs=1e-6)
+        assert mixed(errors) == pytest.approx(np.average(places, weights=shares), abs=1e-6)
 
 
 def test_a_highlight_that_appears_is_no_drift_of_the_light_around_it() -> None:
@@ -73,10 +73,10 @@ def test_a_highlight_that_appears_is_no_drift_of_the_light_around_it() -> None:
         drift = drift_of(was, there, weights, layout)
         beside = np.s_[10:12, WINDOW_REACH:-WINDOW_REACH]
         assert (drift.mean[beside] < 2).all()
-        assert (t_of(drift)[beside] < 0.1).all()
+        assert (students_t_of_drift(drift)[beside] < 0.1).all()
 
 
-def test_trust_falls_with_the_error_and_never_to_nothing() -> None:
+def test_window_weight_falls_with_the_error_and_never_to_nothing() -> None:
     error = np.array([1.0, 1.1, 2.0, 1e30], np.float32)
-    assert np.allclose(trust(error, error[:1]), [1.0, 1.1**-16, 2.0**-16, 2.0**-96], rtol=1e-5)
-    assert trust(np.zeros(1, np.float32), np.zeros(1, np.float32)) == 1.0
+    assert np.allclose(window_weight(error, error[:1]), [1.0, 1.1**-16, 2.0**-16, 2.0**-96], rtol=1e-5)
+    assert window_weight(np.zeros(1, np.float32), np.zeros(1, np.float32)) == 1.0
