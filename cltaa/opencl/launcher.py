@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from cltaa.core.backend import Exchange
     from cltaa.opencl.device import Kernel
 
-GATHERING = frozenset({"gather", "gather_windows"})
 SLIDING = frozenset({"resolve", "gather", "gather_windows", "mix_windows"})  # kernels whose work-items walk down rows
 ARRAYS = frozenset({"unpack", "pack"})  # kernels between planes and arrays of a program
 ARRAY_GROUP = 128  # work-items in a group of those
@@ -117,9 +116,9 @@ class DeviceLauncher(OneProcess):
         The shape's default rows are then replaced by those that load the device evenly.
         """
         shape, rows = self.device.shape, build.rows
-        if kernel in GATHERING and shape.gather_rows and rows == shape.rows:
-            registers = shape.gather_registers or build.registers
-            return msgspec.structs.replace(build, rows=shape.gather_rows, registers=registers)
+        cut = shape.cut_of(kernel)
+        if cut and rows == shape.rows:
+            return msgspec.structs.replace(build, rows=cut.rows, registers=cut.registers)
         if kernel != "resolve" or not shape.one_size:
             return build
         if _banded(kernel, arguments):
@@ -152,8 +151,7 @@ class DeviceLauncher(OneProcess):
             return (-(-columns // group[0]) * group[0], rows), group
         rows = build.rows if kernel in SLIDING else 1
         columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
-        shape = self.device.shape
-        wanted = (shape.gather_group if kernel in GATHERING else None) or shape.group
+        wanted = (self.device.shape.cut_of(kernel) or self.device.shape).group
         group = (1, 1) if build.lanes > 1 else wanted  # a build may have other lanes than the shape
         return (-(-columns // group[0]) * group[0], -(-steps // group[1]) * group[1]), group
 

@@ -22,9 +22,18 @@ from cltaa.core.parameters import HistoryFilter, HistoryKind, Illumination, Rect
 from cltaa.printable import printable
 from cltaa.process import user_cache
 
+GATHERING = frozenset({"gather", "gather_windows"})  # kernels that gather
 LEAST_ROWS = 8  # of a work-item where the image decides the rows; fewer were not measured
 UNIT_REGISTERS = 65536  # of an NVIDIA compute unit, since compute capability 3.0 (CUDA C++ Programming Guide)
 START_ROWS = 3  # cost of a column's start, in rows: it reads two of the frame and three of the history again
+
+
+class Cut(NamedTuple):
+    """How one kernel is divided where other numbers suit it."""
+
+    rows: int  # of a work-item
+    group: tuple[int, int]  # work-items
+    registers: int  # most of a work-item
 
 
 class Shape(NamedTuple):
@@ -42,9 +51,8 @@ class Shape(NamedTuple):
     columns_ahead: int = 0  # distance of the prefetch into the second cache, in work-items to the right; 0: next, first
     far_first: bool = False  # whether, where history moves, that prefetch fills the first cache too
     most_rows: int = 0  # limit of the rows that a resolve of whole images chooses to fill the device; 0: ``rows``
-    gather_rows: int = 0  # rows of a work-item that gathers; 0: ``rows``
-    gather_group: tuple[int, int] | None = None  # work-items in a group of those; None: ``group``
-    gather_registers: int = 0  # most registers of one of those; 0: as of others
+    gather: Cut | None = None  # of the kernels that gather; None: as others
+    mix: Cut | None = None  # of mix_windows
 
     def registers_of(self, build: Build) -> int:
         """Return the most registers of a work-item of a kernel with this build; with more of them fewer work-items run
@@ -58,6 +66,10 @@ class Shape(NamedTuple):
             return self.registers_in_place
         few = choices.history_filter in (HistoryFilter.NEAREST, HistoryFilter.BILINEAR)
         return self.registers_for_few if few else self.registers
+
+    def cut_of(self, kernel: str) -> Cut | None:
+        """Return the numbers of a kernel that has its own, None for others."""
+        return self.gather if kernel in GATHERING else self.mix if kernel == "mix_windows" else None
 
     def even_rows(self, width: int, height: int, registers: int, units: int) -> int:
         """Return the rows of a work-item with which the last groups leave few of a device's ``units`` compute units
@@ -100,9 +112,8 @@ NVIDIA = Shape(
     registers_in_place=64,
     registers_for_few=72,
     most_rows=36,
-    gather_rows=1,
-    gather_group=(64, 4),
-    gather_registers=80,
+    gather=Cut(rows=1, group=(64, 4), registers=80),
+    mix=Cut(rows=30, group=(128, 1), registers=255),
 )
 
 SHAPES = {

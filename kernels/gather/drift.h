@@ -29,6 +29,7 @@ STAGE shortest_row row_of_shortest(plane_in p, frame_t frame, settings_t setting
 {
     const size_t plane = plane_size(frame);
     shortest_row row;
+    UNROLL
     for (int i = 0; i < SIDE; ++i) {
         row.now[i] = load_colour(p + i - WINDOW_REACH, plane);
         row.share[i] = luminance_weight(row.now[i], settings);
@@ -43,6 +44,7 @@ STAGE drift_sums drift_of_row(plane_in window, const shortest_row* row, frame_t 
     drift_sums s = { 0 };
     real w[SIDE];
     colour d[SIDE];
+    UNROLL
     for (int i = 0; i < SIDE; ++i) {
         plane_in p = window + i - WINDOW_REACH;
         const colour was = load_colour(p, plane), now = row->now[i];
@@ -56,6 +58,7 @@ STAGE drift_sums drift_of_row(plane_in window, const shortest_row* row, frame_t 
         s.weight += w[i];
     }
     s.mean = quotients(s.mean, s.weight);
+    UNROLL
     for (int i = 0; i < SIDE; ++i) {
         const colour off = minus(d[i], s.mean);
         s.squares.r += w[i] * (off.r * off.r);
@@ -89,15 +92,15 @@ typedef struct
     drift_sums drift[UNMOVED]; // of all windows from the second to UNMOVED
 } row_sums;
 
-// Index of the sums of row y.
-STAGE int row_slot(int y) { return (y + WINDOW_REACH) % SIDE; }
+// Index of the sums of the row `turn` below the first of a round of SIDE rows.
+STAGE int row_slot(int turn) { return (turn + WINDOW_REACH + SIDE) % SIDE; }
 
 STAGE void sum_row(
-    row_sums* rows, plane_in windows, int x, int y, int frames, int static_frames, frame_t frame, settings_t settings)
+    row_sums* sums, plane_in windows, int x, int y, int frames, int static_frames, frame_t frame, settings_t settings)
 {
-    row_sums* sums = &rows[row_slot(y)];
     const uint at = texel_offset(frame, x, y);
     const shortest_row row = row_of_shortest(windows + at, frame, settings);
+    UNROLL
     for (int window = 0; window < WINDOWS; ++window) {
         plane_in planes = window_plane(windows, window, 0, frame);
         if (!repeats_previous(window, frames, static_frames)) {
@@ -109,22 +112,24 @@ STAGE void sum_row(
     }
 }
 
-STAGE real error_around(const row_sums* rows, int window, int y)
+STAGE real error_around(const row_sums* rows, int window, int turn)
 {
     real sum = SPLAT(0.0);
+    UNROLL
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j)
-        sum += rows[row_slot(y + j)].error[window];
+        sum += rows[row_slot(turn + j)].error[window];
     return sum;
 }
 
 // Joins all rows around a pixel. A sum of squares minus the square of a mean would leave only rounding errors where
 // light drifts evenly; instead each row sums squares about its own mean, and the squared distance of that mean from the
 // mean of all is added (Chan, Golub and LeVeque).
-STAGE drift_sums drift_around(const row_sums* rows, int window, int y)
+STAGE drift_sums drift_around(const row_sums* rows, int window, int turn)
 {
     drift_sums all = { 0 };
+    UNROLL
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
-        const drift_sums* row = &rows[row_slot(y + j)].drift[window - 1];
+        const drift_sums* row = &rows[row_slot(turn + j)].drift[window - 1];
         all.mean.r += row->weight * row->mean.r, all.level.r += row->level.r;
         all.mean.g += row->weight * row->mean.g, all.level.g += row->level.g;
         all.mean.b += row->weight * row->mean.b, all.level.b += row->level.b;
@@ -132,8 +137,9 @@ STAGE drift_sums drift_around(const row_sums* rows, int window, int y)
         all.weight += row->weight;
     }
     all.mean = quotients(all.mean, all.weight);
+    UNROLL
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
-        const drift_sums* row = &rows[row_slot(y + j)].drift[window - 1];
+        const drift_sums* row = &rows[row_slot(turn + j)].drift[window - 1];
         const colour off = minus(row->mean, all.mean);
         all.squares.r += row->squares.r + row->weight * (off.r * off.r);
         all.squares.g += row->squares.g + row->weight * (off.g * off.g);

@@ -35,6 +35,13 @@
 #define NO_UNROLL
 #endif
 
+// Before a loop that a GPU has to unroll: it keeps an array in registers only where every index is a constant.
+#if LANES == 1
+#define UNROLL _Pragma("unroll")
+#else
+#define UNROLL
+#endif
+
 // Before a loop over single texels that is rare and long: neither unrolled nor vectorised.
 #ifdef __clang__
 #define ONE_BY_ONE _Pragma("clang loop unroll(disable) vectorize(disable)")

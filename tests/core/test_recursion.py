@@ -15,7 +15,7 @@ from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Effect, Frame
 from cltaa.opencl.device import Device
-from cltaa.opencl.shape import Shape
+from cltaa.opencl.shape import Cut, Shape
 from cltaa.pipeline.checkpoint import Checkpoints
 from cltaa.reference.launcher import NumpyLauncher
 from cltaa.reference.real import Array
@@ -142,7 +142,7 @@ def test_the_device_has_the_bits_of_the_oracle(name: str) -> None:
 def test_the_groups_of_a_gpu_gather_the_bits_of_the_oracle(monkeypatch: pytest.MonkeyPatch) -> None:
     # Eight rows a group, as on NVIDIA; of more than 64 work-items PoCL cannot hold the private memory on its stack, and
     # kernels that do not gather are built in a fifth of the time for one.
-    shape = Shape(lanes=1, rows=8, group=(1, 1), gather_rows=1, gather_group=(8, 8))
+    shape = Shape(lanes=1, rows=8, group=(1, 1), gather=Cut(1, (8, 8), 0))
     assert HEIGHT % 8  # so that groups reach over the image
     oracle = last(preset_of("gather-8", "standing"), [1.0] * 6, "numpy")
     monkeypatch.setattr(Device, "shape", property(lambda _: shape))

@@ -14,7 +14,7 @@ from cltaa.core.presets import load_preset
 from cltaa.core.resolver import Resolver
 from cltaa.opencl.device import Device
 from cltaa.opencl.launcher import DeviceLauncher
-from cltaa.opencl.shape import LEAST_ROWS, NVIDIA, Shape
+from cltaa.opencl.shape import LEAST_ROWS, NVIDIA, Cut, Shape
 from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import Planes
 from tests.kernels.stage_chain import ALL_STEPS, Work, differing, hard_work, run_stage
@@ -113,11 +113,17 @@ def test_rows_that_were_not_asked_for_fill_the_device(monkeypatch: pytest.Monkey
     assert fitted("resolve", device().build(Build(rows=asked))).rows == taken
 
 
-@pytest.mark.parametrize(("kernel", "rows"), [("gather", 1), ("gather_windows", 1), ("mix_windows", ROWS)])
-def test_what_gathers_may_have_rows_of_its_own(monkeypatch: pytest.MonkeyPatch, kernel: str, rows: int) -> None:
-    shape = Shape(lanes=1, rows=ROWS, group=(32, 1), gather_rows=1)
+@pytest.mark.parametrize(
+    ("kernel", "cut"), [("gather", (1, 80)), ("gather_windows", (1, 80)), ("mix_windows", (20, 255))]
+)
+def test_kernels_may_have_a_cut_of_their_own(
+    monkeypatch: pytest.MonkeyPatch, kernel: str, cut: tuple[int, int]
+) -> None:
+    shape = Shape(lanes=1, rows=ROWS, group=(32, 1), gather=Cut(1, (8, 8), 80), mix=Cut(20, (64, 1), 255))
     monkeypatch.setattr(Device, "shape", property(lambda _: shape))
-    assert fitted(kernel, device().build(Build())).rows == rows
+    built = fitted(kernel, device().build(Build()))
+    assert (built.rows, built.registers) == cut
+    assert fitted(kernel, device().build(Build(rows=ROWS + 1))).rows == ROWS + 1  # as it was asked for
 
 
 def turns(shape: Shape, width: int, height: int, rows: int, at_once: int) -> float:
