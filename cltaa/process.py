@@ -29,6 +29,7 @@ from cltaa.errors import CltaaError, UsageError
 ENVIRONMENT = {"PYOPENCL_NO_CACHE": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive"}
 
 # glibc's malloc.h: which parameter of mallopt, and its value.
+BY_ITSELF = 128 * 2**10  # bytes that glibc takes for both unless told
 M_TRIM_THRESHOLD, NEVER = -1, 2**31 - 1  # bytes of free memory at the end of the heap that go back to the system
 M_MMAP_THRESHOLD, LARGEST = -3, 32 * 2**20  # bytes from which on a block is mapped on its own; glibc takes no more
 
@@ -55,10 +56,19 @@ def configure() -> None:
 def _keep_heap() -> None:
     """Let glibc keep what is freed: OpenEXR's module allocates the channels of each frame anew, and pages that were
     given back fault again, which takes a third of the time of reading."""
+    _set_heap(NEVER, LARGEST)
+
+
+def give_heap_back() -> None:
+    """Let glibc give back what is freed after all, in cltaa's own process: where memory counts more than time."""
+    once_own(lambda: _set_heap(BY_ITSELF, BY_ITSELF))
+
+
+def _set_heap(trimmed: int, mapped: int) -> None:
     library = ctypes.CDLL(None)
     if hasattr(library, "mallopt"):  # other C libraries have none
-        library.mallopt(M_TRIM_THRESHOLD, NEVER)
-        library.mallopt(M_MMAP_THRESHOLD, LARGEST)
+        library.mallopt(M_TRIM_THRESHOLD, trimmed)
+        library.mallopt(M_MMAP_THRESHOLD, mapped)
 
 
 def is_own() -> bool:
