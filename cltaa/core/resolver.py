@@ -128,6 +128,10 @@ class Resolver:
         """Close it."""
         self.close()
 
+    def __repr__(self) -> str:
+        """The preset and the device."""
+        return f"{type(self).__name__}({self.preset.name!r} on {self.launcher.description})"
+
     def __copy__(self) -> NoReturn:
         """Refuse: the copy's results would go where the history of this one is."""
         raise UsageError(

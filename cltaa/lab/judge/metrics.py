@@ -220,7 +220,8 @@ def measure(
     truth_path: Path | None = None,
     frame: int | None = None,
 ) -> dict[str, float]:
-    """Value of every metric (``DEFAULT_METRICS`` unless given, by name or as they are) for one pair of images.
+    """Value of every metric (``DEFAULT_METRICS`` unless given, by name or as they are) for one pair of images, linear
+    light [H, W, 3] in floats.
 
     Names may stand in one text, parted by commas. Raises UsageError for an unknown metric, stops beyond 32 and what is
     no array, DataError for sizes that differ, for bytes, greys and no pixels, and for NaN or infinity, with ``frame``
