@@ -98,7 +98,7 @@ MEASUREMENTS = {
     "quality": Entry("cltaa.commands.bench_quality", "quality", "Judge presets on scenes against the truth."),
 }
 
-INTERRUPTED = 130  # the shells' convention: 128 plus the number of SIGINT
+INTERRUPTED, CLOSED_PIPE = 130, 141  # the shells' convention: 128 plus the number of SIGINT, of SIGPIPE
 
 # The commands that resume from what they had finished.
 GOES_ON = {("capture",), ("demo",), ("resolve",), ("bench", "accuracy"), ("bench", "quality"), ("tune",)}
@@ -161,6 +161,11 @@ def _outcome(arguments: list[str]) -> int:
         return _interrupted(arguments)
     except click.exceptions.NoArgsIsHelpError as error:
         return _told(error.format_message(), error.exit_code)
+    except (SystemExit, BrokenPipeError):  # click makes the one of the other
+        if "_CLTAA_COMPLETE" in os.environ:  # whose end is click's too
+            raise
+        _forsake(sys.stdout)  # whoever read what was printed has had enough
+        return CLOSED_PIPE
     except Exception as error:
         if stop.requested and not isinstance(error, CltaaError):  # caused by the interrupt; our own errors are reported
             return _interrupted(arguments)
@@ -241,9 +246,6 @@ def _failed(error: Exception, arguments: Sequence[str]) -> int:
         command = "cltaa" if context is None else context.command_path
         line = " ".join(error.format_message().split()).rstrip(".")
         return _told(f"cltaa: error: {printable(line)}; see {command} --help", error.exit_code, arguments)
-    if isinstance(error, BrokenPipeError):  # the reader of our output closed the pipe
-        _forsake(sys.stdout)
-        return StorageError.exit_code
     deliberate = _deliberate(error)
     return _told(f"cltaa: error: {deliberate}", deliberate.exit_code, arguments)
 

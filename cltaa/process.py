@@ -28,6 +28,7 @@ from cltaa.errors import CltaaError, UsageError
 ENVIRONMENT = {"PYOPENCL_NO_CACHE": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive"}
 
 # glibc's malloc.h: parameters of mallopt, and their values.
+BY_ITSELF = 128 * 2**10  # glibc's own default of both, in bytes
 M_TRIM_THRESHOLD, NEVER = -1, 2**31 - 1  # bytes of free memory at the end of the heap that go back to the system
 M_MMAP_THRESHOLD, LARGEST = -3, 32 * 2**20  # bytes from which on a block is mapped on its own; glibc accepts no more
 
@@ -54,10 +55,19 @@ def configure() -> None:
 def _keep_heap() -> None:
     """Let glibc keep freed memory: OpenEXR's module allocates the channels of each frame anew, and pages returned to
     the system fault again, which takes a third of the time of reading."""
+    _set_heap(NEVER, LARGEST)
+
+
+def give_heap_back() -> None:
+    """Let glibc return freed memory to the system, in cltaa's own process: where memory counts more than time."""
+    once_own(lambda: _set_heap(BY_ITSELF, BY_ITSELF))
+
+
+def _set_heap(trimmed: int, mapped: int) -> None:
     library = ctypes.CDLL(None)
     if hasattr(library, "mallopt"):  # other C libraries lack it
-        library.mallopt(M_TRIM_THRESHOLD, NEVER)
-        library.mallopt(M_MMAP_THRESHOLD, LARGEST)
+        library.mallopt(M_TRIM_THRESHOLD, trimmed)
+        library.mallopt(M_MMAP_THRESHOLD, mapped)
 
 
 def is_own() -> bool:

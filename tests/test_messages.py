@@ -34,7 +34,6 @@ UNTESTED = {
     "not as many chunks as the windows ask for": "to be written: chunkCount of one of several parts",
     "encoding failed: ": "only an encoder that fails says it",
     "no turn centres a jitter of {} points": "there is one, as its docstring shows",
-    "leave --cvvdp out": "ColorVideoVDP needs torch, which no test has",
     "no asset in it": "the error around it is tested",
     "parts of one name, or of a name that could harm a terminal": "the error around it is tested",
     " of {} vertices, POSITION of ": "the error around it is tested",

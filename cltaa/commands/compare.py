@@ -141,7 +141,7 @@ def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bo
             cells = score_cells(row, metrics, moving=True, samples=True)
             cells += [f"{row['cvvdp']:.2f}" if "cvvdp" in row else "–"] * cvvdp
             cells += [f"{row['milliseconds']:g}" if "milliseconds" in row else "–"] * timed
-            table.add_row("" if place else printable(name), printable(row["entry"]), *cells)
+            table.add_row("" if place else shown(name), shown(row["entry"]), *cells)
     print_table(table)
     print_meanings([*metrics, *SCORES])
     if cvvdp:
@@ -222,11 +222,12 @@ def compare(
         if heatmap is not None:
             raise UsageError("--heatmap does not go with --table", cure="draw maps of one A at a time")
         told: dict[str, Any] = {"stops": stops, "cvvdp": cvvdp, "film": film, "verify": verify}
-        rows, left = judged_entries(paths, listed(ours), metrics, frames, **told, **reading)
-        for each in left:
-            click.echo(f"cltaa: warning: not judged: {printable(each)}", err=True)
+        rows, doubted = judged_entries(paths, listed(ours), metrics, frames, **told, **reading)
+        for warning in doubted:
+            click.echo(f"cltaa: warning: {warning}", err=True)
         if as_json:
-            click.echo(json_of({"table": rows, "stops": stops, "versions": versions_of(metrics)}))
+            facts = {"stops": stops, "versions": versions_of(metrics), "warnings": doubted}
+            click.echo(json_of({"table": rows} | facts))
         else:
             print_entries(rows, asked, cvvdp=cvvdp)
         return

@@ -158,7 +158,8 @@ def parse_preset(text: str, origin: str, base: Preset) -> Preset:
     words = ("description", "jitter", "published")
     said = {key: values.pop(key) for key in words if key in values and not isinstance(values[key], dict)}
     preset = override(base, values, origin)  # first: its keys give a file of another kind away
-    try:
-        return msgspec.convert(msgspec.to_builtins(preset) | said, Preset)
-    except msgspec.ValidationError as error:
-        raise UsageError(f"{origin}: {error}".replace("`$.", "`")) from None
+    for key, value in said.items():
+        if value not in [*Published] if key == "published" else not isinstance(value, str):
+            expected = ", ".join(word or "nothing" for word in Published) if key == "published" else "a text in quotes"
+            raise UsageError(f"{origin}: {key} has no such value", expected=expected, found=value)
+    return msgspec.convert(msgspec.to_builtins(preset) | said, Preset)

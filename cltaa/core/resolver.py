@@ -128,6 +128,10 @@ class Resolver:
         """Close it."""
         self.close()
 
+    def __repr__(self) -> str:
+        """The preset and the device."""
+        return f"{type(self).__name__}({self.preset.name!r} on {self.launcher.description})"
+
     def __copy__(self) -> NoReturn:
         """Refuse to copy: the copy would write to the history of this one."""
         raise UsageError(

@@ -72,6 +72,21 @@ def _with_number(path: Path, made: Callable[[int], str]) -> Path:
     return path.with_name(f"{path.name[:start]}{made(end - start)}{path.name[end:]}")
 
 
+_INNER = re.compile(
+    rf"(?P<name>.*?)(?P<number>[0-9]{{{_PADDED},9}})(?P<tail>[._ -][A-Za-z].*)(?P<suffix>\.(?:exr|png))"
+)
+
+
+def _number_last(path: Path) -> Path | None:
+    """``path`` with the number last that stands before words which end with another, as in ``x.0001.v2``; else None."""
+    match = _INNER.fullmatch(path.name)
+    if match is None or not NUMBERED.fullmatch(path.name):
+        return None
+    before = match["name"].rstrip("._ -")
+    tail = match["tail"] if before else match["tail"][1:]
+    return path.with_name(f"{before}{tail}.{match['number']}{match['suffix']}")
+
+
 @dataclass(frozen=True, slots=True)
 class Selection:
     """What a user named as a sequence: a folder, or some of the files in it."""
@@ -93,7 +108,7 @@ class Selection:
     def by_name(self, files: Iterable[Path]) -> dict[str, dict[int, Path]]:
         """Return those of ``files``, of one folder, that have a number, by the names of their sequences.
 
-        Raises DataError for two of one number.
+        Raises DataError for two of one number, and for a number that does not stand last.
         """
         if self.alone and self.files is not None and number_of(self.files[0]) is None:
             return {name_of(self.files[0]): {0: self.files[0]}}
@@ -117,6 +132,11 @@ class Selection:
                     "two files have one frame number", path=path, frame=number, found=numbers[number].name, cure=cure
                 )
             numbers[number] = path
+        moved = [_number_last(path) for path, _ in there]
+        last = [path for path in moved if path is not None]
+        if len(found) > 1 and last == moved and len({name_of(path) for path in last}) == 1:
+            what, cure = "the number of a frame does not stand last", f"rename the files, as {last[0].name}"
+            raise DataError(what, path=self.folder, found=there[0][0].name, cure=cure)
         return found
 
 
@@ -223,7 +243,9 @@ def _pattern(path: Path) -> re.Pattern[str]:
         place = part.end()
         if part["number"]:
             if not re.fullmatch(rf"{_WORDS}*\.[a-z]+", text[place:]):
-                what, cure = "only words may follow the number of a frame", "name their folder, or rename the files"
+                words, suffix = text[place:].rpartition(".")[::2]
+                last = f"{text[: part.start()].rstrip('._ -')}{words}.{part['number']}.{suffix}"
+                what, cure = "only words may follow the number of a frame", f"rename the files, as {last}"
                 raise UsageError(what, path=path, expected="<name>.####.exr or <name>.####.<word>.exr", cure=cure)
             made += rf"(?P<number>(?=[-0-9]{{{_width(part['digits'])},}})-?[0-9]{{1,9}})"
         else:

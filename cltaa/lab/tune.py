@@ -78,7 +78,7 @@ def parse_goal(budget: str | None, target: str | None, metric: str) -> Goal:
     if budget is None and target is None:
         raise UsageError("one of --budget and --target is needed", expected="--budget 5ms, or --target flip=0.02")
     name, _, number = (target or "").partition("=")
-    text = number if target is not None else (budget or "").removesuffix("ms").strip()
+    text = number if budget is None else budget.removesuffix("ms").strip()
     name = name.strip() if target is not None else metric
     try:
         value = float(text)
@@ -86,6 +86,8 @@ def parse_goal(budget: str | None, target: str | None, metric: str) -> Goal:
         value = math.nan
     if not (value > 0 and math.isfinite(value)):
         raise UsageError("no goal", expected="--budget 5ms, or --target flip=0.02", found=target or budget)
+    if budget is not None and not budget.endswith("ms"):
+        raise UsageError(f"--budget {budget} has no unit", cure=f"in milliseconds it is --budget {text}ms")
     if name not in METRICS or METRICS[name].higher_is_better:
         falling = [metric.name for metric in METRICS.values() if not metric.higher_is_better]
         raise UsageError("no metric to minimise", expected=", ".join(falling), found=name)

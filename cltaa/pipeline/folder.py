@@ -37,6 +37,7 @@ from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence
 from cltaa.pipeline.output import carried_compression, carried_kinds, chosen_layers
 from cltaa.pipeline.run import RECORD, ResolveReport, check_jobs, refuse_place, resolve_sequence
 from cltaa.printable import printable
+from cltaa.process import give_heap_back
 from cltaa.progress import Advance, shown_progress
 
 
@@ -102,6 +103,7 @@ def resolver_for(
             band_rows = 0
     if not band_rows:
         return resolver
+    give_heap_back()  # nothing is kept from frame to frame, as ``memory`` counts
     return BandedResolver.beside(resolver, band_rows, storage=storage, **options)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from functools import partial
@@ -199,6 +200,9 @@ class Results(Protocol):
         """Record a result that has its name in the folder; raises StorageError."""
 
 
+OF_A_PART = re.compile(r"(build|preset(\.(choices|settings))?)\.")  # before a key that is called so on the command line
+
+
 class OutputFolder:
     """The finished frames of a folder, the settings that made them, and their hashes. Use it inside
     ``atomic.owned``."""
@@ -238,8 +242,9 @@ class OutputFolder:
                 raise UsageError("was begun with another version of cltaa's code", path=path, cure=RESTART_CURE)
             earlier = self._preset_begun_with() if key.startswith("preset.") else preset
             what = f"preset {earlier}, not {preset}:" if earlier not in ("", preset) else "another"
-            what, expected, found = f"was begun with {what} {key}", now.get(key, "none"), before.get(key, "none")
-            raise UsageError(what, path=path, expected=expected, found=found, cure=RESTART_CURE)
+            what, name = f"was begun with {what}", OF_A_PART.sub("", key)
+            expected, found = (_said(settings.get(key)) for settings in (now, before))
+            raise UsageError(f"{what} {name}", path=path, expected=expected, found=found, cure=RESTART_CURE)
 
     def _preset_begun_with(self) -> str:
         """Return the preset that the first finished image names, empty where none does: the manifest has no names."""
@@ -280,6 +285,15 @@ class OutputFolder:
     def finish(self, written: Written) -> None:
         """Vouch for a frame that has its final name; raises StorageError."""
         self.manifest.append(written.name, Entry(written.sha256, *written.source))
+
+
+def _said(setting: object) -> str:
+    """A setting for a reader."""
+    if isinstance(setting, bool):
+        return "yes" if setting else "no"
+    if isinstance(setting, list):
+        setting = ", ".join(map(str, setting)) or None
+    return "none" if setting is None else str(setting)
 
 
 def _clear(folder: Path) -> None:

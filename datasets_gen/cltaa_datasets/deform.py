@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cltaa.printable import counted
 from cltaa_datasets.scene import Matrix, Shape
 
 Floats = NDArray[np.float64]
@@ -14,7 +15,12 @@ Indices = NDArray[np.int64]
 
 
 def morphed(rest: Shape, targets: Sequence[Shape], weights: Sequence[float]) -> Shape:
-    """Add the weighted ``targets``, displacements of every vertex and normal, to ``rest``."""
+    """Add the weighted ``targets``, displacements of every vertex and normal, to ``rest``.
+
+    Raises ValueError for another number of weights.
+    """
+    if len(weights) != len(targets):
+        raise ValueError(f"{counted(len(weights), 'weight')} for {counted(len(targets), 'morph target')}")
     positions, normals = rest.positions.copy(), rest.normals.copy()
     for target, weight in zip(targets, weights, strict=True):
         positions += weight * target.positions

@@ -14,10 +14,12 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.commands.options import FILE_PATH, SIZE
+from cltaa.commands.options import FILE_PATH, SIZE, json_option
+from cltaa.errors import UsageError
 from cltaa.frame import Camera, Frame
 from cltaa.io.atomic import make_folder
 from cltaa.io.exr_write import write_frame, write_image
+from cltaa.printable import json_of
 from cltaa.progress import shown_progress
 
 Array = NDArray[np.float64]
@@ -456,7 +458,12 @@ def truth_of(family: Family, index: int, size: tuple[int, int], samples: int, se
 
 
 def draw(family: str, output: Path, frames: int, size: tuple[int, int], period: int, reference: int, seed: int) -> None:
-    """Write ``frames`` frames [H, W] of a family, and with ``reference`` samples their truth into ``reference/``."""
+    """Write ``frames`` frames [H, W] of a family, and with ``reference`` samples their truth into ``reference/``.
+
+    Raises UsageError for a folder with EXR files in it, which would be taken for frames or the truth of this sequence.
+    """
+    if any([*output.glob("*.exr"), *output.glob("reference/*.exr")]):
+        raise UsageError("holds EXR files already", path=output, cure="choose an empty folder")
     scene = FAMILIES[family](seed)
     make_folder(output / "reference" if reference else output)
     with shown_progress(family) as progress:
@@ -478,14 +485,25 @@ def draw(family: str, output: Path, frames: int, size: tuple[int, int], period: 
 @click.option("--period", type=click.IntRange(1), default=64, help="Period of the jitter, Halton.")
 @click.option("--reference", type=click.IntRange(0), default=0, help="Samples of the truth.")
 @click.option("--seed", type=click.IntRange(0), default=0, help="Changes colours, places, phase.")
+@json_option
 def raycast(
-    family: str, output: Path, frames: int, size: tuple[int, int], period: int, reference: int, seed: int
+    family: str,
+    output: Path,
+    frames: int,
+    size: tuple[int, int],
+    period: int,
+    reference: int,
+    seed: int,
+    as_json: bool,
 ) -> None:
     """Draw FAMILY as a jittered EXR sequence that declares no effects, with exact depth and motion vectors.
 
     It tests a resolve on files that declare as little as most other tools' do.
     """
     draw(family, output, frames, size, period, reference, seed)
+    if as_json:
+        told = {"folder": str(output), "family": family, "frames": frames, "width": size[0], "height": size[1]}
+        click.echo(json_of(told | {"reference": reference, "seed": seed}))
 
 
 raycast.epilog = "Families: " + "; ".join(f"{name}: {make(0).what}" for name, make in FAMILIES.items()) + "."

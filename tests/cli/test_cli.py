@@ -212,9 +212,9 @@ def test_a_width_of_nothing_is_no_width(monkeypatch: pytest.MonkeyPatch, capsys:
 
 def test_reader_that_has_had_enough() -> None:
     """``cltaa presets --parameters | head -1`` says nothing about broken pipes."""
-    command = f"{sys.executable} -m cltaa.cli presets --parameters --json | true"
-    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
+    command = f"{sys.executable} -m cltaa.cli presets --parameters --json | true; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("141\n", "")
 
 
 def test_answer_onto_a_full_disk() -> None:

@@ -86,6 +86,7 @@ def test_half_output_saturates(tmp_path: Path) -> None:
             64,
             r"unknown preset mine\.toml; cltaa resolve, .* take a file by --config, and cltaa\.load_preset",
         ),
+        (["--config", "said.toml"], 64, r"said\.toml: published has .*\(expected nothing, article, engine, found 3\)"),
         (["--set", "nonsense=1"], 64, "--set: unknown key nonsense; known keys: .*box_scale_static"),
         (["--set", "sample_limit=0"], 64, r"sample_limit has no such value \(expected 1 to 1048576, found 0\)"),
         (["--set", "box_scale_static=-1"], 64, r"box_scale_static has no such value \(expected 0 to 64, found -1\)"),
@@ -94,9 +95,16 @@ def test_half_output_saturates(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_options_are_one_line(
-    arguments: list[str], code: int, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str],
+    code: int,
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     folder = write_sequence(tmp_path / "in", 2)
+    monkeypatch.chdir(tmp_path)
+    Path("said.toml").write_text("published = 3")
     assert main(["resolve", str(folder), "-o", str(tmp_path / "out"), *arguments]) == code
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("cltaa: error: ")]
     assert len(lines) == 1

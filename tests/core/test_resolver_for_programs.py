@@ -494,3 +494,7 @@ def test_looking_ahead_needs_no_depth_either() -> None:
         assert (Reason("rejection", False, "no depth") in resolver.plan.reasons) == bool(changes)
         assert all(image.flags.c_contiguous for image in images)
         assert len(images) == 4
+
+
+def test_a_resolver_shows_its_preset_and_its_device() -> None:
+    assert repr(Resolver("fast", "numpy")) == "Resolver('fast' on NumPy (float32 oracle))"

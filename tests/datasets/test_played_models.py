@@ -75,6 +75,10 @@ def test_targets_blend_by_animated_weights(tmp_path: Path) -> None:
     model = AnimatedModel(writer.write(tmp_path / "morph.glb"))
     moved = positions(model, 0.5) - SQUARE
     assert np.abs(moved - [[0, 0, 1], [0, 0, 1], [0, 0, 1], [1.75, 0, 1]]).max() <= 1e-14
+    writer.json["animations"] = []
+    writer.json["meshes"][0]["weights"] = [0.0, 0.0, 1.0]
+    with pytest.raises(DataError, match="3 weights for 2 morph targets"):
+        AnimatedModel(writer.write(tmp_path / "odd.glb"))
 
 
 def test_a_played_file_is_captured_with_its_motion(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -64,10 +65,16 @@ def test_samples_lie_about_the_truth() -> None:
     assert abs(error.mean()) < 2e-3
 
 
-def test_the_command_writes_a_sequence_with_its_truth(tmp_path: Path) -> None:
+def test_the_command_writes_a_sequence_with_its_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "balls"
     options = ["--frames", "3", "--size", "48x27", "--reference", "4"]
-    assert main(["raycast", "rolling", "-o", str(folder), *options]) == 0
+    assert main(["raycast", "rolling", "-o", str(folder), *options, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["folder"], told["frames"], told["width"], told["height"]) == (str(folder), 3, 48, 27)
     sequence = cltaa.open(folder)
     assert (len(sequence), sequence.effects, sequence.reference is not None) == (3, None, True)
     assert main(["raycast", "nothing", "-o", str(folder)]) == 2
+    for path in folder.glob("*.exr"):
+        path.unlink()
+    assert main(["raycast", "rolling", "-o", str(folder), "--seed", "1"]) == 64  # the truth is another seed's
+    assert "balls: holds EXR files already; choose an empty folder" in capsys.readouterr().err

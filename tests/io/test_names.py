@@ -277,6 +277,14 @@ def test_passes_that_are_named_behind_the_number_are_found(tmp_path: Path) -> No
     assert [(frame.colour[0, 0, 0], frame.depth[0, 0]) for frame in read] == [(10, 3), (11, 3)]
 
 
+def test_a_number_that_is_not_last_is_told_so(tmp_path: Path) -> None:
+    write_numbers(tmp_path, "x.{:04d}.v2.exr", range(3))
+    for named in (tmp_path, tmp_path / "x.####.v2.exr"):
+        for opened in (open_images, open_input):
+            with pytest.raises((DataError, UsageError), match=r"rename the files, as x\.v2\.(0000|####)\.exr"):
+                opened(named)
+
+
 @pytest.mark.parametrize(
     ("named", "error", "words"),
     [

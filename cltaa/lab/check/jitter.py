@@ -306,7 +306,10 @@ def check_size(shot: Shot) -> list[Finding]:
         return []
     x, y = worst.jitter_px
     evidence = f"frame {worst.index}: {x:g} {y:g} pixels from the centre, and a sample lies within its pixel"
-    what = "the jitter is no place in a pixel: mend it by jitter.scale or jitter.offset (docs/inputs.md)"
+    what = (
+        "the jitter is no place in a pixel: find its unit for jitter.scale (docs/inputs.md);"
+        " to go on without it: --input jitter.source=none"
+    )
     return [mistake("jitter-size", what, evidence, 0.95)]
 
 

@@ -428,7 +428,7 @@ def inspect_input(
 ) -> Inspection | Description:
     """Inspect cltaa's own sequence with ``inspect_folder``, another tool's with ``describe_input``.
 
-    Raises what these raise.
+    Raises UsageError for no such profile, InputMissing where no frames are, DataError for files that no profile reads.
     """
     place, asked = selection_of(named), bool(assignments) or side_file is not None
     if not asked and (profile == "cltaa" or (profile == "auto" and is_own(place))):

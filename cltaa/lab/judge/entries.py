@@ -14,20 +14,23 @@ from typing import Any
 
 import msgspec
 
-from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.errors import DataError, InputMissing, UsageError, known
+from cltaa.inputs.foreign import is_png
 from cltaa.io.atomic import make_folder
+from cltaa.io.content import read_text
 from cltaa.io.names import number_of
-from cltaa.io.numbered import FrameRange, OnBreak, missing_from, ranges
+from cltaa.io.numbered import FrameRange, OnBreak, chosen_numbers, missing_from, named_frames, numbered_files, ranges
+from cltaa.io.preset_file import read_preset
 from cltaa.io.video import USUAL_RATE, import_av, open_video, rate_of
-from cltaa.lab.judge.comparison import Comparison, pair_up
+from cltaa.lab.judge.comparison import Comparison, doubts, pair_up
 from cltaa.lab.judge.metrics import Metric, import_cvvdp, jod, mean_of
 from cltaa.lab.judge.one_pass import judge, summary_of
-from cltaa.printable import counted
+from cltaa.printable import counted, printable
 
 Row = dict[str, Any]
 
 FACTS = "entry.toml"
-SUFFIXES = (".exr", ".png")
+LARGEST_FACTS = 1 << 16  # bytes
 
 
 class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -58,6 +61,7 @@ class Round:
     entries: list[Entry]
     comparisons: list[Comparison]
     numbers: list[int]
+    lacking: list[int]  # frames that are asked for, and not all have
 
     @property
     def in_time(self) -> bool:
@@ -89,7 +93,7 @@ def read_entry(folder: Path, sequences: Collection[str]) -> Entry:
     if not folder.is_dir():
         raise InputMissing("no such folder", path=folder)
     folders = {name: folder / name for name in sequences if (folder / name).is_dir()}
-    if not folders and len(sequences) == 1 and numbered(folder):
+    if not folders and len(sequences) == 1 and any(number_of(path) is not None for path in folder.iterdir()):
         folders = dict.fromkeys(sequences, folder)
     if not folders:
         expected = f"folders {', '.join(sequences)}"
@@ -100,19 +104,29 @@ def read_entry(folder: Path, sequences: Collection[str]) -> Entry:
 
 def read_facts(path: Path) -> Facts:
     """Read an entry's facts; empty without a file. Raises DataError for an invalid one."""
-    try:
-        return msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), Facts)
-    except FileNotFoundError:
+    if not path.exists():
         return Facts()
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as error:
-        expected = ", ".join(Facts.__struct_fields__)
-        raise DataError(f"no facts of an entry: {error}".replace("`$.", "`"), path=path, expected=expected) from None
+    try:
+        said = tomllib.loads(read_text(path, "the facts of an entry", LARGEST_FACTS))
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise DataError(f"not TOML: {error}", path=path) from None
+    for key, value in said.items():
+        if key not in Facts.__struct_fields__:
+            raise DataError(f"unknown key {key}", path=path, cure=known(key, Facts.__struct_fields__, "keys"))
+        number = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf
+        if not (number if key == "milliseconds" else isinstance(value, str)):
+            expected = "a number above 0" if key == "milliseconds" else "a text in quotes"
+            raise DataError(f"{key} has no such value", path=path, expected=expected, found=value)
+    return Facts(**said)
 
 
 def numbered(folder: Path) -> dict[int, Path]:
-    """Return the frames in a folder by number."""
-    files = (path for path in sorted(folder.iterdir()) if path.suffix in SUFFIXES)
-    return {number: path for path in files if (number := number_of(path)) is not None}
+    """Return the frames in a folder by number, PNGs if it has no EXR; raises what ``numbered_files`` does."""
+    try:
+        return numbered_files(folder, ".png" if is_png(folder) else ".exr")[2]
+    except DataError as error:  # a pattern of names would be no entry
+        cure = "leave the frames of one there, a file each"
+        raise DataError(error.what, path=error.path, frame=error.frame, found=error.found, cure=cure) from None
 
 
 @contextmanager
@@ -122,10 +136,11 @@ def resolved_by_us(presets: Sequence[str], sequences: Mapping[str, Path]) -> Ite
 
     with TemporaryDirectory(prefix="cltaa-table-") as folder:
         entries = []
-        for preset in presets:
-            folders = {name: Path(folder) / preset / name for name in sequences}
+        read = {preset: read_preset(preset) for preset in presets}  # all, before the first is resolved
+        for place, (preset, settings) in enumerate(read.items()):
+            folders = {name: Path(folder) / str(place) / name for name in sequences}
             for name, output in folders.items():
-                resolve_folder(sequences[name], output, preset, effects="find", layers=())
+                resolve_folder(sequences[name], output, settings, effects="find", layers=())
             entries.append(Entry(preset, Facts(settings="nothing declared"), folders))
         yield entries
 
@@ -136,18 +151,22 @@ def rounds(
     """Return each sequence with the entries that have it, paired over their common frames: the range ``frames``, or
     the first this many.
 
-    Raises InputMissing if they have no frame in common, and what ``pair_up`` raises.
+    Raises InputMissing if they have no frame in common, UsageError for frames that none has, and what ``pair_up``
+    raises.
     """
     found = []
     for name, sequence in sequences.items():
         there = [entry for entry in entries if name in entry.folders]
         files = [numbered(entry.folders[name]) for entry in there]
-        shared = set(numbered(sequence / "reference")).intersection(*files)
-        numbers = sorted(shared)
-        if isinstance(frames, int):
-            numbers = numbers[:frames]
-        elif frames is not None:
-            numbers = [number for number in numbers if frames[0] <= number <= frames[1]]
+        truth = set(numbered(sequence / "reference"))
+        shared = sorted(truth.intersection(*files))
+        numbers, asked = shared, frames
+        if isinstance(asked, int):
+            numbers = shared[:asked]
+            asked = (min(truth), numbers[-1]) if numbers else None
+        elif asked is not None:
+            numbers = [number for number in shared if asked[0] <= number <= asked[1]]
+            numbers = numbers or chosen_numbers(shared, asked, sequence)
         if not numbers:
             have = "; ".join(f"{entry.name} {ranges(sorted(one))}" for entry, one in zip(there, files, strict=True))
             raise InputMissing(f"the entries of {name} have no frame in common", path=sequence, found=have or "none")
@@ -156,14 +175,22 @@ def rounds(
         paired = pair_up(
             [test if len(test) > 1 else test[0].parent for test in tests], sequence, gaps=OnBreak.RESET, **reading
         )
-        found.append(Round(name, sequence, there, paired, numbers))
+        for each in paired:
+            if each.region is not None:
+                expected, shown = (images.layouts[images.first].size for images in (each.reference, each.test))
+                what, cure = "an entry shows another region than the sequence", "resolve its whole frames"
+                raise DataError(what, path=each.test.folder, expected=expected, found=shown, cure=cure)
+        lacking = [n for n in sorted(truth - {*shared}) if asked is None or asked[0] <= n <= asked[1]]
+        found.append(Round(name, sequence, there, paired, numbers, lacking))
     return found
 
 
-def lacking(round_: Round) -> str:
-    """Describe the frames of the truth that are not judged; empty if there are none."""
-    left = len(numbered(round_.sequence / "reference")) - len(round_.numbers)
-    return f"{round_.name}: {counted(left, 'frame')} that not all have" if left else ""
+def warnings_of(one: Round) -> list[str]:
+    """Return doubts about the entries of a sequence, and the frames that are not judged, a line each."""
+    named = zip(one.entries, one.comparisons, strict=True)
+    told = [f"{entry.name}: {doubt}" for entry, each in named for doubt in doubts(each, followed=one.in_time)]
+    left = [f"not judged: {named_frames(one.lacking)}, which not all have"] if one.lacking else []
+    return [f"{one.name}: {printable(line)}" for line in (*told, *left)]
 
 
 def judged_entries(
@@ -177,26 +204,35 @@ def judged_entries(
     film: Path | None,
     **reading: Any,
 ) -> tuple[list[Row], list[str]]:
-    """Return a row for each entry and preset of ``ours`` on each captured sequence of ``paths``, and lines about frames
-    that are not judged.
+    """Return a row for each entry and preset of ``ours`` on each captured sequence of ``paths``, and the warnings.
 
     Raises what ``divided``, ``read_entry`` and ``rounds`` raise, and UsageError for a package that ``cvvdp`` or
     ``film`` needs.
     """
     folders, sequences = divided(paths)
     entries = [read_entry(folder, sequences) for folder in folders]
+    names = [*(entry.name for entry in entries), *dict.fromkeys(ours)]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise UsageError(f"--table: two entries are called {twice[0]}", cure=f"give one another name in its {FACTS}")
+    without = [name for name in sequences if not ours and not any(name in entry.folders for entry in entries)]
+    if without:
+        what, cure = "no entry to judge on this sequence", "name one, or presets of ours by --ours default,fast"
+        raise UsageError(what, path=sequences[without[0]], cure=cure)
     if cvvdp:
         import_cvvdp()
     if film is not None:
         import_av()
         make_folder(film)
+    entered = {name: sequences[name] for name in sequences if any(name in entry.folders for entry in entries)}
+    rounds(entries, entered, frames, **reading)  # what is wrong is told before ours are resolved
     with resolved_by_us(ours, sequences) as own:
         played = rounds([*entries, *own], sequences, frames, **reading)
         rows = [row for one in played for row in _judged(one, metrics, stops, cvvdp=cvvdp)]
         for one in played if film is not None else ():
             assert film is not None
             _write_film(film / f"{one.name}.mp4", one, stops)
-    return rows, [left for one in played if (left := lacking(one))]
+        warnings = [line for one in played for line in warnings_of(one)]
+    return rows, warnings
 
 
 def _judged(one: Round, metrics: tuple[Metric, ...], stops: float, *, cvvdp: bool) -> list[Row]:
@@ -213,9 +249,6 @@ def _judged(one: Round, metrics: tuple[Metric, ...], stops: float, *, cvvdp: boo
             **{key: summary[key] for key in ("mean", "video", "equal_quality_samples") if key in summary},
         }
         if cvvdp and one.in_time:
-            if comparison.region is not None:
-                what = "--cvvdp judges whole pictures only"
-                raise UsageError(what, path=comparison.test.folder, cure="leave --cvvdp out")
             test, truth = ([side.image(n) for n in one.numbers] for side in (comparison.test, comparison.reference))
             row["cvvdp"] = jod(test, truth, float(_rate_of(one)), stops)
         rows.append(row)

@@ -220,7 +220,8 @@ def measure(
     truth_path: Path | None = None,
     frame: int | None = None,
 ) -> dict[str, float]:
-    """Return the value of every metric (by default ``DEFAULT_METRICS``) for one pair of images.
+    """Return the value of every metric (by default ``DEFAULT_METRICS``) for one pair of images, linear light [H, W, 3]
+    in floats.
 
     ``metrics`` are names, Metric objects, or names in one comma-separated text. Raises UsageError for an unknown
     metric, stops beyond 32 and other types than arrays; DataError for different sizes, images other than floats

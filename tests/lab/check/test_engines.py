@@ -107,7 +107,9 @@ def test_a_jitter_that_no_resolve_takes_is_named(factor: tuple[float, float], sc
         replace(frame, jitter_px=(frame.jitter_px[0] * factor[0], frame.jitter_px[1] * factor[1]))
         for frame in scene("corridor")
     ]
-    assert mistakes(planted) == ["jitter-size"]
+    (finding,) = [finding for finding in check_frames(planted) if finding.mistake]
+    assert finding.name == "jitter-size"
+    assert finding.what.endswith("; to go on without it: --input jitter.source=none")
 
 
 def projection(a: float, b: float) -> np.ndarray:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
+import numpy as np
+import OpenEXR
 import pytest
+from PIL import Image
 
 from cltaa.cli import main
 from cltaa.commands.compare import print_entries
@@ -69,7 +73,8 @@ def test_frames_that_one_lacks_are_judged_of_none(
     assert [rows["a", name]["frames"] for name in ("Mine", "basic")] == [[0, 2, 3]] * 2
     assert "video" not in rows["a", "basic"]
     assert "video" in rows["b", "basic"]
-    assert said.err.splitlines()[-1] == "cltaa: warning: not judged: a: 1 frame that not all have"
+    assert said.err.splitlines()[-1] == "cltaa: warning: a: not judged: frame 1, which not all have"
+    assert json.loads(said.out)["warnings"] == ["a: not judged: frame 1, which not all have"]
 
 
 @pytest.mark.parametrize(("frames", "judged"), [("2", [0, 1]), ("1-2", [1, 2])])
@@ -78,15 +83,69 @@ def test_frames_are_the_first_ones_or_a_range(
 ) -> None:
     options = ("--json", "--ours", "", "--frames", frames, *METRICS)
     assert main(["compare", "--table", *words(entry, sequences[0], *options)]) == 0
-    assert [row["frames"] for row in json.loads(capsys.readouterr().out)["table"]] == [judged]
+    found = json.loads(capsys.readouterr().out)
+    assert [row["frames"] for row in found["table"]] == [judged]
+    assert found["warnings"] == []  # all have what is asked for
 
 
 def test_a_sequence_that_one_stands_in_goes_by_its_folder(
     capsys: pytest.CaptureFixture[str], sequences: list[Path], entry: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(sequences[0])
-    assert main(["compare", "--table", *words(entry, ".", "--ours", "", "--frames", "2", *METRICS)]) == 0
-    assert capsys.readouterr().err.splitlines()[-1] == "cltaa: warning: not judged: a: 2 frames that not all have"
+    assert main(["compare", "--table", *words(entry, ".", "--json", "--ours", "", "--frames", "2", *METRICS)]) == 0
+    assert [row["sequence"] for row in json.loads(capsys.readouterr().out)["table"]] == ["a"]
+
+
+def test_what_compare_doubts_the_table_doubts(
+    capsys: pytest.CaptureFixture[str], sequences: list[Path], entry: Path
+) -> None:
+    truth = sequences[0] / "reference"
+    shutil.rmtree(truth)
+    assert main(["resolve", *words(sequences[1], "-o", truth, "--preset", "basic")]) == 0
+    assert main(["compare", "--table", *words(entry, sequences[0], "--ours=", *METRICS)]) == 0
+    assert f"cltaa: warning: a: Mine: the truth of B, {truth}, was written by a resolve" in capsys.readouterr().err
+
+
+def test_pictures_beside_an_entrys_frames_are_not_judged(
+    capsys: pytest.CaptureFixture[str], sequences: list[Path], entry: Path
+) -> None:
+    asked = ["compare", "--table", *words(entry, sequences[0], "--json", "--ours=", *METRICS)]
+    assert main(asked) == 0
+    alone = json.loads(capsys.readouterr().out)["table"]
+    for path in list((entry / "a").glob("*.exr")):
+        Image.new("RGB", (37, 23)).save(path.with_suffix(".png"))
+    assert main(asked) == 0
+    assert json.loads(capsys.readouterr().out)["table"] == alone
+
+
+def test_a_preset_of_ours_may_be_a_file_anywhere(
+    capsys: pytest.CaptureFixture[str], sequences: list[Path], entry: Path, tmp_path: Path
+) -> None:
+    mine = tmp_path / "mine.toml"
+    mine.write_text('preset = "basic"\n')
+    ours = f"basic,{mine}"
+    assert main(["compare", "--table", *words(entry, sequences[0], "--json", "--ours", ours, *METRICS)]) == 0
+    _, ours_row, mine_row = json.loads(capsys.readouterr().out)["table"]
+    assert mine_row["mean"] == ours_row["mean"]
+
+
+def test_an_entry_of_a_region_is_refused(
+    capsys: pytest.CaptureFixture[str], sequences: list[Path], entry: Path
+) -> None:
+    for path in sorted((entry / "a").iterdir()):
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            kept = {name: channel.pixels[4:, 4:].copy() for name, channel in file.channels().items()}
+            window = {"dataWindow": (np.array([4, 4], np.int32), np.array([36, 22], np.int32))}
+            path.unlink()  # a link
+            OpenEXR.File(file.header() | window, kept).write(str(path))
+    said = refusal(capsys, 65, "--table", str(entry), str(sequences[0]), "--ours=")
+    assert "a: an entry shows another region than the sequence" in said
+
+
+def test_a_name_is_shown_to_the_letter(capsys: pytest.CaptureFixture[str], sequences: list[Path], entry: Path) -> None:
+    (entry / "entry.toml").write_text('name = "[red]x[/red]"\n')
+    assert main(["compare", "--table", *words(entry, sequences[0], "--ours=", *METRICS)]) == 0
+    assert "[red]x[/red]" in capsys.readouterr().out
 
 
 def test_a_film_shows_entries_ours_and_the_truth_at_twice_the_size(
@@ -117,14 +176,29 @@ def test_a_film_shows_entries_ours_and_the_truth_at_twice_the_size(
         (("--table", "{empty}", "{a}"), 66, "an entry of none of the sequences"),
         (("--table", "{entry}", "{a}", "{twin}"), 64, "--table: two sequences are called a; name their folders apart"),
         (("--table", "{late}", "{a}", "--ours="), 66, "the entries of a have no frame in common"),
-        (("--table", "{wrong}", "{a}"), 65, "no facts of an entry"),
+        (
+            ("--table", "{late}", "{a}", "--ours", "basic"),
+            66,
+            "the entries of a have no frame in common (found late 90)",
+        ),
+        (("--table", "{entry}", "{a}", "--frames", "7-9"), 64, "{a} frame 7: no such frame (expected 0-3)"),
+        (("--table", "{entry}", "{a}", "--frames", "3-2"), 64, "{a}: the range of frames is empty (found 3-2)"),
+        (("--table", "{a}", "--ours="), 64, "{a}: no entry to judge on this sequence; name one, or presets of ours"),
+        (("--table", "{late}", "{a}", "{b}", "--ours="), 64, "{b}: no entry to judge on this sequence"),
+        (("--table", "{entry}", "{twice}", "{a}"), 64, "--table: two entries are called Mine; give one another name"),
+        (("--table", "{basic}", "{a}", "--ours", "basic"), 64, "--table: two entries are called basic"),
+        (("--table", "{entry}", "{a}", "--ours", "basic,fats"), 64, "unknown preset fats; did you mean fast?"),
+        (
+            ("--table", "{mixed}", "{a}"),
+            65,
+            "{mixed}/a: several sequences in one folder (found x, y); leave the frames of one",
+        ),
         (("--table", "--heatmap", "x", "{entry}", "{a}"), 64, "--heatmap does not go with --table"),
         (("--film", "x", "{entry}", "{a}"), 64, "--film goes with --table; add --table"),
     ],
 )
 def test_what_is_no_table_is_refused(
     capsys: pytest.CaptureFixture[str],
-    sequences: list[Path],
     entry: Path,
     tmp_path: Path,
     said: list[str],
@@ -132,18 +206,35 @@ def test_what_is_no_table_is_refused(
     why: str,
 ) -> None:
     (tmp_path / "empty").mkdir()
-    wrong = tmp_path / "wrong"
-    (wrong / "a").mkdir(parents=True)
-    (wrong / "entry.toml").write_text('milliseconds = "fast"\n')
+    for name in ("twice", "basic"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "a").symlink_to(entry / "a")
+    (tmp_path / "twice" / "entry.toml").symlink_to(entry / "entry.toml")
+    for name in ("x", "y"):
+        write_sequence(tmp_path / "mixed" / "a", 1, name=name)
     twin = write_sequence(tmp_path / "other" / "a", 1, reference=True)
     write_sequence(tmp_path / "late" / "a", 1, first=90)
-    places = {"twin": twin, "late": tmp_path / "late"} | {
-        "entry": entry,
-        "a": sequences[0],
-        "empty": tmp_path / "empty",
-        "wrong": wrong,
-    }
-    assert why in refusal(capsys, code, *(word.format(**places) for word in said))
+    places = {name: tmp_path / name for name in ("late", "a", "b", "empty", "twice", "basic", "mixed")}
+    places |= {"twin": twin, "entry": entry}
+    assert why.format(**places) in refusal(capsys, code, *(word.format(**places) for word in said))
+
+
+@pytest.mark.parametrize(
+    ("said", "why"),
+    [
+        ('milliseconds = "fast"', "milliseconds has no such value (expected a number above 0, found fast)"),
+        ("milliseconds = -1", "milliseconds has no such value (expected a number above 0, found -1)"),
+        ("milliseconds = nan", "milliseconds has no such value (expected a number above 0, found nan)"),
+        ("name = 3", "name has no such value (expected a text in quotes, found 3)"),
+        ('nmae = "x"', "unknown key nmae; did you mean name?"),
+        ("name =", "not TOML: "),
+    ],
+)
+def test_facts_that_are_none_are_refused(
+    capsys: pytest.CaptureFixture[str], sequences: list[Path], entry: Path, said: str, why: str
+) -> None:
+    (entry / "entry.toml").write_text(f"{said}\n")
+    assert f"{entry}/entry.toml: {why}" in refusal(capsys, 65, "--table", str(entry), str(sequences[0]))
 
 
 def test_vdp_says_what_to_install(

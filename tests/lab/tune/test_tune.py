@@ -23,7 +23,7 @@ from tests.sequence_factory import write_sequence
 
 def test_goals() -> None:
     assert parse_goal("5ms", None, "flip") == Goal(metric="flip", budget_ms=5.0)
-    assert parse_goal("0.25", None, "mse") == Goal(metric="mse", budget_ms=0.25)
+    assert parse_goal("0.25 ms", None, "mse") == Goal(metric="mse", budget_ms=0.25)
     assert parse_goal(None, "flip=0.02", "mse") == Goal(metric="flip", target=0.02)
 
 
@@ -33,6 +33,8 @@ def test_goals() -> None:
         (None, None, "mse"),
         ("5ms", "mse=1", "mse"),
         ("five", None, "mse"),
+        ("5", None, "mse"),
+        ("5s", None, "mse"),
         ("-1ms", None, "mse"),
         ("5ms", None, "psnr"),
         (None, "mse", "mse"),
@@ -43,6 +45,11 @@ def test_goals() -> None:
 def test_wrong_goals(budget: str | None, target: str | None, metric: str) -> None:
     with pytest.raises(UsageError):
         parse_goal(budget, target, metric)
+
+
+def test_a_budget_without_its_unit_is_told_so() -> None:
+    with pytest.raises(UsageError, match="--budget 5 has no unit; in milliseconds it is --budget 5ms"):
+        parse_goal("5", None, "mse")
 
 
 def test_a_score_never_prefers_what_breaks_the_limit_for_less() -> None:
