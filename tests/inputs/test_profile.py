@@ -13,11 +13,11 @@ from cltaa.inputs.convert import correct
 from cltaa.inputs.profile import load_profile, override, profile_names, toml_text
 
 
-@pytest.mark.parametrize("name", profile_names())
-def test_profiles_survive_toml(name: str, tmp_path: Path) -> None:
-    profile = load_profile(name)
-    (tmp_path / f"{name}.toml").write_text(toml_text(profile))
-    assert load_profile(str(tmp_path / f"{name}.toml")) == profile
+def test_profiles_survive_toml(tmp_path: Path) -> None:
+    for name in profile_names():
+        profile = load_profile(name)
+        (tmp_path / f"{name}.toml").write_text(toml_text(profile))
+        assert load_profile(str(tmp_path / f"{name}.toml")) == profile, name
 
 
 def test_a_profile_can_build_on_another(tmp_path: Path) -> None:
@@ -27,21 +27,19 @@ def test_a_profile_can_build_on_another(tmp_path: Path) -> None:
     assert load_profile(str(path)).motion == load_profile("blender").motion
 
 
-@pytest.mark.parametrize(
-    ("before", "change", "expected"),
-    [
+def test_a_correction_goes_on_top() -> None:
+    cases: list[tuple[str, dict[str, Any], str]] = [
         ("motion.scale=2,3", {"scale": [10.0, 100.0]}, "motion.scale=20,300"),
         ("motion.scale=2,3", {"scale": [10.0, 100.0], "swap": True}, "motion.scale=30,200 motion.swap=true"),
         ("motion.jittered=1", {"jittered": -1}, "motion.jittered=0"),
         ("motion.jittered=-1", {"jittered": -1}, "motion.jittered=-1"),
         ("motion.jittered=1", {"jittered": 1}, "motion.jittered=1"),
         ("depth.scale=2", {"scale": 3.0}, "depth.scale=6"),
-    ],
-)
-def test_a_correction_goes_on_top(before: str, change: dict[str, Any], expected: str) -> None:
-    section = before.partition(".")[0]
-    ours, theirs = (override(load_profile("cltaa"), re.split(" (?=[a-z])", text)) for text in (before, expected))
-    assert correct(ours, {section: change}) == theirs
+    ]
+    for before, change, expected in cases:
+        section = before.partition(".")[0]
+        ours, theirs = (override(load_profile("cltaa"), re.split(" (?=[a-z])", text)) for text in (before, expected))
+        assert correct(ours, {section: change}) == theirs, before
 
 
 @pytest.mark.parametrize(

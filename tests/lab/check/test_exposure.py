@@ -36,7 +36,7 @@ def test_it_is_named(name: str, scene: Scene) -> None:
         (0.005, 0.0, []),  # too little to be told from what moves
     ]:
         found = check_exposure(exposed(scene(name), pixels, declared))
-        assert [(finding.name, finding.mistake) for finding in found] == expected, (pixels, declared, expected)
+        assert [(finding.name, finding.mistake) for finding in found] == expected, (pixels, declared)
 
 
 def test_it_is_one_of_the_detectors_findings_and_hides_no_other(scene: Scene) -> None:
