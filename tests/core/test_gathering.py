@@ -40,7 +40,7 @@ def test_strict_kernel_is_its_twin(changes: dict[str, object], lanes: int) -> No
 
 
 def test_a_still_pixel_is_the_mean_of_its_kept_samples() -> None:
-    resolver = Resolver(gathering(weighting="none", reject="none"))
+    resolver = Resolver(gathering(weighting="none", reject="none"), "numpy")
     frames = [still(index) for index in range(KEPT + 4)]
     for frame in frames:
         resolved = resolver.resolve(frame)
@@ -50,7 +50,7 @@ def test_a_still_pixel_is_the_mean_of_its_kept_samples() -> None:
 
 
 def test_a_constant_image_keeps_its_bits_whatever_moves() -> None:
-    resolver = Resolver(gathering())
+    resolver = Resolver(gathering(), "numpy")
     value = np.float32(0.1)
     for index in range(12):
         moved = make_frame(index, motion=True, camera=make_camera((0.07 * index, 0.0, 5.0)), effects=None)

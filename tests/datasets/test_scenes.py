@@ -99,8 +99,7 @@ def test_the_seed_changes_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
         defaults = tuple(FEW if given == WHOLE else given for given in painter.__defaults__ or ())
         monkeypatch.setattr(painter, "__defaults__", defaults)
     for name in NAMES:
-        earlier, later, another = (texels(build_scene(name, seed)) for seed in (0, 0, 1))
-        assert earlier == later != another, name
+        assert texels(build_scene(name, 0)) != texels(build_scene(name, 1)), name
 
 
 def test_an_unknown_scene_names_the_nearest() -> None:
