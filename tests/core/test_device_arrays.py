@@ -206,7 +206,7 @@ def test_many_frames_are_as_each_of_them(own: bool, half: bool, monkeypatch: pyt
 
 
 def test_arrays_are_let_go_of_at_the_end_of_a_frame() -> None:
-    resolver = Resolver()
+    resolver = Resolver("accumulate")
     colour = np.zeros((40, 160, 3), np.float32)
     resolver.resolve(Frame(0, colour))
     image = resolver.resolve(Frame(1, colour))

@@ -205,11 +205,9 @@ def test_a_result_becomes_an_array(lanes: int) -> None:
             assert np.array_equal(bits(out.copy()), bits(floats.astype(dtype))), (storage, dtype, planes)
 
 
-@pytest.mark.parametrize(
-    "array", [np.zeros((4, 5, 3))[::-1], np.zeros((4, 50, 3), np.float32)[:, ::9], np.zeros((4, 5), ">f4")]
-)
-def test_what_kernels_cannot_read_in_its_place(array: NDArray[Any]) -> None:
-    assert flat(array) is None
+def test_what_kernels_cannot_read_in_its_place() -> None:
+    far_apart: NDArray[Any] = np.zeros((4, 50, 3), np.float32)[:, ::9]
+    assert [flat(array) for array in (np.zeros((4, 5, 3))[::-1], far_apart, np.zeros((4, 5), ">f4"))] == [None] * 3
     frame = make_frame(0)
     odd = replace(frame, depth=frame.depth[::-1].astype(">f8")[::-1])
     assert np.array_equal(Resolver("basic", device()).resolve(odd), Resolver("basic", device()).resolve(frame))

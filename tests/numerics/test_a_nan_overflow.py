@@ -77,7 +77,7 @@ def mean_of_neighbours(image: Image) -> Image:
 def test_a1_nan_dies_in_its_own_frame(
     launcher: DeviceLauncher, bad: float, when: int, effects: frozenset[Effect] | None
 ) -> None:
-    ill, mended, sound = (Resolver(device=launcher, strict=True) for _ in range(3))
+    ill, mended, sound = (Resolver(device=launcher, strict=True, every_step=True) for _ in range(3))
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     distance = np.maximum(np.abs(y - ROW), np.abs(x - COLUMN))
     for index in range(when + 8):
@@ -204,7 +204,8 @@ def test_a3_finite_math_is_refused_or_outlived() -> None:
 @pytest.mark.optimised
 def test_a3_the_relaxed_build_is_asked_for_by_name() -> None:
     # It is timed by cltaa bench accuracy; its picture differs by rounding, on frames that hold what numbers are.
-    relaxed, plain = (Resolver("basic", build=Build(relaxed=how, lanes=8)) for how in (True, False))
+    # With every step there is one program of each for all frames.
+    relaxed, plain = (Resolver("basic", build=Build(relaxed=how, lanes=8), every_step=True) for how in (True, False))
     for index in range(3):
         frame = moving(index)
         a, b = relaxed.resolve(frame), plain.resolve(frame)
