@@ -131,6 +131,12 @@ def write_sequence(
     return folder
 
 
+def any_bits(random: np.random.Generator, like: Image) -> Image:
+    """An image of which few, half or all values are any bit patterns."""
+    wild = random.integers(0, 2**32, like.shape, np.uint32).view(np.float32)
+    return np.where(random.random(like.shape) < random.choice([0.01, 0.5, 1.0]), wild, like)
+
+
 def bits(array: NDArray[np.generic]) -> NDArray[np.generic]:
     """Bit patterns of an array, so that equal means identical, NaN and -0 included."""
     return np.ascontiguousarray(array).view(f"u{array.dtype.itemsize}")

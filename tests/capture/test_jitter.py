@@ -34,15 +34,15 @@ MEAN_ERROR = 2.0**-50
 
 
 @pytest.mark.parametrize("pattern", ["halton", "r2", "lattice", "hammersley", "grid"])
-@pytest.mark.parametrize("count", [1, 4, 8, 16, 64, 256, 1024])
-def test_offsets_are_centred_and_inside_the_pixel(pattern: str, count: int) -> None:
-    if pattern == "grid" and round(count**0.5) ** 2 != count:
-        count = 2 * count  # 8 is no square, 16 is
-    offsets = jitter_sequence(f"{pattern}:{count}")
-    assert offsets.shape == (count, 2)
-    assert np.all((offsets >= -0.5) & (offsets < 0.5))
-    assert np.abs(offsets.mean(axis=0)).max() <= MEAN_ERROR
-    assert len(np.unique(offsets, axis=0)) == count
+def test_offsets_are_centred_and_inside_the_pixel(pattern: str) -> None:
+    for count in [1, 4, 8, 16, 64, 256, 1024]:
+        if pattern == "grid" and round(count**0.5) ** 2 != count:
+            count = 2 * count  # 8 is no square, 16 is
+        offsets = jitter_sequence(f"{pattern}:{count}")
+        assert offsets.shape == (count, 2), count
+        assert np.all((offsets >= -0.5) & (offsets < 0.5)), count
+        assert np.abs(offsets.mean(axis=0)).max() <= MEAN_ERROR, count
+        assert len(np.unique(offsets, axis=0)) == count, count
 
 
 @given(st.lists(st.floats(0.0, 1.0, exclude_max=True, width=32), min_size=1, max_size=40))
@@ -77,10 +77,10 @@ def test_hammersley_has_one_point_in_every_dyadic_box(power: int) -> None:
         assert sorted(box) == list(range(count))
 
 
-@pytest.mark.parametrize("count", [1, 2, 5, 16, 60, 64, 256])
-def test_lattice_has_one_point_in_every_row_and_column(count: int) -> None:
-    index = np.floor(lattice(count) * count)
-    assert (np.sort(index, axis=0) == np.arange(count)[:, None]).all()
+def test_lattice_has_one_point_in_every_row_and_column() -> None:
+    for count in [1, 2, 5, 16, 60, 64, 256]:
+        index = np.floor(lattice(count) * count)
+        assert (np.sort(index, axis=0) == np.arange(count)[:, None]).all(), count
 
 
 def test_lattice_lies_in_most_squares() -> None:

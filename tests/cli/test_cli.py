@@ -79,9 +79,8 @@ def completed(words: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
     return [line for line in capsys.readouterr().out.splitlines() if line]
 
 
-@pytest.mark.parametrize(
-    ("words", "offered"),
-    [
+def test_completion_of_a_name(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    for words, offered in [
         ("cltaa resolve x --preset bab", "babylon-reproject-clamp"),
         ("cltaa presets ka", "karis"),
         ("cltaa bench kernels --preset ka", "karis"),
@@ -91,14 +90,10 @@ def completed(words: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
         ("cltaa kernels --show gather_w", "gather_windows"),
         ("cltaa bench quality --scene spi", "spinner"),
         ("cltaa demo --scene spi", "spinner"),
-    ],
-)
-def test_completion_of_a_name(
-    words: str, offered: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    lines = completed(words, monkeypatch, capsys, "bash")
-    assert f"plain,{offered}" in lines
-    assert all(line.startswith(f"plain,{words.split()[-1]}") for line in lines)
+    ]:
+        lines = completed(words, monkeypatch, capsys, "bash")
+        assert f"plain,{offered}" in lines, words
+        assert all(line.startswith(f"plain,{words.split()[-1]}") for line in lines), words
 
 
 @pytest.mark.parametrize(("option", "files"), [("--preset", []), ("--profile", ["file,"]), ("--device", [])])

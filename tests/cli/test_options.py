@@ -8,9 +8,8 @@ import pytest
 from cltaa.commands.options import FROM_0, FROM_2, SECONDS, SIZE, SOME_FRAMES, listed
 
 
-@pytest.mark.parametrize(
-    ("kind", "text", "value"),
-    [
+def test_what_is_understood() -> None:
+    for kind, text, value in [
         (SIZE, "640x360", (640, 360)),
         (SIZE, "640X360", (640, 360)),
         (SOME_FRAMES, "8-47", (8, 47)),
@@ -19,10 +18,8 @@ from cltaa.commands.options import FROM_0, FROM_2, SECONDS, SIZE, SOME_FRAMES, l
         (FROM_0, "0, 7", (0, 7)),
         (FROM_0, "", ()),
         (FROM_2, "2,4", (2, 4)),
-    ],
-)
-def test_what_is_understood(kind: click.ParamType[tuple[object, ...]], text: str, value: object) -> None:
-    assert kind.convert(text, None, None) == value
+    ]:
+        assert kind.convert(text, None, None) == value, text
 
 
 @pytest.mark.parametrize(

@@ -517,23 +517,13 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     return monkeypatch
 
 
-WITHOUT: dict[str, dict[str, Any]] = {}  # the calls of each command without options, which are the same each time
-CASES = [(name, *row) for name, rows in ROWS.items() for row in rows]
-
-
-@pytest.mark.parametrize(
-    ("name", "options", "path", "value"), CASES, ids=[f"{case[0]} {case[1].strip()} {case[2]}" for case in CASES]
-)
-def test_an_option_arrives(desk: pytest.MonkeyPatch, name: str, options: str, path: str, value: object) -> None:
-    arrived = found(calls_of(name, options, desk), path)
-    if value is REAL:
-        assert arrived is not None
-    else:
-        assert arrived == value
-    if name not in WITHOUT:
-        WITHOUT[name] = calls_of(name, "", desk)
-    without = WITHOUT[name]
-    assert found(without, path) != arrived or path.split(".")[0] not in without
+@pytest.mark.parametrize("name", ROWS)
+def test_options_arrive(desk: pytest.MonkeyPatch, name: str) -> None:
+    without = calls_of(name, "", desk)
+    for options, path, value in ROWS[name]:
+        arrived = found(calls_of(name, options, desk), path)
+        assert (arrived is not None) if value is REAL else (arrived == value), options
+        assert found(without, path) != arrived or path.split(".")[0] not in without, options
 
 
 def test_every_option_is_among_them() -> None:

@@ -153,9 +153,8 @@ def test_finished_frames_survive_a_bad_one(tmp_path: Path) -> None:
         read_image(path)
 
 
-@pytest.mark.parametrize(
-    ("text", "key", "value"),
-    [
+def test_a_number_of_set_is_read_as_python_reads_it() -> None:
+    for text, key, value in [
         (".3", "blend_weight", 0.3),
         ("+0.3", "blend_weight", 0.3),
         ("1.", "blend_weight", 1.0),
@@ -163,13 +162,11 @@ def test_finished_frames_survive_a_bad_one(tmp_path: Path) -> None:
         ("+7", "history_frames", 7),
         ("7.", "history_frames", 7),
         ("none", "rectify", "none"),
-    ],
-)
-def test_a_number_of_set_is_read_as_python_reads_it(text: str, key: str, value: object) -> None:
-    preset = assigned(load_preset(), (f"{key}={text}",))
-    found = getattr(preset.choices if isinstance(value, str) else preset.settings, key)
-    assert found == value
-    assert type(found) is type(value) or isinstance(value, str)
+    ]:
+        preset = assigned(load_preset(), (f"{key}={text}",))
+        found = getattr(preset.choices if isinstance(value, str) else preset.settings, key)
+        assert found == value, text
+        assert type(found) is type(value) or isinstance(value, str), text
 
 
 def test_printed_preset_is_a_configuration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -100,13 +101,19 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
 }
 
 
-@pytest.mark.parametrize("name", CALLS)
-def test_a_wrong_use_is_told_in_one_line(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def refusal(name: str, sequence: Path) -> str:
+    with pytest.raises(CltaaError) as caught:
+        CALLS[name][0](sequence)
+    return str(caught.value)
+
+
+def test_a_wrong_use_is_told_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    call, line = CALLS[name]
-    with pytest.raises(CltaaError, match=line) as caught:
-        call(write_sequence(tmp_path / "in", 2))
-    assert "\n" not in str(caught.value)
+    sequence = write_sequence(tmp_path / "in", 2)
+    for name, (_, line) in CALLS.items():
+        told = refusal(name, sequence)
+        assert re.search(line, told), name
+        assert "\n" not in told, name
 
 
 def test_what_check_returns_reads_the_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

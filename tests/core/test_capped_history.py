@@ -18,7 +18,7 @@ LEAST, MOST, SAMPLES = 0.0442, 0.2357, 3
 @pytest.mark.parametrize("device", [None, "numpy"])
 @pytest.mark.parametrize("speed", [0.0, 1.0])
 def test_the_weight_of_a_sample_is_the_formulas(speed: float, device: str | None) -> None:
-    resolver = Resolver(override(load_preset("fsr3-like"), PLAIN | {"motion_widths": 0.0}), device)
+    resolver = Resolver(override(load_preset("fsr3-like"), PLAIN | {"motion_widths": 0.0}), device, every_step=True)
     odds = LEAST / (1 - LEAST)
     cap = odds * (1 - MOST) / MOST
     expected = 0.0

@@ -190,9 +190,8 @@ def test_light_that_goes_on_is_followed_and_light_that_alternates_a_little_is_no
         assert np.median(going) < 4.0
 
 
-@pytest.mark.parametrize(
-    ("effects", "tested"),
-    [
+def test_where_history_may_be_wrong_it_is_tested() -> None:
+    for effects, tested in [
         ({Effect.CAMERA, Effect.DISOCCLUSION}, False),
         ({Effect.CAMERA, Effect.THIN}, True),
         ({Effect.DISOCCLUSION, Effect.THIN}, False),  # which stands
@@ -200,13 +199,11 @@ def test_light_that_goes_on_is_followed_and_light_that_alternates_a_little_is_no
         ({Effect.ILLUMINATION}, True),
         ({Effect.REACTIVE, Effect.HDR}, True),
         (None, True),
-    ],
-)
-def test_where_history_may_be_wrong_it_is_tested(effects: set[Effect] | None, *, tested: bool) -> None:
-    frame = make_frame(1, camera=make_camera(), effects=None if effects is None else frozenset(effects))
-    plan = plan_frame(load_preset(), frame, frame.camera)
-    assert (plan.choices.illumination is Illumination.TEST) == tested
-    assert (plan.choices.rectify, plan.settings.resampling_penalty) == (Rectify.NONE, 0.8)
+    ]:
+        frame = make_frame(1, camera=make_camera(), effects=None if effects is None else frozenset(effects))
+        plan = plan_frame(load_preset(), frame, frame.camera)
+        assert (plan.choices.illumination is Illumination.TEST) == tested, effects
+        assert (plan.choices.rectify, plan.settings.resampling_penalty) == (Rectify.NONE, 0.8), effects
 
 
 @pytest.mark.parametrize(("effects", "scale"), [(LIT, 1.0), (None, 1.0), (frozenset({Effect.CAMERA}), 1.5)])

@@ -150,15 +150,16 @@ def test_pinned_arrays_go_to_the_device_as_they_are(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize("device", [None, "numpy", "staged"])
-@pytest.mark.parametrize("shape", [(4, 5), (0, 5), ()])
-def test_an_empty_array_is_as_asked_for(device: str | None, shape: tuple[int, ...]) -> None:
+def test_an_empty_array_is_as_asked_for(device: str | None) -> None:
     launcher = DeviceLauncher()
     launcher.stages = True
-    given = Resolver(device=launcher if device == "staged" else device).empty(shape, np.float16)
-    assert given.shape == shape
-    assert given.dtype == np.float16
-    given[...] = 1
-    assert (given == 1).all()
+    resolver = Resolver(device=launcher if device == "staged" else device)
+    for shape in [(4, 5), (0, 5), ()]:
+        given = resolver.empty(shape, np.float16)
+        assert given.shape == shape, shape
+        assert given.dtype == np.float16, shape
+        given[...] = 1
+        assert (given == 1).all(), shape
 
 
 def test_an_array_that_nothing_can_hold_is_refused() -> None:
@@ -205,7 +206,7 @@ def test_many_frames_are_as_each_of_them(own: bool, half: bool, monkeypatch: pyt
 
 
 def test_arrays_are_let_go_of_at_the_end_of_a_frame() -> None:
-    resolver = Resolver()
+    resolver = Resolver("accumulate")
     colour = np.zeros((40, 160, 3), np.float32)
     resolver.resolve(Frame(0, colour))
     image = resolver.resolve(Frame(1, colour))

@@ -79,45 +79,40 @@ def test_a_camera_that_stops_is_not_reprojected() -> None:
     assert reasons(frame, STANDING)["reprojection"] == (False, "the camera stands still")
 
 
-@pytest.mark.parametrize(
-    ("preset", "effects", "rejects"),
-    [
+def test_depth_is_asked_where_something_is_disoccluded() -> None:
+    for preset, effects, rejects in [
         ("default", {Effect.CAMERA}, False),
         ("default", {Effect.ILLUMINATION}, False),
         ("default", {Effect.CAMERA, Effect.DISOCCLUSION}, True),
         ("default", None, True),
         ("gather-48", {Effect.CAMERA}, True),  # a sample in the ring is chosen by its depth
         ("filament", {Effect.CAMERA}, False),  # published: never does
-    ],
-)
-def test_depth_is_asked_where_something_is_disoccluded(preset: str, effects: set[Effect] | None, rejects: bool) -> None:
-    frame = make_frame(1, effects=None if effects is None else frozenset(effects))
-    plan = plan_frame(load_preset(preset), frame, STANDING)
-    assert (plan.choices.reject is Reject.DEPTH) is rejects
-    assert [reason.on for reason in plan.reasons if reason.step == "rejection"] == [rejects]
+    ]:
+        frame = make_frame(1, effects=None if effects is None else frozenset(effects))
+        plan = plan_frame(load_preset(preset), frame, STANDING)
+        assert (plan.choices.reject is Reject.DEPTH) is rejects, (preset, effects)
+        assert [reason.on for reason in plan.reasons if reason.step == "rejection"] == [rejects], (preset, effects)
 
 
-@pytest.mark.parametrize("effects", [None, frozenset(), frozenset({Effect.CAMERA}), frozenset(Effect)])
 @pytest.mark.parametrize("name", [name for name in preset_names() if load_preset(name).published])
-def test_nothing_is_left_out_of_what_somebody_published(name: str, effects: frozenset[Effect] | None) -> None:
+def test_nothing_is_left_out_of_what_somebody_published(name: str) -> None:
     preset = load_preset(name)
-    plan = plan_frame(preset, make_frame(1, effects=effects), make_camera((1.0, 0.0, 5.0)))
-    assert plan.choices == preset.choices
     # What is told in widths of the picture is worked out for it.
     widths = {"motion_px": WIDTH * preset.settings.motion_widths} if preset.settings.motion_widths else {}
-    assert plan.settings == msgspec.structs.replace(preset.settings, **widths)
+    for effects in [None, frozenset(), frozenset({Effect.CAMERA}), frozenset(Effect)]:
+        plan = plan_frame(preset, make_frame(1, effects=effects), make_camera((1.0, 0.0, 5.0)))
+        assert plan.choices == preset.choices, effects
+        assert plan.settings == msgspec.structs.replace(preset.settings, **widths), effects
 
 
-@pytest.mark.parametrize(
-    "effect",
-    [Effect.CAMERA, Effect.MOTION, Effect.DISOCCLUSION, Effect.ILLUMINATION, Effect.REACTIVE, Effect.EXPOSURE],
-)
-def test_what_may_change_anything_is_no_plain_mean(effect: Effect) -> None:
-    plain, held = (
-        plan_frame(DEFAULT, make_frame(1, effects=effects), STANDING).choices.rectify
-        for effects in (frozenset({Effect.HDR, Effect.CUT}), frozenset({effect}))
-    )
-    assert (plain, held) == (Rectify.NONE, DEFAULT.choices.rectify)
+def test_what_may_change_anything_is_no_plain_mean() -> None:
+    def rectify(*effects: Effect) -> Rectify:
+        return plan_frame(DEFAULT, make_frame(1, effects=frozenset(effects)), STANDING).choices.rectify
+
+    assert rectify(Effect.HDR, Effect.CUT) is Rectify.NONE
+    light = {Effect.ILLUMINATION, Effect.REACTIVE, Effect.EXPOSURE}
+    for effect in {Effect.CAMERA, Effect.MOTION, Effect.DISOCCLUSION} | light:
+        assert rectify(effect) is DEFAULT.choices.rectify, effect
 
 
 def test_among_noise_bright_samples_count_as_much_as_dim_ones() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -41,7 +40,7 @@ def test_strict_kernel_is_its_twin(changes: dict[str, object], lanes: int) -> No
 
 
 def test_a_still_pixel_is_the_mean_of_its_kept_samples() -> None:
-    resolver = Resolver(gathering(weighting="none", reject="none"))
+    resolver = Resolver(gathering(weighting="none", reject="none"), "numpy")
     frames = [still(index) for index in range(KEPT + 4)]
     for frame in frames:
         resolved = resolver.resolve(frame)
@@ -51,7 +50,7 @@ def test_a_still_pixel_is_the_mean_of_its_kept_samples() -> None:
 
 
 def test_a_constant_image_keeps_its_bits_whatever_moves() -> None:
-    resolver = Resolver(gathering())
+    resolver = Resolver(gathering(), "numpy")
     value = np.float32(0.1)
     for index in range(12):
         moved = make_frame(index, motion=True, camera=make_camera((0.07 * index, 0.0, 5.0)), effects=None)
@@ -111,21 +110,18 @@ def test_a_cut_forgets_all_samples() -> None:
     assert (bits(resolver.resolve(cut)) == bits(fresh.resolve(cut))).all()
 
 
-@pytest.mark.parametrize(
-    ("effects", "expected"),
-    [
+def test_samples_are_gathered_where_something_changes() -> None:
+    for effects, expected in [
         (None, (HistoryKind.FRAMES, Illumination.WINDOW)),
         ({Effect.CAMERA}, (HistoryKind.FRAMES, Illumination.STATIC)),
         ({Effect.MOTION, Effect.DISOCCLUSION}, (HistoryKind.FRAMES, Illumination.WINDOW)),
         ({Effect.REACTIVE}, (HistoryKind.FRAMES, Illumination.WINDOW)),
         (set(), (HistoryKind.ACCUMULATED, Illumination.STATIC)),
-    ],
-)
-def test_samples_are_gathered_where_something_changes(effects: set[Effect] | None, expected: tuple[Any, Any]) -> None:
-    frame = still(1, None if effects is None else frozenset(effects))
-    plan = plan_frame(gathering(), frame, frame.camera)
-    assert (plan.choices.history, plan.choices.illumination) == expected
-    assert ("gathering" in {reason.step for reason in plan.reasons}) is True
+    ]:
+        frame = still(1, None if effects is None else frozenset(effects))
+        plan = plan_frame(gathering(), frame, frame.camera)
+        assert (plan.choices.history, plan.choices.illumination) == expected, effects
+        assert ("gathering" in {reason.step for reason in plan.reasons}) is True, effects
 
 
 def test_a_thin_thing_that_speeds_up_leaves_no_trace() -> None:

@@ -10,7 +10,6 @@ from cltaa.cli import main
 from cltaa.core.parameters import HistoryKind
 from cltaa.core.presets import LADDER, load_preset, preset_names
 from cltaa.io.preset_file import load_config
-from cltaa.renamed import PRESETS
 
 
 def test_the_ladder_is_complete_and_only_its_top_gathers() -> None:
@@ -19,13 +18,6 @@ def test_the_ladder_is_complete_and_only_its_top_gathers() -> None:
     gathering = [name for name in LADDER if load_preset(name).choices.history is HistoryKind.FRAMES]
     assert gathering == ["gather-8", "gather-48"]
     assert [load_preset(name).settings.history_frames + 1 for name in gathering] == [8, 48]
-
-
-@pytest.mark.parametrize(("old", "new"), PRESETS.items())
-def test_an_old_name_gives_the_preset_and_a_warning_that_names_it(old: str, new: str) -> None:
-    assert old not in preset_names()
-    with pytest.warns(FutureWarning, match=f"preset {old} is called {new} now"):
-        assert load_preset(old) == load_preset(new)
 
 
 def test_the_command_takes_an_old_name_with_one_line_that_names_the_new_one(

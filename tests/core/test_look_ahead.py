@@ -77,17 +77,16 @@ def test_kernels_know_of_later_frames_where_there_are_some(ahead: int) -> None:
     assert resolver.last.build.steps.look_ahead == (ahead > 0)
 
 
-@pytest.mark.parametrize("lanes_of", [None, "numpy"])
-def test_every_image_comes_once_and_in_order(lanes_of: str | None) -> None:
-    resolver, frames = Resolver(looking(), lanes_of), [make_frame(index) for index in range(7)]
+def test_every_image_comes_once_and_in_order() -> None:
+    resolver, frames = Resolver(looking(), "numpy"), [make_frame(index) for index in range(7)]
     ready = [resolver.feed(frame) for frame in frames]
     assert [len(some) for some in ready] == [0] * AHEAD + [1] * 3
     last = resolver.flush()
     assert (len(last), resolver.flush()) == (AHEAD, [])
-    assert same([image for some in ready for image in some] + last, images(frames, looking(), lanes_of))
+    assert same([image for some in ready for image in some] + last, images(frames, looking(), "numpy"))
 
 
-@pytest.mark.parametrize(("ahead", "device"), [(0, "numpy"), (AHEAD, "numpy"), (AHEAD, None)])
+@pytest.mark.parametrize(("ahead", "device"), [(0, "numpy"), (AHEAD, None)])
 def test_frames_that_are_only_kept_are_gathered_as_if_they_had_been_resolved(ahead: int, device: str | None) -> None:
     frames = [replace(frame, effects=None) for frame in hard_frames(33, 21, count=10)]
     frames[5] = replace(frames[5], cut=True)
@@ -218,15 +217,15 @@ def test_what_is_declared_to_need_the_whole_past_is_resolved_so_and_comes_later(
 
 
 def test_a_frame_that_is_wrong_leaves_those_that_wait() -> None:
-    frames, resolver = [make_frame(index) for index in range(4)], Resolver(looking())
+    frames, resolver = [make_frame(index) for index in range(4)], Resolver(looking(), "numpy")
     assert [resolver.feed(frame) for frame in frames] == [[]] * 4
     with pytest.raises(DataError):
         resolver.feed(replace(frames[0], index=4, jitter_px=(40.0, 0.0)))
-    assert same(resolver.flush(), images(frames, looking()))
+    assert same(resolver.flush(), images(frames, looking(), "numpy"))
 
 
 def test_reset_forgets_those_that_wait() -> None:
-    resolver = Resolver(looking())
+    resolver = Resolver(looking(), "numpy")
     resolver.feed(make_frame(0))
     resolver.reset()
     assert resolver.flush() == []
@@ -242,6 +241,7 @@ def test_what_cannot_look_ahead_says_so() -> None:
 
 
 def test_without_it_feed_is_resolve() -> None:
-    fed, resolved, frames = Resolver("gather-8"), Resolver("gather-8"), [make_frame(index) for index in range(3)]
+    fed, resolved = Resolver("gather-8", "numpy"), Resolver("gather-8", "numpy")
+    frames = [make_frame(index) for index in range(3)]
     assert same([fed.feed(frame)[0] for frame in frames], [resolved.resolve(frame) for frame in frames])
     assert fed.flush() == []

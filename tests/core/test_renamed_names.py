@@ -29,35 +29,35 @@ def test_no_old_name_is_one_of_today_and_each_new_one_is() -> None:
     assert {*MEMBERS["Effect"].values()} <= Effect.__members__.keys()
 
 
-@pytest.mark.parametrize(("old", "new"), KEYS.items())
-def test_a_key(old: str, new: str) -> None:
-    for word, now in WORDS.get(new, {"1": 1}).items():
-        with pytest.warns(Renamed) as said:
-            assert override(load_preset(), {old: word}) == override(load_preset(), {new: now})
-        assert str(said[0].message).startswith(f"key {old} is called {new} now")
+def test_a_key() -> None:
+    for old, new in KEYS.items():
+        for word, now in WORDS.get(new, {"1": 1}).items():
+            with pytest.warns(Renamed) as said:
+                assert override(load_preset(), {old: word}) == override(load_preset(), {new: now}), old
+            assert str(said[0].message).startswith(f"key {old} is called {new} now"), old
 
 
-@pytest.mark.parametrize(("old", "new"), PRESETS.items())
-def test_a_preset(old: str, new: str, tmp_path: Path) -> None:
-    with pytest.warns(Renamed, match=f"^preset {old} is called {new} now"):
-        assert load_preset(old) == load_preset(new)
-    path = tmp_path / "mine.toml"
-    path.write_text(f'preset = "{old}"\n')
-    with pytest.warns(Renamed):
-        assert load_config(path, load_preset()).choices == load_preset(new).choices
+def test_a_preset(tmp_path: Path) -> None:
+    for old, new in PRESETS.items():
+        with pytest.warns(Renamed, match=f"^preset {old} is called {new} now"):
+            assert load_preset(old) == load_preset(new), old
+        path = tmp_path / "mine.toml"
+        path.write_text(f'preset = "{old}"\n')
+        with pytest.warns(Renamed):
+            assert load_config(path, load_preset()).choices == load_preset(new).choices, old
 
 
-@pytest.mark.parametrize(("old", "new"), EFFECTS.items())
-def test_an_effect(old: str, new: str) -> None:
-    with pytest.warns(Renamed, match=f"^effect {old} is called {new} now"):
-        assert chosen_effects(old) == frozenset({Effect(new)})
-    assert parse_effects(f"camera,{old}") == {Effect.CAMERA, Effect(new)}
+def test_an_effect() -> None:
+    for old, new in EFFECTS.items():
+        with pytest.warns(Renamed, match=f"^effect {old} is called {new} now"):
+            assert chosen_effects(old) == frozenset({Effect(new)}), old
+        assert parse_effects(f"camera,{old}") == {Effect.CAMERA, Effect(new)}, old
 
 
-@pytest.mark.parametrize(("old", "new"), MEMBERS["Effect"].items())
-def test_a_member(old: str, new: str) -> None:
-    with pytest.warns(Renamed):
-        assert getattr(Effect, old) is Effect[new]
+def test_a_member() -> None:
+    for old, new in MEMBERS["Effect"].items():
+        with pytest.warns(Renamed):
+            assert getattr(Effect, old) is Effect[new], old
 
 
 def test_effects_of_an_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,7 +77,7 @@ def test_one_line_of_a_command(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "key gamma_still is called box_scale_static now" in said.err
 
 
-@pytest.mark.parametrize(("old", "new"), PUBLIC.items())
-def test_a_public_name(old: str, new: str) -> None:
-    with pytest.warns(Renamed, match=f"{old} is called {new} now"):
-        assert getattr(cltaa, old) is getattr(cltaa, new)
+def test_a_public_name() -> None:
+    for old, new in PUBLIC.items():
+        with pytest.warns(Renamed, match=f"{old} is called {new} now"):
+            assert getattr(cltaa, old) is getattr(cltaa, new), old

@@ -51,10 +51,6 @@ def test_promises(shots: Shots) -> None:
     assert changes == bool(CHANGING & effects)
     if not {Effect.CAMERA, Effect.MOTION, Effect.CUT} & effects:
         assert all(np.array_equal(a.depth, b.depth) for a, b in pairwise(drawn))
-
-
-def test_channels(shots: Shots) -> None:
-    effects, drawn = shots.scene.effects, shots.drawn
     motions = [d.motion for d in drawn if d.motion is not None]
     assert len(motions) == (len(drawn) if Effect.MOTION in effects else 0)
     assert not motions or any((np.abs(motion) > 0.0).any() for motion in motions)

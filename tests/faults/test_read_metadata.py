@@ -99,23 +99,27 @@ CASES: list[tuple[dict[str, object], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("changes", "message"), CASES, ids=[str(number) for number in range(len(CASES))])
-def test_wrong_attribute_is_named(tmp_path: Path, changes: dict[str, object], message: str) -> None:
-    path = written(tmp_path, **changes)
+def refusal(path: Path) -> str:
     with pytest.raises(DataError) as caught:
         read_frame(path)
-    line = str(caught.value)
-    assert message in line
-    assert str(path) in line
-    assert "\n" not in line
-    assert len(line) < 500
+    return str(caught.value)
+
+
+def test_wrong_attribute_is_named(tmp_path: Path) -> None:
+    for changes, message in CASES:
+        path = written(tmp_path, **changes)
+        line = refusal(path)
+        assert message in line, changes
+        assert str(path) in line, changes
+        assert "\n" not in line, changes
+        assert len(line) < 500, changes
 
 
 def test_text_of_a_megabyte_is_not_repeated_in_the_message(tmp_path: Path) -> None:
     for name in ("effects", "worldToView"):
-        with pytest.raises(DataError, match=name) as caught:
-            read_frame(written(tmp_path, **{name: "x" * 2**20}))
-        assert len(str(caught.value)) < 500
+        line = refusal(written(tmp_path, **{name: "x" * 2**20}))
+        assert name in line
+        assert len(line) < 500
 
 
 def test_camera_far_from_the_origin_is_sound(tmp_path: Path) -> None:

@@ -135,19 +135,16 @@ def test_nothing_runs_a_shell_or_unpacks_code() -> None:
     assert found == ["cltaa.pipeline.cluster: pickle"]
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
+def test_a_planted_danger_is_seen() -> None:
+    for line in [
         "os.system('x')",
         "eval('x')",
         "subprocess.run('x', shell=True)",
         "np.load('x')",
         "import pickle",
         "from urllib import request",
-    ],
-)
-def test_a_planted_danger_is_seen(line: str) -> None:
-    assert len([*dangers(ast.parse(line))]) == 1
+    ]:
+        assert len([*dangers(ast.parse(line))]) == 1, line
 
 
 def test_pipe_in_place_of_a_frame_makes_nobody_wait(tmp_path: Path) -> None:

@@ -337,9 +337,8 @@ def test_a_picture_beside_its_display_window_is_refused(tmp_path: Path) -> None:
             opened(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("part", "channel", "expected"),
-    [
+def test_a_channel_has_the_name_of_its_part_once() -> None:
+    for part, own, wanted in [
         ("rgba", "R", "rgba.R"),
         ("Z", "Z", "Z"),
         ("View Layer.Combined", "View Layer.Combined.R", "View Layer.Combined.R"),
@@ -349,10 +348,8 @@ def test_a_picture_beside_its_display_window_is_refused(tmp_path: Path) -> None:
         ("rgba_left", "R", "rgba_left.R"),
         ("motion", "backward.u", "motion.backward.u"),
         ("", "A.B", "A.B"),
-    ],
-)
-def test_a_channel_has_the_name_of_its_part_once(part: str, channel: str, expected: str) -> None:
-    assert full_name(part, channel) == expected
+    ]:
+        assert full_name(part, own) == wanted, part
 
 
 def test_a_lone_layer_that_is_no_light_is_told(tmp_path: Path) -> None:

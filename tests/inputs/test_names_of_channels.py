@@ -155,9 +155,8 @@ def test_names_with_as_many_spaces_need_no_quotes(tmp_path: Path) -> None:
     assert depth[0].channel == "Main Layer.Depth.Z"
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
+def test_what_an_option_takes_for_a_colour() -> None:
+    for text, expected in [
         ('"a b" c d', [("a b", "c", "d")]),
         ("'a b' c d", [("a b", "c", "d")]),
         ('["a b", "c", "d"]', [("a b", "c", "d")]),
@@ -166,10 +165,8 @@ def test_names_with_as_many_spaces_need_no_quotes(tmp_path: Path) -> None:
         ("[R G B,X Y Z]", [("R", "G", "B"), ("X", "Y", "Z")]),
         ("a x b x c x", [("a x", "b x", "c x")]),
         ('["R G B", "X Y Z"]', [("R", "G", "B"), ("X", "Y", "Z")]),
-    ],
-)
-def test_what_an_option_takes_for_a_colour(text: str, expected: list[tuple[str, ...]]) -> None:
-    assert override(Profile(), [f"colour.channels={text}"]).colour.channels == tuple(expected)
+    ]:
+        assert override(Profile(), [f"colour.channels={text}"]).colour.channels == tuple(expected), text
 
 
 @pytest.mark.parametrize("text", ['"a b', "a b", "a b c d", '"a b" c', '["a", "b"]', "R G B,"])

@@ -13,11 +13,11 @@ from cltaa.inputs.convert import correct
 from cltaa.inputs.profile import load_profile, override, profile_names, toml_text
 
 
-@pytest.mark.parametrize("name", profile_names())
-def test_profiles_survive_toml(name: str, tmp_path: Path) -> None:
-    profile = load_profile(name)
-    (tmp_path / f"{name}.toml").write_text(toml_text(profile))
-    assert load_profile(str(tmp_path / f"{name}.toml")) == profile
+def test_profiles_survive_toml(tmp_path: Path) -> None:
+    for name in profile_names():
+        profile = load_profile(name)
+        (tmp_path / f"{name}.toml").write_text(toml_text(profile))
+        assert load_profile(str(tmp_path / f"{name}.toml")) == profile, name
 
 
 def test_a_profile_can_build_on_another(tmp_path: Path) -> None:
@@ -27,21 +27,19 @@ def test_a_profile_can_build_on_another(tmp_path: Path) -> None:
     assert load_profile(str(path)).motion == load_profile("blender").motion
 
 
-@pytest.mark.parametrize(
-    ("before", "change", "expected"),
-    [
+def test_a_correction_goes_on_top() -> None:
+    cases: list[tuple[str, dict[str, Any], str]] = [
         ("motion.scale=2,3", {"scale": [10.0, 100.0]}, "motion.scale=20,300"),
         ("motion.scale=2,3", {"scale": [10.0, 100.0], "swap": True}, "motion.scale=30,200 motion.swap=true"),
         ("motion.jittered=1", {"jittered": -1}, "motion.jittered=0"),
         ("motion.jittered=-1", {"jittered": -1}, "motion.jittered=-1"),
         ("motion.jittered=1", {"jittered": 1}, "motion.jittered=1"),
         ("depth.scale=2", {"scale": 3.0}, "depth.scale=6"),
-    ],
-)
-def test_a_correction_goes_on_top(before: str, change: dict[str, Any], expected: str) -> None:
-    section = before.partition(".")[0]
-    ours, theirs = (override(load_profile("cltaa"), re.split(" (?=[a-z])", text)) for text in (before, expected))
-    assert correct(ours, {section: change}) == theirs
+    ]
+    for before, change, expected in cases:
+        section = before.partition(".")[0]
+        ours, theirs = (override(load_profile("cltaa"), re.split(" (?=[a-z])", text)) for text in (before, expected))
+        assert correct(ours, {section: change}) == theirs, before
 
 
 @pytest.mark.parametrize(
@@ -77,9 +75,14 @@ def test_wrong_profiles(tmp_path: Path) -> None:
             load_profile(str(tmp_path / "a.toml"))
 
 
-@pytest.mark.parametrize(
-    ("assignment", "message"),
-    [
+def refusal(assignment: str) -> str:
+    with pytest.raises(DataError) as caught:
+        override(load_profile("cltaa"), [assignment])
+    return str(caught.value)
+
+
+def test_value_that_means_nothing_is_told_with_what_would() -> None:
+    for assignment, message in [
         ("motion.units=metres", "motion.units has no such value (expected pixels, uv, ndc, found metres)"),
         ("camera.layout=diagonal", "camera.layout has no such value (expected row, column, found diagonal)"),
         ("camera.sense=x", "camera.sense has no such value (expected world-to-camera, camera-to-world, found x)"),
@@ -98,9 +101,5 @@ def test_wrong_profiles(tmp_path: Path) -> None:
         ("jitter.delay=100", "jitter.delay has no such value (expected -16 to 16, found 100)"),
         ("camera.delay=-17", "camera.delay has no such value (expected -16 to 16, found -17)"),
         ("jitter.delay=0.5", "jitter.delay has no such value (expected a whole number, found 0.5)"),
-    ],
-)
-def test_value_that_means_nothing_is_told_with_what_would(assignment: str, message: str) -> None:
-    with pytest.raises(DataError) as caught:
-        override(load_profile("cltaa"), [assignment])
-    assert message in str(caught.value)
+    ]:
+        assert message in refusal(assignment), assignment

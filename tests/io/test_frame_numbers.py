@@ -4,24 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
-
 from cltaa.io.numbered import OnBreak, check_steps, even_step, missing_from
 
 
-@pytest.mark.parametrize(
-    ("numbers", "apart"),
-    [
+def test_an_even_step_is_that_of_most() -> None:
+    for numbers, apart in [
         ([0, 7, 14, 21], 7),
         ([3, 5, 7, 11, 13], 2),  # one is missing
         ([0, 2, 4, 8, 12], 1),  # as many lie twice as far apart
         ([3, 10], 1),  # two say nothing
         ([5], 1),
         ([0, 2, 5, 7], 1),
-    ],
-)
-def test_an_even_step_is_that_of_most(numbers: list[int], apart: int) -> None:
-    assert even_step(numbers) == apart
+    ]:
+        assert even_step(numbers) == apart, numbers
 
 
 def test_numbers_that_are_missing() -> None:

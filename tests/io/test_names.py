@@ -20,9 +20,8 @@ from cltaa.io.sequence import open_images
 from tests.sequence_factory import write_images, write_sequence
 
 
-@pytest.mark.parametrize(
-    ("name", "number", "sequence", "seventh"),
-    [
+def test_a_name_and_its_number() -> None:
+    for name, number, sequence, seventh in [
         ("shot.0012.exr", 12, "shot", "shot.0007.exr"),
         ("shot_12.png", 12, "shot", "shot_07.png"),
         ("shot 0012.exr", 12, "shot", "shot 0007.exr"),
@@ -41,12 +40,10 @@ from tests.sequence_factory import write_images, write_sequence
         ("x0012.take2.exr", 2, "x0012.take", "x0012.take7.exr"),
         ("x0012(1).exr", None, "x0012(1)", None),
         ("shot.0001.txt", None, "shot.0001", None),
-    ],
-)
-def test_a_name_and_its_number(name: str, number: int | None, sequence: str, seventh: str | None) -> None:
-    path = Path("in") / name
-    assert (number_of(path), name_of(path)) == (number, sequence)
-    assert renumbered(path, 7) == Path("in") / (seventh or name)
+    ]:
+        path = Path("in") / name
+        assert (number_of(path), name_of(path)) == (number, sequence), name
+        assert renumbered(path, 7) == Path("in") / (seventh or name), name
 
 
 def write_numbers(folder: Path, form: str, numbers: range) -> Path:
@@ -130,23 +127,23 @@ NAMINGS: dict[str, Callable[[Path], Named]] = {
 }
 
 
-@pytest.mark.parametrize("naming", NAMINGS)
-def test_a_sequence_is_named_as_compositors_do(naming: str, tmp_path: Path) -> None:
+def test_a_sequence_is_named_as_compositors_do(tmp_path: Path) -> None:
     folder = write_sequence(tmp_path / "in", 3, reference=True)
-    named = NAMINGS[naming](folder)
-    sequence = open_input(named)
-    assert (sequence.folder, sequence.name, sequence.numbers) == (folder, "synthetic", (0, 1, 2))
-    assert sequence.reference is not None
-    assert open_images(named).numbers == (0, 1, 2)
-    other = open_input(named, assignments=["colour.channels=R G B"])
-    assert (other.folder, other.numbers) == (folder, (0, 1, 2))
+    for naming, name in NAMINGS.items():
+        named = name(folder)
+        sequence = open_input(named)
+        assert (sequence.folder, sequence.name, sequence.numbers) == (folder, "synthetic", (0, 1, 2)), naming
+        assert sequence.reference is not None, naming
+        assert open_images(named).numbers == (0, 1, 2), naming
+        other = open_input(named, assignments=["colour.channels=R G B"])
+        assert (other.folder, other.numbers) == (folder, (0, 1, 2)), naming
 
 
-@pytest.mark.parametrize("naming", NAMINGS)
-def test_every_command_takes_every_naming(naming: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("naming", ["folder", "hashes", "glob of a folder", "list"])
+def test_every_command_takes_a_naming(naming: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_sequence(tmp_path / "in", 3, reference=True)
     write_images(folder, [np.zeros((23, 37, 3), np.float32)] * 2, name="beside")
-    if naming in ("folder", "text"):
+    if naming == "folder":
         for path in folder.glob("beside.*"):
             path.unlink()
     named = NAMINGS[naming](folder)

@@ -54,10 +54,10 @@ def test_every_channel_and_attribute_comes_back(tmp_path: Path) -> None:
     assert back.path == tmp_path / "synthetic.0007.exr"
 
 
-@pytest.mark.parametrize("absent", ["motion", "alpha", "reactive", "object_id", "normal"])
-def test_absent_channel_stays_absent(tmp_path: Path, absent: str) -> None:
-    frame = full_frame(**{absent: None})
-    assert_same_arrays(frame, round_trip(tmp_path, frame))
+def test_absent_channel_stays_absent(tmp_path: Path) -> None:
+    for absent in ["motion", "alpha", "reactive", "object_id", "normal"]:
+        frame = full_frame(**{absent: None})
+        assert_same_arrays(frame, round_trip(tmp_path, frame))
 
 
 @pytest.mark.parametrize("effects", [None, frozenset()])
@@ -65,12 +65,12 @@ def test_no_declaration_differs_from_declaring_no_effect(tmp_path: Path, effects
     assert round_trip(tmp_path, full_frame(effects=effects)).effects == effects
 
 
-@pytest.mark.parametrize("compression", sorted(LOSSLESS))
-def test_special_values_keep_every_bit(tmp_path: Path, compression: str) -> None:
+def test_special_values_keep_every_bit(tmp_path: Path) -> None:
     special = special_values()
     frame = full_frame(colour=np.stack([special] * 3, axis=-1), depth=special, motion=np.stack([special] * 2, axis=-1))
-    write_frame(tmp_path / "special.exr", frame, compression=compression)
-    assert_same_arrays(frame, read_frame(tmp_path / "special.exr"))
+    for compression in sorted(LOSSLESS):
+        write_frame(tmp_path / "special.exr", frame, compression=compression)
+        assert_same_arrays(frame, read_frame(tmp_path / "special.exr"))
 
 
 @pytest.mark.parametrize("layout", ["flipped", "mirrored", "fortran", "strided", "sliced"])
@@ -180,18 +180,18 @@ def test_image_of_mixed_types_and_attributes(tmp_path: Path) -> None:
     assert read_header(tmp_path / "image.exr").layout.channels == {"R": "half", "count": "uint", "weight": "float"}
 
 
-@pytest.mark.parametrize(("name", "rows"), COMPRESSIONS)
-def test_table_of_compressions_is_that_of_the_library(tmp_path: Path, name: str, rows: int) -> None:
+def test_table_of_compressions_is_that_of_the_library(tmp_path: Path) -> None:
     """In a file that OpenEXR wrote, the first entry of the chunk table points right behind the table's last."""
     height = 1024
-    codec = OpenEXR.Compression(COMPRESSION_NUMBERS[name])
-    assert codec.name == ("NO" if name == "none" else name.upper()) + "_COMPRESSION"
-    OpenEXR.File({"compression": codec}, {"Y": np.zeros((height, 2), np.float16)}).write(str(tmp_path / "a.exr"))
-    assert read_layout(tmp_path / "a.exr").compression == name
-    content = (tmp_path / "a.exr").read_bytes()
-    table_size = 8 * height // rows
-    entries = (int.from_bytes(content[place : place + 8], "little") - place for place in range(len(content)))
-    assert table_size in entries
+    for name, rows in COMPRESSIONS:
+        codec = OpenEXR.Compression(COMPRESSION_NUMBERS[name])
+        assert codec.name == ("NO" if name == "none" else name.upper()) + "_COMPRESSION", name
+        OpenEXR.File({"compression": codec}, {"Y": np.zeros((height, 2), np.float16)}).write(str(tmp_path / "a.exr"))
+        assert read_layout(tmp_path / "a.exr").compression == name, name
+        content = (tmp_path / "a.exr").read_bytes()
+        table_size = 8 * height // rows
+        entries = (int.from_bytes(content[place : place + 8], "little") - place for place in range(len(content)))
+        assert table_size in entries, name
 
 
 @pytest.mark.parametrize("compression", ["dwaa", "pxr24", "best"])

@@ -122,9 +122,8 @@ def test_memory_does_not_grow_with_the_frames(tmp_path: Path) -> None:
     assert resident[279] - resident[79] < 15_000
 
 
-@pytest.mark.parametrize(
-    ("attributes", "record", "rate"),
-    [
+def test_rate() -> None:
+    cases: list[tuple[dict[str, object], dict[str, Any], Fraction | int]] = [
         ({}, {}, 24),
         ({}, {"settings": {"fps": 30.0}}, 30),
         ({"framesPerSecond": Fraction(30000, 1001)}, {"settings": {"fps": 12.0}}, Fraction(30000, 1001)),
@@ -134,12 +133,11 @@ def test_memory_does_not_grow_with_the_frames(tmp_path: Path) -> None:
         ({}, {"settings": []}, 24),
         ({"framesPerSecond": float("nan")}, {}, 24),
         ({"framesPerSecond": None}, {}, 24),
-    ],
-)
-def test_rate(attributes: dict[str, object], record: dict[str, Any], rate: Fraction) -> None:
-    assert rate_of(attributes, record) == rate
-    assert rate_of(attributes, record, step=7) == Fraction(rate) / 7
-    assert rate_of(attributes, record, step=1000) == 1
+    ]
+    for attributes, record, rate in cases:
+        assert rate_of(attributes, record) == rate, (attributes, record)
+        assert rate_of(attributes, record, step=7) == Fraction(rate) / 7, (attributes, record)
+        assert rate_of(attributes, record, step=1000) == 1, (attributes, record)
 
 
 def test_the_film_of_a_resolve_is_as_fast_as_its_capture(tmp_path: Path) -> None:

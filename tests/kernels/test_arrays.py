@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -132,24 +133,21 @@ HARD_DEPTHS = np.array(
 )
 
 
-@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (0, 2, 1)], ids=["HWC", "planar", "rows of planes"])
-@pytest.mark.parametrize("dtype", [np.float32, np.float16])
 @pytest.mark.parametrize("lanes", [1, 8])
-@pytest.mark.parametrize("width", [1, 37, 160])
-def test_an_array_in_any_order_becomes_the_planes_that_it_holds(
-    order: tuple[int, ...], dtype: type[Any], lanes: int, width: int
-) -> None:
-    launcher, layout, random = device(), Layout(width, 9), np.random.default_rng(7)
-    array = np.empty([(9, width, 3)[axis] for axis in order], dtype).transpose(np.argsort(order))
-    array[...] = random.normal(0.0, 9.0, array.shape)
-    array[0, 0], array[1, 0, 0] = (np.nan, np.inf, -0.0), 3e4
-    target = unpacked(launcher, launcher.build(Build(lanes=lanes, strict=True)), layout, array, 3)
-    expected = layout.zeros(3)
-    layout.inside(expected)[...] = np.moveaxis(array, -1, 0)
-    layout.extend_edges(expected)
-    np.testing.assert_array_equal(target, expected)
-    twin = unpacked(NumpyLauncher(), Build(), layout, array, 3)
-    np.testing.assert_array_equal(twin, target)
+def test_an_array_in_any_order_becomes_the_planes_that_it_holds(lanes: int) -> None:
+    launcher, orders = device(), ((0, 1, 2), (2, 0, 1), (0, 2, 1))  # pixels, planes, rows of planes
+    for width, dtype, order in product((1, 37, 160), (np.float32, np.float16), orders):
+        layout, random = Layout(width, 9), np.random.default_rng(7)
+        array = np.empty([(9, width, 3)[axis] for axis in order], dtype).transpose(np.argsort(order))
+        array[...] = random.normal(0.0, 9.0, array.shape)
+        array[0, 0], array[1, 0, 0] = (np.nan, np.inf, -0.0), 3e4
+        target = unpacked(launcher, launcher.build(Build(lanes=lanes, strict=True)), layout, array, 3)
+        expected = layout.zeros(3)
+        layout.inside(expected)[...] = np.moveaxis(array, -1, 0)
+        layout.extend_edges(expected)
+        np.testing.assert_array_equal(target, expected, f"{width} {dtype} {order}")
+        twin = unpacked(NumpyLauncher(), Build(), layout, array, 3)
+        np.testing.assert_array_equal(twin, target, f"{width} {dtype} {order}")
 
 
 def unpacked(
@@ -167,37 +165,34 @@ def unpacked(
 
 
 @pytest.mark.parametrize("lanes", [1, 8])
-@pytest.mark.parametrize("kind", [Kind.PERSPECTIVE, Kind.PARALLEL])
-@pytest.mark.parametrize("sky", [(-np.inf, 0.0), (2.0**-13, 1e-3)])
-def test_a_distance_becomes_its_inverse_depth_to_the_bit(lanes: int, kind: Kind, sky: tuple[float, float]) -> None:
+def test_a_distance_becomes_its_inverse_depth_to_the_bit(lanes: int) -> None:
     """``camera.inverse_depth``, and of a perspective camera what is at or below a place of the sky is moved there."""
-    if kind is Kind.PARALLEL:
-        sky = (-np.inf, 0.0)
     launcher, layout, random = device(), Layout(129, 65), np.random.default_rng(8)
     depth = (10.0 ** random.uniform(-6, 6, (65, 129))).astype(np.float32)
     depth[::3, ::5] = random.choice(HARD_DEPTHS, depth[::3, ::5].shape)
     depth[1, 1] = 2.0**13
-    expected = layout.zeros(1)
-    camera = Camera(np.eye(4), orthographic(2.0, 1.5)) if kind is Kind.PARALLEL else make_camera()
-    inside = layout.inside(expected)[0]
-    inverse_depth(depth, camera, inside)
-    inside[inside <= np.float32(sky[0])] = sky[1]
-    layout.extend_edges(expected)
-    below, at = map(np.float32, sky)
-    for on, build in ((launcher, launcher.build(Build(lanes=lanes, strict=True))), (NumpyLauncher(), Build())):
-        found = unpacked(on, build, layout, depth, 1, kind=int(kind), below=below, at=at)
-        assert np.array_equal(bits(found), bits(expected))
+    sound = -np.inf, 0.0  # no place of the sky
+    for kind, sky in ((Kind.PERSPECTIVE, sound), (Kind.PERSPECTIVE, (2.0**-13, 1e-3)), (Kind.PARALLEL, sound)):
+        expected = layout.zeros(1)
+        camera = Camera(np.eye(4), orthographic(2.0, 1.5)) if kind is Kind.PARALLEL else make_camera()
+        inside = layout.inside(expected)[0]
+        inverse_depth(depth, camera, inside)
+        inside[inside <= np.float32(sky[0])] = sky[1]
+        layout.extend_edges(expected)
+        below, at = map(np.float32, sky)
+        for on, build in ((launcher, launcher.build(Build(lanes=lanes, strict=True))), (NumpyLauncher(), Build())):
+            found = unpacked(on, build, layout, depth, 1, kind=int(kind), below=below, at=at)
+            assert np.array_equal(bits(found), bits(expected)), (kind, sky)
 
 
-@pytest.mark.parametrize("planes", [3, 4])
 @pytest.mark.parametrize("lanes", [1, 8])
-@pytest.mark.parametrize("storage", [Storage.FLOAT, Storage.HALF, Storage.DOUBLE])
-def test_a_result_becomes_an_array(planes: int, lanes: int, storage: Storage) -> None:
+def test_a_result_becomes_an_array(lanes: int) -> None:
     launcher, layout, random = device(), Layout(37, 9), np.random.default_rng(9)
-    build = launcher.build(Build(lanes=lanes, storage=storage))
-    content = layout.zeros(planes, storage_dtype(build))
-    content[...] = random.normal(0.0, 9.0, content.shape)
-    for dtype in (np.float32, np.float16):
+    storages, dtypes = (Storage.FLOAT, Storage.HALF, Storage.DOUBLE), (np.float32, np.float16)
+    for storage, dtype, planes in product(storages, dtypes, (3, 4)):
+        build = launcher.build(Build(lanes=lanes, storage=storage))
+        content = layout.zeros(planes, storage_dtype(build))
+        content[...] = random.normal(0.0, 9.0, content.shape)
         for out in (np.zeros((9, 37, planes), dtype), np.moveaxis(np.zeros((planes, 9, 37), dtype), 0, -1)):
             image = launcher.allocate(content.shape, content.dtype)
             with image.mapped(write=True) as target:
@@ -207,14 +202,12 @@ def test_a_result_becomes_an_array(planes: int, lanes: int, storage: Storage) ->
             given = {"image": image, "target": received, "planes": planes, **size_of(layout), **places(out)}
             exchange.hand_over(out, received, launcher.run("pack", build, layout, given))
             floats = np.moveaxis(layout.inside(content), 0, -1).astype(np.float32)
-            assert np.array_equal(bits(out.copy()), bits(floats.astype(dtype)))
+            assert np.array_equal(bits(out.copy()), bits(floats.astype(dtype))), (storage, dtype, planes)
 
 
-@pytest.mark.parametrize(
-    "array", [np.zeros((4, 5, 3))[::-1], np.zeros((4, 50, 3), np.float32)[:, ::9], np.zeros((4, 5), ">f4")]
-)
-def test_what_kernels_cannot_read_in_its_place(array: NDArray[Any]) -> None:
-    assert flat(array) is None
+def test_what_kernels_cannot_read_in_its_place() -> None:
+    far_apart: NDArray[Any] = np.zeros((4, 50, 3), np.float32)[:, ::9]
+    assert [flat(array) for array in (np.zeros((4, 5, 3))[::-1], far_apart, np.zeros((4, 5), ">f4"))] == [None] * 3
     frame = make_frame(0)
     odd = replace(frame, depth=frame.depth[::-1].astype(">f8")[::-1])
     assert np.array_equal(Resolver("basic", device()).resolve(odd), Resolver("basic", device()).resolve(frame))

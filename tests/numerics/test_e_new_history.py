@@ -58,7 +58,7 @@ def test_e5_a_filtered_cut_never_looks_at_the_old_history(
     cut = replace(make_frame(2, alpha=True, effects=effects), cut=True)
     results = []
     for seed, poisoned in ((1, False), (2, False), (3, True)):
-        resolver = Resolver(device=launcher, strict=True)
+        resolver = Resolver(device=launcher, strict=True, every_step=True)
         for index in range(2):
             resolver.resolve(make_frame(index, alpha=True, effects=effects, seed=seed))
         if poisoned:
@@ -71,7 +71,7 @@ def test_e5_a_filtered_cut_never_looks_at_the_old_history(
 
 def test_e5_even_history_that_is_used_may_be_poisoned(launcher: DeviceLauncher) -> None:
     # Not by this program; but nothing of it may reach the picture, or stay.
-    resolver = Resolver(device=launcher, strict=True)
+    resolver = Resolver(device=launcher, strict=True, every_step=True)
     frames = [make_frame(i, alpha=True, effects=None) for i in range(4)]
     for frame in frames[:2]:
         resolver.resolve(frame)

@@ -278,7 +278,7 @@ def test_g6_a_run_gives_the_same_bits_again(launcher: DeviceLauncher) -> None:
     frames: list[Frame] = frames_of(7)
     runs: list[NDArray[Any]] = []
     for _ in range(2):
-        resolver = Resolver(device=launcher, strict=True)
+        resolver = Resolver(device=launcher, strict=True, every_step=True)
         runs.append(np.array([resolver.resolve(frame) for frame in frames]))
     assert np.array_equal(bits(runs[0]), bits(runs[1]))
 

@@ -13,6 +13,7 @@ from cltaa.inputs.convert import FLIP_Z
 from cltaa.lab.check.camera import check_structure, sound
 from cltaa.lab.check.hypotheses import Finding
 from cltaa.lab.check.report import check_frames
+from cltaa.lab.inspect.findings import inspect_folder
 from cltaa_datasets.scenes import registered
 from tests.lab.check.conftest import MOTIONS, Scene
 from tests.lab.check.mistakes import MISTAKES, full_motion
@@ -34,7 +35,10 @@ def test_there_are_enough_of_both() -> None:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_correct_sequences_raise_no_alarm(name: str, scene: Scene) -> None:
-    assert mistakes(check_frames(scene(name))) == []
+    frames = scene(name)
+    assert mistakes(check_frames(frames)) == []
+    assert frames[0].path is not None
+    assert inspect_folder(frames[0].path.parent, pixels=True).problems == []  # nor does what is declared
 
 
 @pytest.mark.parametrize("name", ["corridor", "occluder"])

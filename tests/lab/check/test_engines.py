@@ -116,35 +116,31 @@ def projection(a: float, b: float) -> np.ndarray:
     return np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, a, b], [0, 0, -1, 0]], np.float64)
 
 
-@pytest.mark.parametrize(
-    ("z_near", "z_far", "from_zero"),
-    [(-1, 1, False), (0, 1, True), (1, 0, False)],
-    ids=["opengl", "direct3d", "reversed"],
-)
-@pytest.mark.parametrize("far", [50.0, np.inf])
-def test_planes_of_a_projection(z_near: int, z_far: int, from_zero: bool, far: float) -> None:
+def test_planes_of_a_projection() -> None:
     near = 0.25
-    b = (z_near - z_far) / (1 / near - 1 / far)  # z = b / Z - a at both
-    found = planes_of(projection(b / near - z_near, b), from_zero=from_zero)
-    assert found == pytest.approx((1 / near, 1 / far), abs=1e-12)
-    # Unless --input depth.near says more clip space is taken to begin at -1.
-    declared = device_planes(Depth(kind=DepthKind.DEVICE), Camera(np.eye(4), projection(b / near - z_near, b)))
-    assert (declared == found) == (not from_zero)
+    for far in [50.0, np.inf]:
+        for z_near, z_far, from_zero in [(-1, 1, False), (0, 1, True), (1, 0, False)]:  # OpenGL, Direct3D, reversed
+            b = (z_near - z_far) / (1 / near - 1 / far)  # z = b / Z - a at both
+            found = planes_of(projection(b / near - z_near, b), from_zero=from_zero)
+            assert found == pytest.approx((1 / near, 1 / far), abs=1e-12), (z_near, z_far, far)
+            # Unless --input depth.near says more clip space is taken to begin at -1.
+            declared = device_planes(Depth(kind=DepthKind.DEVICE), Camera(np.eye(4), projection(b / near - z_near, b)))
+            assert (declared == found) == (not from_zero), (z_near, z_far, far)
     assert planes_of(projection(-1.0, 0.0)) == (0.0, 0.0)  # none can be read
 
 
-@pytest.mark.parametrize("before", [name for name in COMBINED if "transposed" not in name])
-def test_a_correction_on_top_of_another_reads_the_camera_that_it_was_found_for(before: str) -> None:
-    stored = make_camera((1.0, 2.0, 5.0))
-    for name in ("inverse", "inverse-z-forward", "y-flipped", "mirrored"):
-        meant = COMBINED[name]
-        first = correct(Profile(), {"camera": COMBINED[before].fix})
-        converted = mended_camera(stored.world_to_view, stored.view_to_clip, first.camera, (0, 0), 1, 1)
-        both = correct(first, {"camera": meant.fix})
-        found = mended_camera(stored.world_to_view, stored.view_to_clip, both.camera, (0, 0), 1, 1)
-        expected = meant.change(converted)
-        np.testing.assert_allclose(found.world_to_view, expected.world_to_view, atol=1e-12)
-        np.testing.assert_allclose(found.view_to_clip, expected.view_to_clip, atol=1e-12)
+def test_a_correction_on_top_of_another_reads_the_camera_that_it_was_found_for() -> None:
+    for before in [name for name in COMBINED if "transposed" not in name]:
+        stored = make_camera((1.0, 2.0, 5.0))
+        for name in ("inverse", "inverse-z-forward", "y-flipped", "mirrored"):
+            meant = COMBINED[name]
+            first = correct(Profile(), {"camera": COMBINED[before].fix})
+            converted = mended_camera(stored.world_to_view, stored.view_to_clip, first.camera, (0, 0), 1, 1)
+            both = correct(first, {"camera": meant.fix})
+            found = mended_camera(stored.world_to_view, stored.view_to_clip, both.camera, (0, 0), 1, 1)
+            expected = meant.change(converted)
+            np.testing.assert_allclose(found.world_to_view, expected.world_to_view, atol=1e-12)
+            np.testing.assert_allclose(found.view_to_clip, expected.view_to_clip, atol=1e-12)
 
 
 def test_what_is_transposed_twice_is_not() -> None:

@@ -25,9 +25,8 @@ def exposed(frames: list[Frame], pixels: float, declared: float) -> list[Frame]:
 
 
 @pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize(
-    ("pixels", "declared", "expected"),
-    [
+def test_it_is_named(name: str, scene: Scene) -> None:
+    for pixels, declared, expected in [
         (0.2, 0.2, []),
         (0.2, 0.0, [("exposure-missing", False)]),
         (-0.2, 0.0, [("exposure-missing", False)]),
@@ -35,11 +34,9 @@ def exposed(frames: list[Frame], pixels: float, declared: float) -> list[Frame]:
         (0.2, -0.2, [("exposure-inverted", True)]),
         (0.2, 0.4, [("exposure-missing", False)]),  # neither
         (0.005, 0.0, []),  # too little to be told from what moves
-    ],
-)
-def test_it_is_named(name: str, pixels: float, declared: float, expected: list[tuple[str, bool]], scene: Scene) -> None:
-    found = check_exposure(exposed(scene(name), pixels, declared))
-    assert [(finding.name, finding.mistake) for finding in found] == expected
+    ]:
+        found = check_exposure(exposed(scene(name), pixels, declared))
+        assert [(finding.name, finding.mistake) for finding in found] == expected, (pixels, declared)
 
 
 def test_it_is_one_of_the_detectors_findings_and_hides_no_other(scene: Scene) -> None:

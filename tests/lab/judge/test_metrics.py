@@ -118,15 +118,15 @@ def test_flip_hdr_sees_what_the_display_does_not() -> None:
     assert flip_map(test, reference, hdr=True).mean() > 0.01
 
 
-@pytest.mark.parametrize("value", [0.0, 1e-30, 1e-7, 1e-3, 1.0, 1e4, 1e30])
-@pytest.mark.parametrize("spread", ["flat", "point", "picture"])
-def test_flip_hdr_survives_any_brightness(value: float, spread: str) -> None:
+def test_flip_hdr_survives_any_brightness() -> None:
     """The module ends the whole program where its range of exposures is upside down; that must not happen."""
-    image = {"flat": np.ones((12, 12, 3), np.float32), "point": np.zeros((12, 12, 3), np.float32), "picture": picture()}
-    reference = image[spread] * np.float32(value)
-    reference[5, 5] = value
-    error = flip_map(reference * np.float32(0.5), reference, hdr=True)
-    assert np.isfinite(error).all()
+    images = {"flat": np.ones((12, 12, 3), np.float32), "point": np.zeros((12, 12, 3), np.float32), "real": picture()}
+    for name, image in images.items():
+        for value in [0.0, 1e-30, 1e-7, 1e-3, 1.0, 1e4, 1e30]:
+            reference = image * np.float32(value)
+            reference[5, 5] = value
+            error = flip_map(reference * np.float32(0.5), reference, hdr=True)
+            assert np.isfinite(error).all(), (name, value)
 
 
 def test_arguments_that_are_not_contiguous() -> None:
