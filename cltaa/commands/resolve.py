@@ -180,11 +180,11 @@ def resolve(
     an interrupted run, with the same bits as one whole run. --follow waits for files that are half written.
     """
     if compare is not None and preview is None:
-        raise UsageError(f"--compare {compare} is of a film", cure="name it: --preview FILE.mp4")
+        raise UsageError(f"--compare {compare} needs a film", cure="name it: --preview FILE.mp4")
     # After a bare --debug, which shows tracebacks, an extra word was probably meant as a debug view.
     hint = f"; --debug takes views: {', '.join(View)}" if ctx.find_root().params.get("debug") else ""
     if idle is not None and not follow:
-        raise UsageError("--idle ends --follow", cure="give both, or neither")
+        raise UsageError("--idle needs --follow", cure="give both, or neither")
     named = one_sequence(ctx, sequence, hint)
     if follow and not isinstance(named, Path):
         cure = "name the folder, or quote the pattern, as in 'x.####.exr'"

@@ -68,7 +68,7 @@ def command(
     if not checked and len(sequences) > 1:
         sequences, checked = sequences[:-1], sequences[-1:]
     if set(map(real_path, sequences)) & set(map(real_path, checked)):
-        raise UsageError("a sequence is both searched and checked on", cure="name another one with --check")
+        raise UsageError("a sequence is used both to search and to check", cure="name another one with --check")
     check_creatable(output)
     opened = open_each([*sequences, *checked], reading)
     tuned = tune(

@@ -109,7 +109,7 @@ class BandedResolver(Resolver):
                 cure="leave --band-rows out, or take --preset default",
             )
         if band_rows < 1 or band_rows % 1:
-            raise UsageError("a band of no rows", expected="1 or more", found=band_rows)
+            raise UsageError("invalid number of rows in a band", expected="1 or more", found=band_rows)
         self._rows = band_rows
 
     @classmethod

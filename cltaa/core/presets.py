@@ -128,7 +128,7 @@ def preset_names() -> list[str]:
 def load_preset(name: str = "default") -> Preset:
     """Return the preset of that current or earlier name; raises UsageError where there is none."""
     if not isinstance(name, str):
-        raise UsageError("a preset is named by text", expected="as 'default'", found=repr(name))
+        raise UsageError("the name of a preset must be text", expected="as 'default'", found=repr(name))
     name = current(name, PRESETS, frozenset(preset_names()), "preset")
     if name not in (BASE, *preset_names()):
         cure = known(name, preset_names(), "presets")

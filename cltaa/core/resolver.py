@@ -209,7 +209,7 @@ class Resolver:
         once. Raises UsageError for other types, and ResourceError.
         """
         if np.dtype(dtype) not in (np.float32, np.float16):
-            raise UsageError("frames hold no such numbers", expected="float32 or float16", found=np.dtype(dtype))
+            raise UsageError("unsupported type of numbers", expected="float32 or float16", found=np.dtype(dtype))
         try:
             wanted = np.empty(shape, dtype)  # takes no memory until it is touched
         except MemoryError as error:
@@ -330,7 +330,7 @@ class Resolver:
         """
         check_frame(frame)
         if self._waiting:
-            raise UsageError("frames wait for later ones, which none can be kept behind", cure="call flush()")
+            raise UsageError("frames are still waiting for later ones", cure="call flush()")
         if self._lends:
             self.launcher.finish()
         self._previous = self._latest if self.look_ahead else self._previous

@@ -67,7 +67,7 @@ class PngImages(ImageSequence):
         with open_regular(path) as file:
             start = file.read(HEADER.size)
         if len(start) < HEADER.size or not start.startswith(SIGNATURE) or HEADER.unpack(start)[1] != FIRST:
-            raise DataError("is no PNG", path=path, cure="write it again")
+            raise DataError("is not a PNG", path=path, cure="write it again")
         *_, width, height, bits = HEADER.unpack(start)
         if bits > DEEPEST:
             cure = "write it with 8 bits, or as EXR"

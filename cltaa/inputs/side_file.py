@@ -47,7 +47,7 @@ def read_side_file(path: Path) -> dict[int, Side]:
             if name in values and meant is not None and meant not in values:
                 raise DataError(f"unknown key {name}", path=path, frame=number, cure=f"did you mean {meant}?")
         if number in found:
-            raise DataError("the frame is there twice", path=path, frame=number, cure="leave one of the two")
+            raise DataError("the frame is given twice", path=path, frame=number, cure="leave one of the two")
         found[number] = _side(path, number, values)
     for number, side in found.items():
         if (side.world_to_view is None) != (side.view_to_clip is None):

@@ -129,7 +129,11 @@ class Selection:
             if number in numbers:
                 cure = "move one of the two elsewhere, or name the others by a pattern"
                 raise DataError(
-                    "two files have one frame number", path=path, frame=number, found=numbers[number].name, cure=cure
+                    "two files have the same frame number",
+                    path=path,
+                    frame=number,
+                    found=numbers[number].name,
+                    cure=cure,
                 )
             numbers[number] = path
         moved = [_number_last(path) for path, _ in there]

@@ -74,7 +74,7 @@ class OnBreak(StrEnum):
 def on_break(mode: OnBreak | str) -> OnBreak:
     """Return the mode of that name; raises UsageError for an unknown one."""
     if mode not in [*OnBreak]:
-        raise UsageError("no such way to go on behind a break", expected=", ".join(OnBreak), found=mode)
+        raise UsageError("unknown way to continue after a break", expected=", ".join(OnBreak), found=mode)
     return OnBreak(mode)
 
 
@@ -84,7 +84,7 @@ def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) 
         return list(numbers)
     if not (isinstance(frames, tuple | list) and len(frames) == 2):
         expected = "the first and the last of them, as (8, 47)"
-        raise UsageError("frames that are no range", path=folder, expected=expected, found=repr(frames))
+        raise UsageError("invalid range of frames", path=folder, expected=expected, found=repr(frames))
     first, last = frames
     for end in frames:
         if end not in numbers:
@@ -107,7 +107,11 @@ def check_steps(paths: Mapping[int, Path], frames: FrameRange, step: int, gaps: 
         if (number - first) % step:
             expected, cure = f"every {step}. frame from {first} on", "leave --step out, or move the others elsewhere"
             raise DataError(
-                "the frame lies between two steps", path=paths[number], frame=number, expected=expected, cure=cure
+                "the frame number lies between two steps",
+                path=paths[number],
+                frame=number,
+                expected=expected,
+                cure=cure,
             )
     for number in range(first, last + 1, step) if gaps is OnBreak.ERROR else ():
         if number not in paths:

@@ -54,7 +54,7 @@ class Video:
     def finish(self) -> None:
         """Flush the encoder; raises DataError where no picture was added."""
         if self._stream is None:
-            raise DataError("a film of no frames", path=self._path)
+            raise DataError("no frames to film", path=self._path)
         self._container.mux(self._stream.encode(None))
 
     def _start(self, picture: Picture) -> None:
@@ -99,12 +99,12 @@ def check_film(path: Path, sequence: NumberedFiles, output: Path, *, beside: boo
     import_av()
     folder, made = real_path(path.parent), [real_path(output), *real_path(output).parents]
     if real_path(path) in made:
-        raise UsageError("the film would lie where the output does", path=path, cure="name another file or folder")
+        raise UsageError("the film would overwrite the output", path=path, cure="name another file or folder")
     if folder.is_dir() or folder not in made:
         check_creatable(path)
     if path.suffix.lower() not in SUFFIXES:
         raise UsageError(
-            "a film is an MP4", path=path, expected=" or ".join(SUFFIXES), found=path.suffix or "no suffix"
+            "a film must be an MP4", path=path, expected=" or ".join(SUFFIXES), found=path.suffix or "no suffix"
         )
     if len({(layout.width, layout.height) for layout in sequence.layouts.values()}) > 1:
         raise UsageError("a film of frames of several sizes", path=path, cure="leave --preview out")

@@ -103,7 +103,7 @@ def choose_device(requested: str | None = None) -> cl.Device:
     if not matching:
         listed = "; ".join(f"{index}: {describe(device)}" for index, device in enumerate(found))
         if requested == "numpy":  # requested of a command that needs a device
-            raise UsageError("this needs an OpenCL device, and numpy is none", found=listed, cure="name one of them")
+            raise UsageError("this needs an OpenCL device, which numpy is not", found=listed, cure="name one of them")
         raise UsageError(f"no OpenCL device matches {requested}", found=listed, cure="name one of them, or numpy")
     return matching[0]
 

@@ -336,7 +336,7 @@ def arrivals_of(
         raise UsageError(f"preset {preset.name} looks ahead, so it cannot follow", cure=cure)
     if options.get("preview") is not None:
         cure = "give the same command with --preview and without --follow when all is there"
-        raise UsageError("--preview is of a finished sequence", cure=cure)
+        raise UsageError("--preview needs a finished sequence", cure=cure)
     others = dict(reading)
     guided = denoises(options.get("denoise", "none"))
     return Arrivals(source, others.pop("frames", None), idle, others, guided=guided)

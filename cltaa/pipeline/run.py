@@ -131,7 +131,7 @@ def stage_rows(seconds: StageTimes) -> Iterable[tuple[str, float]]:
 def check_jobs(jobs: int, preset: Preset, *, follow: bool, debug: bool, dask: bool) -> None:
     """Raise UsageError where so many parts of a sequence cannot be resolved at once, here or by workers of ``dask``."""
     if jobs < 1:
-        raise UsageError("so many parts at once", expected="1 or more", found=jobs)
+        raise UsageError("invalid number of parts", expected="1 or more", found=jobs)
     if jobs == 1 and not dask:
         return
     parted = "--dask" if dask else "--jobs"
@@ -140,7 +140,9 @@ def check_jobs(jobs: int, preset: Preset, *, follow: bool, debug: bool, dask: bo
         raise UsageError(f"{parted}: preset {preset.name} resolves each frame from the result before it", cure=cure)
     for given, option in ((follow, "--follow"), (debug, "--debug")):
         if given:
-            raise UsageError(f"{parted} resolves no frames in turn, as {option} wants", cure="give one of the two")
+            raise UsageError(
+                f"{parted} does not resolve frames in order, which {option} needs", cure="give one of the two"
+            )
 
 
 class Order(NamedTuple):
@@ -228,9 +230,9 @@ def resolve_sequence(
     if compare not in (None, *COMPARISONS):
         raise UsageError("no such comparison", expected=", ".join(COMPARISONS), found=compare)
     if compare is not None and preview is None:
-        raise UsageError(f"comparison {compare} is of a film", cure="name it: preview")
+        raise UsageError(f"comparison {compare} needs a film", cure="name it: preview")
     if checkpoint_every < 1:
-        raise UsageError("a checkpoint every so many frames", expected="1 or more", found=checkpoint_every)
+        raise UsageError("invalid checkpoint interval", expected="1 or more", found=checkpoint_every)
     refuse_place(output, sequence)
     check_lossless(compression)
     check_layers(sequence, layers)

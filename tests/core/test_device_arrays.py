@@ -164,7 +164,7 @@ def test_an_empty_array_is_as_asked_for(device: str | None) -> None:
 
 def test_an_array_that_nothing_can_hold_is_refused() -> None:
     resolver = Resolver(device="numpy")
-    with pytest.raises(UsageError, match=r"frames hold no such numbers \(expected float32 or float16, found int32\)"):
+    with pytest.raises(UsageError, match=r"unsupported type of numbers \(expected float32 or float16, found int32\)"):
         resolver.empty((4, 5), np.int32)
     with pytest.raises(ResourceError, match="not enough memory for an array: Unable to allocate"):
         resolver.empty((2**30, 2**30))

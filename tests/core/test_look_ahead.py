@@ -104,7 +104,7 @@ def test_no_frame_is_only_kept_where_none_are_gathered_or_some_wait() -> None:
         Resolver("fast", "numpy").keep(make_frame())
     resolver = Resolver(looking(), "numpy")
     resolver.feed(make_frame())
-    with pytest.raises(UsageError, match=r"frames wait for later ones, which none can be kept behind; call flush\(\)"):
+    with pytest.raises(UsageError, match=r"frames are still waiting for later ones; call flush\(\)"):
         resolver.keep(make_frame(1))
 
 

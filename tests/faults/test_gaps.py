@@ -131,7 +131,10 @@ def test_numbers_that_lie_apart_are_one_history(
     assert main(arguments(apart, tmp_path / "gap", *chosen, "--step", str(step))) == 66
     assert f"frame {first + 2 * step}: the frame is missing; capture" in capsys.readouterr().err
     assert main(arguments(whole, tmp_path / "gap", *chosen, "--step", "3")) == 65
-    assert "frame 1: the frame lies between two steps (expected every 3. frame from 0 on)" in capsys.readouterr().err
+    assert (
+        "frame 1: the frame number lies between two steps (expected every 3. frame from 0 on)"
+        in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize("number", [0, 3])

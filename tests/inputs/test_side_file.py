@@ -305,5 +305,5 @@ def test_a_frame_that_is_no_number_is_told(frame: str, tmp_path: Path) -> None:
 def test_two_accounts_of_one_frame_are_refused(name: str, text: str, tmp_path: Path) -> None:
     """As of two takes, one behind the other: the later counted, without a word."""
     (tmp_path / name).write_text(text)
-    with pytest.raises(DataError, match=f"{name} frame 1: the frame is there twice"):
+    with pytest.raises(DataError, match=f"{name} frame 1: the frame is given twice"):
         read_side_file(tmp_path / name)

@@ -149,7 +149,7 @@ def test_sizes_that_differ(tmp_path: Path) -> None:
 def test_two_sequences_and_two_files_of_one_number(tmp_path: Path) -> None:
     write_sequence(tmp_path, 2)
     shutil.copy(tmp_path / "synthetic.0001.exr", tmp_path / "synthetic.1.exr")
-    assert "two files have one frame number" in refusal(tmp_path, DataError)
+    assert "two files have the same frame number" in refusal(tmp_path, DataError)
     (tmp_path / "synthetic.1.exr").unlink()
     write_sequence(tmp_path, 2, name="other")
     refused = refusal(tmp_path, DataError)
@@ -224,5 +224,7 @@ def test_what_to_do_at_a_break_may_be_said_by_name(tmp_path: Path) -> None:
     with pytest.raises(InputMissing, match="the frame is missing"):
         open_sequence(folder, gaps="error")  # type: ignore[arg-type]
     for option in ("gaps", "on_resize"):
-        with pytest.raises(UsageError, match=r"no such way to go on .*expected error, reset, found skip"):
+        with pytest.raises(
+            UsageError, match=r"unknown way to continue after a break .*expected error, reset, found skip"
+        ):
             open_sequence(folder, **{option: "skip"})  # type: ignore[arg-type]

@@ -87,7 +87,7 @@ def test_failures_leave_nothing_behind(tmp_path: Path) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         write_video(tmp_path / "a.mp4", broken())
-    with pytest.raises(DataError, match="film of no frames"):
+    with pytest.raises(DataError, match="no frames to film"):
         write_video(tmp_path / "a.mp4", [])
     with pytest.raises(DataError, match="frame 1: picture size differs"):
         write_video(tmp_path / "a.mp4", [flat((0, 0, 0)), flat((0, 0, 0), 32)])

@@ -191,7 +191,7 @@ def test_a_run_goes_on_behind_its_end(made: Path, tmp_path: Path) -> None:
 def test_what_only_a_finished_sequence_has_is_refused(made: Path, tmp_path: Path) -> None:
     for given, said in (
         ({"preset": "gather-8+8"}, "looks ahead, so it cannot follow"),
-        ({"preview": tmp_path / "film.mp4"}, "--preview is of a finished sequence"),
+        ({"preview": tmp_path / "film.mp4"}, "--preview needs a finished sequence"),
     ):
         with pytest.raises(UsageError, match=said):
             resolve_folder(made / "in", tmp_path / "out", follow=True, **NUMPY, **given)

@@ -198,7 +198,7 @@ def test_what_cannot_be_parted_is_refused(shot: Path, tmp_path: Path) -> None:
         ("default", {}, "--jobs: preset default resolves each frame from the result before it"),
         ("gather-8", {"debug": ("count",)}, "as --debug wants"),
         ("gather-8", {"follow": True}, "as --follow wants"),
-        ("gather-8", {"jobs": 0}, "so many parts at once"),
+        ("gather-8", {"jobs": 0}, "invalid number of parts"),
     )
     for preset, options, told in cases:
         with pytest.raises(UsageError, match=told):

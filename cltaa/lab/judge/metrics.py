@@ -242,7 +242,7 @@ def measure(
         check_finite(name, image, file, frame)
     if not isinstance(stops, Real) or not abs(stops) <= EXPOSURE_STOPS:
         within = f"a number from {-EXPOSURE_STOPS:g} to {EXPOSURE_STOPS:g}"
-        raise UsageError("stops are no exposure", expected=within, found=repr(stops))
+        raise UsageError("stops are out of range", expected=within, found=repr(stops))
     wanted = [name.strip() for name in metrics.split(",")] if isinstance(metrics, str) else metrics
     asked = DEFAULT_METRICS if wanted is None else wanted
     chosen = [named_metrics([metric])[0] if isinstance(metric, str) else metric for metric in asked]

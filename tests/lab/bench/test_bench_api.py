@@ -54,7 +54,7 @@ def test_plain_copies_are_there(pinned: bool) -> None:
 
 
 def test_what_cannot_be_timed_is_refused() -> None:
-    with pytest.raises(UsageError, match="this needs an OpenCL device, and numpy is none"):
+    with pytest.raises(UsageError, match="this needs an OpenCL device, which numpy is not"):
         bench_api(load_preset(), "numpy", ((64, 36),), rounds=3)
     with pytest.raises(UsageError, match="looks ahead, so no call gives an image"):
         root.main(["bench", "api", "--preset", "gather-8+8"], standalone_mode=False)

@@ -72,7 +72,7 @@ def test_pngs_that_cannot_be_read_are_told(capsys: pytest.CaptureFixture[str], t
         capsys, 65, deep, good
     )
     for name, content, says in (
-        ("text", b"text", "is no PNG"),
+        ("text", b"text", "is not a PNG"),
         ("cut", good.read_bytes()[:60], "the PNG cannot be read"),
     ):
         (tmp_path / f"{name}.png").write_bytes(content)

@@ -114,7 +114,7 @@ def test_search_finds_something_no_worse_and_checks_it_elsewhere(
     assert np.isfinite(tuned["gain_elsewhere"])
     load_config(output, load_preset())
     assert main([*arguments, "--check", str(folders[0])]) == 64
-    assert "both searched and checked" in capsys.readouterr().err
+    assert "used both to search and to check" in capsys.readouterr().err
 
 
 def test_an_output_that_cannot_be_written_is_told_before_the_search(
@@ -271,4 +271,4 @@ def test_another_way_to_a_sequence_is_the_same_sequence(
     monkeypatch.chdir(tmp_path)
     command = ["tune", str(tmp_path / "a"), "--check", "a", "--budget", "5ms", "--device", "numpy", "-o", "t.toml"]
     assert main(command) == 64
-    assert "both searched and checked on; name another one with --check" in capsys.readouterr().err
+    assert "used both to search and to check; name another one with --check" in capsys.readouterr().err
