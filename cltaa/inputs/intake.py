@@ -242,7 +242,7 @@ class Intake:
     step: int = 1  # difference of consecutive frame numbers
     # Profile and assignments as asked for, to read a truth beside the frames.
     asked: tuple[str | Path | Profile, Many[str]] = ("auto", ())
-    damaged: Collection[int] = ()  # frames left out because one of their files cannot be read
+    damaged: Collection[int] = ()  # numbers of frames with a file left out because it cannot be read
     views: Views = ONE_VIEW
     notes: list[str] = field(default_factory=list)  # what is missing, and what the resolve does without it
 

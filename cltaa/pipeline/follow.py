@@ -50,7 +50,7 @@ class Arrivals:
         self._first: int | None = None if frames is None else frames[0]
         self._end: int | None = None if frames is None else frames[1]
         self._step, self._gaps = int(reading.get("step", 1)), on_break(reading.get("gaps", OnBreak.ERROR))
-        self._last: int | None = None  # number that was taken
+        self._last: int | None = None  # the last number that was taken
         self._taken: list[Path] = []
         self.ended = False  # after the last of the requested frames
         self.found: frozenset[Effect] | None = None  # as the run began

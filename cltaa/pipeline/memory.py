@@ -133,7 +133,7 @@ def of_resolve(
     written; nothing is reused. Readers also hash files without a ``recorded`` hash. ``layers`` are channels that are
     carried over -> "uint", "half" or "float": each stays until its result is written, and is not there yet while its
     file is being read. Frames of another tool are ``converted``: until then each reader holds its channels twice, as
-    decoded, and beside each other.
+    decoded and stacked.
     """
     banded, half = bool(held.band_rows), held.half
     plane, planes = REAL * width * height, 3 + held.steps.alpha

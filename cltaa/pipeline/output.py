@@ -182,7 +182,7 @@ class Written(msgspec.Struct, frozen=True, kw_only=True):
     source: Source
     missing: Missing | None = None  # samples
     opaque: bool = False  # its alpha is 1 everywhere
-    saturated: int = 0  # Return that of a file that has just been written; raises StorageError.
+    saturated: int = 0  # number of pixels with a channel at the largest half
 
     @classmethod
     def now(cls, path: Path, number: int, source: Source, **facts: Any) -> Written:

@@ -170,7 +170,7 @@ class Pair:
     inverse_depth: Vector  # as declared; the sky's without depth
     own: Vector  # declared vectors [2, n], NaN for none
     lit: Mask  # True where neither reactive nor NaN
-    usable: Mask  # True where lit, opaque, and not near a depth edge
+    usable: Mask  # True where lit, opaque, and not just behind a nearer surface (unless edges are everywhere)
 
     @property
     def moving(self) -> NDArray[np.bool_]:

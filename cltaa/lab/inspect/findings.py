@@ -285,9 +285,8 @@ def inspect_folder(
             layouts[number] = layout = pictures.get(number, header.layout)
             result.resolved_by = str(header.attributes.get(RESOLVED, ""))
             _check_channels(header)
-            if (
-                not result.resolved_by or "cltaa:jitterPx" in header.attributes
-            ):  # resolved from other tools' files: none
+            # Results from other tools' files may have no jitter.
+            if not result.resolved_by or "cltaa:jitterPx" in header.attributes:
                 headers[number] = frame_outline(path, header.attributes, layout)
             if pixels:
                 channels = read_image(path, sha256=recorded[path.parent].get(path.name), picture=layout.data_window)[0]

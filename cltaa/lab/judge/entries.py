@@ -166,15 +166,14 @@ def rounds(
             asked = (min(truth), numbers[-1]) if numbers else None
         elif asked is not None:
             numbers = [number for number in shared if asked[0] <= number <= asked[1]]
-            numbers = numbers or chosen_numbers(shared, asked, sequence)
+            numbers = numbers or (chosen_numbers(shared, asked, sequence) if shared else [])
         if not numbers:
             have = "; ".join(f"{entry.name} {ranges(sorted(one))}" for entry, one in zip(there, files, strict=True))
             raise InputMissing(f"the entries of {name} have no frame in common", path=sequence, found=have or "none")
         tests = [tuple(one[number] for number in numbers) for one in files]
         # A list of one file would mean a picture named by itself.
-        paired = pair_up(
-            [test if len(test) > 1 else test[0].parent for test in tests], sequence, gaps=OnBreak.RESET, **reading
-        )
+        folders = [test if len(test) > 1 else test[0].parent for test in tests]
+        paired = pair_up(folders, sequence, frames=(numbers[0], numbers[-1]), gaps=OnBreak.RESET, **reading)
         for each in paired:
             if each.region is not None:
                 expected, shown = (images.layouts[images.first].size for images in (each.reference, each.test))

@@ -77,7 +77,7 @@ def test_frames_that_one_lacks_are_judged_of_none(
     assert json.loads(said.out)["warnings"] == ["a: not judged: frame 1, which not all have"]
 
 
-@pytest.mark.parametrize(("frames", "judged"), [("2", [0, 1]), ("1-2", [1, 2])])
+@pytest.mark.parametrize(("frames", "judged"), [("1", [0]), ("2", [0, 1]), ("1-2", [1, 2]), ("3-3", [3])])
 def test_frames_are_the_first_ones_or_a_range(
     capsys: pytest.CaptureFixture[str], sequences: list[Path], entry: Path, frames: str, judged: list[int]
 ) -> None:
@@ -85,6 +85,8 @@ def test_frames_are_the_first_ones_or_a_range(
     assert main(["compare", "--table", *words(entry, sequences[0], *options)]) == 0
     found = json.loads(capsys.readouterr().out)
     assert [row["frames"] for row in found["table"]] == [judged]
+    alone = run_json(capsys, entry / "a", sequences[0], "--frames", f"{judged[0]}-{judged[-1]}", *METRICS)
+    assert [row["mean"] for row in found["table"]] == [alone["mean"]]
     assert found["warnings"] == []  # all have what is asked for
 
 
@@ -176,6 +178,7 @@ def test_a_film_shows_entries_ours_and_the_truth_at_twice_the_size(
         (("--table", "{empty}", "{a}"), 66, "an entry of none of the sequences"),
         (("--table", "{entry}", "{a}", "{twin}"), 64, "--table: two sequences are called a; name their folders apart"),
         (("--table", "{late}", "{a}", "--ours="), 66, "the entries of a have no frame in common"),
+        (("--table", "{late}", "{a}", "--ours=", "--frames", "2-3"), 66, "the entries of a have no frame in common"),
         (
             ("--table", "{late}", "{a}", "--ours", "basic"),
             66,
