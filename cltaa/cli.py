@@ -161,10 +161,12 @@ def _outcome(arguments: list[str]) -> int:
         return _interrupted(arguments)
     except click.exceptions.NoArgsIsHelpError as error:
         return _told(error.format_message(), error.exit_code)
-    except (SystemExit, BrokenPipeError):  # click makes the one of the other
-        if "_CLTAA_COMPLETE" in os.environ:  # whose end is click's too
-            raise
-        _forsake(sys.stdout)  # whoever read what was printed has had enough
+    except (SystemExit, BrokenPipeError) as error:  # click turns the one into the other
+        if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
+            raise  # the end of completion, or of a library
+        if stop.requested:
+            return _interrupted(arguments)
+        _forsake(sys.stdout)  # the reader of our output closed the pipe
         return CLOSED_PIPE
     except Exception as error:
         if stop.requested and not isinstance(error, CltaaError):  # caused by the interrupt; our own errors are reported

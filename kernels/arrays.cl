@@ -7,7 +7,7 @@
 
 // Converts a number of an array: unchanged, or from planar distance to inverse depth (cltaa/camera.py), where values up
 // to `below` become `at`.
-STAGE float taken(float v, int kind, float below, float at)
+STAGE float converted(float v, int kind, float below, float at)
 {
     if (kind == AS_IT_IS)
         return v;
@@ -38,7 +38,7 @@ __kernel void unpack_kernel(__global const float* restrict source, __global floa
         __global float* restrict to = target + ((size_t)plane * (size_t)rows + (size_t)row) * (size_t)stride;
         if (LANES == 1) {
             for (int x = (int)get_global_id(0); x < stride; x += (int)get_global_size(0))
-                to[x] = taken(
+                to[x] = converted(
                     element(source, from + (size_t)limit_index(x - PAD_X, width - 1) * (size_t)column_step, halves),
                     kind, below, at);
             continue;
@@ -46,19 +46,19 @@ __kernel void unpack_kernel(__global const float* restrict source, __global floa
         // One loop for each case, so that it is vectorised.
         if (halves)
             for (int x = 0; x < width; ++x)
-                to[PAD_X + x] = taken(element(source, from + (size_t)x * (size_t)column_step, 1), kind, below, at);
+                to[PAD_X + x] = converted(element(source, from + (size_t)x * (size_t)column_step, 1), kind, below, at);
         else if (column_step == 1 && kind == AS_IT_IS)
             for (int x = 0; x < width; ++x)
                 to[PAD_X + x] = source[from + (size_t)x];
         else if (column_step == 1 && kind == PERSPECTIVE)
             for (int x = 0; x < width; ++x)
-                to[PAD_X + x] = taken(source[from + (size_t)x], PERSPECTIVE, below, at);
+                to[PAD_X + x] = converted(source[from + (size_t)x], PERSPECTIVE, below, at);
         else if (column_step == 3 && kind == AS_IT_IS)
             for (int x = 0; x < width; ++x)
                 to[PAD_X + x] = source[from + (size_t)x * 3];
         else
             for (int x = 0; x < width; ++x)
-                to[PAD_X + x] = taken(source[from + (size_t)x * (size_t)column_step], kind, below, at);
+                to[PAD_X + x] = converted(source[from + (size_t)x * (size_t)column_step], kind, below, at);
         for (int x = 0; x < PAD_X; ++x)
             to[x] = to[PAD_X];
         for (int x = PAD_X + width; x < stride; ++x)

@@ -28,7 +28,7 @@ from cltaa.io.manifest import CAPTURE, LARGEST_RECORD, RESTART_CURE, file_sha256
 REFERENCE = "reference"
 FORMAT = 1
 LIBRARIES = ("numpy", "OpenEXR", "pyrender", "PyOpenGL", "trimesh", "scipy", "Pillow")
-SAVE_EVERY = 1.0  # seconds; the most work that a kill can lose
+SAVE_EVERY = 1.0  # seconds; between saves; a kill also loses the files in work
 SHADER_SUFFIXES = (".vert", ".frag", ".glsl")
 # Modules that draw nothing.
 NOT_DRAWING = ("cltaa_capture/cli.py", "cltaa_capture/explain.py", "cltaa_capture/manifest.py", "cltaa_datasets/cli.py")

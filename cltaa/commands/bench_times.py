@@ -199,8 +199,8 @@ def files(
 
     "alone" is one stage by itself: reading (with all checks), resolving (with transfers to the device and back) and
     writing. "whole" is cltaa resolve --layers none, where the stages overlap. "over slowest" is its time a frame
-    divided by that of the slowest stage; 1 is the least it can reach. "at best" is that ratio if no core were ever idle,
-    from the "processor" time of all cores together.
+    divided by that of the slowest stage; 1 is the least it can reach. "at best" is that ratio if no core were ever
+    idle, from the "processor" time of all cores together.
     """
     check_lossless(compression)
     opened = open_each([sequence], reading)[sequence]

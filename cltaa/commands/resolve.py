@@ -87,7 +87,7 @@ from cltaa.process import stop_signals
 @click.option(
     "--preview",
     type=FILE_PATH,
-    help="Also write the result as an MP4, at framesPerSecond of the first file, else at the capture's rate, else at 24.",
+    help="Also write the result as an MP4, at the first file's framesPerSecond, else the capture's rate, else 24.",
 )
 @click.option(
     "--compare",

@@ -81,7 +81,7 @@ class _Whole(NamedTuple):
 
     colour: Image  # [H, W, 3]
     alpha: Image | None
-    counts: NDArray[np.float32]  # [1 or 2, H, W]: samples, and with the illumination test its Student's t
+    counts: NDArray[np.float32]  # [1 or 2, H, W]: samples, and with the illumination test the change
     inverse_depth: Image
 
     def store(self, result: _Result) -> None:
@@ -96,7 +96,8 @@ class _Whole(NamedTuple):
 class BandedResolver(Resolver):
     """A resolver that works in bands of ``band_rows`` rows, for images that do not fit into memory several times.
 
-    It overwrites the arrays of a frame: the image that ``resolve`` returns lies in them, with no other copy in memory.
+    It overwrites the arrays of a frame: the image that ``resolve`` returns lies in them, with no other copy in memory;
+    with alpha, ``half`` or ``out`` it has memory of its own.
     """
 
     def __init__(self, *arguments: Any, band_rows: int = BAND_ROWS, **options: Any) -> None:

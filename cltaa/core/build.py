@@ -155,7 +155,7 @@ def build_of(asked: Build, choices: Choices, settings: Settings, steps: Steps) -
 
 @lru_cache(maxsize=BUILDS_KEPT)
 def edge_build(build: Build) -> Build:
-    """Return the build of ``extend_edges`` and ``pack``, which copy the result and depend on nothing else."""
+    """Return the build of ``extend_edges`` and ``pack``: they copy the result, by lanes, rows and storage alone."""
     return Build(lanes=build.lanes, rows=build.rows, storage=build.storage)
 
 

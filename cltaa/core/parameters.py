@@ -115,12 +115,18 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     ] = 0.125
     fit_reach: Annotated[
         float,
-        _number("distance along an axis from which few samples do not count", 0.5625, 1.0, "pixels", "measured"),
+        _number(
+            "distance on an axis beyond which samples do not count, while few",
+            0.5625,
+            1.0,
+            "pixels",
+            "measured",
+        ),
     ] = 0.8
     drift_t: Annotated[
         float,
         _number(
-            "Student's t above which a longer window is shifted to the shortest; doubled under constant light",
+            "Student's t above which a longer window is shifted to the shortest; doubled if no light is known to change",
             0.5,
             2.0**20,
             "1",
@@ -177,7 +183,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     ] = 1.0
     box_leak: Annotated[
         float,
-        _number("share of a full history outside the box that is kept", 0.0, 1.0, "1", "FSR 3.1's flicker"),
+        _number("share of its distance outside the box that a full history keeps", 0.0, 1.0, "1", "FSR 3.1's flicker"),
     ] = 0.0
     motion_widths: Annotated[
         float, _number("motion_px as a share of the image's width; 0: motion_px", 0.0, 16.0, "widths a frame", "-")
@@ -197,7 +203,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     ] = 0.25
     edge_samples: Annotated[
         float,
-        _number("limit of samples on an edge whose background moves", 0.0, 2.0**20, "samples", "measured"),
+        _number("limit of samples on an edge whose background moves past it", 0.0, 2.0**20, "samples", "measured"),
     ] = 2.0
     edge_tolerance: Annotated[
         float, _number("relative skew of inverse depth in the 3x3 that makes a depth edge", 0.0, 1.0, "1", "measured")
@@ -356,7 +362,7 @@ class Rectify(Choice):
     """How implausible history is moved into the box."""
 
     NONE = "none"
-    CLAMP = "clamp", "each channel by itself"
+    CLAMP = "clamp", "each channel by itself; continuous: moves no further than the history moved"
     CLIP = "clip", "along the line to the centre, extents floored"
     CLIP_UNGUARDED = "clip-unguarded", "the popular form, 1e-8 added to its extents: discontinuous for flat boxes"
     CLIP_CURRENT = "clip-current", "along the line to the current sample, itself clamped"

@@ -2,8 +2,8 @@
 
 A sequence that declares its effects promises that nothing else happens in it. For one that declares none, the plan
 omits the steps for effects that were searched for and not found; without a search, every step runs that the channels
-and cameras call for. Omitting a step changes no bit. Only the plain mean of a declared stillness and the plain weights
-without highlights are *another* estimate, which docs/effects.md bounds.
+and cameras call for. Omitting a step of ``STEP_NAMES`` changes no bit. Any other omission (gathering, recursion,
+rectification, weights, tests) and each threshold that effects decide give *another* estimate: docs/effects.md.
 """
 
 from __future__ import annotations
@@ -386,7 +386,7 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
     if not facts.camera:
         reasons = [reason._replace(why="no camera") if reason.step == REPROJECTION else reason for reason in reasons]
     elif facts.first and moves:
-        why = "first frame: the camera may move"
+        why = "no previous frame: the camera may move"
         reasons = [reason._replace(why=why) if reason.step == REPROJECTION else reason for reason in reasons]
     settings = preset.settings
     if settings.motion_widths:
@@ -402,7 +402,7 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
         estimated = [Reason(REJECTION, False, "no depth") if why.step == REJECTION else why for why in estimated]
     if (moves or facts.repeats) and choices.recursion is not Recursion.NONE:
         choices = msgspec.structs.replace(choices, recursion=Recursion.NONE)
-        why = "first frame" if facts.first else "the camera moves, so no pixel is static"
+        why = "no previous frame" if facts.first else "the camera moves, so no pixel is static"
         why = "the jitter repeats within the ring" if facts.repeats else why
         alone = Reason(RECURSION, False, why)
         estimated = [alone if reason.step == RECURSION else reason for reason in estimated]

@@ -77,8 +77,8 @@ class Past:
         return cls(*facts, coarse=coarse)
 
     def continues_in(self, frame: Frame, choices: Choices) -> bool:
-        """True where the history continues in ``frame``: no cut, no gap, the same inputs, the same projection, no
-        reset."""
+        """True where the history continues in ``frame``: no cut, no gap, the same size and inputs, the same kind of
+        projection, no reset by a camera move."""
         if frame.cut or frame.index != self.index + frame.step:
             return False
         same_planes = (frame.colour.shape, frame.alpha is not None) == (self.shape, self.alpha)

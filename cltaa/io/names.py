@@ -79,8 +79,8 @@ _INNER = re.compile(
 
 def _number_last(path: Path) -> Path | None:
     """``path`` with the number last that stands before words which end with another, as in ``x.0001.v2``; else None."""
-    match = _INNER.fullmatch(path.name)
-    if match is None or not NUMBERED.fullmatch(path.name):
+    match, numbered = _INNER.fullmatch(path.name), NUMBERED.fullmatch(path.name)
+    if match is None or numbered is None or numbered["between"]:  # shot0010_a.0001.exr is frame 1 of a shot
         return None
     before = match["name"].rstrip("._ -")
     tail = match["tail"] if before else match["tail"][1:]
@@ -248,7 +248,8 @@ def _pattern(path: Path) -> re.Pattern[str]:
         if part["number"]:
             if not re.fullmatch(rf"{_WORDS}*\.[a-z]+", text[place:]):
                 words, suffix = text[place:].rpartition(".")[::2]
-                last = f"{text[: part.start()].rstrip('._ -')}{words}.{part['number']}.{suffix}"
+                before = text[: part.start()].rstrip("._ -")
+                last = f"{before}{words if before else words.lstrip('._ -')}.{part['number']}.{suffix}"
                 what, cure = "only words may follow the number of a frame", f"rename the files, as {last}"
                 raise UsageError(what, path=path, expected="<name>.####.exr or <name>.####.<word>.exr", cure=cure)
             made += rf"(?P<number>(?=[-0-9]{{{_width(part['digits'])},}})-?[0-9]{{1,9}})"

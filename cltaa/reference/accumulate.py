@@ -140,7 +140,7 @@ def luminance_weight(v: Colour, build: Build, settings: Record) -> Array:
 
 
 def weighted_difference(v: Colour, other: Colour, build: Build, settings: Record) -> Colour:
-    """Difference of two colours, each scaled by knee / (knee + Y): no highlight exceeds ``luminance_knee``."""
+    """Difference of two colours, each scaled by knee / (knee + Y): no highlight's luminance exceeds the knee."""
     knee = number(1.0 if build.choices.weighting is Weighting.NONE else settings["luminance_knee"], v[0])
     a, b = (knee * luminance_weight(c, build, settings) for c in (v, other))
     return a * v - b * other

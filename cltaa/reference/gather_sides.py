@@ -137,8 +137,8 @@ class SubpixelFeature(NamedTuple):
 def find_subpixel_feature(
     s: Surface, layers: Layers, ring: Array, past: Any, build: Build, layout: Layout, settings: Record
 ) -> tuple[Surface, Layers]:
-    """Replace ``s`` and ``layers`` by the surface that the latest frames in the ring show in front of all that the 3x3
-    shows now, where it now lies near the pixel's centre and has no own motion."""
+    """Make the surface that the latest frames in the ring show in front of all that the 3x3 shows now the nearer side
+    of an edge, where it now lies near the pixel's centre and has no own motion."""
     zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
     open_here = ~layers.edge & no_motion_vector(s.u, s.v) if build.steps.own_motion else ~layers.edge
     wanted = int(settings["subpixel_frames"])

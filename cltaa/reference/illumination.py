@@ -45,7 +45,9 @@ def difference_row(left: Array, centre: Array, right: Array) -> DifferenceMoment
     return DifferenceMoments(centre + (dl + dr) * constant("ONE_THIRD", centre), spread_of_three(dl, dr))
 
 
-def students_t(above: DifferenceMoments, centre: DifferenceMoments, below: DifferenceMoments, least: Array) -> Array:
+def third_of_students_t(
+    above: DifferenceMoments, centre: DifferenceMoments, below: DifferenceMoments, least: Array
+) -> Array:
     """A third of Student's t of nine differences, with the sign of their mean; ``least`` is added to their
     deviation."""
     da, db = above.mean - centre.mean, below.mean - centre.mean
@@ -126,7 +128,7 @@ def illumination_test(
     first, *_ = units = box_units(build)
     least = floor * (level * constant("ONE_THIRD", level)) + number(first * value("TINY"), level)
     above, centre, below = rows
-    ta, tb, tc = students_t(above, centre, below, a_channel([unit / first for unit in units]) * least)
+    ta, tb, tc = third_of_students_t(above, centre, below, a_channel([unit / first for unit in units]) * least)
     largest = number(3.0, level) * greater(np.abs(ta), greater(np.abs(tb), np.abs(tc)))
     t = lesser(largest, constant("DOMAIN_LIMIT", level))
     before = history_change[row, column].astype(real)

@@ -97,11 +97,11 @@ def unpack(
 ) -> None:
     """Twin of ``arrays.cl``: fill planes and their halo from an array, distances as inverse depth."""
     inside = layout.inside(target)[:planes]
-    taken = strided(source, inside.shape, **places)
+    given = strided(source, inside.shape, **places)
     if kind == Kind.AS_IT_IS:
-        inside[...] = taken
+        inside[...] = given
     else:
-        invert(taken.astype(np.float32, copy=False), inside, parallel=kind == Kind.PARALLEL)
+        invert(given.astype(np.float32, copy=False), inside, parallel=kind == Kind.PARALLEL)
         inside[inside <= below] = at
     layout.extend_edges(target[:planes])
 

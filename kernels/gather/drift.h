@@ -92,7 +92,7 @@ typedef struct
     drift_sums drift[UNMOVED]; // of all windows from the second to UNMOVED
 } row_sums;
 
-// Index of the sums of the row `turn` below the first of a round of SIDE rows.
+// Slot of the row that lies `turn` rows below the first of its round of SIDE rows.
 STAGE int row_slot(int turn) { return (turn + WINDOW_REACH + SIDE) % SIDE; }
 
 STAGE void sum_row(

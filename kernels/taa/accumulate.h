@@ -97,8 +97,8 @@ STAGE real luminance_weight(colour v, settings_t settings)
     return reciprocal(SPLAT(settings.luminance_knee) + greater(luminance(v), SPLAT(0.0)));
 }
 
-// Difference of two colours, each scaled by knee / (knee + Y): dim light hardly changes, and no highlight exceeds
-// luminance_knee.
+// Difference of two colours, each scaled by knee / (knee + Y): dim light hardly changes, and the luminance
+// of no highlight exceeds luminance_knee.
 STAGE colour weighted_difference(colour v, colour other, settings_t settings)
 {
     const real knee = WEIGHTING == WEIGHTING_NONE ? SPLAT(1.0) : SPLAT(settings.luminance_knee);
@@ -298,8 +298,8 @@ STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t
     return out;
 }
 
-// Result of a segment in which samples are missing. A pixel with a missing sample keeps its history and count unchanged
-// if that count is at least 1; else it is filled, with count 0.
+// Result of a segment in which samples are missing. A pixel with a missing sample keeps its history, and its count up
+// to count_limit, if that count is at least 1; else it is filled, with count 0.
 STAGE resolved without_missing(resolved out, history_t h, plane_in current, int x, int y, frame_t frame)
 {
     const mask missing = sample_is_missing(current, x, y, frame), kept = h.valid & (h.count >= SPLAT(1.0));

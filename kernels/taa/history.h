@@ -35,7 +35,7 @@ STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, si
 }
 
 // As sample_colour, but exposes and tonemaps each texel before it is weighted (HISTORY_RANGE_TONEMAPPED). The loops
-// stay rolled, since no preset of this project uses it.
+// stay rolled: of the presets only bevy reads so, and its speed does not matter.
 STAGE colour sample_in_range(history_in p, footprint f, weights wx, weights wy, size_t plane, frame_t frame)
 {
     const int stride = row_stride(frame);

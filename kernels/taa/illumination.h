@@ -100,7 +100,7 @@ STAGE difference_moments difference_row(real left, real centre, real right)
 
 // A third of Student's t of nine differences: mean over deviation, with the sign of the mean. `least` is added to the
 // deviation, so that an invisible difference counts for little in a flat area too.
-STAGE real students_t(difference_moments centre, difference_moments below, real da, real db, real least)
+STAGE real third_of_students_t(difference_moments centre, difference_moments below, real da, real db, real least)
 {
     const real mean = centre.mean + (da + db) * K(ONE_THIRD),
                spread = (centre.spreads + below.spread) + K(3.0) * spread_of_three(da, db);
@@ -205,9 +205,9 @@ STAGE illumination_result illumination_test(real held, real threshold, plane_in 
     const real level = centre.levels + below.level;
     const real least = K(settings.illumination_floor) * (level * K(ONE_THIRD)) + K(BOX_A * TINY);
     const boxed up = centre.step, down = below.step; // the step to the row above is -up, to the bit
-    const real ta = students_t(centre.a, below.a, -up.a, down.a, least),
-               tb = students_t(centre.b, below.b, -up.b, down.b, K(BOX_B / BOX_A) * least),
-               tc = students_t(centre.c, below.c, -up.c, down.c, least);
+    const real ta = third_of_students_t(centre.a, below.a, -up.a, down.a, least),
+               tb = third_of_students_t(centre.b, below.b, -up.b, down.b, K(BOX_B / BOX_A) * least),
+               tc = third_of_students_t(centre.c, below.c, -up.c, down.c, least);
     const real largest = K(3.0) * greater(absolute(ta), greater(absolute(tb), absolute(tc)));
     const real t = lesser(largest, SPLAT(DOMAIN_LIMIT)); // DOMAIN_LIMIT where `largest` is NaN
     const real before = texel_at(count + history_plane_size(frame), n, row_stride(frame));

@@ -21,7 +21,7 @@ typedef struct
     boxed centre, extent, low, high;
 } box_t;
 
-STAGE real half_extent(real low, real high) { return K(0.5) * (high - low); }
+STAGE real extent_between(real low, real high) { return K(0.5) * (high - low); }
 
 // Intersection of mean +- gamma deviation with the extremes; never empty, since the mean lies between the extremes.
 STAGE void intersect(real* low, real* high, real mean, real width)
@@ -61,8 +61,8 @@ STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
             s.low = (boxed) { lesser(s.low.a, one), lesser(s.low.b, SPLAT(BOX_B)), lesser(s.low.c, one) };
             s.high = (boxed) { greater(s.high.a, zero), greater(s.high.b, zero), greater(s.high.c, zero) };
         }
-        box.extent = (boxed) { half_extent(s.low.a, s.high.a), half_extent(s.low.b, s.high.b),
-            half_extent(s.low.c, s.high.c) };
+        box.extent = (boxed) { extent_between(s.low.a, s.high.a), extent_between(s.low.b, s.high.b),
+            extent_between(s.low.c, s.high.c) };
         box.centre = (boxed) { s.low.a + box.extent.a, s.low.b + box.extent.b, s.low.c + box.extent.c };
         if (BOX == BOX_EXTREMES) {
             // A gamma of 1 adds exactly nothing.

@@ -75,7 +75,7 @@ def reasons(frame: Frame, previous: Camera | None) -> dict[str, tuple[bool, str]
 def test_a_camera_that_stops_is_not_reprojected() -> None:
     frame = make_frame(1, camera=STANDING)
     assert reasons(frame, make_camera((1.0, 0.0, 5.0)))["reprojection"] == (True, "the camera moves")
-    assert reasons(frame, None)["reprojection"] == (True, "first frame: the camera may move")
+    assert reasons(frame, None)["reprojection"] == (True, "no previous frame: the camera may move")
     assert reasons(frame, STANDING)["reprojection"] == (False, "the camera stands still")
 
 

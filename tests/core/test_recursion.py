@@ -54,16 +54,17 @@ def error(image: Array, light: float = 1.0) -> float:
     return float(np.sqrt(np.mean((image[STANDING] - light * TWO.mean(0)[STANDING]) ** 2)))
 
 
-def test_what_stands_is_a_mean_of_more_than_the_ring_holds() -> None:
+@pytest.mark.parametrize("name", ["gather-8", "gather-8+8"])
+def test_what_stands_is_a_mean_of_more_than_the_ring_holds(name: str) -> None:
     # By the oracle, whose bits the device has (below): two of its programs take longer than all these frames.
-    images = (last(preset_of("gather-8", recursion), [1.0] * 40, "numpy") for recursion in ("standing", "none"))
+    images = (last(preset_of(name, recursion), [1.0] * 40, "numpy") for recursion in ("standing", "none"))
     with_it, without = map(error, images)
-    assert with_it < 0.75 * without  # 8 samples against up to 32, in part beside each other
+    assert with_it < 0.75 * without  # 8 or 16 samples against up to 32, in part beside each other
 
 
 def test_what_moves_along_itself_is_taken_in_place() -> None:
     # As a wheel does: its vectors lead to other colours, of which the recursive resolve has a long history.
-    inside = np.s_[:, : WIDTH // 2 - 4]  # windows are weighed by the texels around
+    inside = np.s_[:, : WIDTH // 2 - 4]  # windows are weighted by the texels around
     with_it, without = (
         np.abs(last(preset_of("gather-8", recursion), [1.0] * 20)[inside] - TWO.mean(0)[inside]).mean()
         for recursion in ("standing", "none")

@@ -158,7 +158,7 @@ def test_every_step_gives_the_same_bits() -> None:
         ("gather-8", None, (HistoryKind.FRAMES, Illumination.WINDOW, Rectify.NONE)),
     ],
 )
-def test_spans_are_weighed_where_light_may_change(
+def test_windows_are_mixed_where_light_may_change(
     tier: str, effects: set[Effect] | None, expected: tuple[object, ...]
 ) -> None:
     frame = make_frame(1, camera=make_camera(), effects=None if effects is None else frozenset(effects))

@@ -282,6 +282,19 @@ def test_a_number_that_is_not_last_is_told_so(tmp_path: Path) -> None:
                 opened(named)
 
 
+def test_the_first_frame_of_each_of_several_shots_has_its_number_last(tmp_path: Path) -> None:
+    for shot in (10, 20):
+        write_numbers(tmp_path, f"shot{shot:04d}_a.{{:04d}}.exr", range(1, 2))
+    with pytest.raises(DataError, match="several sequences in one folder"):
+        open_images(tmp_path)
+
+
+def test_a_pattern_that_begins_with_its_number_is_told_how_to_be_called(tmp_path: Path) -> None:
+    write_numbers(tmp_path, "{:04d}_v2.exr", range(3))
+    with pytest.raises(UsageError, match=r"rename the files, as v2\.####\.exr"):
+        open_images(tmp_path / "####_v2.exr")
+
+
 @pytest.mark.parametrize(
     ("named", "error", "words"),
     [

@@ -40,7 +40,7 @@ from tests.kernels.hard_planes import KEPT, Planes, hard_planes
 from tests.kernels.test_resolve import turned
 from tests.sequence_factory import bits, make_frame
 
-# Kernel -> the planes that it writes: the stages in the order of the chain, those that slide down rows, and what weighs
+# Kernel -> the planes that it writes: the stages in the order of the chain, those that slide down rows, and what mixes
 # their windows.
 WRITES: dict[str, dict[str, int]] = {
     "repair_colour": {"repaired": 3},

@@ -112,7 +112,7 @@ def test_g3_fractions_are_not_quantised(launcher: DeviceLauncher) -> None:
 
 
 INEXACT = (
-    r"half_(?!width|storable)\w+",
+    r"half_(?!storable)\w+",
     r"native_\w+",
     r"fast_\w+",
     "mix",
@@ -145,7 +145,7 @@ def test_g4_no_library_function_but_the_root() -> None:
 def test_g4_no_function_of_unknown_precision_hides_behind_a_name() -> None:
     # OpenCL leaves the error of native_ functions to the device: a bound that is printed can stand on none of them, be
     # it called or only named in a macro. NVIDIA's two instructions say their error (decisions/14).
-    unknown = re.compile(r"\b(?:native|fast)_\w+|\bhalf_(?!width|storable)\w+|\b(?!sqrt\.|rcp\.)\w+\.approx")
+    unknown = re.compile(r"\b(?:native|fast)_\w+|\bhalf_(?!storable)\w+|\b(?!sqrt\.|rcp\.)\w+\.approx")
     found = {name: unknown.findall(without_comments(text)) for name, text in kernel_files().items()}
     assert {name: words for name, words in found.items() if words} == {}
     assert unknown.findall('#define ROOT native_sqrt\n"ex2.approx.f32" "rcp.approx.ftz.f32"') == [
@@ -278,7 +278,7 @@ def test_g6_a_run_gives_the_same_bits_again(launcher: DeviceLauncher) -> None:
     frames: list[Frame] = frames_of(7)
     runs: list[NDArray[Any]] = []
     for _ in range(2):
-        resolver = Resolver(device=launcher, strict=True, every_step=True)
+        resolver = Resolver(device=launcher, strict=True)
         runs.append(np.array([resolver.resolve(frame) for frame in frames]))
     assert np.array_equal(bits(runs[0]), bits(runs[1]))
 

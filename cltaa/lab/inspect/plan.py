@@ -164,7 +164,7 @@ def memory(
         rows = band_rows_for(whole) if has_bands(resolver) else 0
     kept = HistoryKind.FRAMES in histories
     history_frames = preset.settings.history_frames if kept else 0
-    weighed = [each.choices for each in plans if kept and each.choices.illumination is Illumination.WINDOW]
+    windowed = [each.choices for each in plans if kept and each.choices.illumination is Illumination.WINDOW]
     recursion = any(recursive_choices(each.choices) is not None for each in plans)
     changes = recursion or any(
         each.choices.history is HistoryKind.ACCUMULATED and each.choices.illumination is not Illumination.STATIC
@@ -176,7 +176,7 @@ def memory(
         band_rows=rows,
         history_frames=history_frames,
         look_ahead=preset.settings.look_ahead,
-        windows=max(map(window_count, weighed), default=0),
+        windows=max(map(window_count, windowed), default=0),
         recursion=recursion,
         changes=changes,
         shared=shared,
