@@ -161,9 +161,9 @@ def _outcome(arguments: list[str]) -> int:
         return _interrupted(arguments)
     except click.exceptions.NoArgsIsHelpError as error:
         return _told(error.format_message(), error.exit_code)
-    except (SystemExit, BrokenPipeError) as error:  # click turns the one into the other
-        if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
-            raise  # the end of completion, or of a library
+    except (SystemExit, BrokenPipeError) as error:  # click turns the one into the other, of code 1
+        if isinstance(error, SystemExit) and error.code != 1:  # the end of completion, or a library's
+            raise
         if stop.requested:
             return _interrupted(arguments)
         _forsake(sys.stdout)  # the reader of our output closed the pipe
