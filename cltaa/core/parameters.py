@@ -126,7 +126,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     drift_t: Annotated[
         float,
         _number(
-            "Student's t above which a longer window is shifted to the shortest; twice that unless light changes",
+            "Student's t above which a longer window shifts to the shortest; doubled if no light is known to change",
             0.5,
             2.0**20,
             "1",
