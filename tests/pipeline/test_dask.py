@@ -285,8 +285,8 @@ def test_what_cannot_be_given_to_workers_is_refused(
     gathered = ["--preset", "gather-8"]
     for options, told in (
         ([], "--dask: preset default resolves each frame from the result before it; leave out --dask, or"),
-        ([*gathered, "--debug", "count"], "--dask does not resolve frames in order, as --debug wants"),
-        ([*gathered, "--follow"], "--dask does not resolve frames in order, as --follow wants"),
+        ([*gathered, "--debug", "count"], "--dask does not resolve frames in order, which --debug needs"),
+        ([*gathered, "--follow"], "--dask does not resolve frames in order, which --follow needs"),
         (gathered, "no Dask scheduler answers at tcp://127.0.0.1:9: "),
     ):
         assert main([*command, *options]) == 64

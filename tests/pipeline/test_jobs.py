@@ -196,8 +196,8 @@ def test_a_device_that_is_lost_is_opened_again(shot: Path, tmp_path: Path, monke
 def test_what_cannot_be_parted_is_refused(shot: Path, tmp_path: Path) -> None:
     cases: tuple[tuple[str, dict[str, Any], str], ...] = (
         ("default", {}, "--jobs: preset default resolves each frame from the result before it"),
-        ("gather-8", {"debug": ("count",)}, "as --debug wants"),
-        ("gather-8", {"follow": True}, "as --follow wants"),
+        ("gather-8", {"debug": ("count",)}, "which --debug needs"),
+        ("gather-8", {"follow": True}, "which --follow needs"),
         ("gather-8", {"jobs": 0}, "invalid number of parts"),
     )
     for preset, options, told in cases:
