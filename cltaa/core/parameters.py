@@ -31,7 +31,10 @@ class HistoryFilter(Choice):
     NEAREST = "nearest"
     BILINEAR = "bilinear"
     CATMULL_ROM = "catmull-rom", "4x4 texels"
-    CATMULL_ROM_5 = "catmull-rom-5", "nine bilinear reads, without the four in the corners, normalised"
+    CATMULL_ROM_5 = (
+        "catmull-rom-5",
+        "five bilinear reads: the nine that regroup 4x4 texels, less the corners, normalised",
+    )
     CATMULL_ROM_5_RAW = "catmull-rom-5-raw", "the same five reads, not normalised: their weights sum to less than 1"
     CROSS_20 = "cross-20", "20 texels, six along each axis; ringing limited to a quarter of the contrast"
 
@@ -116,7 +119,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     fit_reach: Annotated[
         float,
         _number(
-            "distance on an axis beyond which samples do not count, while few",
+            "offset from the centre beyond which few samples do not count",
             0.5625,
             1.0,
             "pixels",

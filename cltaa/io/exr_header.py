@@ -3,7 +3,7 @@
 The OpenEXR module gives no channel types without decoding, opens a truncated file without an error and allocates
 whatever a header asks for. This module reads the few bytes needed, as the OpenEXR file layout defines them
 (https://openexr.com/en/latest/OpenEXRFileLayout.html): magic number, version flags, attributes, table of chunks.
-OpenEXR interprets all that it accepts in the same way: no duplicates, and no number beyond its limit.
+OpenEXR interprets all that it accepts in the same way: no duplicates, and numbers within their limits.
 """
 
 from __future__ import annotations

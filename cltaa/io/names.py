@@ -40,7 +40,7 @@ def number_of(path: Path) -> int | None:
 
 
 def name_of(path: Path) -> str:
-    """Return the name of the sequence that ``path`` belongs to; that of the file where it has no number."""
+    """Return the name of the sequence that ``path`` belongs to; that of the file if it is not numbered."""
     match = NUMBERED.fullmatch(path.name)
     return match["name"] if match else path.stem
 
@@ -54,7 +54,7 @@ def _is_padded(match: re.Match[str]) -> bool:
 
 
 def renumbered(path: Path, number: int) -> Path:
-    """Return the file of frame ``number`` in the sequence of ``path``, which is unchanged where it has no number."""
+    """Return the file of frame ``number`` in the sequence of ``path``, which is unchanged if it is not numbered."""
     return _with_number(path, lambda digits: f"{number:0{digits}d}")
 
 
@@ -102,7 +102,7 @@ class Selection:
 
     @property
     def alone(self) -> bool:
-        """True for a single file that was named itself, which needs no number."""
+        """True for a single file that was named itself, which need not be numbered."""
         return self.files is not None and len(self.files) == 1 and self.words == (str(self.files[0]),)
 
     def by_name(self, files: Iterable[Path]) -> dict[str, dict[int, Path]]:
@@ -139,7 +139,7 @@ class Selection:
         moved = [_number_last(path) for path, _ in there]
         last = [path for path in moved if path is not None]
         if len(found) > 1 and last == moved and len({name_of(path) for path in last}) == 1:
-            what, cure = "the number of a frame does not stand last", f"rename the files, as {last[0].name}"
+            what, cure = "the frame number is not last in the name", f"rename the files, as {last[0].name}"
             raise DataError(what, path=self.folder, found=there[0][0].name, cure=cure)
         return found
 

@@ -307,7 +307,7 @@ def check_size(shot: Shot) -> list[Finding]:
     x, y = worst.jitter_px
     evidence = f"frame {worst.index}: {x:g} {y:g} pixels from the centre, and a sample lies within its pixel"
     what = (
-        "the jitter is no place in a pixel: find its unit for jitter.scale (docs/inputs.md);"
+        "the jitter lies outside the pixel: find its unit for jitter.scale (docs/inputs.md);"
         " to go on without it: --input jitter.source=none"
     )
     return [mistake("jitter-size", what, evidence, 0.95)]

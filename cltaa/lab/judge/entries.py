@@ -222,8 +222,9 @@ def judged_entries(
     if film is not None:
         import_av()
         make_folder(film)
-    entered = {name: sequences[name] for name in sequences if any(name in entry.folders for entry in entries)}
-    rounds(entries, entered, frames, **reading)  # what is wrong is told before ours are resolved
+    if ours:  # reports what is wrong with entries before the presets are resolved
+        entered = {name: sequences[name] for name in sequences if any(name in entry.folders for entry in entries)}
+        rounds(entries, entered, frames, **reading)
     with resolved_by_us(ours, sequences) as own:
         played = rounds([*entries, *own], sequences, frames, **reading)
         rows = [row for one in played for row in _judged(one, metrics, stops, cvvdp=cvvdp)]
