@@ -174,10 +174,11 @@ def test_a_killed_worker_loses_nothing(
     cluster.hold.touch()
     recorded = when_finished(monkeypatch, 3, cluster.kill)
     report = cltaa.resolve(shot, tmp_path / "out", PRESET, "numpy", dask=cluster.address, jobs=1)
-    assert (report.resolved, recorded) == (FRAMES, [*range(FRAMES)])
+    # In any order: a worker writes with several threads.
+    assert (report.resolved, sorted(recorded)) == (FRAMES, [*range(FRAMES)])
     assert contents(tmp_path / "out") == contents(whole)
     # As it is written, and with its part where that has ended, so that nobody resolved the first three again.
-    assert [told[number] for number in range(FRAMES) if number < 3 or number >= HELD] == [1] * 3 + [2] * (FRAMES - HELD)
+    assert [told[number] for number in [*recorded[:3], *range(HELD, FRAMES)]] == [1] * 3 + [2] * (FRAMES - HELD)
 
 
 def test_a_wish_to_stop_keeps_what_is_finished(
