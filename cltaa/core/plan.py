@@ -319,6 +319,8 @@ def plan_frame(
     each step that the preset allows and the frame does not need: it costs time and changes no bit.
     """
     ring = set(jitters)  # one that holds this jitter too, and another, holds every position of the jitter sequence
+    effects, word = _known(frame.effects, frame.found)
+    noisy = effects is not None and Effect.NOISE in effects  # a position shows something else every time
     facts = Facts(
         frame.motion is not None,
         frame.alpha is not None,
@@ -326,10 +328,11 @@ def plan_frame(
         frame.has_depth,
         frame.has_camera,
         frame.camera.orthographic,
-        *_known(frame.effects, frame.found),
+        effects,
+        word,
         previous is None,
         previous is not None and not is_still(frame.camera, previous),
-        previous is not None and frame.jitter_px in ring and len(ring) > 1,
+        previous is not None and frame.jitter_px in ring and len(ring) > 1 and not noisy,
         frame.width,
     )
     return _planned(preset, facts, every)

@@ -177,9 +177,20 @@ def test_only_a_camera_that_stands_has_it() -> None:
 def test_jitter_that_repeats_within_the_ring_leaves_nothing_to_add(period: int, expected: str) -> None:
     resolver = Resolver("gather-8", "numpy")
     for index in range(10):
-        resolver.resolve(replace(drawn(index), jitter_px=(0.01 * (index % period), 0.0)))
+        resolver.resolve(jittered(index, period))
     assert resolver.plan is not None
     assert resolver.plan.choices.recursion == expected
+
+
+def test_noise_adds_samples_where_jitter_repeats_within_the_ring() -> None:
+    def noisy(index: int) -> Frame:
+        return replace(jittered(index, 4), effects=OWN | {Effect.NOISE})
+
+    errors = []
+    for recursion in ("standing", "none"):
+        *_, image = Resolver(preset_of("gather-8", recursion), "numpy").images(map(noisy, range(40)))
+        errors.append(error(image))
+    assert errors[0] < 0.5**0.5 * errors[1]  # at least twice the samples
 
 
 def test_a_sequence_is_split_only_where_frames_are_of_the_ring_alone() -> None:
