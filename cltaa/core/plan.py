@@ -61,6 +61,8 @@ CHANGING = frozenset(
 CHANGING_LIGHT = frozenset({Effect.ILLUMINATION, Effect.MOTION, Effect.REACTIVE})
 
 SURER = 2.0  # factor of drift_t, where no illumination change is known
+UNLIKELY = 2.5  # factor of the illumination test's thresholds, where its changes were searched for and not found
+STATIC_SAMPLES = 4.0  # factor of sample_limit, where all is found static
 # With noise. Factor of falling_t, because dim samples of noise agree and bright ones do not, and of a box of
 # deviations, which noise widens.
 NOISY_FALLING, NOISY_BOX = 1.2, 0.5
@@ -87,6 +89,8 @@ def estimate(
         choices = msgspec.structs.replace(choices, history=HistoryKind.ACCUMULATED)
     choices, reason = _testing_illumination(preset, choices, declared, word)
     reasons.append(reason)
+    if choices.illumination is Illumination.TEST and free and word == FOUND:
+        settings = found_constant(settings, standing=standing) if not _refuting(declared) else settings
     if choices.illumination is Illumination.STATIC and _illumination_may_change(declared) and free:
         settings = with_narrow_box(settings)
     if preset.choices.history is HistoryKind.FRAMES:
@@ -130,6 +134,15 @@ def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]
     return choices, msgspec.structs.replace(settings, sample_limit=2.0**20)
 
 
+def found_constant(settings: Settings, *, standing: bool) -> Settings:
+    """Demand more of the illumination test, since a change would be one that the search has missed; and where all is
+    found ``standing``, limit the history less, since it is right."""
+    times = STATIC_SAMPLES if standing else 1.0
+    thresholds = ("illumination_t", "disocclusion_t", "passing_t", "behind_t")
+    surer = {name: UNLIKELY * getattr(settings, name) for name in thresholds}
+    return msgspec.structs.replace(settings, sample_limit=times * settings.sample_limit, **surer)
+
+
 def with_narrow_box(settings: Settings) -> Settings:
     """Limit the box to the 3x3: light may change, and only the box detects that."""
     return msgspec.structs.replace(
@@ -162,14 +175,22 @@ def _illumination_may_change(declared: frozenset[Effect] | None) -> bool:
     return declared is None or bool(declared & {Effect.ILLUMINATION, Effect.REACTIVE})
 
 
-def _testing_illumination(
-    preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str
-) -> tuple[Choices, Reason]:
-    """Keep the illumination test where history can be wrong: light changes, moving surfaces turn in the light, or a
-    camera moves past sub-pixel features and uncovers surfaces that depth mistakes for visible before.
+def _refuting(declared: frozenset[Effect] | None) -> frozenset[Effect]:
+    """Return the effects that make history wrong where depth shows the same surface: light changes, moving surfaces
+    turn in the light, or a camera moves past sub-pixel features and uncovers surfaces that depth mistakes for visible
+    before.
 
     A camera that moves past solid surfaces, or is still before thin ones, needs no test.
     """
+    known = frozenset() if declared is None else declared
+    return known & (CHANGING_LIGHT | {Effect.THIN} if Effect.CAMERA in known else CHANGING_LIGHT)
+
+
+def _testing_illumination(
+    preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str
+) -> tuple[Choices, Reason]:
+    """Keep the illumination test, unless the declared effects promise that nothing refutes the history: that of a
+    recursive resolve also where no such effect is found, which is no promise."""
     if why := declined(preset, "illumination", Illumination.TEST, Illumination.WINDOW):
         return choices, Reason(LIGHT, False, why)
     if choices.history is HistoryKind.FRAMES:  # windows have a test of their own
@@ -178,10 +199,12 @@ def _testing_illumination(
         return choices, Reason(LIGHT, True, "as published")
     if declared is None:
         return choices, Reason(LIGHT, True, declared_or_not(Effect.ILLUMINATION, declared, word))
-    changing = CHANGING_LIGHT | {Effect.THIN} if Effect.CAMERA in declared else CHANGING_LIGHT
-    if found := declared & changing:
+    if found := _refuting(declared):
         return choices, Reason(LIGHT, True, f"{word}: {format_effects(found)}")
     why = f"none of illumination, motion and reactive is {word}, nor thin with a camera"
+    if word == FOUND and choices.history is HistoryKind.ACCUMULATED:
+        choices = msgspec.structs.replace(choices, illumination=Illumination.TEST)
+        return choices, Reason(LIGHT, True, f"{why}: surer changes alone count")
     return msgspec.structs.replace(choices, illumination=Illumination.STATIC), Reason(LIGHT, False, why)
 
 

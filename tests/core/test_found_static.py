@@ -1,0 +1,60 @@
+"""Where no change is found, one that comes after all is still followed; where all is static, more frames count."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cltaa.core.plan import plan_frame
+from cltaa.core.presets import load_preset, override
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Effect, Frame, Image
+from tests.sequence_factory import make_camera, make_frame
+
+WIDTH, HEIGHT = 24, 20
+TWO = np.random.default_rng(7).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3))
+FOUND = frozenset({Effect.DISOCCLUSION})
+CHANGED = np.s_[4:16, 6:18]
+PRESETS = pytest.mark.parametrize("name", ["default", "gather-8"])
+
+
+def frame_of(index: int, light: float, found: frozenset[Effect] | None = FOUND) -> Frame:
+    """A texture of two colours a pixel, either of which a sample may find, with a part of another ``light``."""
+    frame = make_frame(index, width=WIDTH, height=HEIGHT, camera=make_camera(), effects=None)
+    first = np.random.default_rng(index).random((HEIGHT, WIDTH, 1)) < 0.5
+    colour = np.where(first, TWO[0], TWO[1]).astype(np.float32)
+    colour[CHANGED] *= np.float32(light)
+    return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0), jitter_px=(0.0, 0.0), found=found)
+
+
+def last(name: str, lights: list[float], found: frozenset[Effect] = FOUND, sample_limit: float = 24.0) -> Image:
+    preset = override(load_preset(name), {"current_filter": "none", "sample_limit": sample_limit})
+    frames = (frame_of(index, light, found) for index, light in enumerate(lights))
+    *_, image = Resolver(preset, "numpy").images(frames)
+    return image
+
+
+@PRESETS
+def test_four_times_as_many_samples_count(name: str) -> None:
+    images = (last(name, [1.0] * 96, sample_limit=limit) for limit in (24.0, 6.0))
+    errors = [np.sqrt(np.mean((image - TWO.mean(0)) ** 2)) for image in images]
+    assert errors[0] < 0.8 * errors[1]  # 96 samples, and 47, as a running mean of up to 24 has: 0.70
+
+
+@pytest.mark.parametrize(
+    ("name", "found"), [("default", FOUND), ("gather-8", FOUND), ("default", FOUND | {Effect.CAMERA})]
+)
+def test_light_that_changes_after_all_is_followed(name: str, found: frozenset[Effect]) -> None:
+    image = last(name, [1.0] * 48 + [2.0] * 6, found)
+    # Of a running mean of up to 24 samples, which nothing refutes, 0.78 of the change would be missing.
+    assert 2.0 - np.mean(image[CHANGED]) / np.mean(TWO.mean(0)[CHANGED]) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("found", "limit"), [(None, 24.0), (FOUND, 96.0), (FOUND | {Effect.MOTION}, 24.0), (FOUND | {Effect.CAMERA}, 24.0)]
+)
+def test_the_limit_grows_only_where_all_is_found_static(found: frozenset[Effect] | None, limit: float) -> None:
+    plan = plan_frame(load_preset("default"), frame_of(0, 1.0, found), None)
+    assert plan.settings.sample_limit == limit
