@@ -41,7 +41,6 @@ from cltaa.lab.bench.cases import (
     planned,
 )
 from cltaa.lab.bench.cells import (
-    ALPHA,
     COLUMNS,
     QUALITY,
     Judged,
@@ -63,7 +62,7 @@ from cltaa.lab.bench.quality.table import (
     written,
 )
 from cltaa.lab.bench.variants import Variant
-from cltaa.lab.judge.metrics import METRICS, versions_of
+from cltaa.lab.judge.metrics import ALPHA, METRICS, versions_of
 from cltaa.printable import json_of, printable, shown
 
 ALL_SCENES = "all"  # all that cltaa scenes lists

@@ -19,7 +19,16 @@ from cltaa.io.numbered import even_step, named_frames, ranges
 from cltaa.io.sequence import FrameSequence, ImageSequence
 from cltaa.lab.judge.comparison import Comparison, doubts, pair_up
 from cltaa.lab.judge.entries import Row, judged_entries, means_of
-from cltaa.lab.judge.metrics import CVVDP_TITLE, DEFAULT_METRICS, METRICS, Measure, Metric, parse_metrics, versions_of
+from cltaa.lab.judge.metrics import (
+    ALPHA,
+    CVVDP_TITLE,
+    DEFAULT_METRICS,
+    METRICS,
+    Measure,
+    Metric,
+    parse_metrics,
+    versions_of,
+)
 from cltaa.lab.judge.one_pass import judge, stale_maps, summary_of
 from cltaa.lab.judge.video_scores import SCORES
 from cltaa.printable import counted, json_of, printable, shown
@@ -28,15 +37,19 @@ Values = Mapping[str, float]
 BOUNDS = {None: "", "at least": "≥ ", "at most": "≤ "}
 
 
-def score_heads(metrics: Sequence[Metric], *, moving: bool, samples: bool) -> list[str]:
-    """Return column heads for metrics, with ``moving`` for video scores, with ``samples`` for equal-quality samples."""
-    heads = [measure.head for measure in (*metrics, *(SCORES if moving else ()))]
+def score_heads(metrics: Sequence[Metric], *, alpha: bool = False, moving: bool, samples: bool) -> list[str]:
+    """Return column heads for metrics, and for alpha, scores over time (``moving``) and equal-quality samples."""
+    heads = [measure.head for measure in (*metrics, *([ALPHA] if alpha else ()), *(SCORES if moving else ()))]
     return [*heads, *(["samples ↑"] if samples else [])]
 
 
-def score_cells(result: Mapping[str, Any], metrics: Sequence[Metric], *, moving: bool, samples: bool) -> list[str]:
+def score_cells(
+    result: Mapping[str, Any], metrics: Sequence[Metric], *, alpha: bool = False, moving: bool, samples: bool
+) -> list[str]:
     """Return the cells of a result under the heads of ``score_heads``."""
     cells = value_cells(result["mean"], metrics)
+    if alpha:
+        cells.append(format(math.sqrt(result["alpha"]["mse"]), ALPHA.form) if result.get("alpha") else "–")
     if moving:
         scores = result.get("video", dict.fromkeys((score.name for score in SCORES), math.nan))
         cells += ["–" if math.isnan(v) else format(v, s.form) for s in SCORES for v in (scores[s.name],)]
@@ -114,36 +127,42 @@ def print_several(results: Sequence[dict[str, Any]], metrics: tuple[Metric, ...]
     """Print the means of several results against one reference, one row each."""
     first = results[0]
     single = next((result for result in results if "mean_one_sample" in result), None)  # None for the capture itself
-    kinds = {"moving": "video" in first, "samples": single is not None}
+    kinds = {"moving": "video" in first, "samples": single is not None} | _with_alpha(results)
     print_line(f"{shown(first['reference'])} is the truth; means of {counted(len(first['frames']), 'frame')}")
     table = figures(None, "", *score_heads(metrics, **kinds), named=True)
     for result in results:
         table.add_row(shown(result["test"]), *score_cells(result, metrics, **kinds))
     if single:
-        alone = {"mean": single["mean_one_sample"], "video": single.get("video_one_sample")}
+        alone = {name: single.get(f"{name}_one_sample") for name in ("mean", "alpha", "video")}
         table.add_section()
         table.add_row("one sample", *score_cells(alone, metrics, **kinds | {"samples": False}), "1", style="dim")
     print_table(table)
-    print_meanings([*metrics, *(SCORES if kinds["moving"] else ())])
+    print_meanings([*metrics, *([ALPHA] if kinds["alpha"] else ()), *(SCORES if kinds["moving"] else ())])
     if single:
         print_line("  samples: equal-quality samples, so many a pixel a supersampler needs for the same error", "dim")
+
+
+def _with_alpha(results: Sequence[Mapping[str, Any]]) -> dict[str, bool]:
+    """Return whether a table has the column of alpha: if any result has it."""
+    return {"alpha": any("alpha" in result for result in results)}
 
 
 def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bool) -> None:
     """Print the rows of ``--table`` by sequence, and their means over all sequences."""
     timed, several = any("milliseconds" in row for row in rows), len({row["sequence"] for row in rows}) > 1
-    heads = [*score_heads(metrics, moving=True, samples=True), *(["cvvdp ↑"] * cvvdp), *(["ms ↓"] * timed)]
+    kinds = {"moving": True, "samples": True} | _with_alpha(rows)
+    heads = [*score_heads(metrics, **kinds), *(["cvvdp ↑"] * cvvdp), *(["ms ↓"] * timed)]
     table = figures(None, "", "", *heads, named=True)
     table.columns[1].justify = "left"
     for name, of_it in groupby([*rows, *(means_of(rows) if several else [])], lambda row: str(row["sequence"])):
         table.add_section()
         for place, row in enumerate(of_it):
-            cells = score_cells(row, metrics, moving=True, samples=True)
+            cells = score_cells(row, metrics, **kinds)
             cells += [f"{row['cvvdp']:.2f}" if "cvvdp" in row else "–"] * cvvdp
             cells += [f"{row['milliseconds']:g}" if "milliseconds" in row else "–"] * timed
             table.add_row("" if place else shown(name), shown(row["entry"]), *cells)
     print_table(table)
-    print_meanings([*metrics, *SCORES])
+    print_meanings([*metrics, *([ALPHA] if kinds["alpha"] else ()), *SCORES])
     if cvvdp:
         print_line(f"  {CVVDP_TITLE}", "dim")
 

@@ -46,6 +46,7 @@ from cltaa.lab.bench.variants import Variant
 from cltaa.lab.judge.comparison import content_sha256, truth_of, truth_samples
 from cltaa.lab.judge.correspondence import Mask
 from cltaa.lab.judge.metrics import (
+    ALPHA,
     METRICS,
     Measure,
     check_finite,
@@ -76,7 +77,6 @@ COLUMNS = (
     Measure("disoccluded", "the same over pixels in the frame in which they appear", ".2f", True),
     *SCORES,
 )
-ALPHA = Measure("alpha", "root mean square error of alpha")
 
 
 class Judging(msgspec.Struct, frozen=True, kw_only=True):

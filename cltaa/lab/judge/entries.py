@@ -24,7 +24,7 @@ from cltaa.io.preset_file import read_preset
 from cltaa.io.video import USUAL_RATE, import_av, open_video, rate_of
 from cltaa.lab.judge.comparison import Comparison, doubts, pair_up
 from cltaa.lab.judge.metrics import Metric, import_cvvdp, jod, mean_of
-from cltaa.lab.judge.one_pass import judge, summary_of
+from cltaa.lab.judge.one_pass import judge, mean_alpha, summary_of
 from cltaa.printable import counted, printable
 
 Row = dict[str, Any]
@@ -246,7 +246,7 @@ def _judged(one: Round, metrics: tuple[Metric, ...], stops: float, *, cvvdp: boo
             "entry": entry.name,
             **{key: value for key, value in facts.items() if key != "name" and value not in ("", None)},
             "frames": one.numbers,
-            **{key: summary[key] for key in ("mean", "video", "equal_quality_samples") if key in summary},
+            **{key: summary[key] for key in ("mean", "alpha", "video", "equal_quality_samples") if key in summary},
         }
         if cvvdp and one.in_time:
             test, truth = ([side.image(n) for n in one.numbers] for side in (comparison.test, comparison.reference))
@@ -266,6 +266,8 @@ def means_of(rows: Sequence[Row]) -> list[Row]:
             for part in ("mean", "video"):
                 if all(part in one for one in of_it):
                     row[part] = {key: _mean(key, [one[part][key] for one in of_it]) for key in of_it[0][part]}
+            if all("alpha" in one for one in of_it):
+                row["alpha"] = mean_alpha(one["alpha"] for one in of_it)
             if all("cvvdp" in one for one in of_it):
                 row["cvvdp"] = _mean("cvvdp", [one["cvvdp"] for one in of_it])
             means.append(row | {key: of_it[0][key] for key in ("milliseconds",) if key in of_it[0]})

@@ -47,6 +47,9 @@ class Measure:
         return f"{self.name} {'↑' if self.higher_is_better else '↓'}"
 
 
+ALPHA = Measure("alpha", "root mean square error of alpha, where both images have it")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Metric(Measure):
     """An error of an image: ``function(test, reference, stops)``.

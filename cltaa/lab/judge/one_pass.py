@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -177,10 +177,10 @@ def _alpha(truth: _Picture, test: _Picture, number: int, stops: float) -> dict[i
     return {number: values}
 
 
-def alpha_of(judged: Judged) -> dict[str, float]:
-    """Return the errors of alpha over all frames that have it: means, and the worst."""
-    frames = [*judged.alpha.values()]
-    return mean(frames) | {"worst": max(frame["worst"] for frame in frames)}
+def mean_alpha(errors: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """Return the errors of alpha over frames or sequences: means, and the worst."""
+    errors = list(errors)
+    return mean(errors) | {"worst": max(each["worst"] for each in errors)}
 
 
 def _reads(
@@ -231,9 +231,9 @@ def summary_of(comparison: Comparison, judged: Judged, found: Found, metrics: tu
     if judged.alpha:
         for row in rows:
             row |= {"alpha": judged.alpha[row["frame"]]} if row["frame"] in judged.alpha else {}
-        result["alpha"] = alpha_of(judged)
+        result["alpha"] = mean_alpha(judged.alpha.values())
         if single is not None and single.alpha:
-            result["alpha_one_sample"] = alpha_of(single)
+            result["alpha_one_sample"] = mean_alpha(single.alpha.values())
     if judged.total is not None:
         _add(rows, "video", judged.video)
         result["definitions"] |= {score.name: score.title for score in SCORES}

@@ -13,9 +13,11 @@ from PIL import Image
 
 from cltaa.cli import main
 from cltaa.commands.compare import print_entries
+from cltaa.io.exr_write import write_frame, write_image
+from cltaa.lab.judge.entries import means_of
 from cltaa.lab.judge.metrics import parse_metrics
 from tests.lab.judge.test_compare_command import refusal, run_json
-from tests.sequence_factory import write_sequence
+from tests.sequence_factory import make_frame, write_sequence
 
 FRAMES = 4
 METRICS = ("--metrics", "mse,psnr")
@@ -53,6 +55,44 @@ def test_each_row_is_what_compare_says_of_it_alone(
     assert rows["a", "Mine"]["mean"] == alone["mean"]
     assert rows["a", "Mine"]["video"] == alone["video"]
     assert rows["a", "basic"]["mean"] != rows["a", "Mine"]["mean"]
+
+
+@pytest.mark.parametrize("sample_alpha", [False, True])
+def test_alpha_is_judged_where_both_have_it(
+    sample_alpha: bool, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Of each test, and of the single samples beside several."""
+    folder = tmp_path / "a"
+    (folder / "reference").mkdir(parents=True)
+    for number in range(2):
+        frame = make_frame(number, alpha=sample_alpha)
+        write_frame(folder / f"x.{number:04d}.exr", frame)
+        half = np.full(frame.depth.shape, 0.5, np.float32)
+        write_image(folder / "reference" / f"x.{number:04d}.exr", dict.fromkeys("RGBA", half))
+    for name in ("mine", "theirs"):
+        (tmp_path / name / "a").mkdir(parents=True)
+        for path in folder.glob("*.exr"):
+            shutil.copy(path, tmp_path / name / "a")
+    options = ("--ours", "basic", *METRICS)
+    assert main(["compare", "--table", *words(tmp_path / "mine", folder), "--json", *options]) == 0
+    mine, basic = json.loads(capsys.readouterr().out)["table"]
+    alone = run_json(capsys, tmp_path / "mine" / "a", folder, *METRICS)
+    assert ("alpha" in mine, "alpha" in basic) == (sample_alpha, sample_alpha)
+    assert mine.get("alpha") == alone.get("alpha")
+    several = (tmp_path / "mine" / "a", tmp_path / "theirs" / "a", folder)
+    for asked in (["--table", *words(tmp_path / "mine", folder), *options], [*words(*several), *METRICS]):
+        assert main(["compare", *asked]) == 0
+        said = capsys.readouterr().out
+        assert ("alpha ↓" in said) == sample_alpha
+        assert not sample_alpha or f"{alone['alpha']['mse'] ** 0.5:.4f}" in said
+
+
+def test_means_of_alpha_are_those_of_its_squared_error_and_its_worst() -> None:
+    values = [{"mse": 0.1, "worst": 0.5, "psnr-white": 20.0}, {"mse": 0.3, "worst": 0.9, "psnr-white": 20.0}]
+    rows = [{"sequence": name, "entry": "e", "alpha": each} for name, each in zip("ab", values, strict=True)]
+    (mean,) = means_of(rows)
+    assert mean["alpha"] == {"mse": 0.2, "worst": 0.9, "psnr-white": pytest.approx(20.0)}
+    assert "alpha" not in means_of([rows[0], {"sequence": "b", "entry": "e"}])[0]
 
 
 @pytest.mark.parametrize("asked", [False, True])

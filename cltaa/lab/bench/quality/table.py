@@ -19,9 +19,9 @@ from cltaa.errors import DataError
 from cltaa.io.atomic import atomic_path, check_creatable
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.bench.cases import Case
-from cltaa.lab.bench.cells import ALPHA, COLUMNS, ONE_SAMPLE, Judged
+from cltaa.lab.bench.cells import COLUMNS, ONE_SAMPLE, Judged
 from cltaa.lab.judge.comparison import truth_of, truth_samples
-from cltaa.lab.judge.metrics import Measure, mean_of
+from cltaa.lab.judge.metrics import ALPHA, Measure, mean_of
 from cltaa.printable import markdown
 
 DEFAULT = "default"
