@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from contextlib import nullcontext
 from functools import partial
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -50,10 +51,10 @@ def print_plan(plan: SequencePlan) -> None:
         **({"of layers": plan.memory.layers} if plan.memory.layers else {}),
         "of reading": plan.memory.reading,
         "of packing": plan.memory.packing,
-        "of the program": plan.memory.program,
     }
-    told = " + ".join(f"{size / 1e6:.0f} {what}" for what, size in parts.items())
-    print_line(f"memory at the peak: {plan.memory.whole / 1e6:.0f} MB = {told}")
+    told, jobs = " + ".join(f"{size / 1e6:.0f} {what}" for what, size in parts.items()), plan.memory.jobs
+    told = f"{told if jobs == 1 else f'{jobs} jobs x ({told})'} + {plan.memory.program / 1e6:.0f} of the program"
+    print_line(f"memory at the peak, without film and debug views: {plan.memory.whole / 1e6:.0f} MB = {told}")
     if plan.found is not None:
         print_line(shown(plan.found.line))
         Console().print(_evidence(plan.found))
@@ -93,7 +94,7 @@ def _table(section: Section, title: str) -> Table:
 
 
 CENTRED_TO_PX = 1e-3  # a larger mean jitter visibly shifts the image
-OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_rows", "config", "changes", "denoise")
+OF_PLAN = {*signature(plan).parameters, "config", "changes"}
 
 
 @click.command(context_settings={"allow_extra_args": True})  # a shell expands a pattern into many files
@@ -126,6 +127,13 @@ OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_row
     "--layers", type=LAYERS, help="With --plan: input channels to copy into the result, as for cltaa resolve."
 )
 @partial(denoise_option, where="With --plan: ")
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    default=1,
+    metavar="N",
+    help="With --plan: plan for N parts resolved at once, each of which takes memory.",
+)
 @input_options
 @json_option
 @click.pass_context
@@ -145,6 +153,7 @@ def inspect(
     half: bool,
     layers: tuple[str, ...] | None,
     denoise: str,
+    jobs: int,
     as_json: bool,
     **reading: Any,
 ) -> None:
@@ -165,8 +174,8 @@ def inspect(
         if source.notes:
             click.echo("\n".join(map(printable, source.notes)), err=True)
         resolved: dict[str, Any] = {"half": half, "layers": layers, "band_rows": band_rows, "denoise": denoise}
-        asked = chosen_effects(effects)
-        answer(plan(source, wanted, device, effects=asked, storage=Storage(storage), **resolved), as_json, print_plan)
+        resolved |= {"effects": chosen_effects(effects), "storage": Storage(storage), "jobs": jobs}
+        answer(plan(source, wanted, device, **resolved), as_json, print_plan)
         return
     with shown_progress("inspecting") if sys.stderr.isatty() else nullcontext() as advance:
         found = inspect_input(place, pixels=pixels, advance=advance, **reading)

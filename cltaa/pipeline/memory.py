@@ -87,11 +87,13 @@ class Memory(msgspec.Struct, frozen=True, kw_only=True):
     reading: int  # packed files, and planes decoded beside those of their frames
     packing: int  # blocks of the threads that unpack each file that is read, of those that pack, and of those that hash
     program: int = PROGRAM
+    jobs: int = 1  # parts that are resolved at once, each in memory of its own
 
     @property
     def whole(self) -> int:
-        """The sum of all parts."""
-        return self.device + self.frames + self.layers + self.results + self.reading + self.packing + self.program
+        """The sum of everything."""
+        own = self.device + self.frames + self.layers + self.results + self.reading + self.packing
+        return self.jobs * own + self.program
 
 
 def program_bytes() -> int:

@@ -275,6 +275,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--plan --storage half", "plan.storage", Storage.HALF),
         ("--plan --band-rows 7", "plan.band_rows", 7),
         ("--plan --half", "plan.half", True),
+        ("--plan --jobs 7", "plan.jobs", 7),
         ("--plan --denoise oidn", "plan.denoise", "oidn"),
         ("--plan --denoise oidn", "plan.preset.choices.current_filter", "none"),
         ("--plan --layers one,two", "plan.layers", ("one", "two")),

@@ -13,6 +13,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -29,7 +30,7 @@ from cltaa.io.sequence import open_sequence
 from cltaa.io.streams import AHEAD
 from cltaa.lab.inspect.plan import memory, plan
 from cltaa.opencl.launcher import DeviceLauncher
-from cltaa.pipeline.memory import DevicePlanes, device_bytes, of_sequence
+from cltaa.pipeline.memory import DevicePlanes, Memory, device_bytes, of_sequence
 from cltaa.reference.launcher import NumpyLauncher
 from tests.sequence_factory import make_frame, write_sequence
 
@@ -171,6 +172,25 @@ def test_the_peak_is_what_the_formula_says(tmp_path: Path, motion: bool, half: b
     peak_of(command)  # which builds the kernels
     # How far the two that are read at once overlap is chance.
     assert peak_of(command) == pytest.approx(plan(open_sequence(folder), rounds=0, half=half).memory.whole, rel=0.10)
+
+
+def test_each_job_takes_all_but_the_program(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_sequence(tmp_path / "in", 3)
+
+    def told(*more: str) -> Memory:
+        command = ["inspect", str(folder), "--plan", "--device", "numpy", "--json", *more]
+        assert main(command) == 0
+        return msgspec.convert(json.loads(capsys.readouterr().out)["memory"], Memory)
+
+    one, two, many = (told("--preset", "gather-8", "--jobs", jobs) for jobs in ("1", "2", "9"))
+    own = one.whole - one.program
+    assert (two.whole - two.program, many.whole - many.program) == (2 * own, 3 * own)  # a job has a frame at least
+    # Its recurrent history makes one part of all.
+    assert told("--preset", "gather-8", "--jobs", "2", "--effects", "none").jobs == 1
+    assert main(["inspect", str(folder), "--plan", "--preset", "gather-8", "--device", "numpy", "--jobs", "2"]) == 0
+    assert " MB = 2 jobs x (" in capsys.readouterr().out
+    assert main(["inspect", str(folder), "--plan", "--jobs", "2"]) == 64
+    assert "--jobs: preset default resolves each frame from the result before it" in capsys.readouterr().err
 
 
 @pytest.mark.big

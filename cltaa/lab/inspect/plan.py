@@ -16,7 +16,7 @@ import numpy as np
 from cltaa.core.backend import Launcher
 from cltaa.core.build import Steps, Storage, window_count
 from cltaa.core.parameters import HistoryKind, Illumination
-from cltaa.core.plan import JittersBefore, Plan, plan_frame, recursive_choices, toggled, with_effects
+from cltaa.core.plan import JittersBefore, Plan, from_ring_alone, plan_frame, recursive_choices, toggled, with_effects
 from cltaa.core.presets import Preset, Published
 from cltaa.core.record import Past
 from cltaa.core.resolver import Resolver
@@ -32,6 +32,7 @@ from cltaa.pipeline.denoise import denoises
 from cltaa.pipeline.folder import band_rows_for, find_for, for_denoised, has_bands, of_whole
 from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence, program_bytes
 from cltaa.pipeline.output import carried_kinds, check_layers, chosen_layers
+from cltaa.pipeline.run import check_jobs
 from cltaa.progress import track
 
 ROUNDS = 9  # timing rounds, each with one run of every variant
@@ -84,18 +85,20 @@ def plan(
     layers: tuple[str, ...] | None = None,
     band_rows: int | None = None,
     denoise: str = "none",
+    jobs: int = 1,
 ) -> SequencePlan:
     """Return which steps of ``preset`` run on which frames of ``sequence``, opened or named, and why.
 
     Finds undeclared effects in its pixels first, like ``cltaa resolve``. With ``rounds`` it also times each step on
     ``device``, on and off in turn, on two frames of the sequence, unless the preset looks ahead. ``storage``, ``half``,
-    ``layers``, ``band_rows`` and ``denoise`` are those of ``cltaa resolve``; memory depends on them. The time and
-    memory of the denoiser itself are not included. Raises what opening the device and reading raise, and UsageError for
-    an unknown layer.
+    ``layers``, ``band_rows``, ``denoise`` and ``jobs`` are those of ``cltaa resolve``; memory depends on them. The time
+    and memory of the denoiser itself, and those of films and debug views, are not included. Raises what opening the
+    device and reading raise, and UsageError for an unknown layer, and for jobs of a preset that does not gather.
     """
     denoised = denoises(denoise)
     if not isinstance(preset, Preset):
         preset = read_preset(preset, for_denoised if denoised else None)
+    check_jobs(jobs, preset, follow=False, debug=False, dask=False)
     if not isinstance(sequence, FrameSequence):
         sequence = open_input(sequence)
     check_declared(sequence, effects)
@@ -131,13 +134,14 @@ def plan(
     run = [(choices, each.steps) for each in plans for choices in (each.choices, recursive_choices(each.choices))]
     kernels = len({(choices, steps) for choices, steps in run if choices is not None})
     needed = memory(sequence, resolver, plans, half=half, layers=carried_kinds(sequence, layers), rows=band_rows)
+    jobs = min(jobs, len(sequence)) if from_ring_alone(preset, effects, sequence.effects, sequence.found) else 1
     return SequencePlan(
         folder=str(sequence.folder),
         preset=resolver.preset.name,
         device=resolver.launcher.description,
         kernels=kernels,
         sections=sections,
-        memory=msgspec.structs.replace(needed, program=program),
+        memory=msgspec.structs.replace(needed, program=program, jobs=jobs),
         found=found,
     )
 

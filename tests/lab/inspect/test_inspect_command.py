@@ -268,7 +268,7 @@ def test_pixels_are_held_against_the_record(capsys: pytest.CaptureFixture[str], 
 
 def test_an_option_that_would_change_nothing_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     folder = str(write_sequence(tmp_path / "a", 2))
-    for option in (["--preset", "gather-48"], ["--device", "numpy"], ["--effects", "all"], ["--half"]):
+    for option in (["--preset", "gather-48"], ["--device", "numpy"], ["--effects", "all"], ["--half"], ["--jobs", "2"]):
         assert main(["inspect", folder, *option]) == 64
         assert capsys.readouterr().err == f"cltaa: error: {option[0]} says how to plan a resolve; add --plan\n"
     assert main(["inspect", folder, "--plan", "--pixels"]) == 64
