@@ -81,7 +81,7 @@ COMMANDS = {
     "kernels": Entry("cltaa.commands.presets", "kernels", "List the OpenCL kernels, or print one as it is built."),
     "presets": Entry("cltaa.commands.presets", "presets", "List the presets and what each sets."),
     "profiles": Entry("cltaa.commands.presets", "profiles", "List the reader profiles for files of other tools."),
-    "raycast": Entry("cltaa_datasets.ray_cast", "raycast", "Draw a scene of formulas, which declares nothing."),
+    "raycast": Entry("cltaa_datasets.ray_cast", "raycast", "Ray-cast a scene that declares no effects."),
     "resolve": Entry("cltaa.commands.resolve", "resolve", "Anti-alias a sequence over time."),
     "scenes": Entry("cltaa_datasets.cli", "scenes", "List the scenes that capture can draw."),
     "tune": Entry("cltaa.commands.tune", "command", "Search for the best settings within a time or an error."),

@@ -131,6 +131,7 @@ def _print_summary(request: Request, captured: Captured, seconds: float, as_json
             "frames": request.frames,
             "drawn": captured.drawn,
             "kept": captured.kept,
+            "supersampled": captured.supersampled,
             "width": request.width,
             "height": request.height,
             "reference": request.reference,
@@ -141,8 +142,9 @@ def _print_summary(request: Request, captured: Captured, seconds: float, as_json
         click.echo(json_of(summary))
         return
     kept = f", {captured.kept} kept" if captured.kept else ""
+    truth = f", {counted(captured.supersampled, 'supersampled image')} drawn" if captured.supersampled else ""
     print(
-        f"{printable(request.output)}: {counted(captured.drawn, 'frame')} drawn{kept} in {seconds:.1f} s"
+        f"{printable(request.output)}: {counted(captured.drawn, 'frame')} drawn{kept}{truth} in {seconds:.1f} s"
         f" with {captured.backend} ({captured.opengl})",
         file=sys.stderr,
     )

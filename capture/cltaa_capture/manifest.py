@@ -30,15 +30,21 @@ FORMAT = 1
 LIBRARIES = ("numpy", "OpenEXR", "pyrender", "PyOpenGL", "trimesh", "scipy", "Pillow")
 SAVE_EVERY = 1.0  # seconds; between saves; a kill also loses the files in work
 SHADER_SUFFIXES = (".vert", ".frag", ".glsl")
-# Modules that draw nothing.
-NOT_DRAWING = ("cltaa_capture/cli.py", "cltaa_capture/explain.py", "cltaa_capture/manifest.py", "cltaa_datasets/cli.py")
+# Modules that draw nothing of a capture.
+NOT_DRAWING = (
+    "cltaa_capture/cli.py",
+    "cltaa_capture/explain.py",
+    "cltaa_capture/manifest.py",
+    "cltaa_datasets/cli.py",
+    "cltaa_datasets/ray_cast.py",
+)
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
 
 
 @cache
 def code_sha256() -> str:
     """Return the SHA-256 of the drawing code and shaders of capture and scenes, because other code may draw other
-    pixels; comments, docstrings and white space of Python do not count."""
+    pixels; comments, docstrings, white space and the descriptions of scenes do not count."""
     digest = hashlib.sha256()
     for package in ("cltaa_capture", "cltaa_datasets"):
         for name, content in sorted(_code_files(files(package), package)):
@@ -60,11 +66,14 @@ def _code_files(folder: Traversable, prefix: str) -> list[tuple[str, bytes]]:
 
 
 def what_runs(source: str) -> bytes:
-    """Return Python source without comments, docstrings and white space; equal in every version of Python."""
+    """Return Python source without comments, docstrings, white space and descriptions of scenes; equal in every version
+    of Python."""
     tree = ast.parse(source)
     for node in ast.walk(tree):
         if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
             del node.body[0]
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "register":
+            del node.args[1:2]  # its description
         if isinstance(node, ast.JoinedStr):  # 3.12 adds an empty constant after a computed width
             node.values = [part for part in node.values if not isinstance(part, ast.Constant) or part.value != ""]
     return _written(tree).encode()

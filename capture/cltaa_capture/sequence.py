@@ -74,8 +74,9 @@ class Captured:
     scene: Scene
     backend: str  # osmesa or egl
     opengl: str
-    drawn: int  # frames drawn in this run
+    drawn: int  # frames drawn in this run, one sample a pixel
     kept: int  # frames kept from an earlier run
+    supersampled: int  # images of the reference and of yardsticks drawn in this run
 
 
 def capture_sequence(request: Request, progress: Callable[[int, int], None] | None = None) -> Captured:
@@ -117,7 +118,7 @@ def _capture(request: Request, scene: Scene, context: Context, progress: Callabl
     }
     settings = request.settings() | {"opengl": opengl}
     manifest = Manifest(request.output, settings, facts, restart=request.restart)
-    drawn = 0
+    drawn = supersampled = 0
     seconds = _Seconds()
     renderer = None
     try:
@@ -125,11 +126,10 @@ def _capture(request: Request, scene: Scene, context: Context, progress: Callabl
         pen = _Pen(renderer, seconds)
         with _saved(manifest), Writer(UNWRITTEN, threads=1) as writer:
             for index in range(request.frames):
-                tasks = 0
                 for path, channels, attributes in _missing_files(request, scene, index, pen, manifest):
                     writer.write(path, channels, attributes, then=partial(_vouch, manifest, path))
-                    tasks += 1
-                drawn += tasks > 0
+                    alone = path.parent == request.output
+                    drawn, supersampled = drawn + alone, supersampled + (not alone)
                 if progress is not None:
                     progress(index + 1, request.frames)
             seconds.note(manifest)
@@ -139,7 +139,7 @@ def _capture(request: Request, scene: Scene, context: Context, progress: Callabl
     finally:
         if renderer is not None:
             renderer.delete()
-    return Captured(scene, context.backend, opengl, drawn, request.frames - drawn)
+    return Captured(scene, context.backend, opengl, drawn, request.frames - drawn, supersampled)
 
 
 @contextmanager

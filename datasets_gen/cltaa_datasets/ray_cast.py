@@ -73,7 +73,6 @@ class Lamp:
 class Family:
     """A scene as formulas of time, in frames."""
 
-    what: str
     bodies: list[Body]
     lamps: list[Lamp]
     eye: Callable[[float], Pose] = field(default=lambda _t: placed(0.0, 1.5, 5.0, turn((1, 0, 0), -0.15)))
@@ -119,6 +118,8 @@ def _ball(pose: Callable[[float], Pose], radius: float, seed: int, sheen: float 
 
 
 def _rolling(seed: int) -> Family:
+    """Textured balls roll and slide over a floor in the sun."""
+
     def rolls(x: float, z: float, speed: float, radius: float) -> Callable[[float], Pose]:
         return lambda t: placed(x + speed * t, radius, z, turn((0, 0, 1), -speed * t / radius))
 
@@ -130,10 +131,11 @@ def _rolling(seed: int) -> Family:
         _ball(rolls(2.8, -1.8, -0.035, 1.1), 1.1, seed + 1),
         _ball(slides, 0.5, seed + 2),
     ]
-    return Family("Textured balls roll and slide over a floor in the sun", [FLOOR, WALL, *balls], [SUN])
+    return Family([FLOOR, WALL, *balls], [SUN])
 
 
 def _lights(seed: int) -> Family:
+    """Three lamps of different colours circle over still balls."""
     phase = np.random.default_rng(seed).uniform(0, 6.28, 3)
 
     def lamp(k: int, colour: tuple[float, float, float]) -> Lamp:
@@ -145,14 +147,14 @@ def _lights(seed: int) -> Family:
 
     balls = [_ball(stands(x, 0.7, -1.0), 0.7, seed + k, 0.6) for k, x in enumerate((-2.0, 0.0, 2.0))]
     lamps = [lamp(0, (2.4, 1.2, 0.8)), lamp(1, (0.6, 1.8, 2.2)), lamp(2, (1.6, 0.5, 1.9))]
-    return Family("Three lamps of their own colours circle over still balls", [FLOOR, WALL, *balls], lamps, ambient=0.1)
+    return Family([FLOOR, WALL, *balls], lamps, ambient=0.1)
 
 
 def _fog(seed: int) -> Family:
+    """A camera walks into fog that thickens and clears."""
     phase = np.random.default_rng(seed).uniform(0, 6.28)
     balls = [_ball(stands(x, 0.8, -2 * abs(x)), 0.8, seed + k) for k, x in enumerate((-1.8, 0.2, 2.1))]
     return Family(
-        "A camera walks into fog that thickens and clears",
         [FLOOR, WALL, *balls],
         [SUN],
         eye=lambda t: placed(0.2 * np.sin(0.1 * t), 1.5, 5.0 - 0.04 * t, turn((1, 0, 0), -0.15)),
@@ -161,9 +163,9 @@ def _fog(seed: int) -> Family:
 
 
 def _grain(seed: int) -> Family:
+    """A slow pan with film grain."""
     still = _rolling(seed)
     return Family(
-        "A slow pan on film with grain",
         [FLOOR, WALL, *[_ball(stands(x, 0.8, 0.0), 0.8, seed + k) for k, x in enumerate((-1.5, 1.2))]],
         still.lamps,
         eye=lambda t: placed(0.0, 1.5, 5.0, turn((0, 1, 0), 0.004 * t) @ turn((1, 0, 0), -0.15)),
@@ -172,18 +174,19 @@ def _grain(seed: int) -> Family:
 
 
 def _shake(seed: int) -> Family:
+    """A hand-held camera shakes before rolling balls."""
     by = np.random.default_rng(seed).normal(0, 0.012, (4096, 3))
 
     def eye(t: float) -> Pose:
         x, y, z = by[int(t) % len(by)]
         return placed(3 * x, 1.5 + 3 * y, 5.0, turn((0, 1, 0), x) @ turn((1, 0, 0), y - 0.15) @ turn((0, 0, 1), z))
 
-    return Family("A camera that shakes in the hand, over rolling balls", _rolling(seed).bodies, [SUN], eye=eye)
+    return Family(_rolling(seed).bodies, [SUN], eye=eye)
 
 
 def _noise(seed: int) -> Family:
+    """Rolling balls with four random rays of skylight a sample, as in a path tracer."""
     return Family(
-        "Four random rays of skylight a sample, as a path tracer has, over rolling balls",
         _rolling(seed).bodies,
         [Lamp(SUN.at, (0.45, 0.42, 0.37))],
         ambient=0.9,
@@ -192,22 +195,26 @@ def _noise(seed: int) -> Family:
 
 
 def _shadows(seed: int) -> Family:
+    """Balls fly, and their shadows move over floor and wall."""
+
     def flies(k: int) -> Callable[[float], Pose]:
         return lambda t: placed(3.0 * np.sin(0.09 * t + 2 * k), 2.6 + 0.4 * k, -1.0 + 1.2 * np.cos(0.07 * t + k))
 
     balls = [_ball(flies(k), 0.55, seed + k) for k in range(3)]
-    return Family("Balls fly, and their shadows run over floor and wall", [FLOOR, WALL, *balls], [SUN])
+    return Family([FLOOR, WALL, *balls], [SUN])
 
 
 def _screen(seed: int) -> Family:
+    """Text scrolls on two screens, without motion vectors for it."""
     at = np.random.default_rng(seed).uniform(0, 6.28)
     pixel = 2 * FIELD * 5.0 / 90  # one pixel of 90 rows at the screen's distance
     first = Body(stands(-1.3, 1.6, 0.0), stripes(9.0, pixel), extent=(1.1, 0.8), emits=True)
     second = Body(stands(1.4, 1.6, 0.0), stripes(5.0 + 0.1 * at, -0.6 * pixel), extent=(1.0, 0.8), emits=True)
-    return Family("Two screens show text that scrolls, which no vector tells of", [FLOOR, WALL, first, second], [SUN])
+    return Family([FLOOR, WALL, first, second], [SUN])
 
 
 def _water(seed: int) -> Family:
+    """Waves glitter around a ball, without motion vectors for them."""
     phase = np.random.default_rng(seed).uniform(0, 6.28, 4)
 
     def surface(p: Array, t: float) -> Array:
@@ -220,13 +227,13 @@ def _water(seed: int) -> Family:
 
     pool = Body(FLOOR.pose, surface, emits=True)
     ball = _ball(stands(0.3, 0.9, 0.5), 0.6, seed)
-    return Family("Waves glitter on water around a ball, which no vector tells of", [pool, WALL, ball], [SUN])
+    return Family([pool, WALL, ball], [SUN])
 
 
 def _cut(seed: int) -> Family:
+    """Three cameras, cut from one to the next, undeclared."""
     views = [placed(0, 1.5, 5, turn((1, 0, 0), -0.15)), placed(3, 2.5, 3, turn((0, 1, 0), 0.7)), placed(-2, 1, 2)]
     return Family(
-        "Three cameras, cut from one to the next, and nobody says so",
         [FLOOR, WALL, *[_ball(stands(x, 0.8, -1.0), 0.8, seed + k) for k, x in enumerate((-1.5, 1.2))]],
         [SUN],
         eye=lambda t: views[int(t // 12) % len(views)],
@@ -234,6 +241,7 @@ def _cut(seed: int) -> Family:
 
 
 def _discs(seed: int) -> Family:
+    """Discs smaller than a pixel, of radiance 1, 10 and 1000."""
     rng = np.random.default_rng(seed)
     places = [
         (x + rng.uniform(-0.1, 0.1), y + rng.uniform(-0.1, 0.1)) for y in (0.6, 1.5, 2.4) for x in (-2.2, 0.0, 2.2)
@@ -246,7 +254,7 @@ def _discs(seed: int) -> Family:
         Body(stands(x, y, 0.0), glow(10.0 ** (k % 3 + (k % 3 == 2))), extent=(0.6, 0.4), emits=True)
         for k, (x, y) in enumerate(places)
     ]
-    return Family("Discs smaller than a pixel of radiance 1, 10 and 1000", [WALL, *discs], [SUN])
+    return Family([WALL, *discs], [SUN])
 
 
 FAMILIES: dict[str, Callable[[int], Family]] = {
@@ -477,14 +485,20 @@ def draw(family: str, output: Path, frames: int, size: tuple[int, int], period: 
             progress(index + 1, frames)
 
 
-@click.command(short_help="Draw a scene of formulas, which declares nothing.")
+@click.command(short_help="Ray-cast a scene that declares no effects.")
 @click.argument("family", type=click.Choice(sorted(FAMILIES)))
-@click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder of the sequence; made if need be.")
+@click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder for the sequence; created if missing.")
 @click.option("--frames", type=click.IntRange(1), default=48, help="Number of frames.")
 @click.option("--size", type=SIZE, default="320x180", help="Size of a frame in pixels.")
-@click.option("--period", type=click.IntRange(1), default=64, help="Period of the jitter, Halton.")
-@click.option("--reference", type=click.IntRange(0), default=0, help="Samples of the truth.")
-@click.option("--seed", type=click.IntRange(0), default=0, help="Changes colours, places, phase.")
+@click.option("--period", type=click.IntRange(1), default=64, help="Period of the Halton jitter.")
+@click.option(
+    "--reference",
+    type=click.IntRange(0),
+    default=0,
+    metavar="N",
+    help="Also draw the truth of each frame, N samples a pixel, into reference/.",
+)
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of colours, placement and phase.")
 @json_option
 def raycast(
     family: str,
@@ -496,9 +510,9 @@ def raycast(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Draw FAMILY as a jittered EXR sequence that declares no effects, with exact depth and motion vectors.
+    """Ray-cast FAMILY into a jittered EXR sequence with exact depth and motion vectors, which declares no effects.
 
-    It tests a resolve on files that declare as little as most other tools' do.
+    Frames of most other tools declare none either.
     """
     draw(family, output, frames, size, period, reference, seed)
     if as_json:
@@ -506,4 +520,4 @@ def raycast(
         click.echo(json_of(told | {"reference": reference, "seed": seed}))
 
 
-raycast.epilog = "Families: " + "; ".join(f"{name}: {make(0).what}" for name, make in FAMILIES.items()) + "."
+raycast.epilog = "Families. " + " ".join(f"{name}: {make.__doc__}" for name, make in FAMILIES.items())

@@ -39,6 +39,17 @@ def test_summary_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert summary["backend"] in ("osmesa", "egl")
 
 
+def test_a_truth_beside_frames_that_are_there_is_no_frame(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = []
+    for more in ([], ["--yardstick", "2"]):
+        assert main(["capture", "conveyor", "-o", str(tmp_path), *TINY, *more]) == 0
+        said.append(capsys.readouterr().err.splitlines()[-1])
+    assert [line.removeprefix(f"{tmp_path}: ").partition(" in ")[0] for line in said] == [
+        "2 frames drawn",
+        "0 frames drawn, 2 kept, 2 supersampled images drawn",
+    ]
+
+
 def test_nothing_but_what_was_asked_for_on_stdout(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["capture", "conveyor", "-o", str(tmp_path), *TINY]) == 0
     out, err = capsys.readouterr()

@@ -95,7 +95,7 @@ def test_a_second_run_keeps_what_is_finished_and_mends_what_is_not(tmp_path: Pat
     (tmp_path / ".conveyor.0001.exr.tmp.999999999").touch()  # left by a killed process
     untouched = (tmp_path / "conveyor.0000.exr").stat().st_mtime_ns
     again = capture_sequence(request(tmp_path))
-    assert (again.drawn, again.kept) == (2, 1)
+    assert (again.drawn, again.kept, again.supersampled) == (1, 2, 1)
     assert digests(tmp_path) == digests(captured)
     assert (tmp_path / "conveyor.0000.exr").stat().st_mtime_ns == untouched
     assert not list(tmp_path.glob(".*tmp*"))
@@ -173,6 +173,9 @@ def test_what_does_not_run_is_no_other_code() -> None:
     told = '"""A module."""\n\n\ndef f(x):  # adds\n    """Add one."""\n    return (\n        x + 1\n    )\n'
     assert manifest.what_runs(code) == manifest.what_runs(told)
     assert manifest.what_runs(code) != manifest.what_runs(code.replace("1", "2"))
+    scene = "@register('pan', 'A camera turns', (Effect.CAMERA,))\ndef pan(): ...\n"
+    assert manifest.what_runs(scene) == manifest.what_runs(scene.replace("turns", "pans"))
+    assert manifest.what_runs(scene) != manifest.what_runs(scene.replace("CAMERA", "MOTION"))
     assert manifest.what_runs("class A:\n    'what it is'\n") == manifest.what_runs("class A:\n    'and is not'\n")
 
 
@@ -258,7 +261,7 @@ def test_a_yardstick_is_drawn_later_and_its_time_is_kept(tmp_path: Path) -> None
     times = json.loads((tmp_path / "sequence.json").read_text())["seconds_a_frame"]
     assert list(times) == ["1", "4"]
     again = capture_sequence(replace(asked, yardstick=(2, 4)))
-    assert (again.drawn, again.kept) == (2, 0)
+    assert (again.drawn, again.kept, again.supersampled) == (0, 2, 4)
     content = json.loads((tmp_path / "sequence.json").read_text())
     assert len(content["files"]) == 2 * 4
     seconds = content["seconds_a_frame"]
