@@ -9,7 +9,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from itertools import takewhile
-from typing import Any, NamedTuple, TextIO
+from typing import Any, NamedTuple
 
 import click
 from click.shell_completion import CompletionItem
@@ -131,6 +131,9 @@ def main(arguments: list[str] | None = None) -> int:
         return _outcome(arguments)
     atexit.register(ignore_signals)  # runs after Python has waited for the threads
     ends_at_once(INTERRUPTED)  # for signals outside of _outcome's own handling
+    _open_standard_streams()
+    unread = io.BufferedWriter(_UnreadFile(2, "w", closefd=False))
+    sys.stderr = io.TextIOWrapper(unread, sys.stderr.encoding, line_buffering=True)
     try:
         code = _outcome(sys.argv[1:])
     except KeyboardInterrupt:  # a second one, while the first was reported
@@ -166,7 +169,7 @@ def _outcome(arguments: list[str]) -> int:
             raise
         if stop.requested:
             return _interrupted(arguments)
-        _forsake(sys.stdout)  # the reader of our output closed the pipe
+        _forsake_output()  # the reader of our output closed the pipe
         return CLOSED_PIPE
     except Exception as error:
         if stop.requested and not isinstance(error, CltaaError):  # caused by the interrupt; our own errors are reported
@@ -177,6 +180,17 @@ def _outcome(arguments: list[str]) -> int:
     if stop.requested:  # the command did not notice, and has printed its output
         return _interrupted(arguments, answered=True)
     return outcome if isinstance(outcome, int) else 0
+
+
+class _UnreadFile(io.FileIO):
+    """A standard error that drops what it cannot write: no work ends because nobody reads its progress any more."""
+
+    def write(self, content: Any, /) -> int:
+        """Write, or drop, bytes; returns how many."""
+        try:
+            return super().write(content)
+        except OSError:
+            return memoryview(content).nbytes
 
 
 def _open_standard_streams() -> None:
@@ -215,24 +229,21 @@ def _told(line: str, code: int, arguments: Sequence[str] = ()) -> int:
 
     On a full disk or a closed pipe only the code reports.
     """
-    try:
-        click.echo(line, err=True)
-    except OSError:
-        _forsake(sys.stderr)
+    click.echo(line, err=True)
     if "--json" in takewhile(lambda word: word != "--", arguments):
         import json  # imported here: it is slow, and most runs do not fail
 
         try:
             click.echo(json.dumps({"error": line.removeprefix("cltaa: ").removeprefix("error: "), "exit_code": code}))
         except OSError:
-            _forsake(sys.stdout)
+            _forsake_output()
     return code
 
 
-def _forsake(stream: TextIO) -> None:
-    """Send what ``stream`` still buffers to the null device: Python would flush it at exit, and fail with its own
+def _forsake_output() -> None:
+    """Send what standard output still buffers to the null device: Python would flush it at exit, and fail with its own
     code."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _interrupted(arguments: list[str], *, answered: bool = False) -> int:

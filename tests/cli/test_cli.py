@@ -212,18 +212,28 @@ def test_reader_that_has_had_enough() -> None:
     assert (done.stdout, done.stderr) == ("141\n", "")
 
 
+@pytest.mark.parametrize("stderr", ["closed pipe", "/dev/full"])
+def test_work_goes_on_where_nobody_reads_its_progress(tmp_path: Path, stderr: str) -> None:
+    folder, out = write_sequence(tmp_path / "in", 2), tmp_path / "out"
+    reading, writing = os.pipe()
+    os.close(reading)
+    with Path("/dev/full").open("w") as full:
+        unread = writing if stderr == "closed pipe" else full
+        command = [sys.executable, "-m", "cltaa.cli", "resolve", str(folder), "-o", str(out), "--device", "numpy"]
+        done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=unread, check=False)
+        failed = subprocess.run([*command[:3], "inspect", "nowhere"], stderr=unread, check=False)
+    os.close(writing)
+    assert done.returncode == 0
+    assert json.loads((out / "resolve.json").read_text())["outcome"]["resolved"] == 2
+    assert failed.returncode == errors.InputMissing.exit_code
+
+
 def test_answer_onto_a_full_disk() -> None:
     with Path("/dev/full").open("w") as full:
         command = [sys.executable, "-m", "cltaa.cli", "presets", "--json"]
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert (done.returncode, done.stderr.count("\n")) == (74, 1), done.stderr
     assert "No space left on device" in done.stderr
-
-
-def test_an_error_onto_a_full_disk_keeps_its_code() -> None:
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run([sys.executable, "-m", "cltaa.cli", "inspect", "nowhere"], stderr=full, check=False)
-    assert done.returncode == errors.InputMissing.exit_code
 
 
 @pytest.mark.parametrize(
