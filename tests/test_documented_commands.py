@@ -68,7 +68,7 @@ def test_commands_of_the_pages_can_be_given() -> None:
     assert {page.name: told for page in PAGES if (told := wrong(page))} == {}
 
 
-def test_wrong_commands_are_told() -> None:
+def test_wrong_commands_are_reported() -> None:
     page = (
         "`cltaa inspect DIR --piexls`\n\n```sh\ncltaa rseolve DIR  # as ever\n```\n\n    cltaa scenes; cltaa bench x\n"
     )

@@ -34,7 +34,7 @@ def test_a_library_that_only_the_linkers_path_knows_is_found(tmp_path: Path) -> 
     assert run.stdout.split() == ["libOSMesa.so.8", "True"]
 
 
-def test_python_without_assertions_is_told_that_nothing_can_be_drawn() -> None:
+def test_python_without_assertions_is_refused_because_nothing_can_be_drawn() -> None:
     """Not that a library is missing, which it is not."""
     run = subprocess.run(
         [sys.executable, "-O", "-c", "from cltaa_capture.osmesa import open_context; open_context()"],

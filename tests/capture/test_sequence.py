@@ -61,7 +61,7 @@ def test_a_capture_is_a_sequence(tmp_path: Path) -> None:
         assert not np.array_equal(truth, frame.colour)
 
 
-def test_sequence_json_says_what_was_asked_and_vouches_for_every_file(captured: Path) -> None:
+def test_sequence_json_has_the_settings_and_a_hash_of_every_file(captured: Path) -> None:
     content = json.loads((captured / "sequence.json").read_text())
     assert content["files"] == digests(captured)
     assert len(content["files"]) == 2 * FRAMES

@@ -116,7 +116,7 @@ def test_unknown_command_is_a_usage_error(capsys: pytest.CaptureFixture[str]) ->
 @pytest.mark.parametrize(
     ("words", "group", "meant"), [("relsove x -o y", "cltaa", "resolve"), ("bench qualty", "cltaa bench", "quality")]
 )
-def test_a_misspelt_command_is_told_what_was_meant(
+def test_the_nearest_command_is_suggested_for_a_misspelt_one(
     words: str, group: str, meant: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(words.split()) == 2
@@ -205,7 +205,7 @@ def test_a_width_of_nothing_is_no_width(monkeypatch: pytest.MonkeyPatch, capsys:
     assert "default" in capsys.readouterr().out
 
 
-def test_reader_that_has_had_enough() -> None:
+def test_a_closed_output_pipe_ends_without_a_message() -> None:
     """``cltaa presets --parameters | head -1`` says nothing about broken pipes."""
     command = f"{sys.executable} -m cltaa.cli presets --parameters --json | true; echo ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)

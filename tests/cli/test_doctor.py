@@ -63,16 +63,14 @@ def test_a_compiler_that_says_nothing_or_not_in_utf_8(
 
 
 @pytest.mark.parametrize(("value", "planes"), [(1.5, 3), (-0.5, 3), (np.nan, 3), (0.5, 4)])
-def test_a_resolve_of_numbers_that_cannot_be_is_told(
-    value: float, planes: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_doctor_rejects_impossible_resolved_values(value: float, planes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     resolved = np.full((doctor.HEIGHT, doctor.WIDTH, planes), value, np.float32)
     monkeypatch.setattr("cltaa.core.resolver.Resolver", lambda: SimpleNamespace(resolve=lambda _: resolved))
     with pytest.raises(SystemExit, match=r"noise in \[0, 1\] is not in \[0, 1\]"):
         doctor.PROBES["resolve"]()
 
 
-def test_files_that_are_read_otherwise_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_doctor_rejects_files_that_read_back_differently(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cltaa.io.exr_read.read_image", lambda _: ({"Y": np.zeros((24, 40), np.float32)}, {}))
     with pytest.raises(SystemExit, match="OpenEXR does not read back what it wrote"):
         doctor.PROBES["files"]()

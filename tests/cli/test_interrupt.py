@@ -96,7 +96,7 @@ sys.exit(cli.main())
 
 
 @pytest.mark.parametrize("pause", [0.005, 0.05])
-def test_a_user_who_presses_ctrl_c_again_and_again_meets_no_abort(tmp_path: Path, pause: float) -> None:
+def test_repeated_interrupts_do_not_abort(tmp_path: Path, pause: float) -> None:
     """While threads write, are waited for, and at last while the interpreter is taken down."""
     arguments = [sys.executable, "-c", WRITING, str(tmp_path)]
     with subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:

@@ -42,7 +42,7 @@ def test_what_is_refused(kind: click.ParamType[tuple[object, ...]], text: str) -
         kind.convert(text, None, None)
 
 
-def test_a_size_is_told_as_it_is_written() -> None:
+def test_a_size_is_reported_as_it_is_written() -> None:
     with pytest.raises(click.BadParameter, match="'640' is not WIDTHxHEIGHT, such as 640x360"):
         SIZE.convert("640", None, None)
 

@@ -88,7 +88,7 @@ def test_what_is_said_of_a_run(
 
 
 @pytest.mark.parametrize(("opaque", "told"), [(5, True), (4, False), (0, False)])
-def test_an_alpha_of_1_in_every_frame_of_another_tool_is_told(
+def test_an_alpha_of_1_in_every_frame_of_another_tool_is_reported(
     opaque: int, told: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("cltaa.pipeline.folder.resolve_sequence", lambda *_, **__: outcome(opaque=opaque))

@@ -110,7 +110,7 @@ def refusal(name: str, sequence: Path) -> str:
     return str(caught.value)
 
 
-def test_a_wrong_use_is_told_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_use_is_reported_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     sequence = write_sequence(tmp_path / "in", 2)
     for name, (_, line) in CALLS.items():

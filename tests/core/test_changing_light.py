@@ -118,7 +118,7 @@ def test_a_difference_that_nobody_sees_is_none() -> None:
     assert (divisors(flat * (1 + 1.2 * seen), flat) > NONE).all()
 
 
-def test_what_goes_back_where_it_came_from_is_no_change_and_what_goes_on_is_more_of_one() -> None:
+def test_illumination_that_returns_is_no_change_and_one_that_continues_is_more() -> None:
     noisy = np.random.default_rng(1).normal(0.5, 0.1, (3, HEIGHT, WIDTH)).astype(np.float32)
     brighter, darker = np.float32(1.1) * noisy, np.float32(0.9) * noisy  # by themselves t is 2.3 to 4.8
     assert (divisors(brighter, noisy, -5.0) < NONE).all()
@@ -156,7 +156,7 @@ def errors(illumination: str, step: int, count: int) -> list[float]:
     ]
 
 
-def test_a_lamp_that_goes_on_is_followed_and_what_stands_is_not_forgotten() -> None:
+def test_a_lamp_that_lights_up_is_followed_and_steady_light_keeps_its_history() -> None:
     tested, ignored = errors("test", 12, 16), errors("static", 12, 16)
     assert tested[11] < 1.05 * ignored[11]
     assert tested[14] < 0.75 * ignored[14]

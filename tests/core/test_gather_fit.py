@@ -54,7 +54,7 @@ def test_a_ramp_is_found_at_the_centre_wherever_the_samples_lie(fit: str, off: f
     assert error[..., :2].min() >= off * 0.99
 
 
-def test_samples_from_afar_count_only_where_they_lie_in_the_pixel() -> None:
+def test_distant_samples_count_only_within_the_pixel() -> None:
     def zoomed(index: int) -> Frame:
         near = make_camera()
         clip = near.view_to_clip.copy()

@@ -93,7 +93,7 @@ def test_state_can_be_kept_and_restored() -> None:
         assert (bits(second.resolve(frame)) == bits(image)).all()
 
 
-def test_another_size_forgets_all_samples() -> None:
+def test_another_size_empties_the_frame_ring() -> None:
     resolver, fresh = Resolver(gathering(), "numpy"), Resolver(gathering(), "numpy")
     for index in range(3):
         resolver.resolve(still(index))
@@ -102,7 +102,7 @@ def test_another_size_forgets_all_samples() -> None:
         assert (bits(resolver.resolve(frame)) == bits(fresh.resolve(frame))).all()
 
 
-def test_a_cut_forgets_all_samples() -> None:
+def test_a_cut_empties_the_frame_ring() -> None:
     resolver, fresh = Resolver(gathering(), "numpy"), Resolver(gathering(), "numpy")
     for index in range(3):
         resolver.resolve(still(index))

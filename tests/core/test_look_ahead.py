@@ -143,7 +143,7 @@ def test_own_motion_is_followed_ahead_as_it_is_back(by: tuple[float, float]) -> 
     assert same([first], [last])
 
 
-def test_own_motion_that_turns_and_grows_closes_on_its_way_ahead() -> None:
+def test_look_ahead_follows_a_disc_that_turns_and_grows() -> None:
     """A disc turns by 0.1 and grows by 2 % a frame: the samples ahead that are taken lie where the fixed point says."""
     height, width, turn = 41, 41, 1.02 * np.exp(-0.1j)
     y, x = np.mgrid[:height, :width] - 20.0
@@ -211,7 +211,7 @@ def test_exposure_and_alpha_ahead_are_brought_to_now() -> None:
         assert (image[..., 3] == np.float32(0.25)).all()
 
 
-def test_what_is_declared_to_need_the_whole_past_is_resolved_so_and_comes_later() -> None:
+def test_a_recurrent_resolve_with_look_ahead_gives_the_same_images() -> None:
     frames = [make_frame(index, camera=make_camera(), effects=frozenset({Effect.SKY})) for index in range(6)]
     assert same(images(frames, looking(), "numpy"), images(frames, looking(look_ahead=0), "numpy"))
 

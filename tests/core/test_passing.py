@@ -114,7 +114,7 @@ def test_what_the_box_stood_instead_of_has_no_history(step: float, box_step: flo
 
 
 @pytest.mark.parametrize("moved", [(3, 0), (-3, 0), (0, 3), (0, -3)])
-def test_what_a_spark_leaves_behind_is_dropped_whichever_way_it_goes(moved: tuple[int, int]) -> None:
+def test_the_pixel_that_a_spark_leaves_is_reset_in_every_direction(moved: tuple[int, int]) -> None:
     """Beside it the wall was seen, but no weight of what the wall's pixel reads lies there."""
     (wall, _), _ = frames(0.0, 0.0, half=0.0)
     made = []

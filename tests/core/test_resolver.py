@@ -69,7 +69,7 @@ def test_a_device_that_is_opened_again_has_no_history() -> None:
 
 @pytest.mark.parametrize("every_step", [False, True])
 @pytest.mark.parametrize("preset", ["default", "gather-8"])
-def test_what_is_restored_is_gone_on_from(preset: str, every_step: bool) -> None:
+def test_a_restored_state_continues_with_the_same_bits(preset: str, every_step: bool) -> None:
     """Where every step runs, alpha of a frame without one has its memory too; what a preset ignores is not kept."""
     changed = override(load_preset(preset), {"reproject": "camera", "reactive_mask": "ignore"})
     first, second = (Resolver(changed, "numpy", every_step=every_step) for _ in range(2))

@@ -47,7 +47,7 @@ def test_wrong_shapes_are_refused() -> None:
         ("colour", lambda a: a[0, 0], "colour has the wrong shape"),
     ],
 )
-def test_what_is_no_picture_is_told_before_it_is_resolved(name: str, spoilt: Callable[[Any], Any], found: str) -> None:
+def test_an_invalid_image_is_refused_before_the_resolve(name: str, spoilt: Callable[[Any], Any], found: str) -> None:
     frame = make_frame(0, motion=True)
     with pytest.raises(DataError, match=found):
         Resolver(device="numpy").resolve(replace(frame, **{name: spoilt(getattr(frame, name))}))
@@ -103,7 +103,7 @@ def test_what_a_program_says_of_a_frame_is_checked_as_what_a_file_says() -> None
         assert re.search(found, refusal(changes)), changes
 
 
-def test_what_is_no_frame_is_told_in_a_line() -> None:
+def test_an_array_in_place_of_a_frame_is_refused() -> None:
     with pytest.raises(DataError, match=r"no frame \(expected a cltaa.Frame, found \[23, 37, 3\]\)"):
         Resolver(device="numpy").resolve(still_frame(0).colour)  # type: ignore[call-overload]
 
@@ -170,7 +170,7 @@ def test_a_device_may_be_named_by_its_number_and_a_launcher_shared() -> None:
     assert Resolver(device=first.launcher).launcher is first.launcher
 
 
-def test_frames_and_sequences_are_told_in_a_line(tmp_path: Path) -> None:
+def test_frames_and_sequences_are_reported_in_a_line(tmp_path: Path) -> None:
     assert repr(make_frame(3, motion=True, cut=True)) == "Frame(3: 37 x 23, colour depth motion, cut)"
     sequence = open_sequence(write_sequence(tmp_path / "a", 2))
     assert repr(sequence) == f"FrameSequence({str(tmp_path / 'a')!r}: 2 frames, 0-1, 37 x 23)"
@@ -288,7 +288,7 @@ def test_one_pixel_of_depth_is_enough() -> None:
     Resolver(device="numpy").resolve(replace(frame, depth=depth))
 
 
-def test_infinite_motion_is_told() -> None:
+def test_infinite_motion_is_reported() -> None:
     frame = make_frame(0, motion=True)
     assert frame.motion is not None
     frame.motion[3, 3] = np.inf, 0.0

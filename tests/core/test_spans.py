@@ -67,18 +67,18 @@ def veiled(reactivity: float, frames: int = 24) -> tuple[Array, Array]:
     return frame.colour, resolved
 
 
-def test_spans_of_what_is_half_to_be_trusted_are_still_means() -> None:
+def test_temporal_windows_under_a_reactive_mask_of_half_are_still_means() -> None:
     truth = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3)).mean(0)
     bare, half = (float(np.sqrt(np.mean((veiled(share)[1] - truth) ** 2))) for share in (0.0, 0.5))
     assert half < 1.5 * bare  # 0.028 and 0.025; 0.046 if each window gave up as much of its samples
 
 
-def test_what_is_not_to_be_trusted_at_all_is_shown_as_it_was_drawn() -> None:
+def test_a_reactive_mask_of_one_shows_the_current_frame() -> None:
     drawn, resolved = veiled(1.0)
     assert resolved == pytest.approx(drawn, rel=1e-5)
 
 
-def test_what_a_pane_has_left_has_its_samples_of_before() -> None:
+def test_samples_from_before_a_transparent_surface_are_used_once_it_has_left() -> None:
     resolver = Resolver(override(load_preset("gather-48"), {"current_filter": "none"}))
     truth = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3)).mean(0)
     errors = []
@@ -91,7 +91,7 @@ def test_what_a_pane_has_left_has_its_samples_of_before() -> None:
     assert errors[28] < 1.2 * errors[19]  # 0.0194 and 0.0187, and 0.12 where the samples under the pane count
 
 
-def test_what_a_veil_comes_over_and_leaves_has_the_bits_of_the_twin() -> None:
+def test_a_transparent_surface_that_comes_and_leaves_has_the_bits_of_the_twin() -> None:
     """More frames are kept than the latest: all of them stand in for those where the mask makes these unlike."""
     preset, shares = (
         override(load_preset("gather-48"), {"history_frames": 9}),

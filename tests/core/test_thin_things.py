@@ -33,7 +33,7 @@ def test_a_wire_that_this_frame_misses_is_still_there(subpixel_frames: int, shar
     assert hit[:, 10] == pytest.approx(0.5, abs=1e-6)
 
 
-def test_what_fills_more_than_a_line_is_not_recalled_when_it_is_gone() -> None:
+def test_a_surface_wider_than_a_line_is_not_restored_once_it_has_left() -> None:
     resolver = Resolver(gathering("layers"), "numpy")
     for index in range(6):
         frame = wire(1)

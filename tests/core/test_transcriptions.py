@@ -53,7 +53,7 @@ def test_vireo_in_motion_follows_the_length_in_uv(constants: vireo.Constants) ->
 
 
 @pytest.mark.parametrize("constants", VIREO)
-def test_vireo_gives_way_to_what_it_clamped(constants: vireo.Constants) -> None:
+def test_vireo_weighs_the_current_frame_by_what_it_clamped(constants: vireo.Constants) -> None:
     past, frame = 1.1, board(1)
     resolved = vireo.resolve([flat(0, past), frame], constants)[1]
     dark = (frame.colour == 0.0)[..., 0]

@@ -94,14 +94,14 @@ def bomb(writer: Writer) -> int:
     ],
     ids=["face", "count", "bomb", "nan"],
 )
-def test_vertices_that_cannot_be_are_told(spoil: Any, says: str, tmp_path: Path) -> None:
+def test_invalid_vertices_are_reported(spoil: Any, says: str, tmp_path: Path) -> None:
     writer = Writer(nodes=[{"mesh": 0}])
     writer.json["meshes"] = [{"primitives": [spoil(writer, writer.square())]}]
     with pytest.raises(DataError, match=f"cannot be read .*{says}.*; export the model again"):
         shown(writer, tmp_path)
 
 
-def test_nodes_in_a_ring_are_told(tmp_path: Path) -> None:
+def test_cyclic_nodes_are_reported(tmp_path: Path) -> None:
     writer = Writer(nodes=[{"mesh": 0, "children": [1]}, {"children": [0]}])
     writer.json["meshes"] = [{"primitives": [writer.square()]}]
     with pytest.raises(DataError, match="RecursionError"):

@@ -193,7 +193,7 @@ def test_lock_of_the_cache_is_taken_once(tmp_path: Path, monkeypatch: pytest.Mon
         pass
 
 
-def test_who_builds_after_an_aborted_compiler_is_told(
+def test_a_build_after_an_aborted_compiler_prints_a_note(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """A compiler that aborts gives no cure itself; an error of ours is no abort, nor does it clear one."""

@@ -92,7 +92,7 @@ def test_folder_that_is_deleted_during_the_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("free", "told"), [(1000, True), (10**9, False)])
-def test_a_disk_that_will_not_do_is_told_before_it_is_full(
+def test_too_little_disk_space_is_reported_before_the_disk_is_full(
     free: int, told: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Once, as soon as some files show how large they are; and the run goes on, for it is a guess."""

@@ -132,7 +132,7 @@ def test_eight_processes_have_the_throughput_of_one() -> None:
     assert statistics.median(ratios) >= 0.9
 
 
-def test_a_process_that_stands_still_holds_up_no_other() -> None:
+def test_a_stopped_process_blocks_no_other() -> None:
     """Stopped at moments of its frames, where it would hold whatever two processes could wait for each other by."""
     with resolving(64) as other, resolving(64, ends=-signal.SIGKILL) as stopped:
         stopped.resolve(3)

@@ -169,7 +169,7 @@ def test_frames_of_ones_own_are_of_one_part(tmp_path: Path, sound: Path) -> None
         open_sequence(tmp_path / "in")
 
 
-def test_where_the_colour_cannot_be_read_the_first_such_part_is_told(tmp_path: Path, sound: Path) -> None:
+def test_where_the_colour_cannot_be_read_the_first_such_part_is_reported(tmp_path: Path, sound: Path) -> None:
     write_image(tmp_path / "depth.exr", {"Z": make_frame().depth}, {})
     parts = [as_part(sound, "beauty"), as_part(sound, "more"), as_part(tmp_path / "depth.exr", "depth")]
     parts[0].set(b"type", b"deepscanline")

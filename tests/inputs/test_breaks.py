@@ -37,7 +37,9 @@ def test_a_gap_is_an_error_or_a_new_history(tmp_path: Path, capsys: pytest.Captu
 
 
 @pytest.mark.parametrize("step", [1, 2])
-def test_a_gap_is_told_and_the_rest_looked_at(step: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_gap_is_reported_and_the_other_frames_are_checked(
+    step: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Where the frames lie apart besides, the step is asked for first."""
     made = [replace(frame, index=step * frame.index) for frame in frames(7)]
     write_blender(tmp_path, [*made[:4], *made[5:]])
@@ -149,7 +151,7 @@ def test_a_sequence_that_grows_is_gone_on_with(tmp_path: Path, capsys: pytest.Ca
     assert resolved(tmp_path / "grown") == 64  # no camera at all is another reading
 
 
-def test_another_depth_beside_a_finished_frame_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_depth_beside_a_finished_frame_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     made = frames(3)
     for frame in made:
         write_colour(tmp_path / "shot", [frame], "beauty")
@@ -180,7 +182,7 @@ def test_a_channel_that_one_frame_lacks_may_be_done_without(tmp_path: Path, caps
     assert resolved(tmp_path / "shot", "--input", "depth.channels=none", "--restart") == 0
 
 
-def test_files_without_a_number_are_told(tmp_path: Path) -> None:
+def test_files_without_a_number_are_reported(tmp_path: Path) -> None:
     write_colour(tmp_path, frames(2))
     shutil.copy(tmp_path / "picture.0001.exr", tmp_path / "picture.0001 (copy).exr")
     (note,) = [note for note in open_intake(tmp_path).notes if note.startswith("ignored")]

@@ -337,7 +337,7 @@ def test_a_folder_in_which_nothing_was_finished_tells_nothing(tmp_path: Path) ->
     assert found_in(drawn(tmp_path / "other" / "wall").folder, out).effects == STANDING
 
 
-def test_what_is_followed_goes_on_plainly_with_every_step(tmp_path: Path) -> None:
+def test_a_followed_sequence_resumes_as_a_plain_resolve_and_back(tmp_path: Path) -> None:
     folder, out = drawn(tmp_path / "wall").folder, tmp_path / "out"
     resolve_folder(folder, out, device="numpy", band_rows=0, follow=True, reading={"frames": (0, 4)})
     assert resolve_folder(folder, out, device="numpy", band_rows=0).found is None

@@ -64,7 +64,7 @@ def test_without_matrices_and_jitter_it_says_so(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("jitter", ["no numbers", 0.25, [0.25]])
-def test_a_jitter_that_is_none_is_told(jitter: object, tmp_path: Path) -> None:
+def test_an_invalid_jitter_is_reported(jitter: object, tmp_path: Path) -> None:
     folder = write_own(tmp_path, frames(), **{"cltaa:jitterPx": jitter})
     with pytest.raises(DataError, match=r"own.0000.exr frame 0: attribute cltaa:jitterPx is no jitter"):
         read(folder, "motion.swap=false")
@@ -99,7 +99,7 @@ def test_an_attribute_that_means_nothing_is_told_by_every_command(
     ],
 )
 @pytest.mark.filterwarnings("error")
-def test_a_matrix_without_an_inverse_is_told(assignments: tuple[str, ...], tmp_path: Path) -> None:
+def test_a_matrix_without_an_inverse_is_reported(assignments: tuple[str, ...], tmp_path: Path) -> None:
     """As some writers leave it where they have no camera: all zeros."""
     none = {name: np.zeros((4, 4), np.float32) for name in ("worldToCamera", "worldToNDC")}
     folder = write_own(tmp_path, frames(), **none, **{"cltaa:worldToView": np.zeros((4, 4))})
@@ -236,7 +236,7 @@ def test_a_channel_that_sounds_like_depth_is_pointed_out(name: str, tmp_path: Pa
 
 
 @pytest.mark.parametrize("first", ["RGB", "RGBZ"])
-def test_a_channel_that_only_later_frames_have_is_told(first: str, tmp_path: Path) -> None:
+def test_a_channel_that_only_later_frames_have_is_reported(first: str, tmp_path: Path) -> None:
     for number, names in enumerate((first, "RGBZ", "RGBZ")):
         write_image(tmp_path / f"a.{number:04d}.exr", {name: np.ones((4, 4), np.float32) for name in names})
     told = "not in the first frame: Z; left out of all, for a channel is read of every frame"

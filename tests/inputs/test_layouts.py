@@ -352,7 +352,7 @@ def test_a_channel_has_the_name_of_its_part_once() -> None:
         assert full_name(part, own) == wanted, part
 
 
-def test_a_lone_layer_that_is_no_light_is_told(tmp_path: Path) -> None:
+def test_a_lone_layer_without_colour_is_reported(tmp_path: Path) -> None:
     for name in ("albedo", "matte", "beauty"):
         (tmp_path / name).mkdir()
         planes = {f"{name}.{c}": of(drawn(0)[f"light.{c}"], DISPLAY) for c in "RGB"}

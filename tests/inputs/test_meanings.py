@@ -121,7 +121,7 @@ def test_jitter_is_read_from_the_projection(
         np.testing.assert_array_equal(frame.camera.view_to_clip, plain.camera.view_to_clip)
 
 
-def test_a_projection_that_is_none_is_told_of_its_own_frame(tmp_path: Path) -> None:
+def test_an_invalid_projection_is_reported_with_its_own_frame(tmp_path: Path) -> None:
     made = frames()
     none = Camera(made[1].camera.world_to_view, np.zeros((4, 4)))
     write_own(tmp_path, [made[0], replace(made[1], camera=none), made[2]])

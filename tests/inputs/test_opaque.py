@@ -28,7 +28,7 @@ def shot(folder: Path, last: float) -> Path:
 
 
 @pytest.mark.parametrize(("last", "told"), [(1.0, True), (0.5, False)])
-def test_alpha_that_is_1_everywhere_is_told(
+def test_alpha_that_is_1_everywhere_is_reported(
     last: float, told: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = shot(tmp_path / "in", last)

@@ -81,7 +81,7 @@ def refusal(assignment: str) -> str:
     return str(caught.value)
 
 
-def test_value_that_means_nothing_is_told_with_what_would() -> None:
+def test_an_unknown_value_is_reported_with_the_known_ones() -> None:
     for assignment, message in [
         ("motion.units=metres", "motion.units has no such value (expected pixels, uv, ndc, found metres)"),
         ("camera.layout=diagonal", "camera.layout has no such value (expected row, column, found diagonal)"),

@@ -79,7 +79,7 @@ def test_damaged_side_files(name: str, text: str, tmp_path: Path) -> None:
         read_side_file(tmp_path / name)
 
 
-def test_one_matrix_without_the_other_is_told(tmp_path: Path) -> None:
+def test_one_matrix_without_the_other_is_reported(tmp_path: Path) -> None:
     matrix = [float(number) for number in np.eye(4).ravel()]
     (tmp_path / "a.json").write_text(json.dumps({"frames": {"1": {"world_to_view": matrix}}}))
     with pytest.raises(DataError, match="world_to_view and view_to_clip belong together"):
@@ -108,7 +108,7 @@ def test_columns_may_be_parted_by_tabs_or_have_spaces_before_them(between: str, 
 
 
 @pytest.mark.parametrize("text", ["[]", "3", '{"frames": [1]}', '{"frames": {"1.5": {}}}', '{"frames": {"1": "x"}}'])
-def test_json_of_something_else_is_told_in_plain_words(text: str, tmp_path: Path) -> None:
+def test_json_of_another_kind_is_refused_in_one_line(text: str, tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(DataError, match=r"a\.json: not a side file \(expected"):
         read_side_file(tmp_path / "a.json")
@@ -147,7 +147,7 @@ def test_what_no_frame_can_have_is_told_by_its_name_in_the_side_file(
         list(sequence)
 
 
-def test_matrices_that_are_late_are_told_of_the_file_that_they_stand_in(tmp_path: Path) -> None:
+def test_late_matrices_are_reported_with_the_file_that_holds_them(tmp_path: Path) -> None:
     made = frames()
     wrong = replace(made[1], camera=Camera(np.zeros((4, 4)), made[1].camera.view_to_clip))
     write_own(tmp_path, [made[0], wrong, *made[2:]])
@@ -156,7 +156,7 @@ def test_matrices_that_are_late_are_told_of_the_file_that_they_stand_in(tmp_path
         list(sequence)
 
 
-def test_a_jitter_of_the_projection_is_told_of_the_projection(tmp_path: Path) -> None:
+def test_a_jitter_in_the_projection_is_reported_as_such(tmp_path: Path) -> None:
     made, side = frames(), tmp_path / "camera.txt"
     shifted = made[0].camera.view_to_clip.copy()
     shifted[0, 2] += 1.0  # half of the picture
@@ -196,7 +196,7 @@ def test_the_frame_that_a_side_file_leaves_out_is_named_where_its_matrices_are_l
         open_input(tmp_path / "shot", side_file=side, assignments=late)
 
 
-def test_jitter_that_the_files_of_some_frames_lack_is_told_of_the_files(tmp_path: Path) -> None:
+def test_files_without_jitter_are_reported(tmp_path: Path) -> None:
     """The side file, which has the matrices of all, says nothing of a jitter."""
     made, side = frames(), tmp_path / "camera.txt"
     lines = side_text(made).splitlines(keepends=True)
@@ -209,13 +209,13 @@ def test_jitter_that_the_files_of_some_frames_lack_is_told_of_the_files(tmp_path
         open_input(tmp_path / "shot", side_file=side)
 
 
-def test_a_misspelt_key_of_a_profile_is_told_what_was_meant(tmp_path: Path) -> None:
+def test_the_nearest_key_is_suggested_for_a_misspelt_one_of_a_profile(tmp_path: Path) -> None:
     write_blender(tmp_path, frames())
     with pytest.raises(UsageError, match=r"--input motion\.sclae=1: no such key; did you mean motion\.scale\?"):
         open_input(tmp_path, assignments=["motion.sclae=1"])
 
 
-def test_a_misspelt_key_of_a_side_file_is_told_what_was_meant(tmp_path: Path) -> None:
+def test_the_nearest_key_is_suggested_for_a_misspelt_one_of_a_side_file(tmp_path: Path) -> None:
     path, camera = tmp_path / "camera.json", {"world_to_view": [0] * 16, "view_to_clip": [0] * 16}
     path.write_text(json.dumps({"frames": {"1": {**camera, "jitter": [0, 0], "fov": 60}}}))
     with pytest.raises(DataError, match=r"frame 1: unknown key jitter; did you mean jitter_px\?"):
@@ -272,7 +272,7 @@ def test_exposures_that_cannot_be(given: dict[int, dict[str, float]], message: s
         open_input(tmp_path / "shot", side_file=tmp_path / "camera.json")
 
 
-def test_a_misspelt_column_is_told_what_was_meant(tmp_path: Path) -> None:
+def test_the_nearest_column_is_suggested_for_a_misspelt_one(tmp_path: Path) -> None:
     path = tmp_path / "camera.csv"
     path.write_text("frame,jitter_px.0,jitter_px.1,expsoure,note\n1,0,0,2,night\n")
     with pytest.raises(DataError, match=r"frame 1: unknown key expsoure; did you mean exposure\?"):
@@ -287,7 +287,7 @@ def test_frames_that_a_table_took_for_floats_are_whole(frame: str, number: int, 
 
 
 @pytest.mark.parametrize("frame", ["7.5", "x", "nan", "", "1e9999"])
-def test_a_frame_that_is_no_number_is_told(frame: str, tmp_path: Path) -> None:
+def test_a_frame_that_is_not_finite_is_reported(frame: str, tmp_path: Path) -> None:
     path = tmp_path / "camera.csv"
     path.write_text(f"frame,exposure\n{frame},2\n")
     with pytest.raises(DataError, match="line 2: frame is no whole number"):

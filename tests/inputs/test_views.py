@@ -79,7 +79,7 @@ def test_all_is_of_the_view_that_is_chosen(eye: str, parts: bool, tmp_path: Path
         open_intake(folder)
 
 
-def test_a_view_that_is_not_there_is_told_with_those_that_are(tmp_path: Path) -> None:
+def test_a_missing_view_is_reported_with_the_existing_ones(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"colour\.view=middle: no such view \(expected left, right\)"):
         open_intake(blender(tmp_path / "two"), assignments=["colour.view=middle"])
     (tmp_path / "one").mkdir()
@@ -106,7 +106,7 @@ def test_depth_of_another_view_is_none_of_this_one(eye: str, lost: str, tmp_path
         assert taken(folder, f"colour.view={eye}", f"depth.channels={other}")["depth"] == other
 
 
-def test_the_view_is_told_and_how_to_take_another(tmp_path: Path) -> None:
+def test_the_view_and_the_option_for_another_are_reported(tmp_path: Path) -> None:
     lines = list(intake_lines(open_intake(blender(tmp_path / "in"), assignments=["colour.view=right"])))
     assert "several views: right of left, right is taken; to take left: --input colour.view=left" in lines
     assert not any("another layer" in line for line in lines)
@@ -180,7 +180,7 @@ def test_a_picture_of_one_view_may_be_asked_for_by_its_name(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("eye", EYES)
-def test_folders_of_one_view_each_are_told_apart_as_folders(eye: str, tmp_path: Path) -> None:
+def test_folders_of_one_view_each_are_distinguished_as_folders(eye: str, tmp_path: Path) -> None:
     for view in EYES:
         (tmp_path / view).mkdir()
         channels = ("R", "G", "B", *(("depth.Z",) if view == eye else ()))

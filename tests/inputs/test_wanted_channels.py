@@ -136,7 +136,7 @@ def test_channels_are_read_by_their_names(write: Callable[[Path], None], tmp_pat
     assert [name.split(".")[-1] for name in few] == ["Z"]
 
 
-def test_a_channel_that_a_frame_lacks_is_told_with_all_that_it_has(tmp_path: Path) -> None:
+def test_a_missing_channel_is_reported_with_the_existing_ones(tmp_path: Path) -> None:
     lines(tmp_path / "a.0001.exr")
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     there = {name: plane for name, plane in planes().items() if name not in ("A", "id")}

@@ -56,7 +56,7 @@ def test_whole_numbers_are_no_light(tmp_path: Path) -> None:
         read(tmp_path)
 
 
-def test_a_picture_in_greys_beside_its_depth_is_told_how_it_is_read(tmp_path: Path) -> None:
+def test_an_option_for_a_grey_picture_beside_depth_is_printed(tmp_path: Path) -> None:
     write_image(tmp_path / "a.0001.exr", {name: np.ones((4, 4), np.float32) for name in "YZ"})
     with pytest.raises(DataError, match=r"found Y Z\); name them: --input colour.channels='Y Y Y'"):
         open_intake(tmp_path)
@@ -178,7 +178,7 @@ def test_the_shortest_names_of_several_sets_are_meant() -> None:
     assert equal_matches([("*R", "*G", "*B")], there) == [tuple(Place("plain", name) for name in "RGB")]
 
 
-def test_the_first_of_layers_without_a_picture_name_is_told_of_the_others(tmp_path: Path) -> None:
+def test_the_option_for_another_layer_is_printed(tmp_path: Path) -> None:
     layers = ("diffuse", "specular", "crypto_object")
     planes = {f"{layer}.{c}": np.full((4, 4), place, np.float32) for place, layer in enumerate(layers) for c in "RGB"}
     write_image(tmp_path / "a.0001.exr", planes | {"N.X": np.ones((4, 4), np.float32)})
@@ -208,7 +208,7 @@ def test_the_first_of_layers_without_a_picture_name_is_told_of_the_others(tmp_pa
         ),
     ],
 )
-def test_files_of_passes_are_told_apart_by_their_names(
+def test_files_of_passes_are_distinguished_by_their_names(
     sets: dict[str, str], roles: dict[str, str], tmp_path: Path
 ) -> None:
     for name, channels in sets.items():

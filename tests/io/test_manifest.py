@@ -61,7 +61,7 @@ def test_lines_that_lead_out_of_the_folder_or_are_of_another_program_are_none(
     assert Manifest(tmp_path).entries == {}
 
 
-def test_a_line_is_flushed_before_the_file_is_vouched_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_line_is_flushed_before_the_file_is_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     manifest, flushed = begun(tmp_path, 1), list[bytes]()
 
     def fsync(descriptor: int) -> None:

@@ -274,7 +274,7 @@ def test_passes_that_are_named_behind_the_number_are_found(tmp_path: Path) -> No
     assert [(frame.colour[0, 0, 0], frame.depth[0, 0]) for frame in read] == [(10, 3), (11, 3)]
 
 
-def test_a_number_that_is_not_last_is_told_so(tmp_path: Path) -> None:
+def test_a_number_that_is_not_last_is_reported(tmp_path: Path) -> None:
     write_numbers(tmp_path, "x.{:04d}.v2.exr", range(3))
     for named in (tmp_path, tmp_path / "x.####.v2.exr"):
         for opened in (open_images, open_input):
@@ -292,7 +292,7 @@ def test_the_first_frame_of_each_of_several_shots_has_its_number_last(tmp_path: 
         open_images(tmp_path)
 
 
-def test_a_pattern_that_begins_with_its_number_is_told_how_to_be_called(tmp_path: Path) -> None:
+def test_a_name_for_a_pattern_that_begins_with_its_number_is_suggested(tmp_path: Path) -> None:
     write_numbers(tmp_path, "{:04d}_v2.exr", range(3))
     with pytest.raises(UsageError, match=r"rename the files, as v2\.####\.exr"):
         open_images(tmp_path / "####_v2.exr")

@@ -153,7 +153,9 @@ def test_the_film_of_a_resolve_is_as_fast_as_its_capture(tmp_path: Path) -> None
     assert frames_of(film)[1][2] == Fraction(30, 7)
 
 
-def test_a_film_of_several_sizes_is_told_before_the_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_film_of_several_sizes_is_reported_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for number in range(2):
         write_frame(tmp_path / f"x.{number:04d}.exr", make_frame(number, width=16 + number))
     command = ["resolve", str(tmp_path), "-o", str(tmp_path / "out"), "--device", "numpy", "--on-resize", "reset"]
@@ -162,7 +164,9 @@ def test_a_film_of_several_sizes_is_told_before_the_work(tmp_path: Path, capsys:
     assert not (tmp_path / "out").exists()
 
 
-def test_a_film_that_is_too_large_is_told_before_the_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_film_that_is_too_large_is_reported_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     write_image(tmp_path / "x.0001.exr", dict.fromkeys("RGB", np.zeros((1, 8192), np.float32)))
     command = ["resolve", str(tmp_path / "x.0001.exr"), "-o", str(tmp_path / "out"), "--device", "numpy"]
     film = ["--preview", str(tmp_path / "film.mp4"), "--compare"]

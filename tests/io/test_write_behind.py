@@ -61,7 +61,7 @@ def test_first_failure_is_raised_and_what_was_finished_stays(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("told_by", ["write", "flush", "close"])
-def test_a_failure_beside_another_image_is_told_once(tmp_path: Path, told_by: str) -> None:
+def test_a_failure_beside_another_image_is_reported_once(tmp_path: Path, told_by: str) -> None:
     writer = Writer()
     writer.write(tmp_path / "missing" / "0.exr", image(0))
     wait_for(writer._failed.is_set)

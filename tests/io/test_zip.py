@@ -74,7 +74,7 @@ def test_only_how_chunks_are_deflated_differs(compression: str, packer: Any, tmp
 
 
 @pytest.mark.parametrize("packs_here", [False, True])
-def test_what_openexr_refuses_is_told_in_a_line(packs_here: bool, packer: Any, tmp_path: Path) -> None:
+def test_what_openexr_refuses_is_reported_in_a_line(packs_here: bool, packer: Any, tmp_path: Path) -> None:
     with pytest.raises(StorageError, match=r"OpenEXR could not write it: .*; check the free space"):
         written(tmp_path / "a.exr", planes(4, 5), packer if packs_here else None, attributes={"pixelAspectRatio": -1.0})
     assert not [*tmp_path.iterdir()]

@@ -134,7 +134,7 @@ def test_a1_any_bits_of_input_give_finite_output(
 NOT_FOR_REALS = ("f?max", "f?min", "clamp", "mix", "fdim", "step", "smoothstep", "isnan", "isinf", "isfinite")
 
 
-def test_a2_no_builtin_stands_guard_against_nan() -> None:
+def test_a2_no_float_builtin_is_used_against_nan() -> None:
     # max, min and clamp are undefined for NaN in OpenCL C, and isnan may be folded to 0. fmax and fmin are not, and are
     # what greater and lesser of a GPU's fast build come to.
     found = {name: calls_of(text, *NOT_FOR_REALS) for name, text in kernel_files().items()}
@@ -281,7 +281,7 @@ def test_a6_any_displacement_reads_what_its_twin_reads(launcher: DeviceLauncher,
 
 
 @pytest.mark.parametrize("lanes", [1, 8])
-def test_a1_filtered_history_that_is_no_number_is_dropped(launcher: DeviceLauncher, lanes: int) -> None:
+def test_a1_filtered_history_that_is_not_finite_is_dropped(launcher: DeviceLauncher, lanes: int) -> None:
     # Nothing stores such history; were it there, no tap of it might pass. Between texels all taps are read.
     base, random = chain_work(), np.random.default_rng(9)
     history, moved = base.planes["history"].copy(), base.planes["motion_out"].copy()

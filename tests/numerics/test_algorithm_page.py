@@ -306,6 +306,6 @@ def test_every_step_names_functions_and_parameters_that_there_are() -> None:
     assert [name for line in lines for name in missing(line)] == []
 
 
-def test_names_that_there_are_not_are_told() -> None:
+def test_names_missing_from_the_sources_are_found() -> None:
     line = "*Kernel* [`taa/rectify.h`](../kernels/taa/rectify.h) `rectify`, `mended` · *parameters* `box`, `boxes`"
     assert missing(line) == ["boxes", "../kernels/taa/rectify.h: mended"]

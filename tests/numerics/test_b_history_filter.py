@@ -249,7 +249,7 @@ def test_b4_no_frequency_is_amplified() -> None:
     assert max(response(SHARP, f, omega).max() for f in np.linspace(0, 1, 101)) <= 1 + 1e-12
 
 
-def test_b4_what_the_cross_amplifies_is_outweighed_by_what_is_added() -> None:
+def test_b4_the_current_samples_limit_what_the_cross_filter_amplifies() -> None:
     # A history of n samples keeps n / (n + 1) of itself, and resampling limits n; whatever the fraction, what all
     # frames together add of a wave is 1 / (n + 1) / (1 - n g / (n + 1)) of it, with g the filter's response.
     settings, omega = load_preset().settings, np.linspace(0, np.pi, 65)

@@ -77,7 +77,7 @@ def check(rows: list[Row]) -> None:
     assert [row for row in rows if row.rounded > MANY and row.ratio < TOO_LOOSE] == []
 
 
-def test_parts_of_numbers_carry_what_rounding_may_turn() -> None:
+def test_bounds_of_integer_parts_and_exponents_include_rounding() -> None:
     numbers: Any = Bounded(np.array([3.5, 3.999, -4.0001, 0.7]), np.array([0.25, 0.01, 0.01, 1.0]))
     whole, part = np.trunc(numbers), np.floor(numbers)
     assert (whole.value.tolist(), whole.error.tolist()) == ([3.0, 3.0, -4.0, 0.0], [0.0, 1.0, 1.0, 1.0])
@@ -205,7 +205,7 @@ def test_a_floor_that_may_fall_either_way_is_left_open() -> None:
     assert np.floor(close).error.tolist() == [np.inf, 0.0]
 
 
-def test_a_maximum_of_equals_is_certain_and_a_choice_of_strangers_is_not() -> None:
+def test_a_maximum_of_near_equals_has_a_bound_and_an_open_choice_has_none() -> None:
     a: Any = Bounded(np.array([1.0]), np.array([1e-7]))
     b: Any = Bounded(np.array([1.0 + 1e-8]), np.array([1e-7]))
     larger: Any = greater(a, b)

@@ -129,7 +129,7 @@ def after_a_firefly(weight: float, **changes: Any) -> float:
 
 @pytest.mark.parametrize("knee", [1.0, 4.0])
 @pytest.mark.parametrize("weight", [0.1, 0.02])
-def test_c2_one_firefly_does_not_outweigh_the_past(weight: float, knee: float) -> None:
+def test_c2_the_excess_of_one_firefly_is_bounded(weight: float, knee: float) -> None:
     # With w = a / (k + Y) for both, the excess is below a (1 + k) / (1 - a) however bright it is (0.22 for 0.1 and 1).
     excess = after_a_firefly(weight, luminance_knee=knee, rectify="none")
     bound = weight * (1 + knee) / (1 - weight)

@@ -159,7 +159,7 @@ def test_f2_a_still_camera_moves_nothing() -> None:
     assert (found[:2] == 0).all()
 
 
-def test_f3_what_was_behind_the_previous_camera_is_new() -> None:
+def test_f3_points_behind_the_previous_camera_have_no_history() -> None:
     # Backing away by 5 metres: what lies nearer than that was behind the camera, where a division would mirror it.
     height, width = 24, 32
     clip = perspective(width / height)

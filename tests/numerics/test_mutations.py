@@ -34,7 +34,7 @@ def test_faults_name_tests_that_there_are() -> None:
     assert [(fault, test) for fault, test in named if not is_there(test)] == []
 
 
-def test_faults_are_told_apart() -> None:
+def test_faults_are_distinguished() -> None:
     assert len({mutation.fault for mutation in MUTATIONS}) == len(MUTATIONS) >= 20
 
 

@@ -58,7 +58,7 @@ def test_a_later_resolve_takes_it_to_the_same_bits(file: Path) -> None:
     ],
     ids=["empty", "no text", "too little", "a number", "kernels", "another kind", "another device", "a folder"],
 )
-def test_what_cannot_be_used_is_told_of_in_one_line(
+def test_an_unusable_file_of_shapes_is_reported_in_one_line(
     content: bytes | None, why: str, file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file.mkdir() if content is None else file.write_bytes(content)

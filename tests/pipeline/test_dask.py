@@ -181,7 +181,7 @@ def test_a_killed_worker_loses_nothing(
     assert [told[number] for number in [*recorded[:3], *range(HELD, FRAMES)]] == [1] * 3 + [2] * (FRAMES - HELD)
 
 
-def test_a_wish_to_stop_keeps_what_is_finished(
+def test_a_requested_stop_keeps_finished_frames(
     cluster: Running, shot: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stop, output = Stop(), tmp_path / "out"
@@ -200,7 +200,7 @@ def test_a_wish_to_stop_keeps_what_is_finished(
     assert contents(output) | {"lines": ...} == contents(whole) | {"lines": ...}  # one frame has two
 
 
-def test_what_is_wrong_with_a_frame_is_told_as_by_one_process(
+def test_what_is_wrong_with_a_frame_is_reported_as_by_one_process(
     cluster: Running, shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = Path(shutil.copytree(shot, tmp_path / "in"))

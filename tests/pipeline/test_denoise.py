@@ -136,7 +136,7 @@ def test_guides_are_found_in_files_beside_the_colour(
 
 
 @pytest.mark.parametrize("jobs", [[], ["--jobs", "2", "--preset", "gather-8"], ["--follow", "--idle", "0.1"]])
-def test_guides_beside_the_colour_vouch_for_a_result(
+def test_changed_guide_files_refuse_to_resume(
     jobs: list[str], tmp_path: Path, seen: list[dict[str, Any]], capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_passes(tmp_path / "in", "{}", 3)

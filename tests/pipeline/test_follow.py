@@ -131,7 +131,7 @@ def test_a_file_of_many_parts_can_be_whole(tmp_path: Path) -> None:
         ((1, 2), (0, 2), InputMissing, "frame 0: the frame is missing"),
     ],
 )
-def test_what_never_comes_is_told(
+def test_a_frame_that_never_arrives_is_reported(
     made: Path, tmp_path: Path, there: tuple[int, ...], frames: Any, error: type[CltaaError], said: str
 ) -> None:
     if there:
@@ -142,7 +142,7 @@ def test_what_never_comes_is_told(
         assert resolved(tmp_path / "out", 0) == resolved(made / "out", 0)
 
 
-def test_a_file_that_is_never_finished_is_told(made: Path, tmp_path: Path) -> None:
+def test_a_file_that_is_never_finished_is_reported(made: Path, tmp_path: Path) -> None:
     copied(made, tmp_path / "in", 0, 1)
     half = tmp_path / "in" / frame(made, 1).name
     half.write_bytes(half.read_bytes()[:-10])

@@ -148,7 +148,7 @@ def test_every_step_is_run_by_every_job(shot: Path, tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.parametrize("effects", [frozenset[str](), "all"], ids=["mean", "recursion"])
-def test_what_holds_all_frames_before_is_no_work_for_several(
+def test_a_recurrent_history_is_resolved_in_one_part(
     effects: Any, shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     first, second = begun(shot, tmp_path / "out", *[lambda _: None] * 2, effects=effects, progress=True)

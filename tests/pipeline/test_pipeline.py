@@ -38,7 +38,7 @@ def test_the_state_is_saved_after_every_so_many_frames(
     assert saved == [*range(every - 1, FRAMES, every)]
 
 
-def test_what_comes_after_the_last_that_is_missing_is_not_resolved(tmp_path: Path) -> None:
+def test_frames_after_the_last_missing_one_are_not_resolved(tmp_path: Path) -> None:
     sequence = open_sequence(write_sequence(tmp_path / "in", FRAMES, width=9, height=7))
     resolve_sequence(sequence, tmp_path / "out", Resolver(device="numpy"))
     (tmp_path / "out" / "synthetic.0002.exr").unlink()
@@ -181,7 +181,7 @@ def block_of(array: Any) -> Block:
 
 
 @pytest.mark.parametrize("in_place", [True, False])
-def test_a_file_that_is_drawn_anew_while_it_is_read_vouches_for_no_result(
+def test_a_file_rewritten_while_it_is_read_gives_no_recorded_result(
     in_place: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Else the hash of the new file would stand beside what was made from the old one, for every later run."""

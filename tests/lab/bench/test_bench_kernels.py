@@ -54,7 +54,7 @@ def test_everything_in_one_run() -> None:
                 assert row["device_ns"]["median"] <= row["wall_ns"]["median"]
 
 
-def test_a_machine_without_the_shader_is_told_so() -> None:
+def test_a_missing_shader_is_reported() -> None:
     done = run(*SIZE, "--motion", "turn", without="moderngl")
     assert done.returncode == 0, done.stderr
     assert "GLSL is absent" in done.stdout

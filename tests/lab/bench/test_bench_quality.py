@@ -228,7 +228,7 @@ def test_a_case_is_drawn_again_at_other_places(jitter: str, again: str, monkeypa
     assert [line[line.index("--reference") + 1] for line in drawn] == ["16", "0"]
 
 
-def test_a_given_sequence_is_told_as_it_is(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_given_sequence_is_described_from_its_files(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """Whatever the options say of what would have been drawn; and nobody knows whether presets were tuned on it."""
     folder = write_sequence(tmp_path / "mine", 3, reference=True)
     (tmp_path / "page.md").write_text(f"{BEGIN}\n{END}", encoding="utf-8")

@@ -47,7 +47,7 @@ def test_means_and_duels() -> None:
     assert duel.not_better == ["b (train)", "a (held-out)"]
 
 
-def test_a_preset_of_ones_own_is_told_what_it_beats() -> None:
+def test_a_preset_of_the_user_is_compared_with_the_published_ones() -> None:
     better, worse = scores(psnr=30.0, flip=0.1), scores(psnr=20.0, flip=0.2)
     table = summarise(
         [(case("a"), {ONE_SAMPLE: worse, "basic": better, "mine": better, "karis": worse, "fast": better})]

@@ -98,7 +98,7 @@ def test_white_and_what_is_brighter_lie_on_no_step(brightest: float, white: floa
     assert "colour-8-bit" not in names(found, mistakes=False)
 
 
-def test_eight_bits_are_told_from_light_made_of_them() -> None:
+def test_eight_bit_values_are_distinguished_from_linear_light_made_of_them() -> None:
     steps = np.random.default_rng(0).integers(0, 256, (40, 40, 3)).astype(np.float64) / 255
     linear = np.where(steps <= 0.04045, steps / 12.92, ((steps + 0.055) / 1.055) ** 2.4)
     encoded = [replace(make_frame(0), colour=steps.astype(np.float32))]

@@ -212,7 +212,7 @@ def test_notes_are_no_mistakes(
     assert said[-1] == f"✓ no mistake found in {many}"
 
 
-def test_a_profile_that_cannot_be_written_is_told_before_the_work(
+def test_a_profile_that_cannot_be_written_is_reported_before_the_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cltaa.commands.check.check_folder", lambda *_, **__: pytest.fail("it looked"))

@@ -27,7 +27,7 @@ def test_maps_are_what_their_names_say(name: str, expected: list[list[float]]) -
     assert linear_maps(160, 90)[name].tolist() == expected
 
 
-def test_what_is_said_of_numbers_that_must_be_halved() -> None:
+def test_messages_of_numbers_that_must_be_halved() -> None:
     """True = 0.5 x declared, so that the declared are twice the right size."""
     assert linear_maps(160, 90)["scaled-0.5 y-flipped"].tolist() == [[0.5, 0.0], [0.0, -0.5]]
     assert spoken("scaled-0.5 y-flipped") == "twice the right size, of the other sign in y"

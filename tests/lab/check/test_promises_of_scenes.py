@@ -23,7 +23,7 @@ from tests.lab.check.conftest import Scene
         *((name, Effect.ILLUMINATION, "colour changes at frame") for name in ("flash", "glints", "shadow")),
     ],
 )
-def test_what_is_left_out_is_told(name: str, effect: Effect, told: str, scene: Scene, tmp_path: Path) -> None:
+def test_what_is_left_out_is_reported(name: str, effect: Effect, told: str, scene: Scene, tmp_path: Path) -> None:
     for frame in scene(name):
         assert frame.effects is not None
         write_frame(tmp_path / f"a.{frame.index:04d}.exr", replace(frame, effects=frame.effects - {effect}))

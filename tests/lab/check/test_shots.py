@@ -32,7 +32,7 @@ def test_a_cut_and_a_gap_part_two_frames() -> None:
     assert [(pair.previous.index, pair.frame.index) for pair in shot(*apart).pairs] == [(0, 3), (9, 12)]
 
 
-def test_points_that_react_or_are_no_numbers_do_not_count() -> None:
+def test_reactive_and_non_finite_pixels_are_not_used() -> None:
     frame = make_frame(1)
     colour, reactive = frame.colour.copy(), np.zeros((HEIGHT, WIDTH), np.float32)
     colour[4, 7, 1] = np.nan  # one channel is enough
@@ -43,7 +43,7 @@ def test_points_that_react_or_are_no_numbers_do_not_count() -> None:
     assert unused == {(4, 7), (5, 8), (7, 10)}
 
 
-def test_what_counts_in_full_is_twice_the_spread_of_the_signal() -> None:
+def test_the_scale_is_twice_the_deviation_of_the_signal() -> None:
     pair = pair_of(make_frame(1), make_frame(0))
     assert pair.scale == 2 * np.std(pair.now)
     flat = replace(make_frame(1), colour=np.full((HEIGHT, WIDTH, 3), 0.5, np.float32))

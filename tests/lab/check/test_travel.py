@@ -83,7 +83,7 @@ def test_a_centre_that_also_moves_on_its_own_does_not_follow(size: float, names:
     assert found(frames) == names
 
 
-def test_of_one_that_follows_upside_down_the_projection_is_told() -> None:
+def test_an_upside_down_projection_is_found() -> None:
     """An upright one is jittered the wrong way, of which nothing is said."""
     flipped = with_clip(lambda clip: FLIP_Y @ clip, make_camera())
     for camera, expected in ((flipped, ["camera-y-flipped"]), (make_camera(), [])):
@@ -95,7 +95,7 @@ def test_of_one_that_follows_upside_down_the_projection_is_told() -> None:
 
 
 @pytest.mark.parametrize(("by", "name", "which"), [(1, "late", "next"), (-1, "early", "previous")])
-def test_matrices_of_another_frame_are_told_with_their_delay(by: int, name: str, which: str, scene: Scene) -> None:
+def test_matrices_of_another_frame_are_reported_with_their_delay(by: int, name: str, which: str, scene: Scene) -> None:
     (finding,) = check_travel(shot(camera_delayed(by)(scene("dolly"))))
     assert (finding.name, finding.fix) == (f"camera-{name}", {"camera": {"delay": by}})
     assert finding.what == f"each frame's true matrices are those of the {which} frame"

@@ -249,7 +249,7 @@ def test_it_is_printed(scene: Scene, tmp_path: Path) -> None:
 ALONE = "no frame here follows another; give 8 or more in a row"
 
 
-def test_of_a_frame_alone_nothing_that_takes_two_is_told(scene: Scene) -> None:
+def test_a_single_frame_gets_no_finding_that_needs_two(scene: Scene) -> None:
     """No mistake is found, whatever is wrong with its vectors: silence must not be taken for a yes."""
     first = scene("occluder")[:1]
     assert mistakes(MISTAKES["motion-negated"].plant(first)) == []

@@ -99,7 +99,7 @@ def test_what_the_pixels_hardly_tell_is_drawn_to_what_was_declared() -> None:
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-3)  # the least step that is taken
 
 
-def test_a_step_is_no_longer_than_slopes_are_to_be_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_of_the_fit_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cltaa.lab.check.motion.ITERATIONS", 1)
     model = fit_model(observed(-IDENTITY, NONE))
     assert model.gain.diagonal().tolist() == [0.5, 0.5]

@@ -248,7 +248,7 @@ def test_nothing_to_inspect(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
     assert main(["inspect", str(tmp_path)]) == 65
 
 
-def test_gap_of_half_a_billion_frames_is_told_at_once(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_gap_of_half_a_billion_frames_is_reported_at_once(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """A name may hold any number; the numbers between must not be counted out in memory."""
     write(tmp_path, [sound(0)])
     (tmp_path / "synthetic.0000.exr").rename(tmp_path / "synthetic.500000000.exr")

@@ -13,7 +13,7 @@ from tests.lab.inspect.test_inspect_command import findings, sound, write
 from tests.sequence_factory import make_frame
 
 
-def test_what_a_resolve_wrote_lacks_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_inspect_finds_no_problem_in_resolved_frames(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     effects = frozenset({Effect.CAMERA, Effect.MOTION, Effect.HDR})
     write(tmp_path / "in", [sound(i, effects=effects, motion=True) for i in range(4)])
     command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--preset", "basic"]

@@ -32,7 +32,7 @@ def inspected(tmp_path: Path, *frames: Frame) -> Inspection:
     return inspect_folder(tmp_path, pixels=True)
 
 
-def test_a_still_scene_keeps_its_promise(tmp_path: Path) -> None:
+def test_a_still_scene_agrees_with_its_declaration(tmp_path: Path) -> None:
     found = inspected(tmp_path, *(still(index, set()) for index in range(5)))
     assert found.problems == []
     assert found.idle == []

@@ -116,7 +116,7 @@ def test_rectification_runs_where_the_kernel_has_it(walk: Path, preset: str, on:
         ("vireo-source", {"reject", "weighting", "illumination", "exposure_change", "reactive_mask"}),
     ],
 )
-def test_a_step_that_a_preset_does_without_is_laid_to_the_preset(walk: Path, preset: str, without: set[str]) -> None:
+def test_a_step_that_the_preset_switches_off_names_the_preset(walk: Path, preset: str, without: set[str]) -> None:
     found = cltaa.plan(cltaa.open(walk), preset, device="numpy", rounds=0, effects="all")
     off = [step.why for step in found.sections[0].steps if not step.on]
     assert {why.split()[3] for why in off if why.startswith("the preset says ")} == without

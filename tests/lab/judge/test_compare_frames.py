@@ -36,7 +36,7 @@ def cut_short(resolved: Path, kept: int) -> None:
         path.unlink()
 
 
-def test_frames_that_a_resolve_did_not_finish_are_told(
+def test_frames_that_a_resolve_did_not_finish_are_reported(
     capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path
 ) -> None:
     other = write_images(tmp_path / "other", [make_frame(number).colour for number in range(2)], name="synthetic")
@@ -69,9 +69,7 @@ def test_frames_that_nobody_asked_for_are_not_told_to_lack(
     assert run_json(capsys, resolved, capture, "--metrics", "mse")["warnings"] == []
 
 
-def test_frames_that_lack_between_those_that_are_asked_for_are_told(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_missing_frames_within_the_range_are_reported(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """Numbers may lie evenly apart, as where every second frame is resolved."""
     capture = write_sequence(tmp_path / "capture", 5, reference=True)
     resolved = write_images(tmp_path / "resolved", [make_frame().colour] * 5, name="synthetic")

@@ -90,7 +90,7 @@ def warnings(capsys: pytest.CaptureFixture[str], *arguments: Path) -> list[str]:
     return told
 
 
-def test_other_primaries_are_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_other_primaries_are_reported(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     grey = make_frame().colour
     rec709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
     acescg = (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)
@@ -132,7 +132,7 @@ NO_TRUTH = (
 )
 
 
-def test_frames_that_are_no_truth_are_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_frames_that_are_no_truth_are_reported(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """What a resolve changed in its own input is no error of it, and single samples are nobody's truth."""
     own, dump = write_sequence(tmp_path / "own", 2), tmp_path / "dump"
     write_blender(dump, foreign_frames(2))
@@ -208,7 +208,7 @@ def test_buffers_of_several_names_in_one_folder_are_read_by_a_profile(
     assert "colour color.R color.G color.B" in said.err
 
 
-def test_a_truth_that_a_resolve_wrote_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_truth_that_a_resolve_wrote_is_reported(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     capture = write_sequence(tmp_path / "capture", 2)
     assert main(["resolve", str(capture), "-o", str(tmp_path / "out"), "--device", "numpy"]) == 0
     capsys.readouterr()
@@ -219,7 +219,7 @@ def test_a_truth_that_a_resolve_wrote_is_told(capsys: pytest.CaptureFixture[str]
     assert run_json(capsys, tmp_path / "out", capture / "reference")["warnings"] == []  # two resolves
 
 
-def test_options_that_read_the_frames_otherwise_than_the_resolve_are_told(
+def test_options_that_read_the_frames_differently_from_the_resolve_are_reported(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     """By B's depth, vectors and matrices --video follows things: read as planes and in pixels, they lead elsewhere."""

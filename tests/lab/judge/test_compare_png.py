@@ -64,7 +64,7 @@ def test_pngs_are_judged_and_judge(capsys: pytest.CaptureFixture[str], tmp_path:
     assert "frame 1" in refusal(capsys, 66, tmp_path / "png", capture)
 
 
-def test_pngs_that_cannot_be_read_are_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_pngs_that_cannot_be_read_are_reported(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     good = save(tmp_path / "good" / "a.0001.png", [[(1, 2, 3)] * 40] * 30)
     deep = tmp_path / "deep.png"
     Pillow.fromarray(np.zeros((30, 40), np.uint16)).save(deep)

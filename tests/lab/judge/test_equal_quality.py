@@ -65,7 +65,7 @@ def test_the_formula_itself() -> None:
     assert equal_quality_samples(0.0, 0.2) == math.inf
 
 
-def test_a_truth_vouches_for_no_more_than_its_own_samples() -> None:
+def test_equal_quality_samples_are_at_most_those_of_the_truth() -> None:
     noise = 64.0**-1.5
     for error in (0.0, 0.2 * noise / (1 + noise), 0.2 * noise * 1.001):
         assert equal_quality_samples(error, 0.2, truth_samples=64) == 64

@@ -219,7 +219,7 @@ def test_flips_threads_do_not_spin() -> None:
         ("av", ["demo", "-o", "OUT"]),
     ],
 )
-def test_what_is_missing_is_told_before_the_work(
+def test_what_is_missing_is_reported_before_the_work(
     module: str,
     arguments: list[str],
     tmp_path: Path,

@@ -158,7 +158,7 @@ def test_blur_is_no_ghost_behind_a_moving_thing() -> None:
     assert abs(judge(moving_card, soften)["ghosting"]) < 1e-3
 
 
-def test_fresh_is_what_came_into_view_in_this_frame_but_for_the_column_beside_the_card() -> None:
+def test_disoccluded_pixels_exclude_the_column_beside_the_card() -> None:
     scores, (rows, left, _) = VideoScores(), CARD
     for index in range(4):
         frame, truth = moving_card(index)
@@ -213,7 +213,7 @@ def test_a_lasting_shift_is_neither_blur_nor_aliasing() -> None:
 
 
 @pytest.mark.parametrize("change", ["cut", "gap"])
-def test_a_new_beginning_has_no_past(change: str) -> None:
+def test_no_score_over_time_spans_a_cut_or_a_gap(change: str) -> None:
     scores = VideoScores()
     for index in range(4):
         number = 2 * index if change == "gap" else index

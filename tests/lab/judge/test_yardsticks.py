@@ -27,7 +27,7 @@ def test_samples_of_the_truth_limit_the_answer(
 
 
 @pytest.mark.parametrize("samples", [0, -4])
-def test_a_truth_of_no_samples_is_told(
+def test_a_truth_of_no_samples_is_reported(
     samples: int, capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
 ) -> None:
     write_images(capture / "reference", list(open_images(capture / "reference")), name="synthetic", samples=samples)
@@ -104,7 +104,7 @@ def test_a_folder_of_one_sample_is_no_second_yardstick_of_one(
     assert found == {"samples": pytest.approx(4, rel=1e-12), "method": "measured", "bound": None}
 
 
-def test_a_yardstick_that_lacks_frames_is_told_before_the_work(
+def test_a_yardstick_that_lacks_frames_is_reported_before_the_work(
     capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path
 ) -> None:
     write_images(capture / "reference-4", list(open_images(resolved)), name="synthetic")

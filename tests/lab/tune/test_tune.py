@@ -47,12 +47,12 @@ def test_wrong_goals(budget: str | None, target: str | None, metric: str) -> Non
         parse_goal(budget, target, metric)
 
 
-def test_a_budget_without_its_unit_is_told_so() -> None:
+def test_a_budget_without_a_unit_is_refused() -> None:
     with pytest.raises(UsageError, match="--budget 5 has no unit; in milliseconds it is --budget 5ms"):
         parse_goal("5", None, "mse")
 
 
-def test_a_score_never_prefers_what_breaks_the_limit_for_less() -> None:
+def test_settings_beyond_the_limit_score_worse_than_those_within_it() -> None:
     goal = Goal(metric="mse", budget_ms=2.0)
     assert goal.score(1.0, 1.0) == goal.score(1.0, 2.0) == 1.0
     assert goal.score(0.5, 4.0) > goal.score(1.0, 2.0)
@@ -117,7 +117,7 @@ def test_search_finds_something_no_worse_and_checks_it_elsewhere(
     assert "used both to search and to check" in capsys.readouterr().err
 
 
-def test_an_output_that_cannot_be_written_is_told_before_the_search(
+def test_an_output_that_cannot_be_written_is_reported_before_the_search(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = write_sequence(tmp_path / "a", 2, reference=True)
