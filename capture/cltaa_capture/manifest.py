@@ -163,7 +163,7 @@ class Manifest:
                 with suppress(OSError):
                     folder.rmdir()
 
-    def vouches_for(self, path: Path) -> bool:
+    def has_finished(self, path: Path) -> bool:
         """Return whether a file is finished: listed, with the listed SHA-256."""
         expected = self._files.get(self._key(path))
         return expected is not None and path.is_file() and file_sha256(path) == expected

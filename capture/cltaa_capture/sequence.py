@@ -127,7 +127,7 @@ def _capture(request: Request, scene: Scene, context: Context, progress: Callabl
         with _saved(manifest), Writer(UNWRITTEN, threads=1) as writer:
             for index in range(request.frames):
                 for path, channels, attributes in _missing_files(request, scene, index, pen, manifest):
-                    writer.write(path, channels, attributes, then=partial(_vouch, manifest, path))
+                    writer.write(path, channels, attributes, then=partial(_record, manifest, path))
                     alone = path.parent == request.output
                     drawn, supersampled = drawn + alone, supersampled + (not alone)
                 if progress is not None:
@@ -154,7 +154,7 @@ def _saved(manifest: Manifest) -> Iterator[None]:
     manifest.save()
 
 
-def _vouch(manifest: Manifest, path: Path) -> None:
+def _record(manifest: Manifest, path: Path) -> None:
     """List a file in the manifest once it has its final name."""
     manifest.add(path, file_sha256(path))
 
@@ -210,7 +210,7 @@ def _missing_files(request: Request, scene: Scene, index: int, pen: _Pen, manife
     name = f"{scene.name}.{index:04d}.exr"
     now, before = scene.at(index / request.fps), scene.at((index - 1) / request.fps)
     path = request.output / name
-    if not manifest.vouches_for(path):
+    if not manifest.has_finished(path):
         frame = pen.frame(request, scene, index, now, before)
         yield _File(path, frame_planes(frame, path), frame_attributes(frame))
     # A yardstick also measures time, so each of its frames is drawn.
@@ -219,7 +219,7 @@ def _missing_files(request: Request, scene: Scene, index: int, pen: _Pen, manife
         folders[REFERENCE] = request.reference, pen.reference
     for folder, (samples, draw) in folders.items():
         truth_path = request.output / folder / name
-        if not manifest.vouches_for(truth_path):
+        if not manifest.has_finished(truth_path):
             make_folder(truth_path.parent)
             yield _truth_file(truth_path, draw(now, samples), scene, index, samples)
 

@@ -61,9 +61,9 @@ def _piece() -> memoryview:
 
 
 def recorded_hashes(folder: Path) -> dict[str, str]:
-    """Return SHA-256 by file name (relative to ``folder``) of all that its manifest or ``sequence.json`` vouches for.
+    """Return SHA-256 by file name (relative to ``folder``) of all that its manifest or ``sequence.json`` records.
 
-    A capture vouches for a folder ``reference`` inside it. Empty where nothing is recorded; raises DataError for an
+    A capture also records a folder ``reference`` inside it. Empty where nothing is recorded; raises DataError for an
     unreadable record.
     """
     hashes = {name: entry.sha256 for name, entry in Manifest(folder).entries.items()}
@@ -146,7 +146,7 @@ class Manifest:
             raise StorageError(what, path=self.path, cure=disk_cure(error)) from error
         self.entries[name] = entry
 
-    def vouches_for(self, path: Path) -> bool:
+    def has_finished(self, path: Path) -> bool:
         """True where a file is finished: it is listed, and its content has the listed SHA-256."""
         entry = self.entries.get(path.name)
         return entry is not None and path.is_file() and file_sha256(path) == entry.sha256

@@ -201,7 +201,7 @@ class FrameSequence(NumberedFiles):
         return replace(outline, index=number, step=self.step, found=self.found)
 
     def with_guides(self) -> tuple[Self, Mapping[str, str]]:
-        """Return the sequence with a denoiser's guides among the channels to read and to vouch for; own files hold
+        """Return the sequence with a denoiser's guides among the channels to read and to record; own files hold
         them.
 
         Also returns why other candidates do not guide one.

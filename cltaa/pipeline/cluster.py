@@ -1,7 +1,7 @@
 """Parts of a sequence on the workers of a Dask cluster, which share a file system with this process.
 
 A worker resolves a part, writes its results into a folder of its own beside the finished ones, and reports each; only
-this process moves them to their names and vouches for them. A part whose worker is lost restarts on another, after the
+this process moves them to their names and records them. A part whose worker is lost restarts on another, after the
 results already reported.
 """
 

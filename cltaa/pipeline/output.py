@@ -173,7 +173,7 @@ class Source(NamedTuple):
 
 
 class Written(msgspec.Struct, frozen=True, kw_only=True):
-    """A result that has been written: what vouches for its file, and what to report of its frame."""
+    """A result that has been written: the record of its file, and what to report of its frame."""
 
     number: int
     name: str  # of its file
@@ -255,7 +255,7 @@ class OutputFolder:
 
     def missing(self, sequence: FrameSequence, look_ahead: int, *, shown: bool = False) -> list[int]:
         """Return the frames that are not finished, after a check of every file of those that are; with them the
-        ``look_ahead`` frames before each, since their results depend on it and nothing vouches yet for its content.
+        ``look_ahead`` frames before each, since their results depend on it and its content is not recorded yet.
 
         Raises DataError where the input of a finished frame has changed.
         """
@@ -280,7 +280,7 @@ class OutputFolder:
         ):
             if expected != found:
                 raise DataError(what, path=source, frame=number, expected=expected, found=found, cure=RESTART_CURE)
-        return self.manifest.vouches_for(self.folder / source.name)
+        return self.manifest.has_finished(self.folder / source.name)
 
     def finish(self, written: Written) -> None:
         """Vouch for a frame that has its final name; raises StorageError."""
@@ -351,7 +351,7 @@ def _read(
     missing = missing_samples(frame.colour, number)
     if denoise is not None:
         frame = denoise(frame, sequence.guide_images(number))
-    if _stamps(sequence, number) != found:  # else the changed file would vouch for this result
+    if _stamps(sequence, number) != found:  # else this result would be recorded with the hash of the changed file
         raise DataError("a file changed while it was read", path=path, frame=number, cure="run again")
     return Read(frame, source, missing, is_opaque(frame.alpha), carried)
 

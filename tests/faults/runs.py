@@ -114,7 +114,7 @@ def start(command: list[str], **variables: str) -> subprocess.Popen[str]:
 
 
 # What a test does in the midst of a run must not depend on who is faster: all frames but the first few wait to be
-# vouched for until a file is there (or nobody is left to make it).
+# recorded until a file is there (or nobody is left to make it).
 HELD = """
 import itertools, os, sys, time
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The manifest vouches for whole files and nothing else, however its own last line ended."""
+"""The manifest records whole files and nothing else, however its own last line ended."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def test_what_was_appended_is_read_again(tmp_path: Path) -> None:
     again = Manifest(tmp_path)
     assert (again.settings, again.entries) == (SETTINGS, manifest.entries)
     assert list(again.entries) == ["a.0000.exr", "a.0001.exr", "a.0002.exr"]
-    assert all(again.vouches_for(tmp_path / name) for name in again.entries)
-    assert not again.vouches_for(tmp_path / "a.0003.exr")
+    assert all(again.has_finished(tmp_path / name) for name in again.entries)
+    assert not again.has_finished(tmp_path / "a.0003.exr")
     assert all(json.loads(line) for line in (tmp_path / NAME).read_text().splitlines())  # for other tools
 
 
@@ -114,7 +114,7 @@ def test_changed_files_are_named(tmp_path: Path) -> None:
     assert set(recorded) == {"a.0000.exr", "a.0001.exr", "reference/b.exr"}
     assert recorded["a.0000.exr"] == file_sha256(tmp_path / "a.0000.exr")
     (tmp_path / "a.0000.exr").write_bytes(b"changed")
-    assert not Manifest(tmp_path).vouches_for(tmp_path / "a.0000.exr")
+    assert not Manifest(tmp_path).has_finished(tmp_path / "a.0000.exr")
     assert recorded_hashes(tmp_path / "none") == {}
 
 
