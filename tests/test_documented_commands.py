@@ -15,7 +15,7 @@ from cltaa.core.presets import load_preset, override
 from cltaa.errors import CltaaError
 
 TOP = Path(__file__).parents[1]
-PAGES = sorted([TOP / "README.md", TOP / "CONTRIBUTING.md", *(TOP / "docs").glob("*.md")])
+PAGES = sorted([*TOP.glob("*.md"), *(TOP / "docs").rglob("*.md")])
 # A line of a code block, or text between backquotes (over the end of a line too), that begins with the program's name.
 BLOCK_LINE = re.compile(r"^(?: {4}|\$ )?(cltaa [^\n#]+)", re.MULTILINE)
 INLINE = re.compile(r"`(cltaa [^`]+)`")
@@ -30,7 +30,7 @@ def commands(text: str) -> list[str]:
 
 def check(line: str) -> None:
     """Parse as click does, without looking at files; raises click.UsageError or CltaaError."""
-    words = [word for word in shlex.split(line)[1:] if word != "..."]
+    words = [word for word in shlex.split(line.partition(" | ")[0])[1:] if word != "..."]
     for option, value in pairwise(words):
         if option in ("--preset", "--against") and not value.isupper():  # NAME stands for any
             load_preset(value)
@@ -47,7 +47,12 @@ def check(line: str) -> None:
         if found is None:
             raise click.UsageError(f"no command {name}")
         command, context = found, click.Context(found, info_name=name, parent=context)
-    command.make_parser(context).parse_args(words)
+    given = command.make_parser(context).parse_args(words)[0]
+    for parameter in command.params:
+        said = given.get(parameter.name or "")
+        # A word in capitals stands for any, and a path need not be there.
+        if isinstance(said, str | list) and not isinstance(parameter.type, click.Path) and not str(said).isupper():
+            parameter.type_cast_value(context, said)
 
 
 def wrong(page: Path) -> list[str]:
@@ -73,7 +78,8 @@ def test_wrong_commands_are_reported() -> None:
         "`cltaa inspect DIR --piexls`\n\n```sh\ncltaa rseolve DIR  # as ever\n```\n\n    cltaa scenes; cltaa bench x\n"
     )
     assert commands(page) == ["cltaa rseolve DIR", "cltaa scenes", "cltaa bench x", "cltaa inspect DIR --piexls"]
-    for line in ("cltaa rseolve DIR", "cltaa bench x", "cltaa inspect DIR --piexls"):
+    values = ("cltaa inspect DIR --storage third", "cltaa capture spinner --size large", "cltaa compare A --frames x")
+    for line in ("cltaa rseolve DIR", "cltaa bench x", "cltaa inspect DIR --piexls", *values):
         with pytest.raises(click.UsageError):
             check(line)
     for line in ("cltaa resolve DIR --preset t9", "cltaa resolve DIR --set histroy_filter=bilinear"):

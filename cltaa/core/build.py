@@ -120,9 +120,7 @@ class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     stride: int = 0  # texels between rows of a plane, where kernels are built for one width; 0: any
     plane: int = 0  # texels of a plane, where kernels are built for one size of whole images; 0: any
     registers: int = 0  # most registers of a work-item, where the compiler takes a limit; 0: no limit
-    columns_ahead: int = (
-        0  # distance of the prefetch to the right, in work-items (kernels/schedule/ahead.h); 0: only the next one
-    )
+    columns_ahead: int = 0  # distance of the prefetch to the right, in work-items (kernels/schedule/ahead.h)
     far_first: bool = False  # whether that prefetch fills the first-level cache too, not the second alone
     strict: bool = False
     relaxed: bool = False  # built with -cl-fast-relaxed-math: only for timing (decisions/04)

@@ -48,8 +48,8 @@ class Shape(NamedTuple):
     registers_for_illumination: int = 0  # the same with the illumination test
     registers_in_place: int = 0  # the same where history is neither moved nor rectified, which needs few
     registers_for_few: int = 0  # the same where history is read from at most four texels
-    columns_ahead: int = 0  # work-items to the right whose texels fill the second cache; 0: the next, first
-    far_first: bool = False  # whether, where history moves, that prefetch fills the first cache too
+    columns_ahead: int = 0  # distance of the prefetch to the right, in work-items; 0: only the next one
+    far_first: bool = False  # whether, where history moves, that prefetch fills the first-level cache too
     most_rows: int = 0  # limit of the rows that a resolve of whole images chooses to fill the device; 0: ``rows``
     gather: Cut | None = None  # of the kernels that gather; None: as others
     mix: Cut | None = None  # of mix_windows
