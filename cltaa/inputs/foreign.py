@@ -247,7 +247,7 @@ class ForeignSequence(FrameSequence):
         if "depth" in planes:
             depth = planar_depth(planes["depth"][..., 0], profile.depth, outline.camera, outline.jitter_px)
             if not self._strict:  # cltaa check looks for NaN; the resolve treats it as sky
-                depth[np.isnan(planes["depth"][..., 0]) & self._shown("depth", number)] = np.nan
+                depth[np.isnan(planes["depth"][..., 0]) & self._depth_shown(number)] = np.nan
         motion = planes.get("motion")
         if motion is not None:
             now, before = outline.jitter_px, self._jitter(number - self.step, number)
@@ -353,9 +353,9 @@ class ForeignSequence(FrameSequence):
             stacked[role] = np.moveaxis(haloed([files[place.files][place.channel] for place in its]), 0, -1)
         return stacked, files.get(main, {})
 
-    def _shown(self, role: str, number: int) -> NDArray[np.bool_]:
-        """Return a mask [H, W] of the picture, True inside the data window of a role's channel."""
-        place = self._roles[role][0]
+    def _depth_shown(self, number: int) -> NDArray[np.bool_]:
+        """Return a mask [H, W] of the picture, True inside the data window of its depth."""
+        place = self._roles["depth"][0]
         layout = read_any_header(self.intake.sets[place.files][number], chunks=False).layout
         left, top, right, bottom = window = layout.windows.get(place.channel, layout.data_window)
         there = np.ones((bottom - top + 1, right - left + 1), np.bool_)

@@ -91,11 +91,11 @@ def sheet(
     return surface(lambda u, v: origin + u[..., None] * edge_u + v[..., None] * edge_v, cells, cells, repeats)
 
 
-def floor(half_size: float, repeat: float, cells: int = 16, height: float = 0.0) -> trimesh.Trimesh:
+def floor(half_size: float, repeat: float, cells: int = 16) -> trimesh.Trimesh:
     """Build a horizontal square about the origin, facing up; the texture repeats every ``repeat`` metres."""
     size = 2.0 * half_size
     times = size / repeat
-    return sheet((-half_size, height, half_size), (size, 0.0, 0.0), (0.0, 0.0, -size), (times, times), cells)
+    return sheet((-half_size, 0.0, half_size), (size, 0.0, 0.0), (0.0, 0.0, -size), (times, times), cells)
 
 
 def box(size: Vector, repeat: float | None = None) -> trimesh.Trimesh:

@@ -80,7 +80,6 @@ class Family:
     fog: Callable[[float], float] = field(default=lambda _t: 0.0)
     grain: float = 0.0  # standard deviation of film grain relative to a sample's colour
     skylight: int = 0  # random rays per sample that estimate the ambient light; 0: uniform light
-    vectors: bool = True  # whether frames have motion vectors
 
 
 def checks(scale: float, one: tuple[float, float, float], other: tuple[float, float, float]) -> Texture:
@@ -420,16 +419,14 @@ def frame_of(family: Family, index: int, size: tuple[int, int], jitter: tuple[fl
     if family.grain:
         colour = colour * np.exp(rng.normal(0, family.grain, (len(colour), 1)) - family.grain**2 / 2)
     camera = camera_of(pose, width / height)
-    motion = None
-    if family.vectors:
-        before = _before(family, index, hit, ways)
-        rotation, eye = family.eye(max(index - 1, 0))
-        view = (before - eye * (hit.body >= 0)[:, None]) @ rotation
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ndc = np.stack([-view[:, 0] / view[:, 2] / (FIELD * width / height), -view[:, 1] / view[:, 2] / FIELD], -1)
-        motion = (_pixels(size, ndc) - at).reshape(height, width, 2).astype(np.float32)
-        moved = np.abs(motion) > 1e-4
-        motion = np.where(moved.any(-1, keepdims=True), motion, np.float32(0))
+    before = _before(family, index, hit, ways)
+    rotation, eye = family.eye(max(index - 1, 0))
+    view = (before - eye * (hit.body >= 0)[:, None]) @ rotation
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ndc = np.stack([-view[:, 0] / view[:, 2] / (FIELD * width / height), -view[:, 1] / view[:, 2] / FIELD], -1)
+    motion = (_pixels(size, ndc) - at).reshape(height, width, 2).astype(np.float32)
+    moved = np.abs(motion) > 1e-4
+    motion = np.where(moved.any(-1, keepdims=True), motion, np.float32(0))
     return Frame(
         index=index,
         colour=colour.reshape(height, width, 3).astype(np.float32),

@@ -48,13 +48,13 @@ def enlarged(grid: Floats, height: int, width: int) -> Floats:
     return values
 
 
-def noise(rng: Generator, cells: int, octaves: int = 5, size: int = SIZE) -> Floats:
+def noise(rng: Generator, cells: int, octaves: int = 5) -> Floats:
     """Make tileable fractal value noise in [0, 1]: each octave doubles the cells and halves the amplitude."""
-    total, share = np.zeros((size, size)), 1.0
+    total, share = np.zeros((SIZE, SIZE)), 1.0
     for octave in range(octaves):
-        count = min(cells << octave, size)
+        count = min(cells << octave, SIZE)
         grid = rng.random((count, count))
-        total += share * enlarged(grid, size, size)
+        total += share * enlarged(grid, SIZE, SIZE)
         share *= 0.5
     return np.asarray((total - total.min()) / (total.max() - total.min()))
 
@@ -168,8 +168,8 @@ def leaves(rng: Generator, low: Colour, high: Colour, count: int = 320) -> Textu
     return make_texture(colour, alpha)
 
 
-def zone_plate(size: int = SIZE) -> Texture:
-    """Make rings cos(pi r^2 / size); their frequency grows from 0 to half a cycle per texel at the edge."""
-    across, down = coordinates(size)
-    squared = ((across - 0.5) ** 2 + (down - 0.5) ** 2) * size**2
-    return make_texture(paint(0.5 + 0.5 * np.cos(np.pi * squared / size), (0.02, 0.02, 0.02), (0.9, 0.9, 0.9)))
+def zone_plate() -> Texture:
+    """Make rings cos(pi r^2 / SIZE); their frequency grows from 0 to half a cycle per texel at the edge."""
+    across, down = coordinates()
+    squared = ((across - 0.5) ** 2 + (down - 0.5) ** 2) * SIZE**2
+    return make_texture(paint(0.5 + 0.5 * np.cos(np.pi * squared / SIZE), (0.02, 0.02, 0.02), (0.9, 0.9, 0.9)))
