@@ -25,6 +25,11 @@ class ChannelStatistics(msgspec.Struct):
     zero: int = 0
     count: int = 0
 
+    @property
+    def is_one(self) -> bool:
+        """True if every value is 1."""
+        return self.lowest == self.highest == 1.0 and not self.nan + self.infinite
+
     def add(self, plane: Pixels) -> None:
         """Add the values [H, W] of one frame."""
         finite = np.isfinite(plane)

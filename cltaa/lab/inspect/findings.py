@@ -244,14 +244,13 @@ def _idle(statistics: Mapping[str, ChannelStatistics], brightest: float, declare
     nothing = ChannelStatistics()
     vectors = [channel for name, channel in statistics.items() if name.startswith("backward.")]
     reactive, alpha = statistics.get("reactive", nothing), statistics.get("A", nothing)
-    opaque = alpha.lowest == alpha.highest == 1.0 and not alpha.nan + alpha.infinite
     idle = {  # values between 1 and BRIGHT may count as HDR or not
         Effect.MOTION: (
             "the motion channel is zero or NaN everywhere",
             all(v.zero + v.nan == v.count for v in vectors),
         ),
         Effect.REACTIVE: ("channel reactive is 0 everywhere", reactive.zero == reactive.count),
-        Effect.ALPHA: ("channel A is 1 everywhere", opaque or not alpha.count),
+        Effect.ALPHA: ("channel A is 1 everywhere", alpha.is_one or not alpha.count),
         Effect.HDR: ("no value is above 1", brightest <= 1.0),
         Effect.SKY: ("depth is finite everywhere", statistics["Z"].infinite == 0),
     }
@@ -407,8 +406,7 @@ def describe_input(
     lost = list[Missing]()
     if pixels:
         lost = _look(found, sequence, wrong, advance)
-        alpha = found.statistics.get("A", ChannelStatistics())
-        if alpha.lowest == alpha.highest == 1.0 and not alpha.nan + alpha.infinite:
+        if found.statistics.get("A", ChannelStatistics()).is_one:
             found.notes = [*found.notes, OPAQUE]
     missing = [f"frames missing: {ranges(intake.missing)}"] if intake.missing else []
     found.problems = [*missing, *wrong.lines, *missing_lines(lost), *pixel_problems(found.statistics)]

@@ -30,8 +30,6 @@ from cltaa.lab.judge.metrics import (
 )
 from tests.sequence_factory import write_sequence
 
-HIGHER = [metric for metric in METRICS.values() if metric.higher_is_better]
-
 
 def picture(seed: int = 0, size: tuple[int, int] = (24, 32)) -> Image:
     """Smooth colour with edges, 0 to 0.9."""
