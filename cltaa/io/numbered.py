@@ -192,11 +192,6 @@ class Problems:
             numbers.append(number)
 
     @property
-    def numbers(self) -> list[int]:
-        """The frames with errors, in order."""
-        return sorted({number for _, numbers in self._wrong.values() for number in numbers})
-
-    @property
     def lines(self) -> list[str]:
         """A line for each kind of error, in the order of their first occurrence."""
         told = ((text, sorted(numbers[1:])) for text, numbers in self._wrong.values())
