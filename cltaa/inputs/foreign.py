@@ -76,17 +76,19 @@ class PngImages(ImageSequence):
         return Layout(path, dict.fromkeys("RGB", "uint"), window, window, "zip")
 
     def image(self, number: int, *, alpha: bool = False) -> Image:
-        """Read one frame number, [H, W, 3] linear float32 over black; raises DataError for a damaged file."""
-        del alpha
+        """Read one frame number, [H, W, 3] linear float32 over black, with ``alpha`` [H, W, 4] where the file has it;
+        raises DataError for a damaged file."""
         from PIL import Image as Pillow  # imported late, because most comparisons read no PNG
 
         path = self.path(number)
         try:
             with Pillow.open(path) as file:
                 texels = np.asarray(file.convert("RGBA"), np.float32) / np.float32(255)
+                alpha = alpha and ("A" in file.getbands() or "transparency" in file.info)
         except (OSError, ValueError, SyntaxError, Pillow.DecompressionBombError) as error:
             raise DataError(f"the PNG cannot be read ({error})", path=path, cure="write it again") from error
-        return linear_colour(texels[..., :3], Encoding.SRGB) * texels[..., 3:]
+        light = linear_colour(texels[..., :3], Encoding.SRGB) * texels[..., 3:]
+        return np.concatenate([light, texels[..., 3:]], -1) if alpha else light
 
 
 EFFECT_OF = {"motion": Effect.MOTION, "alpha": Effect.ALPHA, "reactive": Effect.REACTIVE}  # the effect of each channel

@@ -40,6 +40,14 @@ def test_texels_are_decoded_and_premultiplied(tmp_path: Path) -> None:
     assert opaque.tolist() == [[[0.0, 1.0, 1.0]]]
 
 
+def test_alpha_of_pngs_is_judged_where_both_have_it(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    texels = {"half": (0, 0, 0, 51), "whole": (0, 0, 0, 255), "opaque": (0, 0, 0)}
+    half, whole, opaque = (save(tmp_path / name / "a.0001.png", [[texel] * 16] * 16) for name, texel in texels.items())
+    found = run_json(capsys, half, whole, "--metrics", "mse")
+    assert (found["mean"]["mse"], found["alpha"]["worst"]) == (0.0, pytest.approx(0.8))
+    assert "alpha" not in run_json(capsys, half, opaque, "--metrics", "mse")
+
+
 def test_pngs_are_judged_and_judge(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     capture = write_sequence(tmp_path / "capture", 3, reference=True)
     (tmp_path / "png").mkdir()
