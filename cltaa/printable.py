@@ -124,7 +124,8 @@ def written(names: Iterable[str], between: str = " ") -> str:
 
 
 def _quoted(name: str) -> str:
-    if name and not re.search(r"[\s,]", name) and name[0] not in "\"'[":
+    if name.isprintable() and name and not re.search(r"[\s,]", name) and name[0] not in "\"'[":
         return name
-    # Messages collapse white space, so that after the first of a run is escaped.
-    return re.sub(r"(?<=\s)\s", lambda sign: f"\\u{ord(sign[0]):04x}", json.dumps(name, ensure_ascii=False))
+    # Messages collapse white space, so that after the first of a run is escaped, and escape other spaces their own way.
+    text = re.sub(r"(?<=\s)\s", lambda sign: f"\\u{ord(sign[0]):04x}", json.dumps(name, ensure_ascii=False))
+    return "".join(sign if sign.isprintable() else json.dumps(sign)[1:-1] for sign in text)

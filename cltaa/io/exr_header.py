@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
+from unicodedata import category
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ LARGEST_SIDE = 16384  # pixels; the largest image that the resolve promises
 LARGEST_HEADER = 1 << 24  # bytes; object names and preview pictures in a header take a few million at most
 FIRST_READ = 1 << 15  # bytes; holds nearly every header
 MOST_PARTS, MOST_ATTRIBUTES, MOST_CHANNELS = 256, 4096, 1024  # renderers write some dozens of each
+JOINERS = "\u200c\u200d"  # within Persian and Indic words, and signs of several
 LONGEST_NAME = 255  # bytes, by the file layout
 PIXEL_TYPES = ("uint", "half", "float")  # in the order of their numbers in the file
 
@@ -135,9 +137,14 @@ def _name(content: bytes, place: int) -> tuple[str, int]:
     if end < 0 and len(content) <= place + LONGEST_NAME:
         raise IndexError("name reaches beyond the file")
     name = content[place:end].decode()
-    if end <= place or not name.isprintable():
+    if end <= place or not _is_text(name):
         raise ValueError("no name of an attribute or a channel")
     return name, end + 1
+
+
+def _is_text(name: str) -> bool:
+    """Whether a name holds letters, signs and spaces of any script, and nothing that controls a terminal."""
+    return all(sign.isprintable() or sign in JOINERS or category(sign) == "Zs" for sign in name)
 
 
 ONE_LEVEL, MIP_MAP, RIP_MAP = range(3)  # modes, as the file layout numbers them
@@ -280,7 +287,7 @@ def read_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline:
         version, headers, end = read_headers(path, file)
         many = bool(version & MULTI_PART)
         names = [header["name"].decode() for header in headers] if many else [""]
-        if len({*names}) < len(names) or not all(name.isprintable() for name in names):
+        if len({*names}) < len(names) or not all(map(_is_text, names)):
             raise ValueError("parts of one name, or of a name that could harm a terminal")
         tables, faults, place = list[Table](), dict[str, DataError](), end
         for part, (name, header) in enumerate(zip(names, headers, strict=True)):

@@ -35,6 +35,9 @@ LAYERS = [
     "back\\slash",
     "-dash --input",
     "$HOME `x` ;",
+    "レイヤー\u3000二",
+    "no\u00a0break",
+    "\U0001f468\u200d\U0001f469",  # joined into one sign
 ]
 BLENDER = {"Software": "Blender 2.83"}
 
