@@ -163,8 +163,10 @@ def _of_trimesh(path: Path) -> tuple[tuple[Part, ...], list[Matrix]]:
         raise DataError(f"trimesh cannot read it ({reason})", path=path, cure="export the model again") from error
     shared: dict[int, Texture] = {}
     parts, poses = [], []
+    scales = {name: _to_size_one(mesh) for name, mesh in loaded.geometry.items()}
     for node in loaded.graph.nodes_geometry:
         pose, name = loaded.graph[node]
+        pose = pose @ np.diag([1.0 / scales[name]] * 3 + [1.0])
         mesh = loaded.geometry[name]
         if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
             with np.errstate(all="ignore"):
@@ -173,6 +175,19 @@ def _of_trimesh(path: Path) -> tuple[tuple[Part, ...], list[Matrix]]:
     if not parts:
         raise DataError("no triangles in it", path=path, cure="export the model as a mesh")
     return tuple(parts), poses
+
+
+def _to_size_one(mesh: Any) -> float:
+    """Scale a tiny or huge mesh by a power of two, which keeps its digits, to a size of about 1; return the factor.
+
+    trimesh merges vertices closer than 1e-8, sees no area below 1e-14, and counts in 64-bit integers of 1e-8.
+    """
+    size = float(np.ptp(mesh.vertices, axis=0).max(initial=0.0)) if len(mesh.vertices) else 0.0
+    if not np.isfinite(size) or size == 0.0 or 1e-3 <= size <= 1e9:
+        return 1.0
+    factor = float(2.0 ** -np.floor(np.log2(size)))
+    mesh.apply_scale(factor)
+    return factor
 
 
 def _load(path: Path) -> trimesh.Scene:

@@ -39,6 +39,19 @@ def test_every_format_stands_on_the_ground_with_radius_one(tmp_path: Path, suffi
     assert height == pytest.approx(4.0 / radius, abs=1e-5)
 
 
+@pytest.mark.parametrize("size", [1e-11, 1e-7, 1e11])
+@pytest.mark.parametrize("suffix", ["ply", "stl"])
+def test_a_model_of_any_scale_keeps_its_shape(tmp_path: Path, size: float, suffix: str) -> None:
+    shapes = []
+    for scale in (1.0, size):
+        mesh = trimesh.creation.icosphere(subdivisions=2)
+        mesh.vertices *= scale
+        (part,), (pose,), _ = load_model(export(tmp_path, f"ball{scale}.{suffix}", mesh))
+        shapes.append(part.mesh.vertices @ pose[:3, :3].T + pose[:3, 3])
+    assert len(shapes[0]) == len(shapes[1])
+    assert np.abs(shapes[0] - shapes[1]).max() <= 2.0**-20  # the files hold float32
+
+
 def test_a_shape_without_normals_keeps_its_edges(tmp_path: Path) -> None:
     (part,), _, _ = load_model(export(tmp_path, "box.stl", trimesh.creation.box((2.0, 2.0, 2.0))))
     assert np.abs(np.abs(part.mesh.vertex_normals).max(axis=1) - 1.0).max() <= 1e-6
