@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from mmap import mmap
 from pathlib import Path
@@ -99,6 +99,11 @@ class FileCopy:
         for piece in pieces:
             self._memory[place : place + len(piece)] = piece
             place += len(piece)
+
+    def overwrite(self, places: Iterable[int], byte: int) -> None:
+        """Write ``byte`` at each of ``places``."""
+        for place in places:
+            os.pwrite(self._descriptor, bytes([byte]), place)
 
     def read_at(self, place: int, size: int) -> bytes:
         """Return ``size`` bytes from ``place`` on."""

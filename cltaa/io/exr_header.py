@@ -31,6 +31,7 @@ FIRST_READ = 1 << 15  # bytes; holds nearly every header
 MOST_PARTS, MOST_ATTRIBUTES, MOST_CHANNELS = 256, 4096, 1024  # renderers write some dozens of each
 JOINERS = "\u200c\u200d"  # within Persian and Indic words, and signs of several
 LONGEST_NAME = 255  # bytes, by the file layout
+UNKNOWN = ord("?")  # in place of the first letter of a type, makes it one that nobody knows
 PIXEL_TYPES = ("uint", "half", "float")  # in the order of their numbers in the file
 
 Header = dict[str, bytes]  # raw values of attributes by name
@@ -131,6 +132,35 @@ def places_of(path: Path, header: bytes, place: int = 8) -> tuple[dict[str, slic
     return attributes, place + 1
 
 
+def odd_types(header: bytes, parts: int) -> list[int]:
+    """Return the places of the types of all attributes whose values OpenEXR's Python module cannot represent.
+
+    Such values are valid in a file. Of a type that nobody knows the module passes on the bytes.
+    """
+    places, place = list[int](), 8
+    for _ in range(parts):
+        while header[place] != 0:
+            kind_at = _name(header, place)[1]
+            kind, start = _name(header, kind_at)
+            (size,) = struct.unpack_from("<i", header, start)
+            place = start + 4 + size
+            if _is_odd(kind, header[start + 4 : place]):
+                places.append(kind_at)
+        place += 1
+    return places
+
+
+def _is_odd(kind: str, value: bytes) -> bool:
+    if kind == "rational":  # numerator / 0 is infinity
+        return value[4:] == bytes(4)
+    if kind == "string":  # of any encoding before OpenEXR 3
+        try:
+            value.decode()
+        except UnicodeDecodeError:
+            return True
+    return kind == "deepImageState"
+
+
 def _name(content: bytes, place: int) -> tuple[str, int]:
     """Return the name at ``place``, and the place after its end; ValueError for one that could harm a terminal."""
     end = content.find(b"\0", place, place + LONGEST_NAME + 1)
@@ -218,7 +248,7 @@ class Outline(NamedTuple):
     """The parts of a file by its headers, and where the tables of their chunks must be.
 
     ``tables`` are those of readable parts, ``faults`` the errors of the others by name. The headers end at ``end``, and
-    all tables at ``behind``.
+    all tables at ``behind``. ``odd`` are the places of types from ``odd_types``.
     """
 
     path: Path
@@ -226,6 +256,7 @@ class Outline(NamedTuple):
     faults: dict[str, DataError]
     end: int
     behind: int
+    odd: list[int]
 
     @property
     def parts(self) -> list[Layout]:
@@ -298,7 +329,8 @@ def read_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline:
                 faults[name] = error
                 # A negative count becomes more chunks than any file has.
                 place += 8 * struct.unpack("<I", header["chunkCount"])[0] if many else 0
-    outline = Outline(path, tables, faults, end, place)
+        odd = odd_types(read_at(file, 0, end), len(headers))
+    outline = Outline(path, tables, faults, end, place, odd)
     if not tables:
         outline.refuse_faults()
     if one and many:

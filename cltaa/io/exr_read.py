@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, BinaryIO, NamedTuple, cast
@@ -31,7 +30,7 @@ from cltaa.io.exr_frame import (
     frame_channels,
     frame_outline,
 )
-from cltaa.io.exr_header import Outline, checked_outline, read_at, read_outline
+from cltaa.io.exr_header import UNKNOWN, Outline, checked_outline, read_at, read_outline
 from cltaa.io.exr_layout import OUTSIDE, PIXEL_BYTES, Layout, Window, placed, shared_window
 from cltaa.io.openexr import OpenEXR, muted_output
 
@@ -115,11 +114,15 @@ def read_any_header(path: Path, *, chunks: bool = True, one: bool = False) -> Im
     """
     with open_regular(path) as file:
         outline = (checked_outline if chunks else read_outline)(path, file, one=one)
-        if not outline.faults:
+        if not outline.faults and not outline.odd:
             return _described(outline, file)
-        with FileCopy() as copy:
-            copy.hold(outline.extract(partial(read_at, file), outline.tables, pixels=False))
-            return _described(outline, copy)
+        with FileCopy() as heads, FileCopy() as readable:
+            heads.hold([read_at(file, 0, outline.end), bytes(outline.behind - outline.end)])
+            heads.overwrite(outline.odd, UNKNOWN)
+            if not outline.faults:
+                return _described(outline, heads)
+            readable.hold(outline.extract(heads.read_at, outline.tables, pixels=False))
+            return _described(outline, readable)
 
 
 def _described(outline: Outline, content: BinaryIO | FileCopy) -> ImageHeader:
@@ -168,6 +171,7 @@ def loaded_parts(path: Path, sha256: str | None, *, one: bool = False) -> Iterat
         outline.check_chunks(content.read_at, content.size)
         if sha256 is not None:
             content.check_sha256(path, sha256)
+        content.overwrite(outline.odd, UNKNOWN)
         yield outline, content
 
 
@@ -223,8 +227,8 @@ def open_content(path: Path, content: BinaryIO | FileCopy, count: int, *, header
             raise DataError("the pixels are damaged", path=path, cure="write the file again")
         parts: list[OpenEXR.Part] = file.parts
         for part in parts:
-            part.header  # noqa: B018  whose texts must be UTF-8
-    except (RuntimeError, ValueError, TypeError) as error:  # UnicodeDecodeError is a ValueError
+            part.header  # noqa: B018  which the module converts only now
+    except (RuntimeError, ValueError, TypeError, ArithmeticError) as error:
         said = str(error).replace(name, "it")
         raise DataError(f"OpenEXR cannot read it: {said}", path=path, cure="write the file again") from error
     if len(parts) != count:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import pytest
 
 from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError
-from cltaa.io.exr_read import read_frame
+from cltaa.io.exr_read import read_any_header, read_frame, read_planes
 from cltaa.io.sequence import open_sequence
 from cltaa.pipeline.run import resolve_sequence
 from tests.sequence_factory import write_sequence
@@ -64,3 +65,28 @@ def test_what_stands_for_no_number_is_refused_by_name(name: str, change: Change,
     rewrite(path, name, change)
     with pytest.raises(DataError, match=f"attribute {name} is wrong"):
         read_frame(path)
+
+
+@pytest.mark.parametrize("parts", [1, 2])
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        ("rational", struct.pack("<iI", 24, 0)),
+        ("string", "Größe".encode("latin-1")),
+        ("deepImageState", b"\0"),
+    ],
+)
+def test_a_value_that_openexr_cannot_represent_is_in_nobodys_way(
+    kind: str, value: bytes, parts: int, tmp_path: Path
+) -> None:
+    path, stands_in = tmp_path / "x.0001.exr", b"n" * 14 + b"\0string\0" + struct.pack("<i", len(value))
+    planes = {name: np.full((2, 3), 0.5, np.float32) for name in "RGB"}
+    header = {"type": OpenEXR.scanlineimage, "n" * 14: "-" * len(value)}
+    OpenEXR.File([OpenEXR.Part(header | {"name": f"p{n}"}, planes) for n in range(parts)]).write(str(path))
+    there = b"n" * (20 - len(kind)) + b"\0" + kind.encode() + b"\0" + struct.pack("<i", len(value)) + value
+    content = path.read_bytes()
+    assert content.count(stands_in) == parts
+    path.write_bytes(content.replace(stands_in + b"-" * len(value), there))
+    assert all(name.endswith(tuple("RGB")) for name in read_any_header(path).layout.channels)
+    found = read_planes(path, {"p0.R", "R"})
+    assert [plane.tolist() for plane in found.values()] == [[[0.5] * 3] * 2]
