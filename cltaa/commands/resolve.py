@@ -183,8 +183,6 @@ def resolve(
         raise UsageError(f"--compare {compare} needs a film", cure="name it: --preview FILE.mp4")
     # After a bare --debug, which shows tracebacks, an extra word was probably meant as a debug view.
     hint = f"; --debug takes views: {', '.join(View)}" if ctx.find_root().params.get("debug") else ""
-    if idle is not None and not follow:
-        raise UsageError("--idle needs --follow", cure="give both, or neither")
     named = one_sequence(ctx, sequence, hint)
     if follow and not isinstance(named, Path):
         cure = "name the folder, or quote the pattern, as in 'x.####.exr'"

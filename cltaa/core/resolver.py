@@ -212,6 +212,9 @@ class Resolver:
             raise UsageError("unsupported type of numbers", expected="float32 or float16", found=np.dtype(dtype))
         try:
             wanted = np.empty(shape, dtype)  # takes no memory until it is touched
+        except (TypeError, ValueError):
+            expected = "whole numbers from 0 on"
+            raise UsageError("empty: this is no shape", expected=expected, found=repr(shape)) from None
         except MemoryError as error:
             raise ResourceError(f"not enough memory for an array: {error}") from None
         return self.launcher.pinned(wanted.nbytes).view(wanted.dtype).reshape(wanted.shape)

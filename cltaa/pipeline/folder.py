@@ -211,6 +211,8 @@ def resolve_folder(
     transcription, which is the same on every scene. ``compression`` and ``layers`` default to those that the command
     keeps. ``options`` are other arguments of ``resolve_sequence``. Raises the errors of that and of opening.
     """
+    if idle is not None and not follow:
+        raise UsageError("--idle needs --follow", cure="give both, or neither")
     reading, options = how_read(source, reading, options)
     denoised = denoiser(options.get("denoise", "none")) is not None
     if not isinstance(preset, Preset):

@@ -48,6 +48,12 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "a plan of no denoiser": (lambda seq: cltaa.plan(seq, denoise="optix"), "no such denoiser .*found 'optix'"),
     "no checkpoint": (lambda seq: cltaa.resolve(seq, "out", checkpoint_every=0), "invalid checkpoint interval"),
     "preview by text": (lambda seq: cltaa.resolve(seq, "out", preview="x.gif"), "a film must be an MP4"),
+    "idle without follow": (lambda seq: cltaa.resolve(seq, "out", idle=3.0), "--idle needs --follow"),
+    "an empty array of text": (
+        lambda _: cltaa.Resolver(device="numpy").empty("big"),
+        "empty: this is no shape .*'big'",
+    ),
+    "an empty array below 0": (lambda _: cltaa.Resolver(device="numpy").empty((-1, 2)), "empty: this is no shape"),
     "no comparison": (lambda seq: cltaa.resolve(seq, "out", compare="diagonal"), "no such comparison"),
     "a PNG": (lambda _: cltaa.write_frame("x.png", make_frame()), "x.png: frames are written as EXR"),
     "a number for a path": (lambda _: cltaa.write_frame(3, make_frame()), "no frame to write .*found int, Frame"),
