@@ -27,17 +27,19 @@ def clamp_firefly(v: Colour, reference: Array, h: History, settings: Record) -> 
 
 
 def without_firefly(p: Pixel, current: Array, h: History, build: Build, layout: Layout, settings: Record) -> Pixel:
-    """Remove fireflies: samples far above both the second greatest of the eight texels around them and their history;
-    ``current`` are padded planes [3, rows, stride]."""
+    """Remove fireflies: samples far above both the second greatest of the eight texels around them and their history,
+    filtered samples far above the third of the nine; ``current`` are padded planes [3, rows, stride]."""
     if build.choices.fireflies is Fireflies.KEEP:
         return p
-    first = second = np.zeros_like(h.count)
+    first = second = third = np.zeros_like(h.count)
     y = luminance_4(to_range(repaired_planes(current, layout).astype(first.dtype), build))
     for step in (step for step in NEIGHBOURS if any(step)):
         there = neighbour(y, *step, layout)
+        third = greater(third, lesser(second, there))
         second = greater(second, lesser(first, there))
         first = greater(first, there)
     past = np.where(h.valid, luminance_4(h.rgb), np.zeros_like(second))
-    reference = greater(greater(second, past), number(4.0, past) * number(settings["firefly_floor"], past))
-    own, filtered = (clamp_firefly(v, reference, h, settings) for v in (p.own, p.filtered))
-    return p._replace(own=own, filtered=filtered)
+    least = greater(past, number(4.0, past) * number(settings["firefly_floor"], past))
+    own = clamp_firefly(p.own, greater(second, least), h, settings)
+    third = greater(third, lesser(second, neighbour(y, 0, 0, layout)))
+    return p._replace(own=own, filtered=clamp_firefly(p.filtered, greater(third, least), h, settings))

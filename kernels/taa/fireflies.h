@@ -4,15 +4,16 @@
 // Four times the luminance of a texel in the box space.
 STAGE real boxed_luminance_4(boxed v) { return BOX_SPACE == BOX_SPACE_YCOCG ? v.a : (v.a + v.c) + K(2.0) * v.b; }
 
-// The two greatest luminances seen so far.
+// The three greatest luminances seen so far.
 typedef struct
 {
-    real first, second;
+    real first, second, third;
 } greatest_t;
 
 STAGE void add_luminance(greatest_t* g, boxed v)
 {
     const real y = boxed_luminance_4(v);
+    g->third = greater(g->third, lesser(g->second, y));
     g->second = greater(g->second, lesser(g->first, y));
     g->first = greater(g->first, y);
 }
@@ -28,13 +29,14 @@ STAGE colour clamp_firefly(colour v, real reference, history_t h, settings_t set
 
 // Removes a firefly from the pixel. Its sample is compared with the greatest of three: the second greatest of the eight
 // texels around it, so that two fireflies side by side do not confirm each other; its history, which holds a highlight
-// of several frames; and firefly_floor.
+// of several frames; and firefly_floor. The filtered sample may hold two fireflies,
+// and is compared with the third greatest of the nine.
 STAGE pixel_t without_firefly(
     pixel_t p, boxed_row above, boxed_row own, boxed_row below, history_t h, settings_t settings)
 {
     if (FIREFLIES == FIREFLIES_KEEP)
         return p;
-    greatest_t around = { SPLAT(0.0), SPLAT(0.0) };
+    greatest_t around = { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) };
     add_luminance(&around, above.left);
     add_luminance(&around, above.own);
     add_luminance(&around, above.right);
@@ -44,9 +46,10 @@ STAGE pixel_t without_firefly(
     add_luminance(&around, below.own);
     add_luminance(&around, below.right);
     const real past = h.valid ? luminance_4(h.rgb) : SPLAT(0.0);
-    const real reference = greater(greater(around.second, past), K(4.0) * SPLAT(settings.firefly_floor));
-    p.own = clamp_firefly(p.own, reference, h, settings);
-    p.filtered = clamp_firefly(p.filtered, reference, h, settings);
+    const real least = greater(past, K(4.0) * SPLAT(settings.firefly_floor));
+    const real third = greater(around.third, lesser(around.second, boxed_luminance_4(own.own)));
+    p.own = clamp_firefly(p.own, greater(around.second, least), h, settings);
+    p.filtered = clamp_firefly(p.filtered, greater(third, least), h, settings);
     p.luminance = luminance_4(p.filtered);
     return p;
 }

@@ -39,6 +39,13 @@ def test_a_firefly_adds_nothing_to_the_history(preset: str) -> None:
     assert np.array_equal(bits(resolver.resolve(standing(3, PLACE))[PLACE]), bits(before[PLACE]))
 
 
+def test_two_fireflies_side_by_side_add_nothing_to_the_filtered_samples_around_them() -> None:
+    resolver, (y, x) = Resolver(override(load_preset(), {**CLAMP, "weighting": "none"}), "numpy"), PLACE
+    resolver.resolve(standing(0))
+    image = resolver.resolve(standing(1, PLACE, (y, x + 1)))
+    assert image.max() <= 2.0  # the brightest light there
+
+
 def test_a_first_firefly_is_as_bright_as_the_second_brightest_around_it() -> None:
     sharp = override(load_preset(), {**CLAMP, "current_filter": "none"})
     image = Resolver(sharp, "numpy").resolve(standing(0, PLACE))
