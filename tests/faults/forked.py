@@ -3,7 +3,8 @@
 Every run is a fork of this process, which has imported everything and used nothing of it, neither threads nor drivers:
 a process that dies costs a tenth of a second instead of one or two. WORK: a key of ``runs.WORK``. HOW ``steps``:
 the signal comes at each COUNT-th open, write, flush or rename in the output folder, of a fresh run each (``shim.c``).
-HOW ``times``: COUNT runs are met at random times; they go on in one folder until it is finished, then anew.
+HOW ``calls``: the signal comes when the main thread calls its n-th function, for COUNT random n, whatever the threads
+beside it do by then; the runs go on in one folder until it is finished, then anew.
 The invariants are checked after each run, and at the end that every frame has the bits of a run that met no signal.
 Prints one line of JSON for each run.
 """
@@ -23,6 +24,8 @@ import traceback
 import warnings
 from collections.abc import Callable
 from functools import partial
+from importlib import import_module
+from itertools import count
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -41,7 +44,7 @@ PRELOADED = (cltaa.commands.resolve, cltaa.reference, cltaa_capture.cli)
 PATIENCE = 180.0  # seconds after which a run of a few small frames counts as hung, on a machine however busy
 BROKEN = 99  # the exit code of a fork whose assertion failed
 INTERRUPTED = 130
-MOST_TRIES = 20  # runs for each that a signal is to meet: those that were timed may have been as much slower
+LATE = ("cltaa_capture.sequence", "cltaa_datasets.scenes")  # what a capture alone imports, and not before it draws
 
 
 def wait_until_alone() -> None:
@@ -100,26 +103,35 @@ class Ended:
     def __init__(self, top: Path, work: Work, number: int, shim: ctypes.CDLL) -> None:
         self.forks, self.top, self.work, self.number, self.shim = Forks(top), top, work, number, shim
         self.whole: dict[str, str] = {}
+        self.calls = count(1)
 
         def prepared() -> int:
             work.prepare(top)
             shim.fault_arm(str(top / "whole").encode(), 1 << 30, -number, 0)  # at no step: they are counted
-            code = cli.main(work.command(top, top / "whole"))
-            (top / "calls").write_text(str(shim.fault_calls()))
+            code = self.once(top / "whole", 0)
+            (top / "steps").write_text(str(shim.fault_calls()))
+            (top / "calls").write_text(str(next(self.calls)))
             return code
 
         assert self.forks.run(prepared) == 0, self.forks.said.read_text()
         self.whole |= digests(top / "whole")
 
-    def once(self, output: Path) -> int:
-        """One run, which signals reach from where the command line has begun to where it has ended."""
+    def once(self, output: Path, at: int | None = None) -> int:
+        """One run, which signals reach from where the command line has begun to where it has ended; where ``at`` is
+        given its calls of functions are counted, and the signal comes at that one."""
         command = cli.root.main
+
+        def called(_frame: object, event: str, _argument: object) -> None:
+            if event == "call" and next(self.calls) == at:
+                os.kill(os.getpid(), self.number)
 
         def open_to_signals(*given: Any, **named: Any) -> Any:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+            sys.setprofile(called if at is not None else None)
             try:
                 return command(*given, **named)
             finally:
+                sys.setprofile(None)
                 signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
 
         # As of a process of its own: threads that pack stay, and none of them is closed to a signal when all is said.
@@ -152,33 +164,20 @@ class Ended:
             self.shim.fault_arm(str(output).encode(), at, -self.number, 0)
             return self.once(output)
 
-        for at in range(1, int((self.top / "calls").read_text()) + 1, stride):
+        for at in range(1, int((self.top / "steps").read_text()) + 1, stride):
             shutil.rmtree(output, ignore_errors=True)
             code = self.forks.run(partial(armed, at))
             kept = self.check(output, code)
             self.finish(output)
             print(json.dumps({"at": at, "code": code, "kept": kept}), flush=True)
 
-    def seconds(self) -> float:
-        """What an undisturbed run takes."""
-        begin = time.monotonic()
-        self.forks.run(partial(self.once, self.top / "timed"))
-        seconds = time.monotonic() - begin
-        shutil.rmtree(self.top / "timed")
-        return seconds
-
-    def at_any_time(self, count: int) -> None:
+    def at_any_call(self, met: int) -> None:
         chance, output, before, round_ = random.Random(0), self.top / "out", 0, 0
-        longest, met, tries = min(self.seconds() for _ in range(3)), 0, 0
-        while met < count:
-            tries += 1
-            assert tries <= MOST_TRIES * count, "runs end before a signal meets them"
-            process = self.forks.start(partial(self.once, output))
-            time.sleep(chance.uniform(0.0, longest))
-            os.kill(process, self.number)
-            code = self.forks.end(process)
+        last = int((self.top / "calls").read_text())
+        while met:
+            code = self.forks.run(partial(self.once, output, chance.randint(1, last)))
             kept = self.check(output, code)
-            met += code != 0
+            met -= code != 0  # a run that goes on has fewer calls, and may end before
             assert kept >= before, "a finished frame was lost"
             before = kept
             print(json.dumps({"code": code, "kept": kept}), flush=True)
@@ -194,8 +193,11 @@ if __name__ == "__main__":
     configure()
     OpenEXR.set_global_thread_count(0)
     folder, library, name, how, signal_number, given = sys.argv[1:]
+    if name == "capture":
+        for each in LATE:
+            import_module(each)
     runs = Ended(Path(folder), WORK[name], int(signal_number), ctypes.CDLL(library))
     if how == "steps":
         runs.at_each_step(int(given))
     else:
-        runs.at_any_time(int(given))
+        runs.at_any_call(int(given))

@@ -1,4 +1,4 @@
-"""Signals that end a run, of a resolve and of a capture, at each step and at any time."""
+"""Signals that end a run, of a resolve and of a capture, at each step and at any call."""
 
 from __future__ import annotations
 
@@ -56,16 +56,15 @@ def test_capture_killed_at_each_step(tmp_path: Path, shim: Path, stride: int) ->
 
 @pytest.mark.big
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_capture_interrupted_at_any_time(tmp_path: Path, shim: Path, number: signal.Signals) -> None:
-    runs = forked(tmp_path, shim, "capture", "times", number, 12)
+def test_capture_interrupted_at_any_call(tmp_path: Path, shim: Path, number: signal.Signals) -> None:
+    runs = forked(tmp_path, shim, "capture", "calls", number, 12)
     assert sum(run["code"] == INTERRUPTED for run in runs) == 12
 
 
 @pytest.mark.parametrize("count", [16, pytest.param(2000, marks=pytest.mark.big)])
-def test_killed_at_any_time(tmp_path: Path, shim: Path, count: int) -> None:
-    """Before the first frame is kept or between frames; which counts of frames a kill leaves is chance, since two are
-    written at a time: ``test_killed_at_each_step`` sees every one of them."""
-    runs = forked(tmp_path, shim, "resolve", "times", signal.SIGKILL, count)
+def test_killed_at_any_call(tmp_path: Path, shim: Path, count: int) -> None:
+    """Before the first frame is kept or between frames: ``test_killed_at_each_step`` sees every count of them."""
+    runs = forked(tmp_path, shim, "resolve", "calls", signal.SIGKILL, count)
     kept = [run["kept"] for run in runs if run["code"] == KILLED]
     assert len(kept) == count
     assert len(set(kept)) > 1
@@ -73,9 +72,9 @@ def test_killed_at_any_time(tmp_path: Path, shim: Path, count: int) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("count", [6, pytest.param(250, marks=pytest.mark.big)])
-def test_interrupted_at_any_time(tmp_path: Path, shim: Path, number: signal.Signals, count: int) -> None:
+def test_interrupted_at_any_call(tmp_path: Path, shim: Path, number: signal.Signals, count: int) -> None:
     """The frame in work is finished or dropped, the state is saved, and the code is 130, or 0 where all was done."""
-    runs = forked(tmp_path, shim, "resolve", "times", number, count)
+    runs = forked(tmp_path, shim, "resolve", "calls", number, count)
     assert sum(run["code"] == INTERRUPTED for run in runs) == count
     assert all(run["code"] == INTERRUPTED or run["kept"] == FRAMES for run in runs)
 
