@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -18,12 +17,14 @@ from cltaa.errors import DataError, DeviceLost, UsageError
 from cltaa.frame import Frame
 from cltaa.io.sequence import open_sequence
 from cltaa.pipeline.folder import devices_of
+from cltaa.pipeline.part import Parts
 from cltaa.pipeline.run import resolve_sequence
 from cltaa.process import Stop
 from cltaa.reference.launcher import NumpyLauncher
 from tests.sequence_factory import write_sequence
 
 FRAMES = 11
+PATIENCE = 600.0  # seconds that one job may wait for another
 PRESETS = {  # rings shorter than a part, and longer
     "behind": override(load_preset("gather-8"), {"history_frames": 2}),
     "ahead": override(load_preset("gather-8"), {"history_frames": 4, "look_ahead": 2}),
@@ -102,18 +103,24 @@ def goes_on(shot: Path, output: Path) -> None:
     assert contents(output) == contents(output.parent / "whole")
 
 
-def test_a_job_that_fails_ends_the_others_and_a_rerun_goes_on(shot: Path, tmp_path: Path) -> None:
-    failed = threading.Event()
+def test_a_job_that_fails_ends_the_others_and_a_rerun_goes_on(
+    shot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    resolve, halted = Parts.resolve, list[threading.Event]()
+
+    def noted(parts: Parts, *given: Any) -> None:
+        halted.append(parts.halted)
+        resolve(parts, *given)
 
     def fail(number: int) -> None:
         if number == 8:
-            failed.set()
             raise DataError("no such light", frame=8)
 
     def wait(number: int) -> None:
         if number == 2:
-            assert failed.wait(60)
-            time.sleep(2)  # until the other job has ended
+            assert halted[0].wait(PATIENCE)
+
+    monkeypatch.setattr(Parts, "resolve", noted)
 
     ends = pytest.raises(DataError, match="no such light")
     first, _ = begun(shot, tmp_path / "out", wait, fail, ends=ends)
@@ -122,13 +129,18 @@ def test_a_job_that_fails_ends_the_others_and_a_rerun_goes_on(shot: Path, tmp_pa
 
 
 def test_a_wish_to_stop_ends_every_job(shot: Path, tmp_path: Path) -> None:
-    stop = Stop()
+    stop, wished = Stop(), threading.Event()
 
     def ask(number: int) -> None:
-        stop.requested = stop.requested or number == 2
+        if number == 2:
+            stop.requested = True
+            wished.set()
+
+    def wait(_: int) -> None:
+        assert wished.wait(PATIENCE)
 
     ends, asked = pytest.raises(KeyboardInterrupt), nullcontext(stop)
-    jobs = begun(shot, tmp_path / "out", ask, lambda _: time.sleep(0.2), ends=ends, stopping=asked)
+    jobs = begun(shot, tmp_path / "out", ask, wait, ends=ends, stopping=asked)
     assert all(len(each.began) < FRAMES // 2 for each in jobs)
     goes_on(shot, tmp_path / "out")
 
