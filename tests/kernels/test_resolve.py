@@ -79,8 +79,10 @@ def differing(changes: dict[str, object], frames: list[Frame], lanes: int, rows:
     return different
 
 
-@pytest.mark.optimised
-@pytest.mark.parametrize(("lanes", "rows"), [(1, 1), (4, 3), (16, 5)])
+# Optimised one lane and eight are in test_twins.py.
+@pytest.mark.parametrize(
+    ("lanes", "rows"), [(1, 1), *(pytest.param(*shape, marks=pytest.mark.optimised) for shape in ((4, 3), (16, 5)))]
+)
 def test_same_bits_whatever_the_shape_of_the_work(lanes: int, rows: int) -> None:
     assert differing({}, list(hard_frames()), lanes, rows) == 0
 

@@ -58,8 +58,10 @@ def test_a_jitter_that_is_right_only_in_the_projection_is_not_thrown_away(wrong:
     assert (finding.name, finding.fix) == ("jitter-disagrees", FIX)
 
 
-@pytest.mark.parametrize("filled", [False, True], ids=["few vectors", "vectors"])
-@pytest.mark.parametrize("declared", [NONE, WRONG["y-flipped"]], ids=["none", "y-flipped"])
+# Both are named with either, above.
+@pytest.mark.parametrize(
+    ("declared", "filled"), [(NONE, False), (WRONG["y-flipped"], True)], ids=["few vectors", "vectors"]
+)
 def test_it_is_mended(declared: Plant, filled: bool, scene: Scene, tmp_path: Path) -> None:
     frames = scene("corridor")
     write_own(tmp_path, in_projection(full_motion(frames) if filled else frames, declared))
