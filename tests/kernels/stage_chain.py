@@ -123,9 +123,11 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
     ),
     "mix_windows": ("alpha", "recursion", "storage", "weighting"),
 }
-# Seeds of the rows of several choices, with which each value is in one that shows it, and no clip that rounding in one
-# channel can turn is in RGB.
-PACE = {"surface_motion": 33, "rectify_history": 5, "blend": 1}
+# Of the rows of several choices: with it each value is in one that shows it, light is tested for where depth is, and no
+# clip that rounding in one channel can turn is in RGB.
+SEED = 3
+# Stages with rows of their own: without motion the others have little to do; windows are mixed by another program.
+APART = ("surface_motion", "mix_windows")
 # Values that give the bits of the usual one where nothing else is changed, by ways of their own: each has a row alone.
 UNSEEN = {
     "sample_history": ["storage=double"],
@@ -339,14 +341,21 @@ def changed(build: Build, row: dict[str, Any]) -> Build:
 
 def rows_together(kernel: str, build: Build) -> list[dict[str, Any]]:
     """What ``variants`` of a stage change one at a time, several at once, for a build takes most of a second: of each
-    choice one value after another, the usual one among them, shuffled apart from the others'."""
-    alike, found = ALIKE.get(kernel, {}), others(kernel, build)
-    values = {name: [v for v in found[name] if f"{name}={v}" not in alike] for name in found}
-    columns = {name: [*rest, value_in(build, name)] for name, rest in values.items() if rest}
-    chance = random.Random(PACE.get(kernel, 0))
-    count = max(map(len, columns.values()), default=0)
-    turns = {name: [column[at % len(column)] for at in range(count)] for name, column in columns.items()}
-    for turn in turns.values():
-        chance.shuffle(turn)
-    alone = [{name: v} for name in found for v in found[name] if f"{name}={v}" in UNSEEN.get(kernel, [])]
-    return [{name: turn[at] for name, turn in turns.items()} for at in range(count)] + alone
+    choice one value after another, the usual one among them, shuffled apart from the others'. Stages that are built
+    together have the choices of all of them in a row, and so one build."""
+    together = [kernel] if kernel in APART else [stage for stage in STAGES if stage not in APART]
+    values = {name: value for stage in together for name, value in others(stage, build).items()}
+    columns = {name: [*rest, value_in(build, name)] for name, rest in values.items()}
+    most = max(map(len, columns.values()), default=0)
+    turns = {name: turn(name, column, most) for name, column in columns.items()}
+    count = max((len(columns[name]) for name in LOOKS_AT[kernel]), default=0)
+    alone = [{name: v} for name in LOOKS_AT[kernel] for v in values[name] if f"{name}={v}" in UNSEEN.get(kernel, [])]
+    return [{name: each[at] for name, each in turns.items()} for at in range(count)] + alone
+
+
+def turn(name: str, column: list[Any], most: int) -> list[Any]:
+    """``most`` values of a choice: its column shuffled, again and again."""
+    chance, found = random.Random(f"{name} {SEED}"), list[Any]()
+    while len(found) < most:
+        found += chance.sample(column, len(column))
+    return found[:most]
