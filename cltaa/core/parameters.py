@@ -163,6 +163,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     falling_t: Annotated[
         float, _number("factor of these thresholds where light decreases", 0.125, 8.0, "1", "even")
     ] = 1.0
+    largest_t: Annotated[
+        float, _number("most of that t that one frame counts for", 0.125, 2.0**50, "1", "none: the domain's limit")
+    ] = 2.0**50
     illumination_floor: Annotated[
         float, _number("standard error added to that of the 3x3, relative to its luminance", 0.0, 1.0, "1", "measured")
     ] = 0.03

@@ -61,7 +61,9 @@ CHANGING = frozenset(
 CHANGING_LIGHT = frozenset({Effect.ILLUMINATION, Effect.MOTION, Effect.REACTIVE})
 
 SURER = 2.0  # factor of drift_t, where no illumination change is known
-UNLIKELY = 2.5  # factor of the illumination test's thresholds, where its changes were searched for and not found
+# Where no change was found that the illumination test looks for: factor of its thresholds, and the most of Student's t
+# that one frame counts for, so that a lone frame proves nothing.
+UNLIKELY, UNLIKELY_T = 1.5, 2.5
 STATIC_SAMPLES = 4.0  # factor of sample_limit, where all is found static
 # With noise. Factor of falling_t, because dim samples of noise agree and bright ones do not, and of a box of
 # deviations, which noise widens.
@@ -140,7 +142,7 @@ def found_constant(settings: Settings, *, standing: bool) -> Settings:
     times = STATIC_SAMPLES if standing else 1.0
     thresholds = ("illumination_t", "disocclusion_t", "passing_t", "behind_t")
     surer = {name: UNLIKELY * getattr(settings, name) for name in thresholds}
-    return msgspec.structs.replace(settings, sample_limit=times * settings.sample_limit, **surer)
+    return msgspec.structs.replace(settings, largest_t=UNLIKELY_T, sample_limit=times * settings.sample_limit, **surer)
 
 
 def with_narrow_box(settings: Settings) -> Settings:

@@ -130,7 +130,7 @@ def illumination_test(
     above, centre, below = rows
     ta, tb, tc = third_of_students_t(above, centre, below, a_channel([unit / first for unit in units]) * least)
     largest = number(3.0, level) * greater(np.abs(ta), greater(np.abs(tb), np.abs(tc)))
-    t = lesser(largest, constant("DOMAIN_LIMIT", level))
+    t = lesser(largest, number(settings["largest_t"], level))
     before = history_change[row, column].astype(real)
     change = np.where(ta < number(0.0, level), -t, t) + number(settings["illumination_decay"], level) * before
     falling_t = number(settings["falling_t"], level) * threshold

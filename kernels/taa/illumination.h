@@ -209,7 +209,8 @@ STAGE illumination_result illumination_test(real held, real threshold, plane_in 
                tb = third_of_students_t(centre.b, below.b, -up.b, down.b, K(BOX_B / BOX_A) * least),
                tc = third_of_students_t(centre.c, below.c, -up.c, down.c, least);
     const real largest = K(3.0) * greater(absolute(ta), greater(absolute(tb), absolute(tc)));
-    const real t = lesser(largest, SPLAT(DOMAIN_LIMIT)); // DOMAIN_LIMIT where `largest` is NaN
+    const real most = SPLAT(settings.largest_t);
+    const real t = lesser(largest, most); // `most` where `largest` is NaN
     const real before = texel_at(count + history_plane_size(frame), n, row_stride(frame));
     const real change = (ta < SPLAT(0.0) ? -t : t) + K(settings.illumination_decay) * before;
     const real from = change < SPLAT(0.0) ? SPLAT(settings.falling_t) * threshold : threshold;

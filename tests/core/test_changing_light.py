@@ -98,6 +98,14 @@ def test_light_that_falls_is_asked_for_falling_t_times_as_much() -> None:
             assert np.allclose(once[changed], factor**2 * asked[changed], rtol=1e-5)
 
 
+def test_one_frame_counts_for_largest_t_at_most() -> None:
+    noisy = np.random.default_rng(1).normal(0.5, 0.1, (3, HEIGHT, WIDTH)).astype(np.float32)
+    for light in (1.2, 0.8):
+        free, bounded = (divisors(np.float32(light) * noisy, noisy, largest_t=t) for t in (2.0**50, 4.0))
+        assert (free > (4.0 / 2.6) ** 2).mean() > 0.5
+        assert np.allclose(bounded, np.minimum(free, (4.0 / 2.6) ** 2), rtol=1e-5)
+
+
 def test_what_the_jitter_makes_is_no_change_and_what_a_lamp_makes_is() -> None:
     random = np.random.default_rng(1)
     then = np.full((3, HEIGHT, WIDTH), 0.5, np.float32)

@@ -11,7 +11,7 @@ from cltaa.core.plan import plan_frame
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame, Image
-from tests.sequence_factory import make_camera, make_frame
+from tests.sequence_factory import bits, make_camera, make_frame
 
 WIDTH, HEIGHT = 24, 20
 TWO = np.random.default_rng(7).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3))
@@ -50,6 +50,13 @@ def test_light_that_changes_after_all_is_followed(name: str, found: frozenset[Ef
     image = last(name, [1.0] * 48 + [2.0] * 6, found)
     # Of a running mean of up to 24 samples, which nothing refutes, 0.78 of the change would be missing.
     assert 2.0 - np.mean(image[CHANGED]) / np.mean(TWO.mean(0)[CHANGED]) < 0.5
+
+
+def test_the_device_has_the_bits_of_the_oracle() -> None:
+    lights = [1.0] * 4 + [2.0] * 4
+    results = (Resolver("default", device, strict=True) for device in (None, "numpy"))
+    ours, theirs = (list(each.images(frame_of(i, light) for i, light in enumerate(lights))) for each in results)
+    assert np.array_equal(bits(np.array(ours)), bits(np.array(theirs)))
 
 
 @pytest.mark.parametrize(
