@@ -206,7 +206,7 @@ def _testing_illumination(
     why = f"none of illumination, motion and reactive is {word}, nor thin with a camera"
     if word == FOUND and choices.history is HistoryKind.ACCUMULATED:
         choices = msgspec.structs.replace(choices, illumination=Illumination.TEST)
-        return choices, Reason(LIGHT, True, f"{why}: surer changes alone count")
+        return choices, Reason(LIGHT, True, f"{why}: only a change that lasts counts")
     return msgspec.structs.replace(choices, illumination=Illumination.STATIC), Reason(LIGHT, False, why)
 
 

@@ -370,5 +370,5 @@ def test_what_is_found_is_no_promise(tmp_path: Path) -> None:
     steps = {step.name: step for step in sections[-1].steps}
     assert steps["rejection"].on
     assert steps["illumination change"].on
-    why = "none of illumination, motion and reactive is found, nor thin with a camera: surer changes alone count"
+    why = "none of illumination, motion and reactive is found, nor thin with a camera: only a change that lasts counts"
     assert steps["illumination change"].why == why
