@@ -132,7 +132,7 @@ def main(arguments: list[str] | None = None) -> int:
     atexit.register(ignore_signals)  # runs after Python has waited for the threads
     ends_at_once(INTERRUPTED)  # for signals outside of _outcome's own handling
     _open_standard_streams()
-    unread = io.BufferedWriter(_UnreadFile(2, "w", closefd=False))
+    unread = io.BufferedWriter(_LossyFile(2, "w", closefd=False))
     sys.stderr = io.TextIOWrapper(unread, sys.stderr.encoding, line_buffering=True)
     try:
         code = _outcome(sys.argv[1:])
@@ -169,7 +169,7 @@ def _outcome(arguments: list[str]) -> int:
             raise
         if stop.requested:
             return _interrupted(arguments)
-        _forsake_output()  # the reader of our output closed the pipe
+        _discard_output()  # the reader of our output closed the pipe
         return CLOSED_PIPE
     except Exception as error:
         if stop.requested and not isinstance(error, CltaaError):  # caused by the interrupt; our own errors are reported
@@ -182,15 +182,16 @@ def _outcome(arguments: list[str]) -> int:
     return outcome if isinstance(outcome, int) else 0
 
 
-class _UnreadFile(io.FileIO):
+class _LossyFile(io.FileIO):
     """A standard error that drops what it cannot write: no work ends because nobody reads its progress any more."""
 
     def write(self, content: Any, /) -> int:
         """Write, or drop, bytes; returns how many."""
         try:
-            return super().write(content)
+            written: int | None = super().write(content)  # None where a pipe that does not block is full
         except OSError:
-            return memoryview(content).nbytes
+            written = None
+        return memoryview(content).nbytes if written is None else written
 
 
 def _open_standard_streams() -> None:
@@ -236,11 +237,11 @@ def _told(line: str, code: int, arguments: Sequence[str] = ()) -> int:
         try:
             click.echo(json.dumps({"error": line.removeprefix("cltaa: ").removeprefix("error: "), "exit_code": code}))
         except OSError:
-            _forsake_output()
+            _discard_output()
     return code
 
 
-def _forsake_output() -> None:
+def _discard_output() -> None:
     """Send what standard output still buffers to the null device: Python would flush it at exit, and fail with its own
     code."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

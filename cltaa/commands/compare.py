@@ -127,7 +127,8 @@ def print_several(results: Sequence[dict[str, Any]], metrics: tuple[Metric, ...]
     """Print the means of several results against one reference, one row each."""
     first = results[0]
     single = next((result for result in results if "mean_one_sample" in result), None)  # None for the capture itself
-    kinds = {"moving": "video" in first, "samples": single is not None} | _with_alpha(results)
+    kinds = {"moving": "video" in first, "samples": single is not None}
+    kinds["alpha"] = any("alpha" in result for result in results)
     print_line(f"{shown(first['reference'])} is the truth; means of {counted(len(first['frames']), 'frame')}")
     table = figures(None, "", *score_heads(metrics, **kinds), named=True)
     for result in results:
@@ -142,15 +143,10 @@ def print_several(results: Sequence[dict[str, Any]], metrics: tuple[Metric, ...]
         print_line("  samples: equal-quality samples, so many a pixel a supersampler needs for the same error", "dim")
 
 
-def _with_alpha(results: Sequence[Mapping[str, Any]]) -> dict[str, bool]:
-    """Return whether a table has the column of alpha: if any result has it."""
-    return {"alpha": any("alpha" in result for result in results)}
-
-
 def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bool) -> None:
     """Print the rows of ``--table`` by sequence, and their means over all sequences."""
     timed, several = any("milliseconds" in row for row in rows), len({row["sequence"] for row in rows}) > 1
-    kinds = {"moving": True, "samples": True} | _with_alpha(rows)
+    kinds = {"moving": True, "samples": True, "alpha": any("alpha" in row for row in rows)}
     heads = [*score_heads(metrics, **kinds), *(["cvvdp ↑"] * cvvdp), *(["ms ↓"] * timed)]
     table = figures(None, "", "", *heads, named=True)
     table.columns[1].justify = "left"

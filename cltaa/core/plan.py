@@ -62,7 +62,7 @@ CHANGING_LIGHT = frozenset({Effect.ILLUMINATION, Effect.MOTION, Effect.REACTIVE}
 
 SURER = 2.0  # factor of drift_t, where no illumination change is known
 # Where no change was found that the illumination test looks for: factor of its thresholds, and the most of Student's t
-# that one frame counts for, so that a lone frame proves nothing.
+# that one frame counts for: less than illumination_t then, so that a lone frame proves nothing away from occluders.
 UNLIKELY, UNLIKELY_T = 1.5, 2.5
 STATIC_SAMPLES = 4.0  # factor of sample_limit, where all is found static
 # With noise. Factor of falling_t, because dim samples of noise agree and bright ones do not, and of a box of
@@ -91,8 +91,8 @@ def estimate(
         choices = msgspec.structs.replace(choices, history=HistoryKind.ACCUMULATED)
     choices, reason = _testing_illumination(preset, choices, declared, word)
     reasons.append(reason)
-    if choices.illumination is Illumination.TEST and free and word == FOUND:
-        settings = found_constant(settings, standing=standing) if not _refuting(declared) else settings
+    if choices.illumination is Illumination.TEST and free and word == FOUND and not _refuting(declared):
+        settings = found_constant(settings, standing=standing)
     if choices.illumination is Illumination.STATIC and _illumination_may_change(declared) and free:
         settings = with_narrow_box(settings)
     if preset.choices.history is HistoryKind.FRAMES:
@@ -141,8 +141,9 @@ def found_constant(settings: Settings, *, standing: bool) -> Settings:
     found ``standing``, limit the history less, since it is right."""
     times = STATIC_SAMPLES if standing else 1.0
     thresholds = ("illumination_t", "disocclusion_t", "passing_t", "behind_t")
-    surer = {name: UNLIKELY * getattr(settings, name) for name in thresholds}
-    return msgspec.structs.replace(settings, largest_t=UNLIKELY_T, sample_limit=times * settings.sample_limit, **surer)
+    asked = {name: UNLIKELY * getattr(settings, name) for name in thresholds}
+    largest_t = min(settings.largest_t, UNLIKELY_T)
+    return msgspec.structs.replace(settings, largest_t=largest_t, sample_limit=times * settings.sample_limit, **asked)
 
 
 def with_narrow_box(settings: Settings) -> Settings:

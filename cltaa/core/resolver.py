@@ -213,8 +213,8 @@ class Resolver:
         try:
             wanted = np.empty(shape, dtype)  # takes no memory until it is touched
         except (TypeError, ValueError):
-            expected = "whole numbers from 0 on"
-            raise UsageError("empty: this is no shape", expected=expected, found=repr(shape)) from None
+            expected = "whole numbers from 0 on that memory can hold"
+            raise UsageError("empty: unusable shape", expected=expected, found=repr(shape)) from None
         except MemoryError as error:
             raise ResourceError(f"not enough memory for an array: {error}") from None
         return self.launcher.pinned(wanted.nbytes).view(wanted.dtype).reshape(wanted.shape)

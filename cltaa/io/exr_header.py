@@ -153,12 +153,22 @@ def odd_types(header: bytes, parts: int) -> list[int]:
 def _is_odd(kind: str, value: bytes) -> bool:
     if kind == "rational":  # numerator / 0 is infinity
         return value[4:] == bytes(4)
-    if kind == "string":  # of any encoding before OpenEXR 3
-        try:
-            value.decode()
-        except UnicodeDecodeError:
-            return True
+    try:
+        for text in _texts(kind, value):  # of any encoding before OpenEXR 3
+            text.decode()
+    except UnicodeDecodeError:
+        return True
     return kind == "deepImageState"
+
+
+def _texts(kind: str, value: bytes) -> Iterator[bytes]:
+    """Yield the texts in the ``value`` of an attribute; each of a vector has its length before it."""
+    if kind == "string":
+        yield value
+    while kind == "stringvector" and len(value) >= 4:
+        (size,) = struct.unpack_from("<I", value)
+        yield value[4 : 4 + size]
+        value = value[4 + size :]
 
 
 def _name(content: bytes, place: int) -> tuple[str, int]:

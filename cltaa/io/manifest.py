@@ -131,7 +131,7 @@ class Manifest:
         self.settings, self.entries = dict(settings), {}
 
     def append(self, name: str, entry: Entry) -> None:
-        """Vouch, durably, for a file that has its final name; raises StorageError."""
+        """Record, durably, a file that has its final name; raises StorageError."""
         line = _line({"file": name, **entry._asdict()})
         try:
             with self._appending, self.path.open("r+b") as stream:

@@ -41,14 +41,16 @@ from cltaa.process import give_heap_back
 from cltaa.progress import Advance, shown_progress
 
 
-def band_rows_for(whole: Memory, jobs: int = 1) -> int:
-    """Return the rows of a band for ``jobs`` runs that take ``whole`` each in whole images; 0 where memory suffices."""
-    return BAND_ROWS if whole.whole * jobs > memory_limit() else 0
+def band_rows_for(whole: Memory) -> int:
+    """Return the rows of a band for a run that takes ``whole`` in whole images; 0 where memory suffices."""
+    return BAND_ROWS if whole.whole > memory_limit() else 0
 
 
-def of_whole(sequence: FrameSequence, resolver: Resolver, *, half: bool, layers: Mapping[str, str]) -> Memory:
+def of_whole(
+    sequence: FrameSequence, resolver: Resolver, *, half: bool, layers: Mapping[str, str], jobs: int = 1
+) -> Memory:
     """Return the memory of a resolve of ``sequence`` by ``resolver`` in whole images, with each step that its channels
-    allow; no frames kept. ``layers`` are as for ``of_resolve``."""
+    allow, in ``jobs`` parts at once; no frames kept. ``layers`` are as for ``of_resolve``."""
     holds, shared = sequence.holds, resolver.launcher.shares_memory
     held = DevicePlanes(
         Steps(own_motion="motion" in holds, alpha="alpha" in holds, reactive="reactive" in holds),
@@ -59,7 +61,7 @@ def of_whole(sequence: FrameSequence, resolver: Resolver, *, half: bool, layers:
         half=half,
         staged=not shared,
     )
-    return of_sequence(sequence, held, layers)
+    return msgspec.structs.replace(of_sequence(sequence, held, layers), jobs=jobs)
 
 
 def has_bands(resolver: Resolver) -> bool:
@@ -87,13 +89,13 @@ def resolver_for(
     """
     resolver = Resolver(preset, device, storage=storage, **options)  # first: one that shares memory takes less of it
     if band_rows is None:
-        whole = of_whole(sequence, resolver, half=half, layers=layers)
-        band_rows = band_rows_for(whole, jobs)
+        whole = of_whole(sequence, resolver, half=half, layers=layers, jobs=jobs)
+        band_rows = band_rows_for(whole)
         if band_rows and preset.choices.history is not HistoryKind.ACCUMULATED:
             raise ResourceError(
                 f"{sequence.width} x {sequence.height} pixels are too many for preset {preset.name}, which "
                 "keeps frames, so it resolves whole images only",
-                expected=f"{whole.whole * jobs / 1e6:.0f} MB beside what it keeps",
+                expected=f"{whole.whole / 1e6:.0f} MB beside what it keeps",
                 found=f"{memory_limit() / 1e6:.0f} MB of memory",
                 cure="take fewer --jobs"
                 if jobs > 1

@@ -283,7 +283,7 @@ class OutputFolder:
         return self.manifest.has_finished(self.folder / source.name)
 
     def finish(self, written: Written) -> None:
-        """Vouch for a frame that has its final name; raises StorageError."""
+        """Record a frame whose file has its final name; raises StorageError."""
         self.manifest.append(written.name, Entry(written.sha256, *written.source))
 
 

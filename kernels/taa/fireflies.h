@@ -29,8 +29,8 @@ STAGE colour clamp_firefly(colour v, real reference, history_t h, settings_t set
 
 // Removes a firefly from the pixel. Its sample is compared with the greatest of three: the second greatest of the eight
 // texels around it, so that two fireflies side by side do not confirm each other; its history, which holds a highlight
-// of several frames; and firefly_floor. The filtered sample may hold two fireflies,
-// and is compared with the third greatest of the nine.
+// of several frames; and firefly_floor. The filtered sample may hold two fireflies, and is compared with the third
+// greatest of the nine.
 STAGE pixel_t without_firefly(
     pixel_t p, boxed_row above, boxed_row own, boxed_row below, history_t h, settings_t settings)
 {

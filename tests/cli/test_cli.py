@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -27,6 +28,7 @@ def test_help_needs_nothing_heavy() -> None:
     """Nor does the help of any command, one after another in one process."""
     code = f"""
 import sys
+from contextlib import suppress
 from cltaa.cli import COMMANDS, main
 for command in ("", *COMMANDS):
     assert main([*command.split(), "--help"]) == 0
@@ -212,13 +214,19 @@ def test_a_closed_output_pipe_ends_without_a_message() -> None:
     assert (done.stdout, done.stderr) == ("141\n", "")
 
 
-@pytest.mark.parametrize("stderr", ["closed pipe", "/dev/full"])
+@pytest.mark.parametrize("stderr", ["closed pipe", "full pipe", "/dev/full"])
 def test_work_goes_on_where_nobody_reads_its_progress(tmp_path: Path, stderr: str) -> None:
     folder, out = write_sequence(tmp_path / "in", 2), tmp_path / "out"
     reading, writing = os.pipe()
-    os.close(reading)
+    if stderr == "full pipe":
+        os.set_blocking(writing, False)
+        with suppress(BlockingIOError):
+            while True:
+                os.write(writing, bytes(2**12))
+    else:
+        os.close(reading)
     with Path("/dev/full").open("w") as full:
-        unread = writing if stderr == "closed pipe" else full
+        unread = full if stderr == "/dev/full" else writing
         command = [sys.executable, "-m", "cltaa.cli", "resolve", str(folder), "-o", str(out), "--device", "numpy"]
         done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=unread, check=False)
         failed = subprocess.run([*command[:3], "inspect", "nowhere"], stderr=unread, check=False)

@@ -51,9 +51,10 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "idle without follow": (lambda seq: cltaa.resolve(seq, "out", idle=3.0), "--idle needs --follow"),
     "an empty array of text": (
         lambda _: cltaa.Resolver(device="numpy").empty("big"),
-        "empty: this is no shape .*'big'",
+        "empty: unusable shape .*'big'",
     ),
-    "an empty array below 0": (lambda _: cltaa.Resolver(device="numpy").empty((-1, 2)), "empty: this is no shape"),
+    "an empty array below 0": (lambda _: cltaa.Resolver(device="numpy").empty((-1, 2)), "empty: unusable shape"),
+    "an array of 2^62": (lambda _: cltaa.Resolver(device="numpy").empty((2**62,)), "that memory can hold, found"),
     "no comparison": (lambda seq: cltaa.resolve(seq, "out", compare="diagonal"), "no such comparison"),
     "a PNG": (lambda _: cltaa.write_frame("x.png", make_frame()), "x.png: frames are written as EXR"),
     "a number for a path": (lambda _: cltaa.write_frame(3, make_frame()), "no frame to write .*found int, Frame"),

@@ -18,7 +18,7 @@ from cltaa.core.build import Steps, Storage
 from cltaa.core.planes import BLOCK_POOL
 from cltaa.core.presets import load_preset
 from cltaa.core.resolver import Resolver
-from cltaa.errors import UsageError
+from cltaa.errors import ResourceError, UsageError
 from cltaa.frame import Frame
 from cltaa.io.exr_write import write_image
 from cltaa.io.manifest import Manifest
@@ -165,6 +165,16 @@ def test_bands_begin_where_the_formula_says(
         assert isinstance(resolver, BandedResolver) == banded
         found = plan(sequence, device=launcher, rounds=0, storage=storage, half=half).memory
         assert (found.results < plan(sequence, rounds=0, half=half, band_rows=0).memory.results) == banded
+
+
+def test_jobs_share_the_memory_of_the_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sequence, preset = open_sequence(write_sequence(tmp_path / "in", 2)), load_preset("gather-8")
+    one, four = (of_whole(sequence, Resolver(preset), half=False, layers={}, jobs=jobs) for jobs in (1, 4))
+    assert four.whole - one.program == 4 * (one.whole - one.program) > 0
+    monkeypatch.setattr("cltaa.pipeline.folder.memory_limit", lambda: four.whole)
+    assert resolver_for(preset, None, sequence, jobs=4).preset == preset
+    with pytest.raises(ResourceError, match="keeps frames, so it resolves whole images only"):
+        resolver_for(preset, None, sequence, jobs=5)
 
 
 def test_numpy_that_the_environment_names_resolves_whole_images(

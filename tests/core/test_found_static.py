@@ -29,8 +29,8 @@ def frame_of(index: int, light: float, found: frozenset[Effect] | None = FOUND) 
     return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0), jitter_px=(0.0, 0.0), found=found)
 
 
-def last(name: str, lights: list[float], found: frozenset[Effect] = FOUND, sample_limit: float = 24.0) -> Image:
-    preset = override(load_preset(name), {"current_filter": "none", "sample_limit": sample_limit})
+def last(name: str, lights: list[float], found: frozenset[Effect] = FOUND) -> Image:
+    preset = override(load_preset(name), {"current_filter": "none"})
     frames = (frame_of(index, light, found) for index, light in enumerate(lights))
     *_, image = Resolver(preset, "numpy").images(frames)
     return image
@@ -38,9 +38,10 @@ def last(name: str, lights: list[float], found: frozenset[Effect] = FOUND, sampl
 
 @PRESETS
 def test_four_times_as_many_samples_count(name: str) -> None:
-    images = (last(name, [1.0] * 96, sample_limit=limit) for limit in (24.0, 6.0))
-    errors = [np.sqrt(np.mean((image - TWO.mean(0)) ** 2)) for image in images]
-    assert errors[0] < 0.8 * errors[1]  # 96 samples, and 47, as a running mean of up to 24 has: 0.70
+    error = np.sqrt(np.mean((last(name, [1.0] * 96) - TWO.mean(0)) ** 2))
+    of_one_sample = np.sqrt(np.mean((TWO[0] - TWO[1]) ** 2)) / 2
+    # A running mean of up to 24 samples is worth 47; 96 samples have 0.70 of its error, seen is 0.74.
+    assert error < 0.85 * of_one_sample / 47**0.5
 
 
 @pytest.mark.parametrize(
@@ -49,7 +50,9 @@ def test_four_times_as_many_samples_count(name: str) -> None:
 def test_light_that_changes_after_all_is_followed(name: str, found: frozenset[Effect]) -> None:
     image = last(name, [1.0] * 48 + [2.0] * 6, found)
     # Of a running mean of up to 24 samples, which nothing refutes, 0.78 of the change would be missing.
-    assert 2.0 - np.mean(image[CHANGED]) / np.mean(TWO.mean(0)[CHANGED]) < 0.5
+    assert (
+        2.0 - np.mean(image[CHANGED]) / np.mean(TWO.mean(0)[CHANGED]) < 0.4
+    )  # seen: 0.30, and 0.19 where the camera moves
 
 
 def test_the_device_has_the_bits_of_the_oracle() -> None:
@@ -57,6 +60,11 @@ def test_the_device_has_the_bits_of_the_oracle() -> None:
     results = (Resolver("default", device, strict=True) for device in (None, "numpy"))
     ours, theirs = (list(each.images(frame_of(i, light) for i, light in enumerate(lights))) for each in results)
     assert np.array_equal(bits(np.array(ours)), bits(np.array(theirs)))
+
+
+def test_a_plan_raises_no_limit_that_was_set() -> None:
+    plan = plan_frame(override(load_preset(), {"largest_t": 1.0}), frame_of(0, 1.0), None)
+    assert plan.settings.largest_t == 1.0
 
 
 @pytest.mark.parametrize(

@@ -73,10 +73,11 @@ def test_what_stands_for_no_number_is_refused_by_name(name: str, change: Change,
     [
         ("rational", struct.pack("<iI", 24, 0)),
         ("string", "Größe".encode("latin-1")),
+        ("stringvector", struct.pack("<I", 2) + b"ab" + struct.pack("<I", 5) + "Größe".encode("latin-1")),
         ("deepImageState", b"\0"),
     ],
 )
-def test_a_value_that_openexr_cannot_represent_is_in_nobodys_way(
+def test_a_value_that_openexr_cannot_represent_does_not_prevent_reading(
     kind: str, value: bytes, parts: int, tmp_path: Path
 ) -> None:
     path, stands_in = tmp_path / "x.0001.exr", b"n" * 14 + b"\0string\0" + struct.pack("<i", len(value))
