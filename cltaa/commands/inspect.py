@@ -17,9 +17,11 @@ from cltaa.commands.options import (
     FILE_PATH,
     LAYERS,
     PRESET,
+    SOME_FRAMES,
     assigned,
     chosen_effects,
     denoise_option,
+    frame_range,
     input_options,
     json_option,
     one_sequence,
@@ -99,6 +101,7 @@ OF_PLAN = {*signature(plan).parameters, "config", "changes"}
 
 @click.command(context_settings={"allow_extra_args": True})  # a shell expands a pattern into many files
 @click.argument("folder", metavar="SEQUENCE", type=FILE_PATH)
+@click.option("--frames", type=SOME_FRAMES, help="Only these frames, both included, or the first N.")
 @click.option("--pixels", is_flag=True, help="Also decode every frame: ranges, NaN, infinities, false declarations.")
 @click.option(
     "--plan", "planned", is_flag=True, help="Instead print the steps that a resolve runs, with reason and cost."
@@ -141,6 +144,7 @@ def inspect(
     ctx: click.Context,
     /,
     folder: Path,
+    frames: int | tuple[int, int] | None,
     pixels: bool,
     planned: bool,
     preset: str,
@@ -168,6 +172,7 @@ def inspect(
     """
     _check_options(ctx, planned=planned, pixels=pixels)
     place = selection_of(one_sequence(ctx, folder))
+    reading["frames"] = frame_range(place, frames)
     if planned:
         wanted = assigned(preset_of(preset, config, None if denoise == "none" else for_denoised), changes)
         source = open_input(place, **reading)

@@ -264,6 +264,8 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--pixels", "inspect_folder.pixels", True),
         ("--pixels --profile blender", "describe_input.pixels", True),
         ("--step 3", "inspect_folder.step", 3),
+        ("--frames 3-5", "inspect_folder.frames", (3, 5)),
+        ("--plan --frames 3-5", "open_input.frames", (3, 5)),
         *frames_that_are_opened("describe_input"),
         *frames_that_are_opened("open_input", "--plan"),
         ("--plan", "plan.device", None),

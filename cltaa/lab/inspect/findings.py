@@ -6,6 +6,7 @@ declaration. An idle effect (declared but never present) only costs time.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
@@ -30,10 +31,12 @@ from cltaa.io.exr_read import ImageHeader, read_header, read_image
 from cltaa.io.manifest import recorded_hashes
 from cltaa.io.names import Named, Selection, selection_of
 from cltaa.io.numbered import (
+    FrameRange,
     OnBreak,
     Problems,
     as_pictures,
     check_size,
+    chosen_numbers,
     even_step,
     named_frames,
     numbered_files,
@@ -262,15 +265,22 @@ def _idle(statistics: Mapping[str, ChannelStatistics], brightest: float, declare
 
 
 def inspect_folder(
-    named: Named, *, pixels: bool = False, step: int = 1, advance: Callable[[int, int], None] | None = None
+    named: Named,
+    *,
+    pixels: bool = False,
+    step: int = 1,
+    frames: FrameRange | None = None,
+    advance: Callable[[int, int], None] | None = None,
 ) -> Inspection:
-    """Inspect every file of a sequence; lists problems and does not raise them.
+    """Inspect every file of a sequence, or those of ``frames``, both included; lists problems and does not raise them.
 
     ``pixels`` also decodes the files, and checks them against their recorded SHA-256 and their declared effects. Calls
-    ``advance(done, total)`` after every file. Raises InputMissing or DataError only if ``named`` is not one sequence.
+    ``advance(done, total)`` after every file. Raises InputMissing or DataError only if ``named`` is not one sequence,
+    and UsageError if it lacks an end of ``frames``.
     """
     place = selection_of(named)
     folder, name, paths = numbered_files(place)
+    paths = {number: paths[number] for number in chosen_numbers(sorted(paths), frames, folder)}
     result = Inspection(folder=str(place), name=name, first=min(paths), last=max(paths), frames=len(paths))
     result.problems += _missing(sorted(paths), step)
     folders = {path.parent for path in paths.values()} if pixels else ()
@@ -383,20 +393,22 @@ def describe_input(
 
     ``pixels`` also reads and converts every frame as for a resolve; lists problems and does not raise them. Calls
     ``advance(done, total)`` after each frame. ``reading`` goes to ``open_with_gaps``, whose errors are raised if no
-    file is damaged.
+    file that is asked for is damaged.
     """
     place = selection_of(named)
     wrong, sets = Problems(), file_sets(place)
     damaged = damaged_files(sets)
+    first, last = reading.get("frames") or (-math.inf, math.inf)
     for file in damaged.values():
-        wrong.add(file.number, file.error)
+        if first <= file.number <= last:
+            wrong.add(file.number, file.error)
     if len(damaged) == sum(map(len, sets.values())):
         return Description(folder=str(place), problems=wrong.lines)
     try:
         without = {path: file.number for path, file in damaged.items()}
         intake = open_with_gaps(place, damaged=without, on_resize=OnBreak.RESET, **reading)
     except CltaaError as error:
-        if not damaged:
+        if not wrong.lines:
             raise
         return Description(folder=str(place), problems=[*wrong.lines, str(error)])
     found, sequence = _described(place, intake), ForeignSequence(place.folder, intake, sorted(intake.declared))
@@ -420,6 +432,7 @@ def inspect_input(
     assignments: Sequence[str] = (),
     side_file: Path | None = None,
     step: int = 1,
+    frames: FrameRange | None = None,
     pixels: bool = False,
     advance: Callable[[int, int], None] | None = None,
 ) -> Inspection | Description:
@@ -429,8 +442,9 @@ def inspect_input(
     """
     place, asked = selection_of(named), bool(assignments) or side_file is not None
     if not asked and (profile == "cltaa" or (profile == "auto" and is_own(place))):
-        return inspect_folder(place, pixels=pixels, step=step, advance=advance)
+        return inspect_folder(place, pixels=pixels, step=step, frames=frames, advance=advance)
     reading: Any = {"profile": profile, "assignments": assignments, "side_file": side_file, "step": step}
+    reading["frames"] = frames
     return describe_input(place, pixels=pixels, advance=advance, **reading)
 
 

@@ -273,3 +273,24 @@ def test_an_option_that_would_change_nothing_is_refused(capsys: pytest.CaptureFi
         assert capsys.readouterr().err == f"cltaa: error: {option[0]} says how to plan a resolve; add --plan\n"
     assert main(["inspect", folder, "--plan", "--pixels"]) == 64
     assert "--pixels and --plan are two reports; leave one of them out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("options", [(), ("--pixels",), ("--profile", "cltaa", "--input", "depth.scale=1")])
+def test_frames_are_so_many_or_from_one_to_another(
+    options: tuple[str, ...], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """As for the other commands; what is damaged or missing beside them is no problem of theirs."""
+    write(tmp_path, [sound(index) for index in (2, 3, 4, 5, 6, 9)])
+    (tmp_path / "synthetic.0009.exr").write_bytes(b"not EXR")
+    for given in ("3-5", "4"):
+        found = findings(capsys, tmp_path, "--frames", given, *options, code=0)
+        assert (found["first"], found["last"], found["frames"]) == ((3, 5, 3) if given == "3-5" else (2, 5, 4))
+    assert "0009" in findings(capsys, tmp_path, *options)["problems"][-1]
+    assert main(["inspect", str(tmp_path), "--frames", "3-8", *options]) == 64
+    assert "frame 8: no such frame" in capsys.readouterr().err
+
+
+def test_frames_of_a_plan(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    write(tmp_path, [sound(index) for index in range(2, 7)])
+    found = findings(capsys, tmp_path, "--plan", "--device", "numpy", "--frames", "3-5", code=0)
+    assert (found["sections"][0]["first"], found["sections"][-1]["last"]) == (3, 5)
