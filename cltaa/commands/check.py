@@ -9,12 +9,17 @@ from typing import Any
 import click
 import msgspec
 
-from cltaa.commands.options import FILE_PATH, SOME_FRAMES, input_options, json_option, one_sequence
+from cltaa.commands.options import FILE_PATH, SOME_FRAMES, frame_range, input_options, json_option, one_sequence
 from cltaa.commands.printing import print_line
-from cltaa.errors import DataError
-from cltaa.inputs.profile import toml_text
+from cltaa.errors import DataError, UsageError
+from cltaa.inputs.foreign import ForeignSequence
+from cltaa.inputs.intake import open_intake
+from cltaa.inputs.profile import Jitter, Profile, differences, load_profile, option_text, toml_text
+from cltaa.inputs.side_file import read_side_file
 from cltaa.io.atomic import atomic_path, check_creatable
-from cltaa.io.names import selection_of
+from cltaa.io.names import Named, selection_of
+from cltaa.io.numbered import FrameRange
+from cltaa.lab.check.measured import measured_jitter, write_jitter
 from cltaa.lab.check.report import FRAMES, Report, check_folder, profile_options
 from cltaa.printable import counted, json_of, printable, shown
 
@@ -25,18 +30,25 @@ from cltaa.printable import counted, json_of, printable, shown
 @click.option(
     "--frames",
     type=SOME_FRAMES,
-    default=FRAMES,
-    help="Only these frames, both included, or the first N; jitter mistakes need 8 or more to tell them apart.",
+    help="Only these frames, both included, or the first N; jitter mistakes need 8 or more to tell them apart.  "
+    f"[default: {FRAMES}; all for --jitter-file]",
 )
 @click.option("--fix", type=FILE_PATH, metavar="FILE.toml", help="Write a profile with all corrections, for --profile.")
+@click.option(
+    "--jitter-file",
+    type=FILE_PATH,
+    metavar="FILE.json",
+    help="Write the jitter of each frame as measured from the pixels, for --camera, or tell why it cannot be measured.",
+)
 @json_option
 @click.pass_context
 def check(
     ctx: click.Context,
     /,
     sequence: Path,
-    frames: int | tuple[int, int],
+    frames: int | tuple[int, int] | None,
     fix: Path | None,
+    jitter_file: Path | None,
     as_json: bool,
     **reading: Any,
 ) -> None:
@@ -45,23 +57,55 @@ def check(
     Each finding has a confidence, its evidence, and the option of cltaa resolve that corrects it. A finding below 80 %
     is a question and suggests no option. The exit code is 0 if no mistake is found, else 65.
     """
-    if fix is not None:
-        check_creatable(fix)  # fail before the work, not after it
+    if jitter_file is not None and jitter_file.suffix.lower() != ".json":
+        raise UsageError("--jitter-file writes JSON", expected="FILE.json", found=jitter_file)
+    for output in (fix, jitter_file):
+        if output is not None:
+            check_creatable(output)  # fail before the work, not after it
     named = one_sequence(ctx, sequence)
-    report, mended = check_folder(named, frames=frames, **reading)
+    report, mended = check_folder(named, frames=FRAMES if frames is None else frames, **reading)
+    words, options, side_file = selection_of(named).words, report.options, reading["side_file"]
+    only = frame_range(named, frames) if jitter_file is not None else None
+    if jitter_file is not None:
+        _write_jitter(jitter_file, named, mended, only, reading)
+        base = mended.name if reading["profile"] == "auto" else reading["profile"]
+        mended, side_file = msgspec.structs.replace(mended, jitter=Jitter()), jitter_file  # the file is in pixels
+        changes = option_text(differences(mended, load_profile(base)))
+        options = f"{profile_options(base, side_file, reading['step'])} {changes}".strip()
     if fix is not None:
         told = msgspec.structs.replace(mended, description=printable(f"What cltaa check found in {report.folder}"))
         with atomic_path(fix) as temporary:
             temporary.write_text(toml_text(told), encoding="utf-8")
+        options = profile_options(str(fix), side_file, reading["step"])
     if as_json:
         click.echo(json_of(report))
     else:
-        options = report.options if fix is None else profile_options(str(fix), reading["side_file"], reading["step"])
-        _print(report, selection_of(named).words, options)
+        options += "" if only is None else f" --frames {only[0]}-{only[1]}"
+        _print(report, words, options)
+        if jitter_file is not None:
+            print_line(f"the jitter is measured; to resolve with it: {shown(_resolve(words, options))}")
         if fix is not None and not any(finding.fix for finding in report.mistakes):
             print_line(f"{shown(str(fix))} mends nothing: it reads the sequence as it was read")
     if report.mistakes:
         ctx.exit(DataError.exit_code)
+
+
+def _write_jitter(
+    path: Path, named: Named, profile: Profile, frames: FrameRange | None, reading: dict[str, Any]
+) -> None:
+    """Measure the jitter of the sequence, read by ``profile``, and write it with the rest of its side file."""
+    if profile.jitter.source == "projection":
+        what, cure = "the matrices hold the jitter already", "leave out --jitter-file"
+        raise UsageError(what, expected="a jitter of pixels", found="jitter.source=projection", cure=cure)
+    place, told = selection_of(named), {key: reading[key] for key in ("side_file", "step")}
+    # Not ``open_input``, which asks cltaa's own files for the jitter that may be missing.
+    intake = open_intake(place, profile=profile, frames=frames, **told)
+    jitter = measured_jitter(ForeignSequence(place.folder, intake, sorted(intake.declared)))
+    write_jitter(path, jitter, read_side_file(reading["side_file"]) if reading["side_file"] else {})
+
+
+def _resolve(words: tuple[str, ...], options: str) -> str:
+    return f"cltaa resolve {shlex.join(words)} {options}"
 
 
 def _print(report: Report, words: tuple[str, ...], options: str) -> None:
@@ -82,5 +126,4 @@ def _print(report: Report, words: tuple[str, ...], options: str) -> None:
     elif not report.mistakes:
         print_line(f"[green]✓[/] no mistake found in {counted(report.frames, 'frame')}")
     elif any(finding.fix for finding in report.mistakes):
-        text = f"cltaa resolve {shlex.join(words)} {options}"
-        print_line(f"to read it right: {shown(text)}")
+        print_line(f"to read it right: {shown(_resolve(words, options))}")

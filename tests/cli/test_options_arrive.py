@@ -286,6 +286,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         *frames_that_are_opened("check_folder"),
         ("--frames 3-5", "check_folder.frames", (3, 5)),
         ("--fix mended.toml", "check_creatable.path", Path("mended.toml")),
+        ("--jitter-file jitter.json", "check_creatable.path", Path("jitter.json")),
     ],
     "compare": [
         ("--metrics flip", "judge.metrics.0.name", "flip"),

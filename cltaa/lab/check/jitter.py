@@ -339,6 +339,7 @@ def _undeclared(shot: Shot, fits: Sequence[Fit], measured: Vector, present: floa
     evidence = f"still regions move by {present:.2f} px rms between frames, first by "
     evidence += ", ".join(f"({x:.2f}, {y:.2f})" for x, y in measured[:4])
     what = "the pixels are jittered and no jitter is declared: give jitter_px of each frame with --camera FILE"
+    what += ", or measure it with --jitter-file FILE.json"
     return [mistake("jitter-missing", what, evidence, sure)]
 
 
