@@ -22,6 +22,7 @@ CASES: list[tuple[str, int, str]] = [
     ("inspect nowhere", MISSING, "nowhere: the folder is missing"),
     ("inspect empty", MISSING, "empty: no frames in the folder"),
     ("inspect pngs", MISSING, "found no EXR, but a.0001.PNG); convert the frames"),
+    ("check pngs", MISSING, "found no EXR, but a.0001.PNG); convert the frames"),
     ("inspect noexr", MISSING, "noexr: no frames in the folder"),
     ("check /dev/null", DATA, "/dev/null: this is a pipe or a device"),
     ("inspect seq/synthetic.0009.exr", MISSING, "seq/synthetic.0009.exr: the file is missing; check the name"),
