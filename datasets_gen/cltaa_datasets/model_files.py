@@ -28,6 +28,7 @@ DISTANCE, RISE, FIELD_OF_VIEW = 2.3, 0.6, np.radians(44.0)  # of the camera, fro
 TURNS = 0.05  # per second: 18 degrees
 START = np.radians(40.0)  # largest first angle; the front of a glTF model faces +z, the camera
 SIZES = (1e-12, 1e12)  # range of the radius in metres that float32 matrices can represent in animations
+USUAL_SIZES = (1e-3, 1e9)  # of a mesh, in its own units; between them trimesh's tolerances (below) do no harm
 CREASE = np.radians(30.0)  # sharper edges stay sharp if a file has no normals
 SUN = animation.direction(125.0, 45.0)
 SKY = Sky(zenith=(0.12, 0.22, 0.46), horizon=(0.66, 0.72, 0.80), ground=(0.26, 0.23, 0.20), fog=0.04, ambient=0.6)
@@ -183,7 +184,7 @@ def _to_size_one(mesh: Any) -> float:
     trimesh merges vertices closer than 1e-8, sees no area below 1e-14, and counts in 64-bit integers of 1e-8.
     """
     size = float(np.ptp(mesh.vertices, axis=0).max(initial=0.0)) if len(mesh.vertices) else 0.0
-    if not np.isfinite(size) or size == 0.0 or 1e-3 <= size <= 1e9:
+    if not np.isfinite(size) or size == 0.0 or USUAL_SIZES[0] <= size <= USUAL_SIZES[1]:
         return 1.0
     factor = float(2.0 ** -np.floor(np.log2(size)))
     mesh.apply_scale(factor)

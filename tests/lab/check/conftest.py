@@ -50,12 +50,16 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 @pytest.fixture(scope="session")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     """Frames of a scene, 16 of 96 x 54."""
-    folder = tmp_path_factory.mktemp("small")
+    return sixteen(tmp_path_factory.mktemp("small"), 96, 54)
+
+
+def sixteen(folder: Path, width: int, height: int) -> Scene:
+    """16 frames of a scene in this size, each scene captured once."""
 
     @cache
     def capture(name: str) -> list[Frame]:
         capture_sequence(
-            Request(name, folder / name, frames=16, width=96, height=54, jitter="halton:8", fps=12, seed=1)
+            Request(name, folder / name, frames=16, width=width, height=height, jitter="halton:8", fps=12, seed=1)
         )
         return list(open_sequence(folder / name))
 

@@ -6,7 +6,6 @@ import json
 import shlex
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +15,9 @@ import pytest
 from cltaa.cli import main
 from cltaa.frame import Frame, Image
 from cltaa.inputs.side_file import read_side_file
-from cltaa.io.sequence import open_images, open_sequence
-from cltaa_capture.sequence import Request, capture_sequence
+from cltaa.io.sequence import open_images
 from tests.inputs.foreign import side_text, write_own
-from tests.lab.check.conftest import Scene
+from tests.lab.check.conftest import Scene, sixteen
 
 Change = Callable[[list[Frame]], list[Frame]]
 
@@ -27,16 +25,7 @@ Change = Callable[[list[Frame]], list[Frame]]
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     """Frames of a scene, 16 of 160 x 90: of smaller ones the patterns are too fine to measure."""
-    folder = tmp_path_factory.mktemp("measured")
-
-    @cache
-    def capture(name: str) -> list[Frame]:
-        capture_sequence(
-            Request(name, folder / name, frames=16, width=160, height=90, jitter="halton:8", fps=12, seed=1)
-        )
-        return list(open_sequence(folder / name))
-
-    return capture
+    return sixteen(tmp_path_factory.mktemp("measured"), 160, 90)
 
 
 def without_jitter(frames: list[Frame], folder: Path) -> Path:
