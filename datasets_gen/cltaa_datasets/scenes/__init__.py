@@ -1,31 +1,20 @@
 """All scenes: importing this package registers them by name.
 
-To add a scene, write a module here with a function of the seed under ``@register(...)``, and import it below.
+To add a scene, write a module here with a function of the seed under ``@register(...)``.
 """
 
 from __future__ import annotations
+
+from importlib import import_module
+from pkgutil import iter_modules
 
 from cltaa.errors import UsageError, known
 from cltaa_datasets import model_files
 from cltaa_datasets.registry import SCENES, Entry
 from cltaa_datasets.scene import Scene
-from cltaa_datasets.scenes import (  # noqa: F401 (importing registers)
-    cameras,
-    charts,
-    conveyor,
-    corridor,
-    deforming,
-    distances,
-    everything,
-    glass,
-    lights,
-    occluder,
-    plants,
-    sparks,
-    spinner,
-    still,
-    wires,
-)
+
+for _module in iter_modules(__path__):
+    import_module(f"{__name__}.{_module.name}")  # registers its scenes
 
 FILE_PREFIX = "file:"
 
