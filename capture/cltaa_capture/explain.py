@@ -9,6 +9,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
@@ -20,23 +21,29 @@ from cltaa_datasets.scene import Instant, Scene, Sun
 
 ROUNDS = 9
 SHADOW = "shadow map"
+SHADOW_DRAWN_AS = "one depth picture from a sun, drawn before the frame"
 # Effects with drawing of their own; the others only affect colour and attributes.
 DRAWN = (Effect.MOTION, Effect.REACTIVE, Effect.ALPHA, Effect.SKY)
+Change = Callable[[Instant], Instant]
 INSTANT, BEFORE = 0.5, 0.5 - 1.0 / 30.0  # seconds: a frame in the middle of the action
 
 
 def measure_costs(scene: Scene, width: int, height: int, backend: str = "auto") -> dict[str, float]:
-    """Return the processor seconds per frame that each of ``DRAWN`` takes in ``scene``, or would take.
-
-    Includes the shadow map if the scene has one. Medians of paired differences over ``ROUNDS`` rounds. Raises what
-    opening a context raises.
-    """
-    context = open_context(backend)
-    try:
-        with tempfile.TemporaryDirectory(prefix="cltaa-explain-") as folder:
-            return _measure(scene, (width, height), Path(folder))
-    finally:
-        context.close()
+    """Return the processor seconds per frame that each of ``DRAWN``, and a shadow map, takes in ``scene``, or would
+    take: medians of paired differences over ``ROUNDS`` rounds."""
+    variants: dict[str, tuple[Scene, Change]] = {"as it is": (scene, lambda instant: instant)}
+    for effect in DRAWN:
+        variants[effect] = replace(scene, effects=scene.effects ^ {effect}), lambda instant: instant
+    if casts_shadow(scene):
+        variants[SHADOW] = scene, _without_shadow
+    with ExitStack() as stack:
+        stack.enter_context(closing(open_context(backend)))
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="cltaa-explain-")))
+        runs = {
+            name: _drawing(variant, change, (width, height), folder, stack)
+            for name, (variant, change) in variants.items()
+        }
+        return _paired(runs, {name for name in runs if name == SHADOW or name in scene.effects})
 
 
 def casts_shadow(scene: Scene) -> bool:
@@ -44,31 +51,17 @@ def casts_shadow(scene: Scene) -> bool:
     return any(isinstance(light, Sun) and light.shadow is not None for light in scene.at(INSTANT).lights)
 
 
-def _measure(scene: Scene, size: tuple[int, int], folder: Path) -> dict[str, float]:
-    variants = {"as it is": (scene, _same)}
-    for effect in DRAWN:
-        variants[effect] = replace(scene, effects=scene.effects ^ {effect}), _same
-    if casts_shadow(scene):
-        variants[SHADOW] = scene, _without_shadow
-    runs, deletes = {}, []
-    for name, (variant, change) in variants.items():
-        run, delete = _drawing(variant, change, size, folder)
-        runs[name] = run
-        deletes.append(delete)
-    try:
-        return _paired(runs, {name for name in runs if name == SHADOW or name in scene.effects})
-    finally:
-        for delete in deletes:
-            delete()
+def _without_shadow(instant: Instant) -> Instant:
+    lights = (replace(light, shadow=None) if isinstance(light, Sun) else light for light in instant.lights)
+    return replace(instant, lights=tuple(lights))
 
 
-def _drawing(
-    scene: Scene, change: Callable[[Instant], Instant], size: tuple[int, int], folder: Path
-) -> tuple[Callable[[], None], Callable[[], None]]:
-    """Return a call that draws and writes one frame of a scene, and one that frees its resources."""
+def _drawing(scene: Scene, change: Change, size: tuple[int, int], folder: Path, stack: ExitStack) -> Callable[[], None]:
+    """Return a call that draws and writes one frame of a scene; ``stack`` frees its resources."""
     from cltaa_capture.render import SceneRenderer  # imported late: binds PyOpenGL to the platform chosen by now
 
     renderer = SceneRenderer(scene, *size)
+    stack.callback(renderer.delete)
     now = change(scene.at(INSTANT))
     # A scene without motion must not move.
     before = change(scene.at(BEFORE)) if Effect.MOTION in scene.effects else now
@@ -77,7 +70,7 @@ def _drawing(
         drawn = renderer.draw(now, before, (0.0, 0.0))
         write_frame(folder / "frame.0000.exr", drawn.frame(scene, now, index=0, jitter_px=(0.0, 0.0), cut=False))
 
-    return run, renderer.delete
+    return run
 
 
 def _paired(runs: dict[str, Callable[[], None]], present: set[str]) -> dict[str, float]:
@@ -92,15 +85,6 @@ def _paired(runs: dict[str, Callable[[], None]], present: set[str]) -> dict[str,
     base, *others = runs
     differences = {name: median(a - b for a, b in zip(seconds[base], seconds[name], strict=True)) for name in others}
     return {name: value if name in present else -value for name, value in differences.items()}
-
-
-def _same(instant: Instant) -> Instant:
-    return instant
-
-
-def _without_shadow(instant: Instant) -> Instant:
-    lights = (replace(light, shadow=None) if isinstance(light, Sun) else light for light in instant.lights)
-    return replace(instant, lights=tuple(lights))
 
 
 BYTES_A_CHANNEL = 4  # float32
@@ -123,9 +107,6 @@ DRAWN_AS: dict[Effect, tuple[str, tuple[str, ...]]] = {
 ALWAYS = ("R", "G", "B", "Z")
 
 
-SHADOW_DRAWN_AS = "one depth picture from a sun, drawn before the frame"
-
-
 @dataclass(frozen=True, slots=True)
 class Explanation:
     """One effect, or pass, of one scene."""
@@ -138,12 +119,11 @@ class Explanation:
     milliseconds: float | None = None  # processor time to draw and write it, even if it is off
 
 
-def explain(scene: Scene, width: int, height: int, seconds: Mapping[str, float] | None = None) -> list[Explanation]:
+def explain(scene: Scene, width: int, height: int, seconds: Mapping[str, float]) -> list[Explanation]:
     """Return for every effect whether ``scene`` declares it, and what it adds to a frame of this size.
 
     ``seconds`` is the result of ``measure_costs``.
     """
-    seconds = seconds or {}
 
     def cost(name: str) -> float | None:
         return round(seconds[name] * 1e3, 3) if name in seconds else None

@@ -119,20 +119,20 @@ def _capture(request: Request, scene: Scene, context: Context, progress: Callabl
     settings = request.settings() | {"opengl": opengl}
     manifest = Manifest(request.output, settings, facts, restart=request.restart)
     drawn = supersampled = 0
-    seconds = _Seconds()
     renderer = None
     try:
         renderer = SceneRenderer(scene, request.width, request.height)
-        pen = _Pen(renderer, seconds)
+        pen = _Pen(request, scene, renderer)
         with _saved(manifest), Writer(UNWRITTEN, threads=1) as writer:
             for index in range(request.frames):
-                for path, channels, attributes in _missing_files(request, scene, index, pen, manifest):
+                for path, channels, attributes in _missing_files(request, index, pen, manifest):
                     writer.write(path, channels, attributes, then=partial(_record, manifest, path))
                     alone = path.parent == request.output
                     drawn, supersampled = drawn + alone, supersampled + (not alone)
                 if progress is not None:
                     progress(index + 1, request.frames)
-            seconds.note(manifest)
+            for samples, spent in pen.seconds.items():
+                manifest.note_seconds(samples, median(spent))
     except GLError as error:
         what = "ran out of memory" if error.err == GL_OUT_OF_MEMORY else f"gave up with error {error.err:#x}"
         raise ResourceError(f"OpenGL {what}", cure="use a smaller --size") from error
@@ -159,36 +159,30 @@ def _record(manifest: Manifest, path: Path) -> None:
     manifest.add(path, file_sha256(path))
 
 
-class _Seconds:
-    """Drawing times by samples a pixel, to compare with the time of a resolve."""
+class _Pen:
+    """Draws the frames of a request and records the time; reuses the last reference if nothing has changed since."""
 
-    def __init__(self) -> None:
-        self._spent: dict[int, list[float]] = {}
+    def __init__(self, request: Request, scene: Scene, renderer: SceneRenderer) -> None:
+        self.scene, self._renderer = scene, renderer
+        self._jitter = jitter_sequence(request.jitter)
+        self._reference: tuple[Instant, Image] | None = None
+        self.seconds: dict[int, list[float]] = {}  # by samples a pixel, to compare with the time of a resolve
 
     @contextmanager
-    def of(self, samples: int) -> Iterator[None]:
+    def _timed(self, samples: int) -> Iterator[None]:
         begin = perf_counter()
         yield
-        self._spent.setdefault(samples, []).append(perf_counter() - begin)
+        self.seconds.setdefault(samples, []).append(perf_counter() - begin)
 
-    def note(self, manifest: Manifest) -> None:
-        for samples, spent in self._spent.items():
-            manifest.note_seconds(samples, median(spent))
-
-
-class _Pen:
-    """Draws and records the time; reuses the last reference if nothing has changed since."""
-
-    def __init__(self, renderer: SceneRenderer, seconds: _Seconds) -> None:
-        self._renderer, self._seconds = renderer, seconds
-        self._reference: tuple[Instant, Image] | None = None
-
-    def frame(self, request: Request, scene: Scene, index: int, now: Instant, before: Instant) -> Frame:
-        with self._seconds.of(1):
-            return _frame(request, scene, index, now, before, self._renderer)
+    def frame(self, index: int, now: Instant, before: Instant) -> Frame:
+        x, y = self._jitter[index % len(self._jitter)].tolist()
+        cut = index > 0 and now.shot != before.shot
+        with self._timed(1):
+            drawn = self._renderer.draw(now, before, (x, y))
+            return drawn.frame(self.scene, now, index=index, jitter_px=(x, y), cut=cut)
 
     def samples(self, now: Instant, samples: int) -> Image:
-        with self._seconds.of(samples):
+        with self._timed(samples):
             return self._renderer.draw_reference(now, jitter_sequence(f"hammersley:{samples}"))
 
     def reference(self, now: Instant, samples: int) -> Image:
@@ -205,13 +199,14 @@ class _File(NamedTuple):
     attributes: Mapping[str, object]
 
 
-def _missing_files(request: Request, scene: Scene, index: int, pen: _Pen, manifest: Manifest) -> Iterator[_File]:
+def _missing_files(request: Request, index: int, pen: _Pen, manifest: Manifest) -> Iterator[_File]:
     """Draw the files of one frame that the manifest does not list as finished."""
+    scene = pen.scene
     name = f"{scene.name}.{index:04d}.exr"
     now, before = scene.at(index / request.fps), scene.at((index - 1) / request.fps)
     path = request.output / name
     if not manifest.has_finished(path):
-        frame = pen.frame(request, scene, index, now, before)
+        frame = pen.frame(index, now, before)
         yield _File(path, frame_planes(frame, path), frame_attributes(frame))
     # A yardstick also measures time, so each of its frames is drawn.
     folders = {f"{REFERENCE}-{samples}": (samples, pen.samples) for samples in request.yardstick}
@@ -229,10 +224,3 @@ def _truth_file(path: Path, truth: Image, scene: Scene, index: int, samples: int
     if Effect.ALPHA not in scene.effects:
         del channels["A"]
     return _File(path, channels, {"cltaa:frame": index, "cltaa:scene": scene.name, "cltaa:samples": samples})
-
-
-def _frame(request: Request, scene: Scene, index: int, now: Instant, before: Instant, renderer: SceneRenderer) -> Frame:
-    jitter = jitter_sequence(request.jitter)
-    x, y = jitter[index % len(jitter)].tolist()
-    drawn = renderer.draw(now, before, (x, y))
-    return drawn.frame(scene, now, index=index, jitter_px=(x, y), cut=index > 0 and now.shot != before.shot)
