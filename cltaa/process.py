@@ -47,15 +47,11 @@ def configure() -> None:
         os.environ.setdefault(name, value)
     with suppress(RuntimeError):  # a folder of our own keeps other programs out of PoCL's cache
         os.environ["POCL_CACHE_DIR"] = os.environ.get("POCL_CACHE_DIR") or str(user_cache() / "cltaa" / "pocl")
-    _keep_heap()
+    # glibc keeps freed memory: OpenEXR's module allocates the channels of each frame anew, and pages returned to the
+    # system fault again, which takes a third of the time of reading.
+    _set_heap(NEVER, LARGEST)
     while _waiting:
         _waiting.pop()()
-
-
-def _keep_heap() -> None:
-    """Let glibc keep freed memory: OpenEXR's module allocates the channels of each frame anew, and pages returned to
-    the system fault again, which takes a third of the time of reading."""
-    _set_heap(NEVER, LARGEST)
 
 
 def give_heap_back() -> None:

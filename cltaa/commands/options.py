@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterable
 from functools import partial, wraps
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ import click
 import msgspec
 from click.shell_completion import CompletionItem
 
-from cltaa.core.build import STORAGES, Storage, kernel_names
+from cltaa.core.build import STORAGES, Storage
 from cltaa.core.frame_checks import EXPOSURE_STOPS
 from cltaa.errors import UsageError, known
 from cltaa.frame import ASKED, Asked, Effect, format_effects, parse_effects
@@ -29,39 +30,22 @@ if TYPE_CHECKING:
 
 
 class _Name(click.ParamType[str]):
-    """A name. Only shell completion calls ``listed``, so that no command loads the names before it runs."""
+    """A name. Only shell completion imports ``module``, whose function ``listed`` gives all names."""
 
     name = "name"
 
-    def __init__(self, listed: Callable[[], Iterable[str]], *, or_file: bool = False) -> None:
-        self._listed, self._or_file = listed, or_file
+    def __init__(self, module: str, listed: str, *, also: str = "", or_file: bool = False) -> None:
+        self._module, self._listed, self._also, self._or_file = module, listed, also, or_file
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        found = [CompletionItem(name) for name in self._listed() if name.startswith(incomplete)]
+        names = [*self._also.split(), *getattr(import_module(self._module), self._listed)()]
+        found = [CompletionItem(name) for name in names if name.startswith(incomplete)]
         return found or [CompletionItem(incomplete, type="file")] * self._or_file
 
 
-def _presets() -> list[str]:
-    from cltaa.core.presets import preset_names
-
-    return preset_names()
-
-
-def _profiles() -> list[str]:
-    from cltaa.inputs.profile import profile_names
-
-    return ["auto", *profile_names()]
-
-
-def _scenes() -> Iterable[str]:
-    from cltaa.lab.bench.cases import known_scenes
-
-    return known_scenes()
-
-
-PRESET, PROFILE = _Name(_presets), _Name(_profiles, or_file=True)
-KERNEL, SCENE = _Name(kernel_names), _Name(_scenes)
-
+PRESET = _Name("cltaa.core.presets", "preset_names")
+PROFILE = _Name("cltaa.inputs.profile", "profile_names", also="auto", or_file=True)
+KERNEL, SCENE = _Name("cltaa.core.build", "kernel_names"), _Name("cltaa.lab.bench.cases", "known_scenes")
 
 Command = Callable[..., Any]
 DIGITS = "[0-9]{1,20}"  # bounded, because Python refuses to parse an integer of thousands of digits
@@ -322,10 +306,7 @@ def chosen_effects(text: str) -> Asked:
 
 
 def preset_of(name: str, config: Path | None, before: Callable[[Preset], Preset] | None = None) -> Preset:
-    """Load the preset ``name``, apply ``before``, then the TOML file ``config``, where given.
-
-    Raises what ``load_preset`` and ``load_config`` raise.
-    """
+    """Load the preset ``name``, apply ``before``, then the TOML file ``config``, where given."""
     from cltaa.core.presets import load_preset
     from cltaa.io.preset_file import load_config
 
@@ -334,24 +315,15 @@ def preset_of(name: str, config: Path | None, before: Callable[[Preset], Preset]
 
 
 def assigned(preset: Preset, assignments: tuple[str, ...], option: str = "--set") -> Preset:
-    """Return ``preset`` with the assignments KEY=VALUE applied and added to its name.
-
-    Raises UsageError, naming ``option``, for text that is no assignment.
-    """
+    """Return ``preset`` with the assignments KEY=VALUE of ``option`` applied and added to its name."""
     from cltaa.core.presets import override, renamed
 
-    values = renamed(_values(assignments))
+    told = [assignment.partition("=") for assignment in assignments]
+    for key, equals, _ in told:
+        if not equals:
+            raise UsageError(f"--set {key}: no value", expected="KEY=VALUE", found=key)
+    values = renamed({key.strip(): value.strip() for key, _, value in told})
     if not values:
         return preset
-    told = ", ".join(f"{key}={value}" for key, value in values.items())
-    return msgspec.structs.replace(override(preset, values, option), name=f"{preset.name} with {told}")
-
-
-def _values(assignments: tuple[str, ...]) -> dict[str, str]:
-    values: dict[str, str] = {}
-    for assignment in assignments:
-        key, equals, value = assignment.partition("=")
-        if not equals:
-            raise UsageError(f"--set {assignment}: no value", expected="KEY=VALUE", found=assignment)
-        values[key.strip()] = value.strip()
-    return values
+    changes = ", ".join(f"{key}={value}" for key, value in values.items())
+    return msgspec.structs.replace(override(preset, values, option), name=f"{preset.name} with {changes}")
