@@ -40,16 +40,7 @@ from cltaa.lab.bench.cases import (
     open_case,
     planned,
 )
-from cltaa.lab.bench.cells import (
-    COLUMNS,
-    QUALITY,
-    Judged,
-    check_judged,
-    import_judges,
-    launcher_of,
-    run_all,
-    task_of,
-)
+from cltaa.lab.bench.cells import COLUMNS, QUALITY, Judged, check_judged, import_judges, launcher_of, run_all, task_of
 from cltaa.lab.bench.quality.pictures import write_pictures
 from cltaa.lab.bench.quality.table import (
     Table,

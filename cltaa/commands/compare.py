@@ -176,17 +176,11 @@ def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bo
 @click.option("--stops", type=STOPS, default=0.0, help="Change the exposure before the display transform, in stops.")
 @click.option("--heatmap", type=FILE_PATH, metavar="DIR", help="Write an error map of each frame as PNG.")
 @click.option(
-    "--video",
-    "in_time",
-    is_flag=True,
-    help=f"Also score A over time: {', '.join(score.name for score in SCORES)}.",
+    "--video", "in_time", is_flag=True, help=f"Also score A over time: {', '.join(score.name for score in SCORES)}."
 )
 @click.option("--table", is_flag=True, help="Make one table of leaderboard entries A... on captured sequences B...")
 @click.option(
-    "--ours",
-    default="default,fast,gather-8",
-    metavar="LIST",
-    help="Presets to add to --table; an empty list for none.",
+    "--ours", default="default,fast,gather-8", metavar="LIST", help="Presets to add to --table; an empty list for none."
 )
 @click.option("--cvvdp", is_flag=True, help="Add ColorVideoVDP to --table (pip extra cltaa[vdp]).")
 @click.option(

@@ -25,9 +25,7 @@ from cltaa.printable import json_of
 @click.argument("name", required=False, type=PRESET)
 @click.option("--against", type=PRESET, help="Print only the parameters that differ between NAME and this preset.")
 @click.option(
-    "--parameters",
-    is_flag=True,
-    help="List every parameter with its range, unit and meaning, and its value in NAME.",
+    "--parameters", is_flag=True, help="List every parameter with its range, unit and meaning, and its value in NAME."
 )
 @json_option
 def presets(name: str | None, against: str | None, parameters: bool, as_json: bool) -> None:

@@ -106,7 +106,8 @@ class Samples:
 
     def seconds(self, job: str, clock: Clock) -> NDArray[np.float64]:
         """Return all times of a job by a clock, by the host's if that has none."""
-        return np.array([_seconds(sample, clock) for sample in self.by_job[job]])
+        found = ((getattr(sample, clock), sample.wall) for sample in self.by_job[job])
+        return np.array([wall if seconds is None else seconds for seconds, wall in found])
 
     def has(self, job: str, clock: Clock) -> bool:
         """Return True if that clock timed every run of the job."""
@@ -128,11 +129,6 @@ class Samples:
     def ratios(self, job: str, base: str, clock: Clock) -> NDArray[np.float64]:
         """Return the ratio of each round, whose median is ``ratio``."""
         return self.seconds(job, clock) / self.seconds(base, clock)
-
-
-def _seconds(sample: Sample, clock: Clock) -> float:
-    seconds: float | None = getattr(sample, clock)
-    return sample.wall if seconds is None else seconds
 
 
 def interval(values: NDArray[np.float64] | Sequence[float]) -> Interval:
@@ -227,10 +223,7 @@ def _turn(job: Job, runs: int) -> Sample:
 
 
 def timed_numbers(sequence: FrameSequence) -> list[int]:
-    """Return the numbers of the last two frames without a cut between them, which are timed.
-
-    Raises DataError for a sequence of one frame.
-    """
+    """Return the numbers of the last two frames without a cut between them; raises DataError for a single frame."""
     numbers = list(sequence.numbers)
     if len(numbers) < 2:
         cure = "capture more"
@@ -311,10 +304,7 @@ def _frame(index: int, motion: Motion, waves: Image, depth: Image, random: np.ra
 
 
 def resolve_job(name: str, resolver: Resolver, frames: list[Frame]) -> tuple[Job, Image]:
-    """Return a job that repeats the kernels of the last of two or more ``frames``, and their image [H, W, 3 or 4].
-
-    The job returns device seconds, or None on NumPy. Raises what ``Resolver.resolve`` raises.
-    """
+    """Return a job that repeats the kernels of the last of two or more ``frames``, and their image [H, W, 3 or 4]."""
     if resolver.preset.choices.history is HistoryKind.FRAMES:
         _keep_before(resolver, frames[0])
     last = frames[-1]

@@ -185,12 +185,7 @@ def _shake(seed: int) -> Family:
 
 def _noise(seed: int) -> Family:
     """Rolling balls with four random rays of skylight a sample, as in a path tracer."""
-    return Family(
-        _rolling(seed).bodies,
-        [Lamp(SUN.at, (0.45, 0.42, 0.37))],
-        ambient=0.9,
-        skylight=4,
-    )
+    return Family(_rolling(seed).bodies, [Lamp(SUN.at, (0.45, 0.42, 0.37))], ambient=0.9, skylight=4)
 
 
 def _shadows(seed: int) -> Family:
@@ -498,14 +493,7 @@ def draw(family: str, output: Path, frames: int, size: tuple[int, int], period: 
 @click.option("--seed", type=click.IntRange(0), default=0, help="Seed of colours, placement and phase.")
 @json_option
 def raycast(
-    family: str,
-    output: Path,
-    frames: int,
-    size: tuple[int, int],
-    period: int,
-    reference: int,
-    seed: int,
-    as_json: bool,
+    family: str, output: Path, frames: int, size: tuple[int, int], period: int, reference: int, seed: int, as_json: bool
 ) -> None:
     """Ray-cast FAMILY into a jittered EXR sequence with exact depth and motion vectors, which declares no effects.
 

@@ -1,12 +1,8 @@
-"""``cltaa bench api``: time of a call of ``Resolver.resolve``, compared with its kernels and with the bus.
-
-With arrays of the device and of the host. A plain pyopencl loop that copies the same bytes gives the least time of the
-transfers.
-"""
+"""``cltaa bench api``: time of a call of ``Resolver.resolve``, compared with its kernels and with the bus."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import count, islice
 from typing import Any
@@ -24,7 +20,6 @@ from cltaa.lab.timing import (
     Interval,
     Job,
     Motion,
-    Samples,
     camera_at,
     environment,
     kernel_seconds,
@@ -37,8 +32,6 @@ from cltaa.opencl.launcher import DeviceLauncher
 
 SIZES = ((1920, 1080), (3840, 2160))
 CALLS = 8  # calls in a row; their time is divided by this number
-ON_DEVICE, HOST, PINNED_HOST = "device arrays", "host arrays", "pinned arrays"
-COPIES, PINNED = "copies", "pinned copies"
 
 
 class ApiTimes(msgspec.Struct, frozen=True, kw_only=True):
@@ -64,17 +57,8 @@ class ApiBench(msgspec.Struct, frozen=True, kw_only=True):
     rows: list[ApiTimes]
 
 
-def _rendered(frame: Frame) -> Iterator[Frame]:
-    """Yield endless frames like those of a renderer: the same arrays under a sliding camera."""
-    for index in count():
-        yield replace(frame, index=index, camera=camera_at(index, Motion.UNIFORM, frame.width, frame.height))
-
-
 def bench_api(preset: Preset, device: str | None, sizes: tuple[tuple[int, int], ...], *, rounds: int) -> ApiBench:
-    """Time calls with frames of ``sizes``, colour and depth without declared effects, all kinds in turn.
-
-    Raises UsageError for NumPy as the device, and ResourceError for too little memory.
-    """
+    """Time calls with frames of ``sizes``, colour and depth without declared effects, all kinds in turn."""
     before, launcher = load_average(), DeviceLauncher(device)
     rows = [_timed(preset, launcher, width, height, rounds) for width, height in sizes]
     where = environment(launcher.description, before)
@@ -91,24 +75,21 @@ def _timed(preset: Preset, launcher: DeviceLauncher, width: int, height: int, ro
     pinned = PlainCopies(launcher.device, arrays, out, pinned=True)
     placing = Resolver(preset, launcher)
     placed: dict[str, Any] = {name: _pinned(placing, getattr(host, name)) for name in ("colour", "depth")}
-    jobs = [
-        Job(ON_DEVICE, _calls(Resolver(preset, launcher), replace(host, **there), back)),
-        Job(HOST, _calls(Resolver(preset, launcher), host, out)),
-        Job(PINNED_HOST, _calls(placing, replace(host, **placed), _pinned(placing, out))),
-        Job(COPIES, _times(plain.run)),
-        Job(PINNED, _times(pinned.run)),
-    ]
+    runs = {
+        "device_arrays": _calls(Resolver(preset, launcher), replace(host, **there), back),
+        "host_arrays": _calls(Resolver(preset, launcher), host, out),
+        "pinned_arrays": _calls(placing, replace(host, **placed), _pinned(placing, out)),
+        "copies": _times(plain.run),
+        "pinned_copies": _times(pinned.run),
+    }
+    jobs = [Job(name, run) for name, run in runs.items()]
     samples = measure(jobs, rounds, warm_up=1, action=f"timing {width} x {height}")
     return ApiTimes(
         width=width,
         height=height,
         bytes=sum(array.nbytes for array in (*arrays, out)),
-        kernels=_each(samples, ON_DEVICE, Clock.DEVICE),
-        device_arrays=_each(samples, ON_DEVICE, Clock.WALL),
-        host_arrays=_each(samples, HOST, Clock.WALL),
-        pinned_arrays=_each(samples, PINNED_HOST, Clock.WALL),
-        copies=_each(samples, COPIES, Clock.WALL),
-        pinned_copies=_each(samples, PINNED, Clock.WALL),
+        kernels=samples.interval("device_arrays", Clock.DEVICE).times(1 / CALLS),
+        **{name: samples.interval(name, Clock.WALL).times(1 / CALLS) for name in runs},
     )
 
 
@@ -118,16 +99,14 @@ def _pinned(resolver: Resolver, array: NDArray[Any]) -> NDArray[Any]:
     return place
 
 
-def _each(samples: Samples, job: str, clock: Clock) -> Interval:
-    return samples.interval(job, clock).times(1 / CALLS)
-
-
 def _calls(resolver: Resolver, frame: Frame, out: Any) -> Callable[[], float | None]:
-    rendered = _rendered(frame)
+    """Return a run of calls with frames like those of a renderer: the same arrays under a sliding camera."""
+    numbers = count()
 
     def resolve() -> None:
-        for each in islice(rendered, CALLS):
-            resolver.resolve(each, out=out)
+        for index in islice(numbers, CALLS):
+            camera = camera_at(index, Motion.UNIFORM, frame.width, frame.height)
+            resolver.resolve(replace(frame, index=index, camera=camera), out=out)
         resolver.launcher.finish()
 
     return lambda: kernel_seconds(resolver.launcher, resolve)

@@ -235,8 +235,13 @@ def _limits(axes: Any, measured: MeasuredSequence, metric: str, weight: float) -
             place = {"textcoords": "offset points", "xytext": (-5, -8), "ha": "right"}
             axes.annotate(f"{samples}×", (x, y), fontsize=6, color=SAMPLES, **place)
     axes.axvline(measured.floor, color=LIMIT, ls=":", lw=1, label="floor: the least bytes at the speed of a copy")
-    for level, style, named in noise_lines(measured, metric, weight):
-        axes.axhline(level, color=LIMIT, ls=style, lw=1, label=f"{named}: {level:.2g}")
+    noises = (
+        (measured.mean_noise, "--", f"noise of an exponential mean, weight {weight:g}"),
+        (measured.truth_noise, "-.", "noise of the truth itself"),
+    )
+    for level, style, named in noises if metric == "mse" else ():
+        if level:
+            axes.axhline(level, color=LIMIT, ls=style, lw=1, label=f"{named}: {level:.2g}")
     axes.legend(fontsize=6, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, frameon=False)
 
 
@@ -255,14 +260,6 @@ def _name_points(axes: Any, measured: MeasuredSequence, metric: str) -> None:
             name.remove()
         else:
             taken.append(box)
-
-
-def noise_lines(measured: MeasuredSequence, metric: str, weight: float) -> Iterator[tuple[float, str, str]]:
-    """Yield level, line style and name of each known noise level of an error."""
-    if metric == "mse" and measured.mean_noise:
-        yield measured.mean_noise, "--", f"noise of an exponential mean, weight {weight:g}"
-    if metric == "mse" and measured.truth_noise:
-        yield measured.truth_noise, "-.", "noise of the truth itself"
 
 
 def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: dict[str, str]) -> Any:
