@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.frame import Frame, Image
+from cltaa.io.display import error_map, heat, write_png
 from cltaa.io.exr_layout import Part
 from cltaa.io.names import name_of, number_of
 from cltaa.io.numbered import ranges
@@ -21,18 +22,6 @@ from cltaa.lab.judge.metrics import METRICS, Metric, equal_quality, finite, flip
 from cltaa.lab.judge.video_scores import SCORES, Sums, VideoScores
 from cltaa.printable import printable
 from cltaa.progress import track
-
-
-def _write_map(folder: Path, path: Path, pair: tuple[Image, Image], stops: float, *, by_flip: bool) -> dict[str, float]:
-    """Write the error map of the image at ``path`` under its name; returns the mean of FLIP, which is slow to compute.
-
-    Raises OutputError and StorageError.
-    """
-    from cltaa.io.display import error_map, heat, write_png
-
-    errors = flip_map(*pair, stops) if by_flip else error_map(*pair, stops)
-    write_png(folder / f"{path.stem}.png", heat(errors))
-    return {"flip": float(errors.mean())} if by_flip else {}
 
 
 def stale_maps(folder: Path, images: ImageSequence) -> list[str]:
@@ -88,81 +77,75 @@ def judge(
     """Judge the tests of ``comparisons``, which share frames, region and truth; results equal those of each alone.
 
     ``in_time`` also scores them over time; ``heatmap`` is the folder for the maps of a single test. Keeps one frame of
-    each in memory, and a few files read ahead. Raises DataError for a damaged file, with its path.
+    each in memory, and a few files read ahead.
     """
     first = comparisons[0]
-    others = [comparison for comparison in comparisons if not comparison.of_itself]
     found = Found([Judged() for _ in comparisons])
-    if first.capture is not None and others:
+    if first.capture is not None and not all(comparison.of_itself for comparison in comparisons):
         found.one_sample = Judged()
         found.yardsticks = {count: [] for count in first.yardsticks}
-    video = VideoScores(len(comparisons) + (found.one_sample is not None), stops) if in_time else None
     capture = first.capture if in_time or found.one_sample is not None else None
+    judges = _Pass(found, metrics, stops, heatmap, in_time=in_time)
     with ReadAhead(_reads(comparisons, capture, [*found.yardsticks])) as pictures:
         for number in track(first.test.numbers, len(first.test), "comparing"):
-            _judge_frame(found, number, pictures, metrics, stops, video, sampled=capture is not None, heatmap=heatmap)
-    if video is not None:
-        for judged, total in zip(_judged(found), video.totals, strict=True):
+            judges.look(number, next(pictures), None if capture is None else next(pictures), pictures)
+    if judges.video is not None:
+        for judged, total in zip(judges.all, judges.video.totals, strict=True):
             judged.total = total
     return found
 
 
-def _judged(found: Found) -> list[Judged]:
-    """Return the results that get scores over time, the single samples last."""
-    return found.tests if found.one_sample is None else [*found.tests, found.one_sample]
+class _Pass:
+    """The judges of one pass, and the results that they fill."""
 
+    def __init__(
+        self, found: Found, metrics: Sequence[Metric], stops: float, heatmap: Path | None, *, in_time: bool
+    ) -> None:
+        self._found, self._metrics, self._stops, self._heatmap = found, metrics, stops, heatmap
+        self.all = [*found.tests, *([found.one_sample] if found.one_sample else [])]  # that get scores over time
+        self.video = VideoScores(len(self.all), stops) if in_time else None
 
-def _judge_frame(
-    found: Found,
-    number: int,
-    pictures: Iterator[_Picture],
-    metrics: Sequence[Metric],
-    stops: float,
-    video: VideoScores | None,
-    *,
-    sampled: bool,
-    heatmap: Path | None,
-) -> None:
-    """Judge one frame of each; ``pictures`` are in the order of ``_reads``."""
-    truth = next(pictures)
-    against = partial(_measure, truth, number, stops)
-    sample = next(pictures) if sampled else None
-    for errors in found.yardsticks.values():
-        errors.append(against(next(pictures), [MSE])[MSE.name])
-    images = []
-    for judged in found.tests:
-        test = next(pictures)
-        judged.metrics.append(against(test, metrics, heatmap))
-        judged.alpha |= _alpha(truth, test, number, stops)
-        if video is not None:  # else free the image before the next one is read
-            images.append(test.image)
-    if sample is not None and found.one_sample is not None:
-        found.one_sample.metrics.append(against(sample, metrics))
-        found.one_sample.alpha |= _alpha(truth, sample, number, stops)
-        images.append(sample.image)
-    if video is not None and sample is not None and sample.frame is not None:
-        for judged, sums in zip(_judged(found), video.add(sample.frame, truth.image, images), strict=True):
-            judged.video.append(sums.scores())
+    def look(self, number: int, truth: _Picture, sample: _Picture | None, others: Iterator[_Picture]) -> None:
+        """Judge one frame of each; ``others`` are the pictures of yardsticks and tests, as ``_reads`` orders them."""
+        for errors in self._found.yardsticks.values():
+            errors.append(self._measure(number, truth, next(others), [MSE])[MSE.name])
+        images = []
+        for judged in self._found.tests:
+            test = next(others)
+            judged.metrics.append(self._judge(number, truth, test))
+            judged.alpha |= _alpha(truth, test, number, self._stops)
+            if self.video is not None:  # else free the image before the next one is read
+                images.append(test.image)
+        single = self._found.one_sample
+        if sample is not None and single is not None:
+            single.metrics.append(self._measure(number, truth, sample, self._metrics))
+            single.alpha |= _alpha(truth, sample, number, self._stops)
+            images.append(sample.image)
+        if self.video is not None and sample is not None and sample.frame is not None:
+            for judged, sums in zip(self.all, self.video.add(sample.frame, truth.image, images), strict=True):
+                judged.video.append(sums.scores())
 
+    def _judge(self, number: int, truth: _Picture, test: _Picture) -> dict[str, float]:
+        """Return the metrics of a test after writing its error map, if asked for; FLIP, which is slow, is made once."""
+        flip = METRICS["flip"]
+        if self._heatmap is None:
+            return self._measure(number, truth, test, self._metrics)
+        values = self._measure(number, truth, test, [metric for metric in self._metrics if metric is not flip])
+        mapped = flip_map if flip in self._metrics else error_map
+        errors = mapped(test.image, truth.image, self._stops)
+        write_png(self._heatmap / f"{test.path.stem}.png", heat(errors))
+        return values | ({"flip": float(errors.mean())} if mapped is flip_map else {})
 
-def _measure(
-    truth: _Picture, number: int, stops: float, test: _Picture, metrics: Sequence[Metric], heatmap: Path | None = None
-) -> dict[str, float]:
-    pair, flip = (test.image, truth.image), METRICS["flip"]
-    others = [metric for metric in metrics if heatmap is None or metric is not flip]
-    values = measure(*pair, others, stops, path=test.path, truth_path=truth.path, frame=number)
-    return values if heatmap is None else values | _write_map(heatmap, test.path, pair, stops, by_flip=flip in metrics)
+    def _measure(self, number: int, truth: _Picture, test: _Picture, metrics: Sequence[Metric]) -> dict[str, float]:
+        where: dict[str, Any] = {"path": test.path, "truth_path": truth.path, "frame": number}
+        return measure(test.image, truth.image, metrics, self._stops, **where)
 
 
 WHITE, GREY = 1.0, 0.18  # linear light of the backgrounds
 
 
 def _alpha(truth: _Picture, test: _Picture, number: int, stops: float) -> dict[int, dict[str, float]]:
-    """Return by frame number the errors of alpha, and of premultiplied colour over white and grey; the other metrics
-    judge it over black.
-
-    Empty if test or truth has no alpha.
-    """
+    """Return by frame number the errors of alpha, if both have it, and of premultiplied colour over white and grey."""
     if truth.alpha is None or test.alpha is None:
         return {}
     where: dict[str, Any] = {"path": test.path, "truth_path": truth.path, "frame": number}
