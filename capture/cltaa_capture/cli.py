@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cltaa.commands.options import FILE_PATH, FROM_2, SIZE, json_option
+from cltaa.commands.options import COUNT_OR_0, FILE_PATH, FROM_2, SIZE, json_option
 from cltaa.commands.printing import Console, listing
 from cltaa.errors import UsageError
 from cltaa.printable import counted, json_of, printable
@@ -42,11 +42,7 @@ def complete_scene(_context: click.Context, _parameter: click.Parameter, incompl
     "babylon or simvx as published.",
 )
 @click.option(
-    "--reference",
-    type=click.IntRange(0),
-    default=0,
-    metavar="N",
-    help="Also draw the truth of each frame, N samples a pixel, into reference/.",
+    "--reference", type=COUNT_OR_0, default=0, help="Also draw the truth, N samples a pixel, into reference/."
 )
 @click.option(
     "--yardstick",
@@ -61,13 +57,11 @@ def complete_scene(_context: click.Context, _parameter: click.Parameter, incompl
 @click.option(
     "--motion",
     type=click.Choice(MOTIONS),
-    help="Motion of a model from file:PATH.  [default: play if it is animated, else turntable]",
+    help="Motion of file:PATH.  [default: play if it is animated, else turntable]",
 )
 @click.option("--backend", type=click.Choice(BACKENDS), default="auto", help="Off-screen OpenGL implementation.")
 @click.option("--restart", is_flag=True, help="Replace the capture in a folder that was begun with other settings.")
-@click.option(
-    "--explain", "explained", is_flag=True, help="Print what is drawn for each effect; without -o, draw nothing."
-)
+@click.option("--explain", "explained", is_flag=True, help="Print what each effect draws; without -o, draw nothing.")
 @json_option
 def capture(
     scene: str, output: Path | None, size: tuple[int, int], explained: bool, as_json: bool, **options: Any

@@ -10,6 +10,7 @@ import click
 from rich.table import Table
 
 from cltaa.commands.options import (
+    COUNT,
     FILE_PATH,
     FOLDER,
     PRESET,
@@ -42,14 +43,9 @@ from cltaa.printable import counted, json_of, printable, shown
 @click.option("--preset", type=PRESET, default="default", help="Preset that the variants are derived from.")
 @click.option("--config", type=FILE_PATH, help="TOML file of parameters that override the preset.")
 @click.option(
-    "--only",
-    multiple=True,
-    metavar="NAME",
-    help="Only the default and this variant, or these comma-separated variants or groups; repeatable.",
+    "--only", multiple=True, metavar="NAME", help="Variants or groups beside the default, comma-separated; repeatable."
 )
-@click.option(
-    "--metrics", default="mse,flip", metavar="LIST", help="Metrics against the truth; cltaa compare lists them."
-)
+@click.option("--metrics", default="mse,flip", metavar="LIST", help="Metrics against the truth, of cltaa compare.")
 @click.option(
     "--rounding-frames",
     default=8,
@@ -64,19 +60,11 @@ from cltaa.printable import counted, json_of, printable, shown
     metavar="SECONDS",
     help="Extra time for more rounds on a sequence, while the default and its own copy differ too much to rank.",
 )
-@click.option(
-    "--pixels",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Least number of pixels of the timed frames.  [default: enough to fill the device]",
-)
+@click.option("--pixels", type=COUNT, help="Least pixels of a timed frame.  [default: enough to fill the device]")
 @click.option("--jobs", default=1, type=click.IntRange(min=1), help="Number of processes that measure errors.")
 @click.option("--dask", metavar="ADDRESS", help="Measure errors on the Dask cluster whose scheduler has this address.")
 @click.option(
-    "--pictured",
-    default=4,
-    type=click.IntRange(min=0),
-    help="Number of sequences, from the first, with frames and plots on the page.",
+    "--pictured", default=4, type=click.IntRange(min=0), help="Number of first sequences pictured on the page."
 )
 @measured_options
 @json_option
@@ -170,10 +158,7 @@ def _table(result: Accuracy, measured: MeasuredSequence) -> Table:
 @click.argument("reports", nargs=-1, required=True, type=FILE_PATH, metavar="REPORT...")
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder for the merged report.")
 @click.option(
-    "--pictured",
-    default=4,
-    type=click.IntRange(min=0),
-    help="Number of sequences, from the first, with plots of their own.",
+    "--pictured", default=4, type=click.IntRange(min=0), help="Number of first sequences with plots of their own."
 )
 @json_option
 def overview(reports: tuple[Path, ...], output: Path, pictured: int, as_json: bool) -> None:

@@ -10,6 +10,7 @@ import click
 import msgspec
 
 from cltaa.commands.options import (
+    COUNT,
     FILE_PATH,
     FOLDER,
     FROM_0,
@@ -61,12 +62,7 @@ ALL_SCENES = "all"  # all that cltaa scenes lists
 
 @click.command("quality")
 @click.option(
-    "--scene",
-    "scenes",
-    multiple=True,
-    type=SCENE,
-    metavar="NAME",
-    help="Scene name, file:PATH, or all that cltaa scenes lists; repeatable.  [default: all]",
+    "--scene", "scenes", multiple=True, type=SCENE, help="Scene, file:PATH, or all; repeatable.  [default: all]"
 )
 @click.option(
     "--sequence",
@@ -76,14 +72,7 @@ ALL_SCENES = "all"  # all that cltaa scenes lists
     metavar="DIR",
     help="Sequence with its truth in reference/, also another tool's; judged in addition to any --scene; repeatable.",
 )
-@click.option(
-    "--preset",
-    "presets",
-    type=PRESET,
-    multiple=True,
-    metavar="NAME",
-    help="Preset to judge; repeatable.  [default: all]",
-)
+@click.option("--preset", "presets", type=PRESET, multiple=True, help="Preset to judge; repeatable.  [default: all]")
 @click.option(
     "--config",
     "configs",
@@ -97,10 +86,7 @@ ALL_SCENES = "all"  # all that cltaa scenes lists
 @click.option("--size", type=SIZE, default="320x180", help="Frame size of a capture in pixels.")
 @click.option("--frames", default=64, type=click.IntRange(min=2), help="Number of frames of a capture.")
 @click.option(
-    "--samples",
-    default=256,
-    type=click.IntRange(min=1),
-    help="Samples a pixel of the truth; 4 times as many where nothing moves.",
+    "--samples", default=256, type=COUNT, help="Samples a pixel of the truth; 4 times as many where nothing moves."
 )
 @click.option("--jitter", default="lattice:64", help="Sample positions, as for cltaa capture.")
 @click.option("--train", type=FROM_0, default="0", help="Scene seeds that presets were tuned on.")

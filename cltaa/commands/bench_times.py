@@ -14,7 +14,7 @@ from cltaa.errors import DataError, UsageError
 from cltaa.inputs.open import Reading
 from cltaa.io.exr_layout import check_lossless
 from cltaa.io.sequence import open_sequence
-from cltaa.lab.bench.api import SIZES, ApiBench, bench_api
+from cltaa.lab.bench.api import ApiBench, bench_api
 from cltaa.lab.bench.cases import check_scenes, known_scenes
 from cltaa.lab.bench.devices import ShapesBench, bench_shapes, forget_shapes
 from cltaa.lab.bench.files import FilesBench, bench_files
@@ -26,9 +26,7 @@ from cltaa.process import run_cltaa
 
 
 @click.command("kernels")
-@click.option(
-    "--preset", "presets", type=PRESET, multiple=True, default=["default"], help="Preset to time; repeatable."
-)
+@click.option("--preset", "presets", type=PRESET, multiple=True, default=["default"], help="Timed preset; repeatable.")
 @click.option("--size", type=SIZE, default="1920x1080", help="Frame size in pixels.")
 @device_option
 @click.option(
@@ -143,8 +141,7 @@ def _print_devices(bench: ShapesBench) -> None:
     "sizes",
     type=SIZE,
     multiple=True,
-    default=[f"{width}x{height}" for width, height in SIZES],
-    metavar="WxH",
+    default=["1920x1080", "3840x2160"],
     help="Frame size in pixels; repeatable.",
 )
 @device_option

@@ -170,22 +170,18 @@ def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bo
     "metric_names",
     default=",".join(DEFAULT_METRICS),
     metavar="LIST",
-    help=f"Metrics, comma-separated, or all: {', '.join(METRICS)}.",
+    help=f"all, or some of {', '.join(METRICS)}.",
 )
 @click.option("--frames", type=SOME_FRAMES, help="Only these frames, both included, or the first N of A.")
 @click.option("--stops", type=STOPS, default=0.0, help="Change the exposure before the display transform, in stops.")
 @click.option("--heatmap", type=FILE_PATH, metavar="DIR", help="Write an error map of each frame as PNG.")
-@click.option(
-    "--video", "in_time", is_flag=True, help=f"Also score A over time: {', '.join(score.name for score in SCORES)}."
-)
+@click.option("--video", "in_time", is_flag=True, help=f"Also score A over time: {', '.join(s.name for s in SCORES)}.")
 @click.option("--table", is_flag=True, help="Make one table of leaderboard entries A... on captured sequences B...")
 @click.option(
-    "--ours", default="default,fast,gather-8", metavar="LIST", help="Presets to add to --table; an empty list for none."
+    "--ours", default="default,fast,gather-8", metavar="LIST", help="Presets of ours in --table; may be empty."
 )
 @click.option("--cvvdp", is_flag=True, help="Add ColorVideoVDP to --table (pip extra cltaa[vdp]).")
-@click.option(
-    "--film", type=FILE_PATH, metavar="DIR", help="Write a film of each sequence of --table, side by side at 2x."
-)
+@click.option("--film", type=FILE_PATH, metavar="DIR", help="Film each sequence of --table, side by side at 2x.")
 @input_options
 @verify_option
 @json_option

@@ -42,9 +42,7 @@ class Gain:
 
 
 @click.command("demo")
-@click.option(
-    "-o", "--output", type=FILE_PATH, default=Path("demo"), help="Folder for everything that the demo writes."
-)
+@click.option("-o", "--output", type=FILE_PATH, default=Path("demo"), help="Folder for all that the demo writes.")
 @click.option("--scene", type=SCENE, default="spinner", help="Scene to capture; cltaa scenes lists them.")
 @click.option("--frames", type=click.IntRange(min=SETTLED + 1), default=40, help="Number of frames to capture.")
 @click.option("--size", type=SIZE, default="640x360", help="Size of a frame in pixels.")

@@ -14,6 +14,8 @@ from click.core import ParameterSource
 from rich.table import Table
 
 from cltaa.commands.options import (
+    COUNT,
+    COUNT_OR_0,
     FILE_PATH,
     LAYERS,
     PRESET,
@@ -103,40 +105,23 @@ OF_PLAN = {*signature(plan).parameters, "config", "changes"}
 @click.argument("folder", metavar="SEQUENCE", type=FILE_PATH)
 @click.option("--frames", type=SOME_FRAMES, help="Only these frames, both included, or the first N.")
 @click.option("--pixels", is_flag=True, help="Also decode every frame: ranges, NaN, infinities, false declarations.")
-@click.option(
-    "--plan", "planned", is_flag=True, help="Instead print the steps that a resolve runs, with reason and cost."
-)
+@click.option("--plan", "planned", is_flag=True, help="Instead print the steps of a resolve, with reason and cost.")
 @click.option("--preset", type=PRESET, default="default", help="With --plan: preset to plan for.")
 @click.option("--device", metavar="NAME", help="With --plan: OpenCL device, by index or part of its name.")
 @click.option(
     "--effects",
     metavar="LIST",
     default="auto",
-    help="With --plan: auto (as declared, else found), find, all, none, or a comma-separated list.",
+    help="With --plan: auto, find, all, none, or a list, as for cltaa resolve.",
 )
 @click.option("--config", type=FILE_PATH, help="With --plan: TOML file of parameters that override the preset.")
-@click.option(
-    "--set", "changes", multiple=True, metavar="KEY=VALUE", help="With --plan: override one parameter; repeatable."
-)
+@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="With --plan: set a parameter; repeatable.")
 @partial(storage_option, where="With --plan: ")
-@click.option(
-    "--band-rows",
-    type=click.IntRange(min=0),
-    metavar="N",
-    help="With --plan: plan a resolve in bands of N rows (0: whole images).",
-)
+@click.option("--band-rows", type=COUNT_OR_0, help="With --plan: in bands of N rows (0: whole images).")
 @click.option("--half", is_flag=True, help="With --plan: plan for half-precision results, which take less memory.")
-@click.option(
-    "--layers", type=LAYERS, help="With --plan: input channels to copy into the result, as for cltaa resolve."
-)
+@click.option("--layers", type=LAYERS, help="With --plan: input channels to copy into the result, as in cltaa resolve.")
 @partial(denoise_option, where="With --plan: ")
-@click.option(
-    "--jobs",
-    type=click.IntRange(min=1),
-    default=1,
-    metavar="N",
-    help="With --plan: plan for N parts resolved at once, each of which takes memory.",
-)
+@click.option("--jobs", type=COUNT, default=1, help="With --plan: N parts at once, each of which takes memory.")
 @input_options
 @json_option
 @click.pass_context

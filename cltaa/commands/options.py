@@ -16,14 +16,15 @@ from click.shell_completion import CompletionItem
 
 from cltaa.core.build import STORAGES, Storage
 from cltaa.core.frame_checks import EXPOSURE_STOPS
+from cltaa.core.presets import Preset, load_preset, override, renamed
 from cltaa.errors import UsageError, known
 from cltaa.frame import ASKED, Asked, Effect, format_effects, parse_effects
 from cltaa.io.names import SUFFIXES, Named
+from cltaa.io.preset_file import load_config
 from cltaa.printable import names_in, printable
 from cltaa.renamed import EFFECTS, current
 
 if TYPE_CHECKING:
-    from cltaa.core.presets import Preset
     from cltaa.inputs.open import Reading
     from cltaa.io.numbered import FrameRange
     from cltaa.io.sequence import FrameSequence
@@ -94,6 +95,13 @@ class _Number(click.FloatRange):
         return number
 
 
+class _Count(click.IntRange):
+    """A whole number of things; help shows it as N."""
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        return "N"
+
+
 class _Text(click.ParamType[Any]):
     """A value that ``read`` parses from text; help shows ``name`` unchanged as its metavar."""
 
@@ -156,6 +164,7 @@ def _whole_numbers(least: int, text: str) -> tuple[int, ...]:
 FILE_PATH, FOLDER = _FilePath(path_type=Path), _Folder(path_type=Path)
 SIZE, SOME_FRAMES, LAYERS = _Text("WxH", _size), _Text("N|FIRST-LAST", _some_frames), _Text("LIST", _layers)
 FROM_0, FROM_2 = (_Text("LIST", partial(_whole_numbers, least)) for least in (0, 2))
+COUNT, COUNT_OR_0 = _Count(1), _Count(0)
 SECONDS = _Number("s", min=0.0, min_open=True)
 STOPS = _Number(min=-EXPOSURE_STOPS, max=EXPOSURE_STOPS)
 
@@ -167,7 +176,7 @@ verify_option = click.option(
 
 
 device_option = click.option(
-    "--device", metavar="NAME", help="OpenCL device, by index or part of its name; cltaa doctor lists them."
+    "--device", metavar="NAME", help="OpenCL device, by index or part of its name (cltaa doctor)."
 )
 
 
@@ -184,11 +193,7 @@ def effects_option_of(default: str) -> Callable[[Command], Command]:
 
 effects_option = effects_option_of("auto")
 step_option = click.option(
-    "--step",
-    type=click.IntRange(min=1),
-    default=1,
-    metavar="N",
-    help="Frame numbers increase by N, and motion vectors span N numbers (docs/inputs.md).",
+    "--step", type=COUNT, default=1, help="Frame numbers increase by N, which motion vectors span (docs/inputs.md)."
 )
 
 
@@ -234,14 +239,10 @@ def input_options(command: Command) -> Command:
             "assignments",
             multiple=True,
             metavar="SECTION.KEY=VALUE",
-            help="Override one key of the profile, such as motion.scale=1,-1; repeatable.",
+            help="Override a key of the profile, as motion.scale=1,-1; repeatable.",
         ),
         click.option(
-            "--profile",
-            type=PROFILE,
-            metavar="NAME",
-            default="auto",
-            help="Conventions of the files: auto, a name (cltaa profiles lists them), or FILE.toml.",
+            "--profile", type=PROFILE, default="auto", help="Conventions: auto, one of cltaa profiles, or FILE.toml."
         ),
     ):
         command = option(command)
@@ -267,10 +268,7 @@ def reading_options(command: Command, effects: str = "auto") -> Command:
 def measured_options(command: Command, effects: str = "auto") -> Command:
     """Add ``--truth`` and ``reading_options`` to a command that judges; passes them as one argument ``reading``."""
     truth = click.option(
-        "--truth",
-        type=FILE_PATH,
-        metavar="DIR",
-        help="Frames of the truth, as B of cltaa compare.  [default: reference/ of each sequence]",
+        "--truth", type=FILE_PATH, metavar="DIR", help="Frames of the truth.  [default: reference/ of each sequence]"
     )
     return reading_options(truth(command), effects)
 
@@ -307,17 +305,12 @@ def chosen_effects(text: str) -> Asked:
 
 def preset_of(name: str, config: Path | None, before: Callable[[Preset], Preset] | None = None) -> Preset:
     """Load the preset ``name``, apply ``before``, then the TOML file ``config``, where given."""
-    from cltaa.core.presets import load_preset
-    from cltaa.io.preset_file import load_config
-
     preset = load_preset(name) if before is None else before(load_preset(name))
     return preset if config is None else load_config(config, preset)
 
 
 def assigned(preset: Preset, assignments: tuple[str, ...], option: str = "--set") -> Preset:
     """Return ``preset`` with the assignments KEY=VALUE of ``option`` applied and added to its name."""
-    from cltaa.core.presets import override, renamed
-
     told = [assignment.partition("=") for assignment in assignments]
     for key, equals, _ in told:
         if not equals:

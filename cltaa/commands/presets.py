@@ -24,9 +24,7 @@ from cltaa.printable import json_of
 @click.command("presets")
 @click.argument("name", required=False, type=PRESET)
 @click.option("--against", type=PRESET, help="Print only the parameters that differ between NAME and this preset.")
-@click.option(
-    "--parameters", is_flag=True, help="List every parameter with its range, unit and meaning, and its value in NAME."
-)
+@click.option("--parameters", is_flag=True, help="List every parameter: range, unit, meaning, and its value in NAME.")
 @json_option
 def presets(name: str | None, against: str | None, parameters: bool, as_json: bool) -> None:
     """List the presets; with NAME, print that preset as TOML for cltaa resolve --config."""
@@ -147,9 +145,7 @@ def profiles(name: str | None, as_json: bool) -> None:
 
 
 @click.command("kernels")
-@click.option(
-    "--show", type=KERNEL, metavar="KERNEL", help="Print the whole source of a kernel, with prelude and includes."
-)
+@click.option("--show", type=KERNEL, metavar="KERNEL", help="Print the source of a kernel, with prelude and includes.")
 @click.option("--preset", type=PRESET, default="default", help="Preset whose choices the prelude defines.")
 @click.option("--lanes", type=click.Choice(["1", "4", "8", "16"]), default="8", help="Pixels of a work-item.")
 @click.option("--strict", is_flag=True, help="Print the strict build.")

@@ -8,6 +8,8 @@ from typing import Any
 import click
 
 from cltaa.commands.options import (
+    COUNT,
+    COUNT_OR_0,
     FILE_PATH,
     LAYERS,
     PRESET,
@@ -50,14 +52,12 @@ from cltaa.process import stop_signals
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Override one parameter; repeatable.")
 @click.option(
     "--look-ahead",
-    type=click.IntRange(min=0),
-    metavar="N",
-    help="Also gather samples from the N frames after each one; for gather presets.  [default: the preset's]",
+    type=COUNT_OR_0,
+    help="Also gather from N later frames; for gather presets.  [default: the preset's]",
 )
 @click.option(
     "--jobs",
-    type=click.IntRange(min=1),
-    metavar="N",
+    type=COUNT,
     help="Resolve N parts of the sequence in parallel, spread over all devices of the same name; for gather presets. "
     "The result has the same bits. Each part first reads the frames that its ring holds, and saves no checkpoints.  "
     "[default: 1]",
@@ -79,10 +79,7 @@ from cltaa.process import stop_signals
     "--idle, or Ctrl-C.",
 )
 @click.option(
-    "--idle",
-    type=SECONDS,
-    metavar="SECONDS",
-    help="End --follow after this time without a new frame.  [default: wait for ever]",
+    "--idle", type=SECONDS, metavar="SECONDS", help="End --follow after this time without a frame.  [default: never]"
 )
 @click.option(
     "--preview",
@@ -107,10 +104,7 @@ from cltaa.process import stop_signals
 @input_options
 @verify_option
 @click.option(
-    "--band-rows",
-    type=click.IntRange(min=0),
-    metavar="N",
-    help="Resolve in bands of N rows (0: whole images).  [default: as device memory requires]",
+    "--band-rows", type=COUNT_OR_0, help="Resolve in bands of N rows (0: whole images).  [default: as memory allows]"
 )
 @click.option(
     "--gaps",
@@ -134,10 +128,9 @@ from cltaa.process import stop_signals
 @click.option("--restart", is_flag=True, help="Delete an earlier run's frames in the output folder and begin again.")
 @click.option(
     "--checkpoint",
-    type=click.IntRange(min=1),
+    type=COUNT,
     default=CHECKPOINT_EVERY,
-    metavar="N",
-    help="Save the history every N frames, so that a killed run can continue.",
+    help="Save the history every N frames, for a run that is killed.",
 )
 @click.option(
     "--debug",

@@ -37,9 +37,7 @@ from cltaa.printable import counted, printable
 @click.option("--trials", default=40, type=click.IntRange(min=2), help="Number of settings to try.")
 @click.option("--seed", default=0, type=click.IntRange(0, 2**32 - 1), help="Seed of the search.")
 @click.option("--device", metavar="NAME", help="OpenCL device, by index or part of its name, or numpy.")
-@click.option(
-    "-o", "--output", required=True, type=FILE_PATH, help="TOML file to write; use it with cltaa resolve --config."
-)
+@click.option("-o", "--output", required=True, type=FILE_PATH, help="TOML file to write, for cltaa resolve --config.")
 @measured_options
 @json_option
 def command(

@@ -14,7 +14,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.commands.options import FILE_PATH, SIZE, json_option
+from cltaa.commands.options import COUNT_OR_0, FILE_PATH, SIZE, json_option
 from cltaa.errors import UsageError
 from cltaa.frame import Camera, Frame
 from cltaa.io.atomic import make_folder
@@ -480,11 +480,7 @@ def draw(family: str, output: Path, frames: int, size: tuple[int, int], period: 
 @click.option("--size", type=SIZE, default="320x180", help="Size of a frame in pixels.")
 @click.option("--period", type=click.IntRange(1), default=64, help="Period of the Halton jitter.")
 @click.option(
-    "--reference",
-    type=click.IntRange(0),
-    default=0,
-    metavar="N",
-    help="Also draw the truth of each frame, N samples a pixel, into reference/.",
+    "--reference", type=COUNT_OR_0, default=0, help="Also draw the truth, N samples a pixel, into reference/."
 )
 @click.option("--seed", type=click.IntRange(0), default=0, help="Seed of colours, placement and phase.")
 @json_option

@@ -30,7 +30,6 @@ from cltaa.lab.timing import (
 from cltaa.opencl.exchange import PlainCopies, array_on
 from cltaa.opencl.launcher import DeviceLauncher
 
-SIZES = ((1920, 1080), (3840, 2160))
 CALLS = 8  # calls in a row; their time is divided by this number
 
 

@@ -27,7 +27,7 @@ from cltaa.inputs.roles import file_sets, shown_name
 from cltaa.io.exr_frame import COLOUR, Pixels, check_float_channels, frame_channels, frame_outline, frame_planes
 from cltaa.io.exr_header import read_layout
 from cltaa.io.exr_layout import LOSSLESS, Layout
-from cltaa.io.exr_read import ImageHeader, read_header, read_image
+from cltaa.io.exr_read import read_header, read_image
 from cltaa.io.manifest import recorded_hashes
 from cltaa.io.names import Named, Selection, selection_of
 from cltaa.io.numbered import (
@@ -281,8 +281,13 @@ def inspect_folder(
     paths = {number: paths[number] for number in chosen_numbers(sorted(paths), frames, folder)}
     result = Inspection(folder=str(place), name=name, first=min(paths), last=max(paths), frames=len(paths))
     result.problems += _missing(sorted(paths), step)
-    folders = {path.parent for path in paths.values()} if pixels else ()
-    recorded = {parent: _recorded(parent, result.problems) for parent in sorted(folders)}
+    recorded: dict[Path, dict[str, str]] = {}
+    for parent in sorted({path.parent for path in paths.values()} if pixels else ()):
+        try:
+            recorded[parent] = recorded_hashes(parent)
+        except CltaaError as error:
+            recorded[parent] = {}
+            result.problems.append(str(error))
     layouts: dict[int, Layout] = {}
     headers: dict[int, Frame] = {}
     witness, wrong, pictures, missing = Witness(), Problems(), _pictures(paths), list[Missing]()
@@ -291,7 +296,10 @@ def inspect_folder(
             header = read_header(path)
             layouts[number] = layout = pictures.get(number, header.layout)
             result.resolved_by = str(header.attributes.get(RESOLVED, ""))
-            _check_channels(header)
+            if RESOLVED in header.attributes:  # an image that a resolve wrote needs no depth
+                check_float_channels(header.layout, COLOUR)
+            else:
+                frame_channels(header.layout)
             # Results from other tools' files may have no jitter.
             if not result.resolved_by or "cltaa:jitterPx" in header.attributes:
                 headers[number] = frame_outline(path, header.attributes, layout)
@@ -341,23 +349,6 @@ def _missing(numbers: list[int], step: int) -> list[str]:
         return []
     apart, what = even_step(numbers), f"frames missing: {', '.join(gaps)}"
     return [what if apart == 1 else f"{what}; those there are {apart} apart: --step {apart}"]
-
-
-def _recorded(folder: Path, problems: list[str]) -> dict[str, str]:
-    """Return the recorded hashes of files; adds an unreadable record to ``problems``."""
-    try:
-        return recorded_hashes(folder)
-    except CltaaError as error:
-        problems.append(str(error))
-        return {}
-
-
-def _check_channels(header: ImageHeader) -> None:
-    """Raise DataError for a frame without its required channels; an image that a resolve wrote needs no depth."""
-    if RESOLVED in header.attributes:
-        check_float_channels(header.layout, COLOUR)
-    else:
-        frame_channels(header.layout)
 
 
 class Description(msgspec.Struct, kw_only=True):
