@@ -120,7 +120,10 @@ class Explanation:
 
 
 def explain(scene: Scene, width: int, height: int, seconds: Mapping[str, float]) -> list[Explanation]:
-    """Return for every effect whether ``scene`` declares it, what it adds to a frame, and its ``measure_costs``."""
+    """Return for every effect whether ``scene`` declares it, and what it adds to a frame of this size.
+
+    ``seconds`` is the result of ``measure_costs``.
+    """
 
     def cost(name: str) -> float | None:
         return round(seconds[name] * 1e3, 3) if name in seconds else None

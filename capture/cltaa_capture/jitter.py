@@ -142,7 +142,10 @@ def centred(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def jitter_sequence(text: str) -> Offsets:
-    """Parse ``none``, ``PATTERN:N``, which is centred, or a published name, as published, into offsets [N, 2]."""
+    """Parse ``none``, ``PATTERN:N`` or a published name into offsets [N, 2]; raises UsageError for anything else.
+
+    Patterns are centred; published sequences stay as published.
+    """
     if text == "none":
         return np.zeros((1, 2))
     if text in PUBLISHED:

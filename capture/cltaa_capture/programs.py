@@ -83,7 +83,10 @@ class Program:
         return slots
 
     def bind(self, *layers: Uniforms) -> None:
-        """Use the program with each uniform from the first layer that has it; sends no value that it already holds."""
+        """Use the program with each uniform from the first layer that has it; raises InternalError if none has.
+
+        Does not send a value again if it is the same object as last time.
+        """
         GL.glUseProgram(self._id)
         for name, location, setter in self._slots:
             value = next((layer[name] for layer in layers if name in layer), None)

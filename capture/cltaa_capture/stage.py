@@ -49,7 +49,10 @@ def float32(values: Any) -> NDArray[np.float32]:
 
 
 def stage(scene: Scene, drawables: Sequence[Drawable], now: Instant, before: Instant, size: tuple[int, int]) -> Staged:
-    """Prepare ``now`` for a picture of ``size`` (width, height) pixels; motion leads to ``before``."""
+    """Prepare ``now`` for a picture of ``size`` (width, height) pixels; motion leads to ``before``.
+
+    Raises InternalError for a moving part in a scene that declares no motion.
+    """
     placed = _place(scene, drawables, now, before, size[0] / size[1])
     solid = [item for item in placed if item.drawable.part.material.alpha_mode is not AlphaMode.BLEND]
     glassy = [item for item in placed if item.drawable.part.material.alpha_mode is AlphaMode.BLEND]

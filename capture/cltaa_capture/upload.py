@@ -151,7 +151,10 @@ def _drawable(part: Part, shared: dict[int, Texels]) -> Drawable:
 
 
 def upload(scene: Scene) -> tuple[Any, list[Drawable]]:
-    """Prepare a scene's parts: return a pyrender scene that holds them, and the drawables; parts share textures."""
+    """Prepare a scene's parts: return a pyrender scene that holds them, and the drawables; parts share textures.
+
+    Raises DataError for a texture larger than OpenGL supports.
+    """
     shared: dict[int, Texels] = {}
     drawables = [_drawable(part, shared) for part in scene.parts]
     largest = int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))

@@ -187,9 +187,10 @@ def quality(
 
 
 def chosen_presets(names: Sequence[str], configs: Sequence[Path]) -> list[Preset]:
-    """Return the named presets and one for each TOML file, named as the file; without either all of cltaa's.
+    """Return the named presets and one preset for each TOML file, named as the file; without either all of cltaa's.
 
     A file overrides the default unless it names another preset; its description says which one.
+    Raises UsageError for two files of one name, and what ``load_preset`` and ``load_config`` raise.
     """
     chosen = [load_preset(name) for name in dict.fromkeys(names) or (() if configs else preset_names())]
     for name, path in by_name(configs, "presets").items():

@@ -184,6 +184,7 @@ def tune(
 
     ``checked`` are sequences that the search does not use; the outcome is measured on them at the end. Trials are kept
     beside ``output`` until that is written: the same arguments, also with more trials, continue an interrupted search.
+    Raises UsageError without optuna, OutputError and StorageError.
     """
     for sequence in checked:
         truth_of(sequence)  # a missing truth fails before the search

@@ -15,7 +15,10 @@ Indices = NDArray[np.int64]
 
 
 def morphed(rest: Shape, targets: Sequence[Shape], weights: Sequence[float]) -> Shape:
-    """Add the weighted ``targets``, displacements of every vertex and normal, to ``rest``."""
+    """Add the weighted ``targets``, displacements of every vertex and normal, to ``rest``.
+
+    Raises ValueError for another number of weights.
+    """
     if len(weights) != len(targets):
         raise ValueError(f"{counted(len(weights), 'weight')} for {counted(len(targets), 'morph target')}")
     positions, normals = rest.positions.copy(), rest.normals.copy()

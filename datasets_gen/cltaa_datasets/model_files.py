@@ -40,7 +40,10 @@ ALWAYS = frozenset({Effect.DISOCCLUSION, Effect.THIN, Effect.HDR, Effect.ILLUMIN
 
 
 def model_scene(path: str, motion: str, seed: int) -> Scene:
-    """Put a model of radius 1 on a tiled floor; the seed changes the tiles and the first angle."""
+    """Put a model of radius 1 on a tiled floor; the seed changes the tiles and the first angle.
+
+    Raises UsageError for an unknown motion or kind of file, InputMissing and DataError for the file.
+    """
     if motion not in ("turntable", "orbit"):
         raise UsageError(f"no such motion: {motion}", cure=f"use one of {', '.join(MOTIONS)}")
     rng = np.random.default_rng(seed)

@@ -278,7 +278,8 @@ class Hit:
 
 
 def _reach(body: Body, pose: Pose, origin: Array, direction: Array) -> Array:
-    """Return the distance from ``origin`` [3] or [N, 3] in units of ``direction`` [N, 3]; infinite for a miss."""
+    """Return the distance from ``origin`` [3] or [N, 3] to the body in units of ``direction`` [N, 3]; infinite for a
+    miss."""
     rotation, centre = pose
     o, d = (origin - centre) @ rotation, direction @ rotation
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -457,7 +458,10 @@ def truth_of(family: Family, index: int, size: tuple[int, int], samples: int, se
 
 
 def draw(family: str, output: Path, frames: int, size: tuple[int, int], period: int, reference: int, seed: int) -> None:
-    """Write ``frames`` frames [H, W] of a family, and with ``reference`` samples their truth into ``reference/``."""
+    """Write ``frames`` frames [H, W] of a family, and with ``reference`` samples their truth into ``reference/``.
+
+    Raises UsageError for a folder with EXR files in it, which would be taken for frames or the truth of this sequence.
+    """
     if any([*output.glob("*.exr"), *output.glob("reference/*.exr")]):
         raise UsageError("holds EXR files already", path=output, cure="choose an empty folder")
     scene = FAMILIES[family](seed)

@@ -32,7 +32,10 @@ REDRAWN = "again"  # subfolder of a sequence with the same frames drawn with ano
 
 
 def redrawn_of(sequence: FrameSequence) -> ImageSequence | None:
-    """Return the frames of ``sequence`` drawn again, or None without such a folder."""
+    """Return the frames of ``sequence`` drawn again, or None without such a folder.
+
+    Raises InputMissing and DataError for a folder that does not match.
+    """
     folder = sequence.folder / REDRAWN
     if not folder.is_dir():
         return None

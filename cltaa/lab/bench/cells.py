@@ -281,7 +281,8 @@ def judge_sequence(
     """Resolve ``sequence`` with every variant and judge each, and with ``in_time`` also the single samples.
 
     Disoccluded pixels get equal-quality samples if the sequence's folder has ``again`` and enough of them. Holds the
-    history of every variant in memory.
+    history of every variant in memory. Raises InputMissing for a sequence without truth, DataError for one that ends
+    before it settles, and for a truth with NaN or infinity.
     """
     judges = _Pass(sequence, variants, launcher, judging)
     given = ((at, frame, judges.reference.image(frame.index, alpha=True)) for at, frame in enumerate(sequence))
@@ -382,7 +383,8 @@ def _square(image: Image, truth: Image, where: Mask) -> float:
 def in_step(
     resolvers: Collection[Resolver], items: Iterable[Item], frame_of: Callable[[Item], Frame]
 ) -> Iterator[tuple[Item, list[Image]]]:
-    """Yield each item, whose ``frame_of`` is resolved, with the images of all resolvers, when the last one has its."""
+    """Yield each of ``items``, whose ``frame_of`` is resolved, with the images of all resolvers, once the one that
+    looks ahead farthest has its image."""
     waiting, ready = deque[Item](), [deque[Image]() for _ in resolvers]
 
     def done() -> Iterator[tuple[Item, list[Image]]]:
@@ -444,7 +446,7 @@ def run_all(tasks: Iterable[Task], output: Path, *, jobs: int = 1, dask: str | N
     """Run the unfinished parts of the tasks, and yield each task when its cells are stored.
 
     Spawns ``jobs`` processes and never forks, because a forked child hangs once PoCL was used. ``dask`` is the address
-    of a scheduler whose workers see the sequences under the same paths.
+    of a scheduler whose workers see the sequences under the same paths. Raises ResourceError for a killed worker.
     """
     waiting = []
     for task in tasks:
@@ -469,7 +471,10 @@ def launcher_of(device: str | None) -> Launcher:
 
 
 def run(task: Task) -> dict[str, Cell]:
-    """Judge a task; shows progress by frames if it judges all variants in one pass, else it is one of many."""
+    """Judge a task; raises what ``judge_sequence`` raises.
+
+    Shows progress by frames if it judges all variants in one pass; else the task is one of many.
+    """
     launcher, whole = launcher_of(task.device), task.judging.in_time
     return judge_sequence(task.open(), task.variants, launcher, task.judging, progress=whole)
 
@@ -503,7 +508,10 @@ def _in_processes(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, dict
 
 
 def share_processors(threads: int) -> None:
-    """Limit PoCL and OpenMP, if not loaded yet, to ``threads`` threads of a process that was started for this work."""
+    """Limit PoCL and OpenMP, if not loaded yet, to ``threads`` threads; sibling processes use the others.
+
+    Only for a process that was started for this work.
+    """
     configure()
     os.environ |= {"POCL_MAX_PTHREAD_COUNT": str(threads), "POCL_AFFINITY": "0", "OMP_NUM_THREADS": str(threads)}
 

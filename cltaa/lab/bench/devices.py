@@ -66,7 +66,11 @@ class ShapesBench(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def bench_shapes(device: str | None) -> ShapesBench:
-    """Time the default in each shape, and store the fastest if it beats the usual one beyond chance and by PAYS."""
+    """Time the default on ``device`` in each shape, and store the fastest.
+
+    The usual shape stays unless another is faster beyond chance and by PAYS. Raises UsageError for the NumPy launcher,
+    InternalError if no shape builds, and OutputError if the answer cannot be stored.
+    """
     cl_device, before = choose_device(device), load_average()
     (usual, origin), names, facts = usual_shape(cl_device), candidate_shapes(cl_device), measured_on(cl_device)
     make_folder(_folder())

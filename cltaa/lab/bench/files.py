@@ -29,7 +29,11 @@ NO_HASH = "0" * 64
 
 
 class FilesBench(msgspec.Struct, frozen=True, kw_only=True):
-    """Seconds per frame of each stage by itself, and of the command in which they overlap."""
+    """Seconds per frame of each stage by itself, and of the command in which they overlap.
+
+    ``processor`` is the command's time of all cores together. ``at_best`` is ``over_slowest`` if no core were ever
+    idle, at least 1.
+    """
 
     width: int
     height: int

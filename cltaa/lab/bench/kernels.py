@@ -306,7 +306,11 @@ class Contenders:
 def bench_kernels(
     presets: Sequence[Preset], device: str | None, *, width: int, height: int, motions: Sequence[Motion], rounds: int
 ) -> KernelBench:
-    """Time the kernels of ``presets`` and of the core against the other contenders on ``device``."""
+    """Time the kernels of ``presets`` and of the core against the other contenders on ``device``.
+
+    Raises UsageError for the NumPy launcher and for an image no larger than its border, and InternalError if a
+    contender computes something else.
+    """
     least = 2 * BORDER + 1
     if min(width, height) < least:
         expected = f"at least {least}x{least}"

@@ -96,7 +96,10 @@ def _other_choices(base: Variant, fields: Iterable[str], **beside: Any) -> Itera
 
 
 def ladder(base: Preset, presets: Iterable[Preset] = ()) -> list[Variant]:
-    """Return the default, its steps and the other presets, but for those that look ahead: frames are timed singly."""
+    """Return the default, its steps and the other presets.
+
+    Leaves out presets that look ahead, because errors and times are measured frame by frame.
+    """
     first = Variant.of(base, DEFAULT)
     causal = (preset for preset in presets if not preset.settings.look_ahead)
     others = [Variant.of(preset, PRESETS) for preset in causal if preset.name != base.name]

@@ -56,8 +56,10 @@ class Likeness(NamedTuple):
     before: Vector
 
     def scatter(self, jitter: Vector) -> float:
-        """Return the share of the differences' variance that is no smooth function of distance under ``jitter`` [n, 2],
-        NaN for frames to leave out."""
+        """Return the share of the differences' variance that is no smooth function of distance under ``jitter`` [n, 2].
+
+        Leaves out frames whose jitter is NaN; infinite if too few remain.
+        """
         errors, spread = self._errors(jitter)
         return float(np.nanmean(errors**2) / spread) if errors.size else np.inf
 

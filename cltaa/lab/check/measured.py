@@ -32,7 +32,10 @@ MOST_LEFT_PX = 0.1
 
 
 def measured_jitter(sequence: FrameSequence) -> dict[int, Vector]:
-    """Return the jitter [2] in pixels by frame number, with mean 0; DataError if the pixels leave it uncertain."""
+    """Return the jitter [2] in pixels by frame number, with mean 0.
+
+    Raises what reading raises, and DataError if the pixels leave it uncertain.
+    """
     has_camera = sequence.undeclared.isdisjoint(MATRICES)
     held, rows, shifts = list[Frame](), list[Vector](), list[Vector]()
     count = len(sequence)
@@ -78,7 +81,10 @@ def _unsure(sequence: FrameSequence, what: str, expected: str, found: str, cure:
 
 
 def write_jitter(path: Path, jitter: dict[int, Vector], side: dict[int, Side]) -> None:
-    """Write ``jitter`` as a side file in JSON, with what else ``side`` gives for the same frames."""
+    """Write ``jitter`` as a side file in JSON, with what else ``side`` gives for the same frames.
+
+    Raises OutputError and StorageError.
+    """
     frames: dict[int, dict[str, Any]] = {}
     for number, offset in jitter.items():
         rest = side[number]._asdict() if number in side else {}

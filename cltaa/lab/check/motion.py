@@ -284,7 +284,10 @@ def _finer(scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping
 
 
 def without_leak(shot: Shot) -> Shot:
-    """Return ``shot`` less the to-and-fro vectors of resting pixels, if any, to measure the jitter with the rest."""
+    """Return ``shot`` with the to-and-fro vectors of resting pixels subtracted, to measure the jitter with the rest.
+
+    Does not use the declared jitter; returns ``shot`` itself if there is no such leak.
+    """
     pairs = [pair for pair in shot.pairs if _filled(pair)]
     if len(pairs) < max(LEAST_PAIRS, len(shot.pairs)) or not (shot.has_camera and shot.has_depth):
         return shot

@@ -44,7 +44,8 @@ def check_projection_jitter(shot: Shot) -> list[Finding]:
 
 
 def check_held_jitter(shot: Shot) -> list[Finding]:
-    """Find a projection whose centre moves to and fro, not as declared: a mistake only if the pixels follow it."""
+    """Find a projection whose centre moves to and fro, not as declared: a mistake if the pixels follow it, else a
+    question."""
     if len(shot.pairs) < LEAST_PAIRS:
         return []
     _, held = _held(shot.frames)

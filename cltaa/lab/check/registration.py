@@ -138,7 +138,8 @@ def residual_of(now: Vector, before: Picture, x: Vector, y: Vector, scale: float
 
 
 def linearised(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> tuple[Vector, Vector, Vector, Mask]:
-    """Return residuals, gradients [2, n] and robust weights (Geman-McClure) of the points inside, and their mask."""
+    """Return residuals, gradients [2, n] and robust weights (Geman-McClure) of the points inside the earlier picture,
+    and their mask."""
     there = sample(before, x, y)
     inside = np.isfinite(there[0])
     left, slope = (now - there[0])[inside], there[1:, inside]
@@ -282,7 +283,8 @@ def _pair(frame: Frame, previous: Frame, now: Picture, before: Picture) -> Pair:
 
 
 def _uncovered(depth: NDArray[np.float32]) -> Mask:
-    """Return a mask [H, W] of pixels within UNCOVERED_PX behind something, whose motion may have uncovered them."""
+    """Return a mask [H, W] of pixels behind something within UNCOVERED_PX, where a moving occluder may have uncovered
+    them."""
     nearest = np.where(np.isfinite(depth), np.abs(depth), np.float32(np.inf))
     for axis in (0, 1):
         size = depth.shape[axis]

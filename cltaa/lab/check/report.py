@@ -83,8 +83,10 @@ def check_frames(
 ) -> list[Finding]:
     """Return findings about frames read as their profile says; ``has_*`` is False for data that the reader filled in.
 
-    ``window`` is the width and height of the display window if the frames show a region of it. Later checks rely on
-    earlier ones: if matrices or depth are wrong, checks that need them do not run.
+    ``window`` is the width and height of the display window if the frames show a region of it; ``depth`` is how
+    their depth was read.
+
+    Later checks rely on earlier ones: if matrices or depth are wrong, checks that need them do not run.
     """
     found = [*check_channels(frames, has_camera=has_camera, has_depth=has_depth)]
     found += check_colour(frames) + check_exposure(frames)
@@ -299,7 +301,10 @@ def _wrong_with(intake: Intake, damaged: Iterable[Damaged], frames: FrameRange |
 def _look(
     intake: Intake, folder: Path, count: int | None, wrong: Problems
 ) -> tuple[list[Finding], list[Frame], dict[str, Any]]:
-    """Return the findings of files and pixels under one reading, the readable frames, and the rest of their Shot."""
+    """Return the findings of files and pixels under one reading, the frames, and the other arguments of their Shot.
+
+    Adds unreadable frames to ``wrong``. Raises DataError if no frame is readable.
+    """
     numbers = sorted(intake.declared)[:count]
     sequence = ForeignSequence(folder, intake, numbers, strict=False)
     sequence.refuse_result()

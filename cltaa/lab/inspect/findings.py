@@ -274,7 +274,9 @@ def inspect_folder(
 ) -> Inspection:
     """Inspect every file of a sequence, or those of ``frames``, both included; lists problems and does not raise them.
 
-    ``pixels`` also decodes the files, and checks them against their recorded SHA-256 and their declared effects.
+    ``pixels`` also decodes the files, and checks them against their recorded SHA-256 and their declared effects. Calls
+    ``advance(done, total)`` after every file. Raises InputMissing or DataError only if ``named`` is not one sequence,
+    and UsageError if it lacks an end of ``frames``.
     """
     place = selection_of(named)
     folder, name, paths = numbered_files(place)
@@ -380,8 +382,9 @@ def describe_input(
 ) -> Description:
     """Describe how a sequence would be read; leaves out damaged files and lists them.
 
-    ``pixels`` also reads and converts every frame as for a resolve; lists problems and does not raise them.
-    ``reading`` goes to ``open_with_gaps``, whose errors are raised if no file that is asked for is damaged.
+    ``pixels`` also reads and converts every frame as for a resolve; lists problems and does not raise them. Calls
+    ``advance(done, total)`` after each frame. ``reading`` goes to ``open_with_gaps``, whose errors are raised if no
+    file that is asked for is damaged.
     """
     place = selection_of(named)
     wrong, sets = Problems(), file_sets(place)

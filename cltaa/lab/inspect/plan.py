@@ -155,7 +155,11 @@ def memory(
     layers: Mapping[str, str] = NO_LAYERS,
     rows: int | None = None,
 ) -> Memory:
-    """Return the peak memory of a resolve of ``sequence``, in bands of ``rows`` (0: whole images; None: its own)."""
+    """Return the peak memory of a resolve of ``sequence``; ``half`` if it writes halves.
+
+    ``layers`` are as ``of_resolve`` takes them, ``rows`` those of a band (0: whole images; None: as the resolve
+    chooses).
+    """
     preset, shared = resolver.preset, resolver.launcher.shares_memory
     used = {name: any(getattr(each.steps, name) for each in plans) for name in Steps.__struct_fields__}
     histories = {each.choices.history for each in plans}
@@ -266,7 +270,10 @@ class EffectRow(msgspec.Struct, kw_only=True):
 
 
 def judge_effects(sequence: FrameSequence, preset: str | Preset, launcher: Launcher, *, rounds: int) -> EffectRow:
-    """Resolve ``sequence`` in the three ways, compare all frames in strict mode, and time the last one."""
+    """Resolve ``sequence`` in the three ways, compare all frames in strict mode, and time the last one.
+
+    A shared ``launcher`` reuses its kernels between scenes.
+    """
     same, apart = True, list[tuple[float, float]]()
     strict = {way: Resolver(preset, launcher, strict=True, every_step=way != PLANNED) for way in WAYS}
     for frame in track(sequence, len(sequence), "resolving"):

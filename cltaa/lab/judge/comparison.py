@@ -115,9 +115,12 @@ def pair_up(
 ) -> list[Comparison]:
     """Open tests (folders, files or patterns) and their one reference (likewise, or a capture with a truth).
 
-    Without a reference the only test is a capture, whose frames are judged against its own truth. ``frames`` are the
-    first and the last frame number to judge. ``gaps`` says whether a test may lack frames between others. ``reading``
-    are ``profile`` and ``assignments`` for files of another tool; ``side_file`` and ``step`` are the capture's.
+    Without a reference the only test is a capture, whose frames are judged against its own truth.
+    ``frames`` are the first and the last frame number to judge, both included; by default all.
+    ``verify`` is that of ``open_sequence``; ``reading`` are ``profile`` and ``assignments`` of ``open_input``, for
+    files of another tool; ``gaps`` says whether a test may lack frames between others; ``side_file`` and ``step`` are
+    those of the capture.
+    Raises UsageError, InputMissing and DataError for sequences that do not match.
     """
     against = selection_of(tests[0] if reference is None else reference)
     capture = _capture(against, verify, step, reading | {"side_file": side_file})
@@ -165,7 +168,11 @@ def truth_samples(reference: ImageSequence) -> int | None:
 
 
 def open_yardsticks(capture: FrameSequence) -> dict[int, ImageSequence]:
-    """Open the folders ``reference-<n>/`` of a capture, its frames with n > 1 samples a pixel, by n, fewest first."""
+    """Open the folders ``reference-<n>/`` of a capture, the same frames with n samples a pixel, by n, fewest first.
+
+    Skips n = 1, which the capture itself already has. Raises what opening images raises, and DataError for another
+    size.
+    """
     named = {path.name.removeprefix("reference-"): path for path in capture.folder.glob("reference-*")}
     folders = sorted((int(name), path) for name, path in named.items() if name.isdecimal() and int(name) > 1)
     return {count: capture.open_supersampled(path) for count, path in folders}
@@ -185,6 +192,7 @@ def doubts(comparison: Comparison, *, followed: bool) -> list[str]:
     """Return the strongest reason why A may not show what B shows, or B is no truth; empty if there is none.
 
     With ``followed``, which uses the motion in B's files, also checks that they are read as for the resolve.
+    Raises what reading a header and a manifest raises.
     """
     truth = stated(comparison.reference.path(comparison.reference.first))
     if comparison.capture is not None and RESOLVED in truth:

@@ -86,7 +86,10 @@ def divided(paths: Sequence[Path]) -> tuple[list[Path], dict[str, Path]]:
 
 
 def read_entry(folder: Path, sequences: Collection[str]) -> Entry:
-    """Read the entry in a folder: one subfolder of frames for each sequence, or the frames of a single sequence."""
+    """Read the entry in a folder: one subfolder of frames for each sequence, or the frames of a single sequence.
+
+    Raises InputMissing if it has none of the sequences, DataError for a damaged ``entry.toml``.
+    """
     if not folder.is_dir():
         raise InputMissing("no such folder", path=folder)
     folders = {name: folder / name for name in sequences if (folder / name).is_dir()}
@@ -146,7 +149,11 @@ def rounds(
     entries: Sequence[Entry], sequences: Mapping[str, Path], frames: int | FrameRange | None, **reading: Any
 ) -> list[Round]:
     """Return each sequence with the entries that have it, paired over their common frames: the range ``frames``, or
-    the first this many."""
+    the first this many.
+
+    Raises InputMissing if they have no frame in common, UsageError for frames that none has, and what ``pair_up``
+    raises.
+    """
     found = []
     for name, sequence in sequences.items():
         there = [entry for entry in entries if name in entry.folders]
@@ -196,7 +203,11 @@ def judged_entries(
     film: Path | None,
     **reading: Any,
 ) -> tuple[list[Row], list[str]]:
-    """Return a row for each entry and preset of ``ours`` on each captured sequence of ``paths``, and the warnings."""
+    """Return a row for each entry and preset of ``ours`` on each captured sequence of ``paths``, and the warnings.
+
+    Raises what ``divided``, ``read_entry`` and ``rounds`` raise, and UsageError for a package that ``cvvdp`` or
+    ``film`` needs.
+    """
     folders, sequences = divided(paths)
     entries = [read_entry(folder, sequences) for folder in folders]
     names = [*(entry.name for entry in entries), *dict.fromkeys(ours)]

@@ -87,7 +87,10 @@ def mean_psnr(values: Sequence[float]) -> float:
 
 
 def ssim(test: Image, reference: Image, stops: float = 0.0) -> float:
-    """Return the mean structural similarity of the display luma (Wang et al. 2004, Gaussian window); 1 is identical."""
+    """Return the mean structural similarity of the display luma (Wang et al. 2004, Gaussian window); 1 is identical.
+
+    Raises UsageError without scikit-image and DataError for images smaller than the window.
+    """
     if min(test.shape[:2]) < SSIM_SMALLEST_SIDE:
         expected = f"at least {SSIM_SMALLEST_SIDE} pixels a side"
         found, cure = f"{test.shape[1]} x {test.shape[0]}", "leave it out: --metrics mse,psnr,flip"
@@ -115,7 +118,7 @@ def flip_map(test: Image, reference: Image, stops: float = 0.0, *, hdr: bool = F
     """Return the FLIP error [H, W] in [0, 1] (Andersson et al. 2020), or HDR-FLIP (2021), at 67 pixels per degree.
 
     LDR: of the display images. HDR: of the linear images without negative values, the largest error over the range
-    of exposures that FLIP derives from the reference, with its ACES curve.
+    of exposures that FLIP derives from the reference, with its ACES curve. Raises UsageError without flip-evaluator.
     """
     light = [np.maximum(image, 0.0) * np.float32(2.0**stops) for image in (test, reference)]
     # In a picture too dark for HDR-FLIP's range of exposures the module would end the program.
@@ -196,7 +199,10 @@ def parse_metrics(text: str) -> tuple[Metric, ...]:
 
 
 def named_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
-    """Return metrics by name, each once, with their libraries imported, so that a missing one fails before the work."""
+    """Return metrics by name, each once, with their libraries imported.
+
+    Raises UsageError for an unknown name or a missing library, so that it fails before the work.
+    """
     metrics = []
     for name in dict.fromkeys(names):
         if name not in METRICS:
@@ -255,7 +261,8 @@ def check_finite(name: str, image: Image, path: Path | None, frame: int | None) 
 
 
 def finite(image: Image) -> Image:
-    """Return single samples [H, W, 3] with black for the non-finite texels that a resolve repairs."""
+    """Return single samples [H, W, 3] with black for non-finite texels, which are allowed because a resolve repairs
+    them."""
     return np.where(np.isfinite(image), image, np.float32(0))
 
 
@@ -280,7 +287,10 @@ def import_cvvdp() -> Any:
 
 
 def jod(test: Sequence[Image], reference: Sequence[Image], rate: float, stops: float) -> float:
-    """Return ColorVideoVDP (Mantiuk et al. 2024), in JOD, of a film, all in memory, at ``rate`` frames per second."""
+    """Return ColorVideoVDP (Mantiuk et al. 2024), in JOD, of a film against its truth at ``rate`` frames per second.
+
+    Holds all frames in memory. Raises UsageError without the extra ``vdp``.
+    """
     films = [np.stack([to_display(image[..., :3], stops) for image in images]) for images in (test, reference)]
     metric = import_cvvdp().cvvdp(display_name=CVVDP_DISPLAY, quiet=True)
     found, _ = metric.predict(*(film.astype(np.float32) for film in films), dim_order="FHWC", frames_per_second=rate)

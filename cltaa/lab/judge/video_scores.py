@@ -83,7 +83,7 @@ class _Past:
 class VideoScores:
     """Judges tests against one truth, frame by frame in order; restarts at a cut or a gap in the numbers.
 
-    Takes several tests at once, because most of the work is for the truth.
+    Takes several tests at once, because most of the work is for the truth. Raises UsageError without scipy.
     """
 
     def __init__(self, tests: int = 1, stops: float = 0.0) -> None:

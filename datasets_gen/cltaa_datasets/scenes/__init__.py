@@ -25,7 +25,10 @@ def registered() -> list[Entry]:
 
 
 def build_scene(name: str, seed: int = 0, motion: str | None = None) -> Scene:
-    """Build a registered scene, or ``file:PATH`` with a motion of ``MOTIONS`` (default: ``default_motion``)."""
+    """Build a registered scene, or ``file:PATH`` with a motion of ``MOTIONS`` (default: ``default_motion``).
+
+    Raises UsageError for an unknown name, and what ``model_files.load_model`` raises for a file.
+    """
     if name.startswith(FILE_PREFIX):
         path = name.removeprefix(FILE_PREFIX)
         motion = motion or model_files.default_motion(path)

@@ -18,7 +18,8 @@ SWAY = 0.09  # metres sideways per metre of height
 
 @lru_cache(KEPT)
 def hedge(seed: int, rows: int = 3) -> tuple[Part, ...]:
-    """Return rows of crossed leafy sheets before the poster wall, one part per row; leaves are a few pixels wide."""
+    """Return rows of crossed leafy sheets before the poster wall, one part per row; leaves are at most a few pixels
+    wide."""
     rng = np.random.default_rng(seed)
     leaves = textures.leaves(rng, (0.04, 0.12, 0.03), (0.24, 0.40, 0.10), 170)
     # Emissive, so that a swaying leaf keeps its colour.

@@ -73,7 +73,8 @@ def table(result: Accuracy, metrics: Sequence[str]) -> str:
 
 
 def by_sequence(result: Accuracy, metric: str) -> str:
-    """Return Markdown with a row for each sequence: the default's error and time, then every other preset's ratios."""
+    """Return Markdown with a row for each sequence: the default's error and time, then the ratios of every other
+    preset; empty without another preset."""
     presets = [variant.name for variant in result.variants if variant.group == PRESETS]
     if not presets:
         return ""
@@ -146,7 +147,10 @@ def import_pyplot() -> Any:
 
 
 def write_plots(result: Accuracy, output: Path, pictured: int | None = None) -> Iterator[Path]:
-    """Write plots of the first ``pictured`` sequences (None: all), and of several an overview; yield the paths."""
+    """Write ``front-<sequence>``, ``steps-<sequence>``, and for several sequences ``overview``; yield the paths.
+
+    The first ``pictured`` sequences get their own plots; None: all. Raises UsageError without matplotlib.
+    """
     pyplot = import_pyplot()
     for name, figure in _figures(pyplot, result, result.metrics[0], pictured):
         for suffix in FORMATS:
@@ -168,7 +172,10 @@ def _figures(pyplot: Any, result: Accuracy, metric: str, pictured: int | None) -
 
 
 def front_figure(pyplot: Any, measured: MeasuredSequence, metric: str, weight: float) -> Any:
-    """Draw error against time: left with supersampling and the limits, right the named variants alone."""
+    """Draw error against time: left with supersampling and the limits, right the named variants alone.
+
+    ``weight`` is that of the exponential mean whose noise is drawn.
+    """
     figure, (wide, near) = pyplot.subplots(1, 2, figsize=(10, 4.6))
     cells = _drawn(measured, metric)
     for axes in (wide, near):

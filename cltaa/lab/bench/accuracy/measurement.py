@@ -168,7 +168,8 @@ def enlargement(captured: FrameSequence, launcher: DeviceLauncher, pixels: int |
 def jobs_of(
     captured: FrameSequence, variants: Sequence[Variant], launcher: DeviceLauncher, least_pixels: int | None
 ) -> tuple[list[Job], int, int, dict[str, float]]:
-    """Return jobs of all variants and of the default's copy; a frame's pixels and least bytes; the default's stages."""
+    """Return a job for each variant and a copy of the default's; pixels and least bytes of a frame; the default's
+    stage times."""
     factor = enlargement(captured, launcher, least_pixels)
     frames = [enlarged(frame, factor) for frame in timed_frames(captured)]
     pixels = frames[0].width * frames[0].height
@@ -316,8 +317,11 @@ def cost(metric: str, value: float) -> float:
 
 
 def yardstick_errors(sequence: FrameSequence, metrics: Iterable[str]) -> dict[int, dict[str, list[float]]]:
-    """Return errors per frame of each supersampled sequence, by samples a pixel; one sample is the capture itself,
-    whose non-finite values become black, as in ``cltaa bench quality``."""
+    """Return errors per frame of each supersampled sequence, by samples a pixel; one sample is the capture itself.
+
+    Non-finite values in the capture become black, as in ``cltaa bench quality``. Raises DataError for NaN or infinity
+    in a supersampled image or the truth.
+    """
     truth, chosen, yardsticks = truth_of(sequence), named_metrics(metrics), open_yardsticks(sequence)
     found: dict[int, dict[str, list[float]]] = {
         samples: {metric.name: [] for metric in chosen} for samples in (1, *yardsticks)
@@ -351,7 +355,11 @@ def tasks_of(
     judging: Judging,
     reading: Reading = DEFAULT_READING,
 ) -> list[Task]:
-    """Return a task for every variant on every sequence; what is wrong with any sequence fails here."""
+    """Return a task for every variant on every sequence.
+
+    ``reading`` applies to all (``readings``). Raises UsageError for two sequences of one name, what ``task_of`` raises,
+    InputMissing if a yardstick lacks a frame, and DataError for a sequence of one frame.
+    """
     by_name(folders, "sequences")
     tasks = []
     for folder, how in readings(folders, reading).items():
@@ -373,7 +381,10 @@ def bench_accuracy(
     jobs: int,
     dask: str | None,
 ) -> Accuracy:
-    """Run the unfinished ``tasks``, each of one variant, time every variant here, and store and combine all."""
+    """Run the unfinished ``tasks``, each of one variant, time every variant here, and combine all.
+
+    Stores each finished sequence in ``output``.
+    """
     before = load_average()
     pin_threads()
     launcher = DeviceLauncher(tasks[0].device)

@@ -30,7 +30,10 @@ _FOLDER = resources.files("cltaa") / "lab" / "bench" / "accuracy" / "page"
 
 
 def page(result: Accuracy, tasks: Sequence[Task], output: Path, pictured: int | None = None) -> str:
-    """Return the report of finished ``tasks`` as HTML, with frames of the first ``pictured`` sequences (None: all)."""
+    """Return the report as HTML; ``tasks`` are those of the measurement, with their results in ``output``.
+
+    Shows frames of the first ``pictured`` sequences; None: all.
+    """
     data = {
         "accuracy": msgspec.to_builtins(result),
         "higher_is_better": [metric.name for metric in METRICS.values() if metric.higher_is_better],
@@ -136,7 +139,8 @@ def write_report(
     """Write the numbers as JSON and CSV, the plots, a table over all sequences, and ``pages``, texts by file name, into
     the folder ``output``; returns the table, which is empty, and not written, if no metric falls with the error.
 
-    Deletes plots, tables and pages of an earlier report that this one lacks.
+    The first ``pictured`` sequences get their own plots. Deletes plots, tables and pages of an earlier report that this
+    one lacks. Raises OutputError, StorageError, and UsageError without matplotlib.
     """
     texts = {NAME: msgspec.json.encode(result).decode(), "accuracy.csv": csv_text(result), **(pages or {})}
     falling = falling_metrics(result)

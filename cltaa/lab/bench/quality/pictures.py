@@ -43,7 +43,10 @@ def write_pictures(
     page: Path | None,
     launcher: Launcher,
 ) -> dict[str, str]:
-    """Write a PNG for each preset into ``output``, and delete outdated ones; returns the Markdown of each."""
+    """Write one PNG for each preset into ``output``, and delete outdated ones.
+
+    Returns the Markdown of each, by preset.
+    """
     make_folder(output)
     texts, stale = {}, {*preset_names(), *(preset.name for preset in presets)}
     for preset in track(presets, len(presets), "showing failures", unit="presets"):

@@ -184,7 +184,10 @@ def scenes_page(page: Path) -> Path:
 
 
 def write_pages(page: Path, table: Table, about: str, pictures: Mapping[str, str] | None = None) -> None:
-    """Replace the text between the marks of a page and of its scenes page; creates missing pages."""
+    """Replace the text between the marks of a page and of its scenes page; creates missing pages.
+
+    ``pictures`` is the result of ``write_pictures``. Raises what ``check_pages`` raises.
+    """
     beside = scenes_page(page)
     for path, text in ((beside, scenes(table, about, pictures)), (page, summary(table, about, beside.name))):
         before, after = _around(path, page)
