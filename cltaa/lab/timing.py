@@ -304,7 +304,10 @@ def _frame(index: int, motion: Motion, waves: Image, depth: Image, random: np.ra
 
 
 def resolve_job(name: str, resolver: Resolver, frames: list[Frame]) -> tuple[Job, Image]:
-    """Return a job that repeats the kernels of the last of two or more ``frames``, and their image [H, W, 3 or 4]."""
+    """Return a job that repeats the kernels of the last of two or more ``frames``, and their image [H, W, 3 or 4].
+
+    The job returns device seconds, or None on NumPy. Raises what ``Resolver.resolve`` raises.
+    """
     if resolver.preset.choices.history is HistoryKind.FRAMES:
         _keep_before(resolver, frames[0])
     last = frames[-1]

@@ -57,7 +57,10 @@ class ApiBench(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def bench_api(preset: Preset, device: str | None, sizes: tuple[tuple[int, int], ...], *, rounds: int) -> ApiBench:
-    """Time calls with frames of ``sizes``, colour and depth without declared effects, all kinds in turn."""
+    """Time calls with frames of ``sizes``, colour and depth without declared effects, all kinds in turn.
+
+    Raises UsageError for NumPy as the device, and ResourceError for too little memory.
+    """
     before, launcher = load_average(), DeviceLauncher(device)
     rows = [_timed(preset, launcher, width, height, rounds) for width, height in sizes]
     where = environment(launcher.description, before)

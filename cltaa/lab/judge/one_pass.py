@@ -77,7 +77,7 @@ def judge(
     """Judge the tests of ``comparisons``, which share frames, region and truth; results equal those of each alone.
 
     ``in_time`` also scores them over time; ``heatmap`` is the folder for the maps of a single test. Keeps one frame of
-    each in memory, and a few files read ahead.
+    each in memory, and a few files read ahead. Raises DataError for a damaged file, with its path.
     """
     first = comparisons[0]
     found = Found([Judged() for _ in comparisons])
