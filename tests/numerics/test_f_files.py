@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.cli import main
-from cltaa.core.frame_checks import check_camera
+from cltaa.core.frame_checks import RIGID_WITHIN, _check_matrix, _is_rigid, check_camera
 from cltaa.errors import DataError
 from cltaa.frame import Camera
 from cltaa.io.exr_frame import frame_attributes
@@ -79,6 +79,27 @@ def test_f7_a_sound_camera_at_ten_thousand_kilometres_passes(tmp_path: Path) -> 
     camera = Camera(view_at(np.array([6e6, -5e6, 6e6]), TURN), perspective(1.6))
     write_frame(tmp_path / "a.0000.exr", make_frame(camera=camera))
     assert np.array_equal(read_frame(tmp_path / "a.0000.exr").camera.world_to_view, camera.world_to_view)
+
+
+@pytest.mark.parametrize("matrix", ["world_to_view", "view_to_clip"])
+def test_f7_no_number_of_a_camera_may_be_nan(matrix: str) -> None:
+    for place in np.ndindex(4, 4):
+        camera = make_camera((1.0, 2.0, 3.0))
+        getattr(camera, matrix)[place] = np.nan
+        with pytest.raises(DataError, match=rf"camera\.{matrix} holds NaN or infinity"):
+            check_camera(camera)
+
+
+def test_f7_a_view_that_only_turns_and_moves_passes_the_whole_check() -> None:
+    """And no other counts as one: scaled, sheared, mirrored, with another last row, or too far away."""
+    for distance in (1.0, 1e3, 0.5 * RIGID_WITHIN):
+        view = view_at(distance * np.array([0.6, -0.4, 0.6]), TURN)
+        assert _is_rigid(*view.tolist()), distance
+        _check_matrix("view", view.tobytes(), view.dtype, is_view=True)
+        sheared = np.eye(4) + 1e-5 * np.eye(4, k=1)
+        for change in (np.diag([2, 1, 1, 1]), sheared, np.diag([1, 1, -1, 1]), np.diag([1, 1, 1, 2])):
+            assert not _is_rigid(*(change @ view).tolist()), change
+    assert not _is_rigid(*view_at(np.array([0.0, 0.0, 2 * RIGID_WITHIN]), TURN).tolist())
 
 
 def test_f7_a_camera_changed_in_place_is_checked_again() -> None:
