@@ -106,15 +106,18 @@ def displacement_rows(camera: Camera, previous: Camera, width: int, height: int)
         return [_NONE] * 4
     parallel = now[3][2] == 0.0
     view = _view_position(now, 2.0 / width, -2.0 / height, parallel=parallel)
-    moved = [[_dot(row, by) for by in view] for row in _relative_change(here[:3], there[:3])]
-    moved_by = list(zip(*moved, _NONE, strict=True))
+    change = _relative_change(here[:3], there[:3])
+    moved = [[x * a + y * b + z * c + w * d for x, y, z, w in change] for a, b, c, d in view]
     rows: Rows = []
     for row, scale in ((0, width / 2.0), (1, -height / 2.0), (3, 1.0)):
-        # Subtracts before it multiplies, so that unchanged parts contribute exactly 0.
-        before, zoomed = then[row], [one - other for one, other in zip(then[row], now[row], strict=True)]
-        both = zip(moved_by, view, strict=True)
-        rows.append([scale * (_dot(before, by_move) + _dot(zoomed, by)) for by_move, by in both])
-    return [*rows, moved[2] if parallel else _NONE]
+        x, y, z, _ = then[row]
+        by = [x * p + y * q + z * r + 0.0 for p, q, r in moved]  # never -0.0
+        if now[row] != then[row]:
+            # Subtracts before it multiplies, so that unchanged parts contribute exactly 0.
+            zoomed = [one - other for one, other in zip(then[row], now[row], strict=True)]
+            by = [one + _dot(zoomed, place) for one, place in zip(by, view, strict=True)]
+        rows.append([scale * one for one in by])
+    return [*rows, [closer for _, _, closer in moved] if parallel else _NONE]
 
 
 def _view_position(clip: Rows, ndc_x: float, ndc_y: float, *, parallel: bool) -> list[Four]:
@@ -143,7 +146,7 @@ def _relative_change(now: Rows, then: Rows) -> list[Four]:
     change: list[Four] = []
     for before, after in zip(then, now, strict=True):
         x, y, z = before[0] - after[0], before[1] - after[1], before[2] - after[2]
-        by_x, by_y, by_z = (x * p + y * q + z * r for p, q, r in inverse)
+        by_x, by_y, by_z = [x * p + y * q + z * r for p, q, r in inverse]
         change.append((by_x, by_y, by_z, _dot(before, apart)))
     return change
 

@@ -7,10 +7,9 @@ shots by about 0 (docs/lab-notes/illumination.md). A found cut starts a new hist
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import exp
-from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,20 +23,15 @@ from cltaa.frame import Camera, Frame, on_device
 Coarse = tuple[float, ...]  # as ``coarse_colours`` gives it
 
 
-class AxisWeights(NamedTuple):
-    """Weights along an axis of the outer two of three samples; that of the middle one makes the sum 1."""
-
-    before: float
-    after: float
-
-
-def axis_weights(jitter: float, choices: Choices, settings: Settings) -> AxisWeights:
-    """Return the weights along one axis for samples that lie ``jitter`` pixels after their pixels' centres."""
+def axis_weights(jitter: float, choices: Choices, settings: Settings) -> tuple[float, float]:
+    """Return the weights along one axis of the samples before and after a pixel's own, where samples lie ``jitter``
+    pixels after their pixels' centres; its own makes the sum 1."""
     if choices.current_filter is CurrentFilter.NONE:
-        return AxisWeights(0.0, 0.0)
-    before, middle, after = (_value(abs(step + jitter), choices.current_filter, settings) for step in (-1, 0, 1))
-    total = before + middle + after
-    return AxisWeights(before / total, after / total)
+        return 0.0, 0.0
+    kind = choices.current_filter
+    before, after = _value(abs(jitter - 1.0), kind, settings), _value(abs(jitter + 1.0), kind, settings)
+    total = before + _value(abs(jitter), kind, settings) + after
+    return before / total, after / total
 
 
 def _value(d: float, kind: CurrentFilter, settings: Settings) -> float:
@@ -50,8 +44,7 @@ def _value(d: float, kind: CurrentFilter, settings: Settings) -> float:
     return (d * d - 1.0) * (d * d - 4.0) ** 3 / 64.0 if d < 2.0 else 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Past:
+class Past(msgspec.Struct, frozen=True):
     """What the next frame needs of this one, without its pixels."""
 
     index: int

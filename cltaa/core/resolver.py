@@ -480,10 +480,12 @@ class Resolver:
         if self._previous is None or self._buffers is None:
             raise ValueError("there is no history")
         self._buffers.settle_counts()
-        memory, past = self._buffers.recurrent(), replace(self._previous, holds_changes=self._buffers.holds_changes)
+        memory = self._buffers.recurrent()
+        past = msgspec.structs.replace(self._previous, holds_changes=self._buffers.holds_changes)
         if self._frame_ring is None:
             return past, memory
-        return replace(past, earlier=self._frame_ring.past), {**memory, "ring": self._frame_ring.planes}
+        past = msgspec.structs.replace(past, earlier=self._frame_ring.past)
+        return past, {**memory, "ring": self._frame_ring.planes}
 
     @one_thread
     def restore(self, past: Past) -> dict[str, Buffer]:
