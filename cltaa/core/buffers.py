@@ -104,21 +104,22 @@ class Buffers:
     ) -> None:
         if isinstance(array, np.ndarray) and flat(array) is None:
             array = np.array(array, np.float16 if array.dtype == np.float16 else np.float32, order="C")
-        source = self._exchange.lend(name, array)
         held = self.layout.held
-        size = {"width": self.layout.width, "height": held.stop - held.start, "top": held.start}
         given = {
-            "source": source,
+            "source": self._exchange.lend(name, array),
             "target": target,
             "planes": array.shape[2] if len(array.shape) > 2 else 1,
             "kind": int(kind),
             "below": np.float32(below),
             "at": np.float32(at),
+            "stride": self.layout.stride,
+            "rows": self.layout.rows,
+            "width": self.layout.width,
+            "height": held.stop - held.start,
+            "top": held.start,
+            **places(array),
         }
-        self._launcher.run("unpack", self._unpacking, self.layout, given | self._rows() | size | places(array))
-
-    def _rows(self) -> dict[str, int]:
-        return {"stride": self.layout.stride, "rows": self.layout.rows}
+        self._launcher.run("unpack", self._unpacking, self.layout, given)
 
     def read(self, image: Buffer, out: Any, build: Build) -> None:
         """Copy the result into ``out`` [H, W, 3 or 4]; for an array of a device in the order of its queue."""
@@ -126,8 +127,17 @@ class Buffers:
         into = out if direct else np.empty(out.shape, out.dtype)
         target = self._exchange.receive(into)
         height, width, planes = out.shape
-        given = {"image": image, "target": target, "width": width, "height": height, "planes": planes}
-        done = self._launcher.run("pack", edge_build(build), self.layout, given | self._rows() | places(into))
+        given = {
+            "image": image,
+            "target": target,
+            "width": width,
+            "height": height,
+            "planes": planes,
+            "stride": self.layout.stride,
+            "rows": self.layout.rows,
+            **places(into),
+        }
+        done = self._launcher.run("pack", edge_build(build), self.layout, given)
         self._exchange.hand_over(into, target, done)
         if into is not out:
             out[...] = into

@@ -12,7 +12,7 @@ from cltaa.core.plan import Plan
 from cltaa.frame import Frame
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Passes:
     """Enqueues the kernels that resolve the frame in ``buffers``, and waits for none.
 

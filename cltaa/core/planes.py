@@ -168,10 +168,13 @@ def flat(array: NDArray[Any], *, dense: bool = False) -> NDArray[Any] | None:
     That is where it has another type or negative strides, or is less than half of that memory; ``dense`` demands that
     nothing else is there.
     """
+    if array.dtype not in (np.float32, np.float16) or not array.dtype.isnative or not array.flags.aligned:
+        return None
+    if array.flags.c_contiguous:
+        return np.asarray(array).reshape(-1)
     item = array.itemsize
     steps = [step // item for step in array.strides]
-    sound = array.dtype in (np.float32, np.float16) and array.dtype.isnative and array.flags.aligned
-    if not sound or min(steps) < 0 or any(step % item for step in array.strides):
+    if min(steps) < 0 or any(step % item for step in array.strides):
         return None
     length = 1 + sum(step * (count - 1) for step, count in zip(steps, array.shape, strict=True))
     if length > 2 * array.size or (dense and (length != array.size or 0 in steps)):

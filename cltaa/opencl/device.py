@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cached_property
+from math import prod
 from pathlib import Path
 from threading import Lock
 from typing import Any, cast
@@ -141,7 +142,7 @@ class Memory(OneProcess):
         """Allocate zeros, or on a device that shares the host's memory use ``planes`` in place; kernels only read
         those, unless they are ``written``."""
         self._device, self.shape, self.dtype = device, shape, np.dtype(dtype)
-        self.size = int(np.prod(shape)) * self.dtype.itemsize
+        self.size = prod(shape) * self.dtype.itemsize
         self._staging: NDArray[Any] | None = None
         if planes is not None:
             with _memory_errors(self.size, device):
@@ -171,23 +172,23 @@ class Memory(OneProcess):
         """Map the contents as an array, to write all of it (``write``) or to read it."""
         queue = self._device.queue
         if self._device.shares_memory:
-            with device_errors(self._device):
+            with self._device.errors:
                 flags, kind = cl.map_flags.WRITE if write else cl.map_flags.READ, cast(Any, self.dtype)
                 array, _ = cl.enqueue_map_buffer(queue, self.buffer, flags, 0, self.shape, kind)
             try:
                 yield cast(NDArray[Any], array)
             finally:
-                with device_errors(self._device):
+                with self._device.errors:
                     cast(Any, array.base).release(queue)
             return
         if self._staging is None:
             self._staging = self._device.pinned(self.size).view(self.dtype).reshape(self.shape)
         if not write:
-            with device_errors(self._device):
+            with self._device.errors:
                 cl.enqueue_copy(queue, self._staging, self.buffer)
         yield self._staging
         if write:
-            with device_errors(self._device):
+            with self._device.errors:
                 cl.enqueue_copy(queue, self.buffer, self._staging)
 
 
@@ -214,6 +215,7 @@ class Device(OneProcess):
         self._describe()
 
     def _describe(self) -> None:
+        self.errors = DriverErrors(self.cl_device)  # around each call
         self.is_cpu = is_cpu(self.cl_device)
         self.shares_memory = bool(self.cl_device.host_unified_memory)
 
@@ -240,7 +242,7 @@ class Device(OneProcess):
         with _memory_errors(size, self):
             host = cl.Buffer(self.context, cl.mem_flags.READ_WRITE | cl.mem_flags.ALLOC_HOST_PTR, size)
         both = cl.map_flags.WRITE | cl.map_flags.READ
-        with device_errors(self):
+        with self.errors:
             bytes_ = cast(Any, np.uint8)
             array, _ = cl.enqueue_map_buffer(self.queue, host, cast(cl.map_flags, both), 0, (size,), bytes_)
         return cast(NDArray[np.uint8], array)
@@ -249,7 +251,7 @@ class Device(OneProcess):
         """Enqueue a copy of ``source`` from its element ``start`` to element ``offset`` of ``target``, to the end of
         the shorter; raises DeviceLost."""
         read, written = start * source.dtype.itemsize, offset * target.dtype.itemsize
-        with device_errors(self):
+        with self.errors:
             cl.enqueue_copy(
                 self.queue,
                 target.buffer,
@@ -261,7 +263,7 @@ class Device(OneProcess):
 
     def finish(self) -> None:
         """Wait until the queue is empty; raises DeviceLost."""
-        with device_errors(self):
+        with self.errors:
             self.queue.finish()
 
     def first_use(self, kernel: str) -> AbstractContextManager[None]:
@@ -304,6 +306,7 @@ class Kernel(OneProcess):
         self._kernel = cl.Kernel(program, f"{Path(name).name}_kernel")
         # Argument names, in order.
         self.arguments = [str(name) for name in self._of_arguments(cl.kernel_arg_info.NAME)]
+        self._named = frozenset(self.arguments)
         # With their types all are set in two calls; otherwise pyopencl tries several types for each, 10 us a number.
         kinds = self._of_arguments(cl.kernel_arg_info.TYPE_NAME)
         self._kernel.set_scalar_arg_dtypes([TYPES.get(kind) for kind in kinds])
@@ -312,14 +315,15 @@ class Kernel(OneProcess):
     def enqueue(
         self, queue: cl.CommandQueue, size: tuple[int, ...], group: tuple[int, ...] | None, arguments: Mapping[str, Any]
     ) -> cl.Event:
-        """Start the kernel over ``size`` work-items in groups of ``group``; raises InternalError for a wrong name."""
-        values = [arguments[name] for name in self.arguments if name in arguments]
-        if not len(values) == len(arguments) == len(self.arguments):
+        """Start the kernel over ``size`` work-items in groups of ``group``; memory is a ``cl.Buffer``, or has one as
+        ``buffer``. Raises InternalError for a wrong name."""
+        if arguments.keys() != self._named:
             raise InternalError(
                 f"kernel {self.name}: arguments do not match",
                 expected=", ".join(self.arguments),
                 found=", ".join(arguments),
             )
+        values = [getattr(value, "buffer", value) for value in map(arguments.__getitem__, self.arguments)]
         with self._starting:
             self._kernel.set_args(*values)
             return cl.enqueue_nd_range_kernel(queue, self._kernel, size, group)
@@ -396,12 +400,13 @@ def _memory_errors(needed: int, device: Device) -> Iterator[None]:
 _GONE = frozenset({cl.status_code.INVALID_COMMAND_QUEUE, cl.status_code.INVALID_CONTEXT})
 
 
-class device_errors:  # noqa: N801 (a context manager, and as a class a tenth of the time: each call is in one)
-    """Raise driver errors as DeviceLost, or as InternalError where the call itself was wrong."""
+class DriverErrors:
+    """Raises errors of a device's driver as DeviceLost, or as InternalError where the call itself was wrong.
 
-    __slots__ = ("_device",)
+    A class, with one object a device: each call is in it, and a generator would take ten times as long.
+    """
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: cl.Device) -> None:
         self._device = device
 
     def __enter__(self) -> None:
@@ -411,7 +416,7 @@ class device_errors:  # noqa: N801 (a context manager, and as a class a tenth of
         """Raise the error that replaces the driver's."""
         if not isinstance(error, cl.Error):
             return
-        description = self._device.description
+        description = describe(self._device)
         if isinstance(error, cl.LogicError) and error.code not in _GONE:
             raise InternalError(f"{description} refused a call: {error}") from error
         cure = "run the same command again: it goes on from there; if this comes back, use a smaller size or --device"

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cached_property
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 import pyopencl as cl
@@ -15,18 +15,12 @@ from numpy.typing import NDArray
 from cltaa.core.planes import flat
 from cltaa.errors import UsageError
 from cltaa.frame import on_device
-from cltaa.opencl.device import Device, Memory, device_errors
+from cltaa.opencl.device import Device, Memory
 from cltaa.process import CORES, OneProcess
 
 # Threads that copy between pinned memory and a program's, because one is slower than the bus, and bytes that each
 # copies at a time: a depth at 1920 x 1080 is two of them.
 COPIERS, PART = min(8, CORES), 4 * 2**20
-
-
-class Lent(NamedTuple):
-    """Memory of a program's array on the device."""
-
-    buffer: cl.Buffer
 
 
 class Copiers:
@@ -85,7 +79,7 @@ class Staged:
 
     def upload(self, content: NDArray[np.uint8], copiers: Copiers) -> None:
         """Enqueue the upload of host bytes, each part while the next is copied. Waits for the previous upload."""
-        with device_errors(self._device):
+        with self._device.errors:
             while self._moving:
                 self._moving.pop().wait()
         if _is_pinned(content):
@@ -100,7 +94,7 @@ class Staged:
         copiers.each(move, self._parts)
 
     def _enqueue(self, pinned: NDArray[np.uint8], start: int) -> None:
-        with device_errors(self._device):
+        with self._device.errors:
             self._moving.append(
                 cl.enqueue_copy(self._device.queue, self.buffer, pinned, dst_offset=start, is_blocking=False)
             )
@@ -108,10 +102,10 @@ class Staged:
     def download(self, content: NDArray[np.uint8], copiers: Copiers) -> None:
         """Download into host bytes, each part as soon as it has reached pinned memory."""
         if _is_pinned(content):
-            with device_errors(self._device):
+            with self._device.errors:
                 cl.enqueue_copy(self._device.queue, content, self.buffer)
             return
-        with device_errors(self._device):
+        with self._device.errors:
             self._moving = [
                 cl.enqueue_copy(
                     self._device.queue, self._pinned[part], self.buffer, src_offset=part.start, is_blocking=False
@@ -121,7 +115,7 @@ class Staged:
             self._device.queue.flush()
 
         def take(part: slice) -> None:
-            with device_errors(self._device):
+            with self._device.errors:
                 self._moving[part.start // PART].wait()
             np.copyto(content[part], self._pinned[part])
 
@@ -129,17 +123,20 @@ class Staged:
         self._moving = []
 
 
+Lent = Memory | Staged | cl.Buffer  # the last: that of a program's own array on the device
+
+
 class Exchange(OneProcess):
     """Transfers of one resolver's arrays to a device and back, with the memory and the threads that they need."""
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._lent: dict[str, Memory | Staged | Lent] = {}
+        self._lent: dict[str, Lent] = {}
         self._result: Staged | None = None  # memory of the last one
         self._others: list[cl.CommandQueue] = []  # a program's queues, whose arrays were lent
         self._copiers = Copiers()
 
-    def lend(self, name: str, array: Any) -> Memory | Staged | Lent:
+    def lend(self, name: str, array: Any) -> Lent:
         """Return memory from which kernels read an array, until the next call with that ``name``: the host's where that
         is shared, else a copy.
 
@@ -147,7 +144,7 @@ class Exchange(OneProcess):
         an array of another context.
         """
         if on_device(array):
-            lent: Memory | Staged | Lent = self._lent_by(array)
+            lent: Lent = self._lent_by(array)
         elif self._device.shares_memory:
             content = _bytes_of(array)
             lent = Memory(self._device, content.shape, np.uint8, content)
@@ -160,7 +157,7 @@ class Exchange(OneProcess):
         self._lent[name] = lent
         return lent
 
-    def receive(self, out: Any) -> Memory | Staged | Lent:
+    def receive(self, out: Any) -> Lent:
         """Return memory that a kernel writes for ``out``; ``hand_over`` follows."""
         if on_device(out):
             return self._lent_by(out)
@@ -171,7 +168,7 @@ class Exchange(OneProcess):
             self._result = Staged(self._device, content.size)
         return self._result
 
-    def hand_over(self, out: Any, received: Memory | Staged | Lent, done: cl.Event) -> None:
+    def hand_over(self, out: Any, received: Lent, done: cl.Event) -> None:
         """Copy ``received``, which is written when the event ``done`` happens, to ``out``. Waits for an array of the
         host; for one of the device, later commands of its queue wait."""
         if isinstance(received, Memory):
@@ -180,10 +177,10 @@ class Exchange(OneProcess):
         if isinstance(received, Staged):
             received.download(_bytes_of(out), self._copiers)
             return
-        with device_errors(self._device):
-            self._device.queue.flush()
+        out.events.clear()  # ``done`` comes after all of them (``_lent_by``)
         out.add_event(done)
-        with device_errors(self._device):
+        with self._device.errors:
+            self._device.queue.flush()
             while self._others:
                 cl.enqueue_barrier(self._others.pop(), wait_for=[done])
 
@@ -196,24 +193,25 @@ class Exchange(OneProcess):
         """End the threads; the memory is freed with its owners."""
         self._copiers.close()
 
-    def _lent_by(self, array: Any) -> Lent:
+    def _lent_by(self, array: Any) -> cl.Buffer:
         if array.context != self._device.context:
             raise UsageError("an array lies in another OpenCL context", cure="cltaa.Resolver(device=array.queue)")
-        with device_errors(self._device):
+        with self._device.errors:
             # Commands of our own queue come before in any case.
-            before = [event for event in array.events if event.command_queue != self._device.queue]
-            if array.queue is not None and array.queue != self._device.queue:
+            queue = self._device.queue
+            before = [event for event in array.events if event.command_queue != queue]
+            if array.queue not in (None, queue):
                 before.append(cl.enqueue_marker(array.queue))
                 array.queue.flush()
                 if array.queue not in self._others:
                     self._others.append(array.queue)
             if before:
-                cl.enqueue_barrier(self._device.queue, wait_for=before)
-        return Lent(array.base_data)
+                cl.enqueue_barrier(queue, wait_for=before)
+        return cast(cl.Buffer, array.base_data)
 
 
 def _bytes_of(array: NDArray[Any]) -> NDArray[np.uint8]:
-    return cast(NDArray[Any], flat(array)).view(np.uint8)
+    return cast("NDArray[Any]", flat(array)).view(np.uint8)
 
 
 def array_on(device: Device, array: NDArray[Any]) -> Any:

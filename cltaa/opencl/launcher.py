@@ -81,17 +81,14 @@ class DeviceLauncher(OneProcess):
 
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> Any:
         """Enqueue a kernel, in the order of the queue, and return its event. Raises DeviceLost."""
-        from cltaa.opencl.device import device_errors
-
-        given = {name: getattr(value, "buffer", value) for name, value in arguments.items()}
         # Everything that decides which program is started and over how many work-items.
-        key = kernel, build, layout, _banded(kernel, given), given.get("planes"), given.get("more")
+        key = kernel, build, layout, _banded(kernel, arguments), arguments.get("planes"), arguments.get("more")
         started = self._started.get(key)
         if started is None:
-            event = self._start_first(key, kernel, self.fitted(kernel, build, layout, arguments), layout, given)
+            event = self._start_first(key, kernel, self.fitted(kernel, build, layout, arguments), layout, arguments)
         else:
-            with device_errors(self.device):
-                event = started[0].enqueue(self.device.queue, *started[1:], given)
+            with self.device.errors:
+                event = started[0].enqueue(self.device.queue, *started[1:], arguments)
         if self.events is not None:
             self.events.append((kernel, event))
         return event
@@ -100,10 +97,8 @@ class DeviceLauncher(OneProcess):
         self, key: tuple[Any, ...], name: str, build: Build, layout: Layout, arguments: Mapping[str, Any]
     ) -> Any:
         """Start a kernel for the first time over an image of ``layout``, and wait for its end."""
-        from cltaa.opencl.device import device_errors
-
         size, group = self._range(name, build, layout, arguments)
-        with self.device.first_use(source_hash(name, build)), device_errors(self.device):
+        with self.device.first_use(source_hash(name, build)), self.device.errors:
             kernel = self.kernel(name, build)
             event = kernel.enqueue(self.device.queue, size, group, arguments)
             self.device.finish()

@@ -82,6 +82,22 @@ def test_a_result_goes_to_the_array_that_is_given(queue: cl.CommandQueue) -> Non
     assert not memory.get()[: 4 * 40 * 160].any()
 
 
+def test_an_array_waits_for_its_last_result_alone(queue: cl.CommandQueue) -> None:
+    """Earlier events of it would be waited for in vain, by the host as well, and asked for their queues every frame."""
+    resolver, out = Resolver(device=queue), cl_array.zeros(queue, (40, 160, 4), np.float32)
+    before = cl.UserEvent(queue.context)
+    for index in range(3):
+        given = on(queue, frame_of(index))
+        if index == 2:
+            out.add_event(before)
+        resolver.resolve(given, out=out)
+        (done,) = out.events
+        if index == 2:
+            assert done.command_execution_status != cl.command_execution_status.COMPLETE
+            before.set_status(cl.command_execution_status.COMPLETE)
+        done.wait()
+
+
 @pytest.mark.parametrize("in_order", [False, True])
 def test_another_queue_of_the_context_is_waited_for(queue: cl.CommandQueue, in_order: bool) -> None:
     any_order = cl.command_queue_properties.OUT_OF_ORDER_EXEC_MODE_ENABLE

@@ -217,7 +217,7 @@ def test_wrong_call_is_no_lost_device() -> None:
         (planted(cl.LogicError, "clEnqueue", cl.status_code.INVALID_COMMAND_QUEUE), DeviceLost, "stopped working: "),
         (planted(cl.RuntimeError, "clFinish", OUT_OF_RESOURCES), DeviceLost, "stopped working: "),
     ):
-        with pytest.raises(raised, match=said), device.device_errors(lost):
+        with pytest.raises(raised, match=said), lost.errors:
             raise error
 
 

@@ -82,8 +82,7 @@ class CutUp(DeviceLauncher):
         band = -(-steps // self.bands)
         size = (-(-columns // wide) * wide, -(-band // high) * high)
         built = self.kernel(kernel, build)
-        given = {name: getattr(value, "buffer", value) for name, value in arguments.items()}
-        first = built.enqueue(self.device.queue, size, self.group, given)
+        first = built.enqueue(self.device.queue, size, self.group, arguments)
         for number in reversed(range(1, self.bands)):
             offset = (0, number * band)
             cl.enqueue_nd_range_kernel(self.device.queue, built._kernel, size, self.group, offset, wait_for=[first])
