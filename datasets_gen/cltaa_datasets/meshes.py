@@ -9,6 +9,7 @@ import trimesh
 from numpy.typing import NDArray
 from trimesh.visual import TextureVisuals
 
+from cltaa_datasets.animation import translation
 from cltaa_datasets.scene import Matrix, Vector
 
 Floats = NDArray[np.float64]
@@ -58,6 +59,11 @@ def moved(mesh: trimesh.Trimesh, pose: Matrix) -> trimesh.Trimesh:
         mesh.vertex_normals @ turn.T,
         texture_coordinates(mesh),
     )
+
+
+def placed(mesh: trimesh.Trimesh, place: Vector) -> trimesh.Trimesh:
+    """Return a copy of a mesh moved by ``place``."""
+    return moved(mesh, translation(place))
 
 
 def surface(point: SurfacePoint, across: int, along: int, repeats: tuple[float, float] = (1.0, 1.0)) -> trimesh.Trimesh:

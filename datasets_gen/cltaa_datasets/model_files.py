@@ -22,7 +22,7 @@ from cltaa.frame import Effect
 from cltaa.io.display import decoded
 from cltaa_datasets import FORMATS, GLTF, MOTIONS, animation, deform, meshes, textures
 from cltaa_datasets.gltf_model import AnimatedModel, at_rest
-from cltaa_datasets.scene import AlphaMode, Instant, Material, Matrix, Part, Perspective, Scene, Sky, Sun, Texture
+from cltaa_datasets.scene import AlphaMode, Instant, Material, Matrix, Part, Perspective, Scene, Sky, Sun, Texture, matt
 
 DISTANCE, RISE, FIELD_OF_VIEW = 2.3, 0.6, np.radians(44.0)  # of the camera, from a model of radius 1
 TURNS = 0.05  # per second: 18 degrees
@@ -57,7 +57,7 @@ def model_scene(path: str, motion: str, seed: int) -> Scene:
 def tiled_floor(rng: np.random.Generator) -> Part:
     """Return the floor of every model scene, at height 0."""
     tiles = textures.blocks(rng, (0.50, 0.48, 0.45), (0.20, 0.19, 0.18), 4, 4, 0.02, bonded=False)
-    return Part("floor", meshes.floor(80.0, 1.2, 48), Material(base_texture=tiles, specular=0.0))
+    return Part("floor", meshes.floor(80.0, 1.2, 48), matt(tiles))
 
 
 def start_angle(rng: np.random.Generator) -> float:

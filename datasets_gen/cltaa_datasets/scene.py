@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -60,6 +61,22 @@ class Material:
     alpha_mode: AlphaMode = AlphaMode.OPAQUE
     alpha_cutoff: float = 0.5
     double_sided: bool = False
+
+
+def matt(texture: Texture) -> Material:
+    """Return a material whose colour does not depend on the view direction."""
+    return Material(base_texture=texture, specular=0.0)
+
+
+def cut_out(texture: Texture) -> Material:
+    """Return a matt material, seen from both sides, whose texture's alpha cuts holes."""
+    return Material(base_texture=texture, specular=0.0, alpha_mode=AlphaMode.MASK, double_sided=True)
+
+
+def emitting(light: Colour, texture: Texture | None = None, **others: Any) -> Material:
+    """Return a material of its own ``light``, times a texture's, which does not depend on other light."""
+    black = (0.0, 0.0, 0.0, 1.0)
+    return Material(base_colour=black, specular=0.0, emissive=light, emissive_texture=texture, **others)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -13,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from cltaa_datasets import animation, meshes, textures
-from cltaa_datasets.scene import AlphaMode, Instant, Lens, Light, Material, Matrix, Part, Perspective, Shape, Sky, Sun
+from cltaa_datasets.scene import Instant, Lens, Light, Matrix, Part, Perspective, Shape, Sky, Sun, cut_out, matt
 
 SUN = animation.direction(150.0, 40.0)
 LIGHTS = (Sun(SUN, (3.6, 3.3, 2.9)),)
@@ -23,6 +23,11 @@ EYE, TARGET = (0.0, 1.45, 3.4), (0.0, 1.25, -2.0)
 VIEW = animation.look_at(EYE, TARGET)
 NO_SHAPES: Mapping[str, Shape] = MappingProxyType({})
 KEPT = 4  # cached sets, because tests and sweeps build many scenes of one seed
+
+
+def slid(x: float, z: float = 0.0) -> Matrix:
+    """Return the usual view from an eye that slid by ``x`` and ``z`` metres, with its target."""
+    return animation.look_at((EYE[0] + x, EYE[1], EYE[2] + z), (TARGET[0] + x, TARGET[1], TARGET[2] + z))
 
 
 def poster_wall(rng: np.random.Generator) -> tuple[Part, ...]:
@@ -37,17 +42,13 @@ def poster_wall(rng: np.random.Generator) -> tuple[Part, ...]:
         Part(
             f"poster {i}",
             meshes.sheet((x, 0.75 + 0.12 * i, -1.98), (1.15, 0.0, 0.0), (0.0, 1.15, 0.0)),
-            Material(base_texture=textures.lettering(rng, *inks[i], 22 + 4 * i), specular=0.0),
+            matt(textures.lettering(rng, *inks[i], 22 + 4 * i)),
         )
         for i, x in enumerate((-2.35, -0.55, 1.3))
     ]
-    boards = Material(base_texture=textures.planks(rng, (0.50, 0.34, 0.20)), specular=0.0)
+    boards = matt(textures.planks(rng, (0.50, 0.34, 0.20)))
     return (
-        Part(
-            "wall",
-            meshes.sheet((-6.0, 0.0, -2.0), (12.0, 0.0, 0.0), (0.0, 5.0, 0.0), (6.0, 2.5), 4),
-            Material(base_texture=brick, specular=0.0),
-        ),
+        Part("wall", meshes.sheet((-6.0, 0.0, -2.0), (12.0, 0.0, 0.0), (0.0, 5.0, 0.0), (6.0, 2.5), 4), matt(brick)),
         Part("floor", meshes.sheet((-6.0, 0.0, 5.0), (12.0, 0.0, 0.0), (0.0, 0.0, -7.0), (6.0, 5.0), 4), boards),
         *posters,
     )
@@ -57,20 +58,16 @@ def exhibits(rng: np.random.Generator) -> tuple[Part, ...]:
     """Return a glazed knot, a striped block and a cut-out grille in front of the wall."""
     glaze = textures.checker((0.08, 0.34, 0.44), (0.84, 0.80, 0.66), 8, rng)
     striped = textures.stripes((0.70, 0.14, 0.08), (0.84, 0.80, 0.72), 6)
-    net = Material(
-        base_texture=textures.lattice((0.10, 0.32, 0.26), 5), specular=0.0, alpha_mode=AlphaMode.MASK, double_sided=True
-    )
+    net = cut_out(textures.lattice((0.10, 0.32, 0.26), 5))
     turn = animation.rotation(animation.UP, float(rng.uniform(0.0, 2.0 * np.pi)))
     return (
         Part(
-            "knot",
-            meshes.moved(meshes.knot(0.6, 0.12), animation.translation((-1.1, 0.95, -0.6)) @ turn),
-            Material(base_texture=glaze, specular=0.0),
+            "knot", meshes.moved(meshes.knot(0.6, 0.12), animation.translation((-1.1, 0.95, -0.6)) @ turn), matt(glaze)
         ),
         Part(
             "block",
             meshes.moved(meshes.box((0.6, 0.6, 0.6)), animation.translation((0.95, 0.3, 0.3)) @ turn),
-            Material(base_texture=striped, specular=0.0),
+            matt(striped),
         ),
         Part("grille", meshes.sheet((0.2, 0.05, -1.1), (1.2, 0.0, 0.0), (0.0, 1.7, 0.0), (1.2, 1.7)), net),
     )

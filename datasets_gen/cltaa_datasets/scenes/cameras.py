@@ -10,7 +10,7 @@ from cltaa.frame import Effect
 from cltaa_datasets import animation
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import Instant, Lens, Matrix, Orthographic, Perspective
-from cltaa_datasets.sets import EYE, LENS, TARGET, VIEW, gallery, standing
+from cltaa_datasets.sets import LENS, VIEW, gallery, slid, standing
 
 SLOW, QUICK = 4.0, 2.4  # periods of swings in seconds
 PAN = np.radians(7.0)  # either way
@@ -32,10 +32,6 @@ def _filmed(seed: int, camera: Callable[[float], tuple[Matrix, Lens]]) -> Stagin
         return standing(parts, view, lens=lens)
 
     return parts, at
-
-
-def _eye(x: float, z: float = 0.0) -> Matrix:
-    return animation.look_at((EYE[0] + x, EYE[1], EYE[2] + z), (TARGET[0] + x, TARGET[1], TARGET[2] + z))
 
 
 @register("pan", "A camera on a tripod turns from side to side", (Effect.CAMERA,))
@@ -60,7 +56,7 @@ def zoom(seed: int) -> Staging:
 def dolly(seed: int) -> Staging:
     """Slide sideways and forward: parallax, and disocclusion behind every exhibit."""
     return _filmed(
-        seed, lambda t: (_eye(DOLLY * animation.swing(t, SLOW), -0.5 * DOLLY * animation.swing(t, QUICK)), LENS)
+        seed, lambda t: (slid(DOLLY * animation.swing(t, SLOW), -0.5 * DOLLY * animation.swing(t, QUICK)), LENS)
     )
 
 
@@ -70,7 +66,7 @@ def parallel(seed: int) -> Staging:
 
     def camera(time: float) -> tuple[Matrix, Lens]:
         turn = animation.rotation(animation.UP, 0.5 * PAN * animation.swing(time, QUICK))
-        return turn @ _eye(0.5 * DOLLY * animation.swing(time, SLOW)), PARALLEL
+        return turn @ slid(0.5 * DOLLY * animation.swing(time, SLOW)), PARALLEL
 
     return _filmed(seed, camera)
 
@@ -83,7 +79,7 @@ def halt(seed: int) -> Staging:
 
     def at(time: float) -> Instant:
         steps, rest = divmod(time, 2.0 * STRIDE)
-        return standing(parts, _eye(start + DOLLY * (steps * STRIDE + min(rest, STRIDE))))
+        return standing(parts, slid(start + DOLLY * (steps * STRIDE + min(rest, STRIDE))))
 
     return parts, at
 

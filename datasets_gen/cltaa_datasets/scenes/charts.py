@@ -9,7 +9,7 @@ import numpy as np
 from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
-from cltaa_datasets.scene import Instant, Material, Orthographic, Part, Texture
+from cltaa_datasets.scene import Instant, Orthographic, Part, emitting
 from cltaa_datasets.scenes.plants import hedge
 from cltaa_datasets.sets import KEPT, exhibits, standing
 
@@ -18,11 +18,7 @@ LENS = Orthographic(HALF, 1.0, 9.0)
 VIEW = animation.look_at((0.0, 0.0, 5.0), (0.0, 0.0, 0.0))
 DRIFT = 0.11  # metres per second along the diagonal: about half a pixel per frame at 360 rows
 TILT = np.radians(45.0)
-
-
-def _printed(texture: Texture) -> Material:
-    """Return an emissive material, so that the print does not depend on the light."""
-    return Material(base_colour=(0.0, 0.0, 0.0, 1.0), specular=0.0, emissive=(1.0, 1.0, 1.0), emissive_texture=texture)
+WHITE = (1.0, 1.0, 1.0)  # emitted, so that a print does not depend on the light
 
 
 @lru_cache(KEPT)
@@ -37,16 +33,12 @@ def chart(seed: int) -> tuple[Part, ...]:
     }
     tilt = animation.rotation((0.0, 0.0, 1.0), TILT)
     sheets = tuple(
-        Part(name, meshes.moved(square, animation.translation((x, 0.0, 0.1 * i)) @ tilt), _printed(texture))
+        Part(name, meshes.moved(square, animation.translation((x, 0.0, 0.1 * i)) @ tilt), emitting(WHITE, texture))
         for i, (name, (x, texture)) in enumerate(printed.items(), start=1)
     )
     ground = textures.mottle(rng, (0.20, 0.20, 0.21), (0.26, 0.26, 0.27))
-    return (
-        Part(
-            "ground", meshes.sheet((-6.0, -6.0, 0.0), (12.0, 0.0, 0.0), (0.0, 12.0, 0.0), (6.0, 6.0)), _printed(ground)
-        ),
-        *sheets,
-    )
+    plane = meshes.sheet((-6.0, -6.0, 0.0), (12.0, 0.0, 0.0), (0.0, 12.0, 0.0), (6.0, 6.0))
+    return (Part("ground", plane, emitting(WHITE, ground)), *sheets)
 
 
 @register("charts", "Text, zone plate and checkers at 45 degrees, still", ())

@@ -7,7 +7,7 @@ import numpy as np
 from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
-from cltaa_datasets.scene import Instant, Material, Part
+from cltaa_datasets.scene import Instant, Part, matt
 from cltaa_datasets.sets import standing
 
 REACH, PERIOD = (0.9, 0.5), (3.1, 4.3)  # metres either way and periods in seconds, across and along
@@ -19,7 +19,7 @@ def conveyor(seed: int) -> Staging:
     """Stage the scene; the seed changes the print and the start of the slide."""
     rng = np.random.default_rng(seed)
     belt = textures.lettering(rng, (0.05, 0.06, 0.10), (0.84, 0.80, 0.70), 20)
-    parts = (Part("belt", meshes.floor(9.0, 1.5, 4), Material(base_texture=belt, specular=0.0)),)
+    parts = (Part("belt", meshes.floor(9.0, 1.5, 4), matt(belt)),)
     phase = rng.random(2).tolist()
 
     def at(time: float) -> Instant:

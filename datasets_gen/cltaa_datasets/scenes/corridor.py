@@ -7,7 +7,7 @@ import numpy as np
 from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
-from cltaa_datasets.scene import Instant, Material, Part, Perspective, Sky, Sun
+from cltaa_datasets.scene import Instant, Part, Perspective, Sky, Sun, matt
 
 PACE = 1.6  # metres per second
 LENGTH = 160.0  # of the colonnade in metres
@@ -26,19 +26,17 @@ SKY = Sky(
 
 def colonnade(rng: np.random.Generator) -> tuple[Part, Part]:
     """Return two rows of columns on plinths, and the beams on them."""
-    stone = Material(base_texture=textures.mottle(rng, (0.62, 0.54, 0.44), (0.86, 0.80, 0.70), 6), specular=0.0)
-    brick = Material(
-        base_texture=textures.blocks(rng, (0.72, 0.36, 0.22), (0.62, 0.58, 0.52), 6, 12, 0.012), specular=0.0
-    )
+    stone = matt(textures.mottle(rng, (0.62, 0.54, 0.44), (0.86, 0.80, 0.70), 6))
+    brick = matt(textures.blocks(rng, (0.72, 0.36, 0.22), (0.62, 0.58, 0.52), 6, 12, 0.012))
     stones, beams = [], []
     for side in (-3.0, 3.0):
         for z in np.arange(2.0, -LENGTH, -BAY).tolist():
-            stones.append(meshes.moved(meshes.cylinder(0.34, 3.3, (2.0, 3.0)), animation.translation((side, 0.3, z))))
+            stones.append(meshes.placed(meshes.cylinder(0.34, 3.3, (2.0, 3.0)), (side, 0.3, z)))
             for height, width in ((0.15, 1.0), (3.7, 0.9)):
                 block = meshes.box((width, 0.3 if height < 1.0 else 0.2, width), 1.0)
-                stones.append(meshes.moved(block, animation.translation((side, height, z))))
+                stones.append(meshes.placed(block, (side, height, z)))
         for z in np.arange(0.0, -LENGTH, -BAY).tolist():
-            beams.append(meshes.moved(meshes.box((0.8, 0.9, BAY), 1.5), animation.translation((side, 4.25, z))))
+            beams.append(meshes.placed(meshes.box((0.8, 0.9, BAY), 1.5), (side, 4.25, z)))
     return Part("columns", meshes.merge(stones), stone), Part("beams", meshes.merge(beams), brick)
 
 
@@ -50,7 +48,7 @@ def colonnade(rng: np.random.Generator) -> tuple[Part, Part]:
 def corridor(seed: int) -> Staging:
     """Stage the scene; the seed changes the stones, the bricks and the start of the walk."""
     rng = np.random.default_rng(seed)
-    marble = Material(base_texture=textures.checker((0.78, 0.74, 0.68), (0.06, 0.06, 0.07), 8, rng), specular=0.0)
+    marble = matt(textures.checker((0.78, 0.74, 0.68), (0.06, 0.06, 0.07), 8, rng))
     parts = (Part("floor", meshes.floor(300.0, 2.4, 64), marble), *colonnade(rng))
     start = float(rng.uniform(0.0, BAY))
     lights = (Sun(SUN, (4.6, 3.8, 2.8)),)

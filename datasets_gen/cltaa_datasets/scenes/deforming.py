@@ -10,7 +10,7 @@ import trimesh
 from cltaa.frame import Effect
 from cltaa_datasets import animation, deform, meshes, textures
 from cltaa_datasets.registry import Staging, register
-from cltaa_datasets.scene import Instant, Material, Matrix, Part, Shape
+from cltaa_datasets.scene import Instant, Material, Matrix, Part, Shape, emitting, matt
 from cltaa_datasets.sets import poster_wall, standing
 
 CELLS = 32  # of the cloth
@@ -28,13 +28,7 @@ def shape_of(mesh: trimesh.Trimesh) -> Shape:
 def banner(rng: np.random.Generator) -> tuple[Part, Callable[[float], Shape]]:
     """Return a printed cloth and its shape as a function of time; it is emissive, so that no colour changes."""
     page = textures.lettering(rng, (0.05, 0.06, 0.30), (0.86, 0.80, 0.62), 20)
-    print_ = Material(
-        base_colour=(0.0, 0.0, 0.0, 1.0),
-        specular=0.0,
-        emissive=(0.8, 0.8, 0.8),
-        emissive_texture=page,
-        double_sided=True,
-    )
+    print_ = emitting((0.8, 0.8, 0.8), page, double_sided=True)
     phase = float(rng.random())
 
     def waving(time: float) -> trimesh.Trimesh:
@@ -74,7 +68,7 @@ def morphing(seed: int) -> Staging:
     cube = Shape(0.62 * rest.normals * bulge - rest.positions, slopes - rest.normals)
     spindle = Shape(rest.positions * (squeeze - 1.0), deform.unit(rest.normals / squeeze) - rest.normals)
     tiles = textures.checker((0.10, 0.36, 0.62), (0.88, 0.84, 0.66), 8, rng)
-    parts = (Part("ball", ball, Material(base_texture=tiles, specular=0.0), deforms=True), *poster_wall(rng))
+    parts = (Part("ball", ball, matt(tiles), deforms=True), *poster_wall(rng))
     phase = rng.random(2).tolist()
 
     def at(time: float) -> Instant:

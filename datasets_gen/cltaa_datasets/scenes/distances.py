@@ -7,8 +7,8 @@ import numpy as np
 from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
-from cltaa_datasets.scene import AlphaMode, Instant, Material, Part, Perspective, Sky, Sun
-from cltaa_datasets.sets import EYE, TARGET, gallery, standing
+from cltaa_datasets.scene import Instant, Part, Perspective, Sky, Sun, cut_out, matt
+from cltaa_datasets.sets import gallery, slid, standing
 
 FAR_OFF = (1.0e6, 2.0e5, -1.0e6)  # metres
 SWING, REACH = 4.0, 0.8  # seconds, metres
@@ -30,8 +30,7 @@ def far_off(seed: int) -> Staging:
     start = float(np.random.default_rng(seed).random()) * SWING
 
     def at(time: float) -> Instant:
-        x = REACH * animation.swing(time + start, SWING)
-        view = animation.look_at((EYE[0] + x, EYE[1], EYE[2]), (TARGET[0] + x, TARGET[1], TARGET[2]))
+        view = slid(REACH * animation.swing(time + start, SWING))
         return standing(parts, view @ back, moving=(there,) * len(parts))
 
     return parts, at
@@ -45,22 +44,15 @@ def far_off(seed: int) -> Staging:
 def depth_range(seed: int) -> Staging:
     """Sway behind a lattice: it crosses the picture while the hills only follow the camera's rotation."""
     rng = np.random.default_rng(seed)
-    net = Material(
-        base_texture=textures.lattice((0.12, 0.10, 0.08), 6, 0.16),
-        specular=0.0,
-        alpha_mode=AlphaMode.MASK,
-        double_sided=True,
-    )
-    grass = Material(base_texture=textures.mottle(rng, (0.10, 0.16, 0.04), (0.34, 0.38, 0.14), 16), specular=0.0)
-    brick = Material(
-        base_texture=textures.blocks(rng, (0.66, 0.32, 0.20), (0.60, 0.56, 0.50), 6, 12, 0.012), specular=0.0
-    )
+    net = cut_out(textures.lattice((0.12, 0.10, 0.08), 6, 0.16))
+    grass = matt(textures.mottle(rng, (0.10, 0.16, 0.04), (0.34, 0.38, 0.14), 16))
+    brick = matt(textures.blocks(rng, (0.66, 0.32, 0.20), (0.60, 0.56, 0.50), 6, 12, 0.012))
     towers = [
-        meshes.moved(meshes.box((9.0, h, 9.0), 6.0), animation.translation((x, h / 2.0, z)))
+        meshes.placed(meshes.box((9.0, h, 9.0), 6.0), (x, h / 2.0, z))
         for x, z, h in zip(rng.uniform(-160, 200, 24), rng.uniform(-700, -60, 24), rng.uniform(15, 70, 24), strict=True)
     ]
     hills = [
-        meshes.moved(meshes.sphere(size, (60.0, 30.0), 16), animation.translation((x, -0.55 * size, -FARTHEST)))
+        meshes.placed(meshes.sphere(size, (60.0, 30.0), 16), (x, -0.55 * size, -FARTHEST))
         for x, size in zip(np.linspace(-2.2e5, 2.2e5, 9), rng.uniform(2.5e4, 4.5e4, 9), strict=True)
     ]
     corner = (-0.03, EYE_HEIGHT - 0.1, -NEAREST)
@@ -91,8 +83,8 @@ def depth_range(seed: int) -> Staging:
 def starry(seed: int) -> Staging:
     """Turn and walk under the stars: only the turn moves them."""
     rng = np.random.default_rng(seed)
-    ground = Material(base_texture=textures.mottle(rng, (0.02, 0.03, 0.03), (0.10, 0.11, 0.09), 16), specular=0.0)
-    timber = Material(base_texture=textures.planks(rng, (0.24, 0.18, 0.12)), specular=0.0)
+    ground = matt(textures.mottle(rng, (0.02, 0.03, 0.03), (0.10, 0.11, 0.09), 16))
+    timber = matt(textures.planks(rng, (0.24, 0.18, 0.12)))
     posts = [
         meshes.bar((x, 0.0, z), (x + lean, 3.2, z), 0.07, 8)
         for x, z, lean in zip(rng.uniform(-7, 7, 16), rng.uniform(-12, -3, 16), rng.uniform(-0.3, 0.3, 16), strict=True)

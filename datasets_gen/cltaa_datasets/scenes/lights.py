@@ -28,14 +28,14 @@ def glints(seed: int) -> Staging:
     gold = Material(base_colour=(1.0, 0.72, 0.33, 1.0), metallic=1.0, roughness=0.08)
     lacquer = Material(base_texture=textures.checker((0.5, 0.04, 0.03), (0.05, 0.05, 0.06), 8, rng), roughness=0.15)
     beads = [
-        meshes.moved(meshes.sphere(0.05, cells=8), animation.translation((x, 0.9 + y, -1.2)))
+        meshes.placed(meshes.sphere(0.05, cells=8), (x, 0.9 + y, -1.2))
         for x in np.linspace(-0.3, 1.9, 12).tolist()
         for y in np.linspace(0.0, 1.0, 6).tolist()
     ]
     parts = (
-        Part("knot", meshes.moved(meshes.knot(0.75, 0.15), animation.translation((-1.2, 1.2, -0.6))), gold),
+        Part("knot", meshes.placed(meshes.knot(0.75, 0.15), (-1.2, 1.2, -0.6)), gold),
         Part("beads", meshes.merge(beads), gold),
-        Part("vase", meshes.moved(meshes.torus(0.45, 0.2), animation.translation((0.8, 0.3, 0.2))), lacquer),
+        Part("vase", meshes.placed(meshes.torus(0.45, 0.2), (0.8, 0.3, 0.2)), lacquer),
         *poster_wall(rng),
     )
     phase = float(rng.random())

@@ -7,7 +7,7 @@ import numpy as np
 from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
-from cltaa_datasets.scene import AlphaMode, Instant, Material, Part
+from cltaa_datasets.scene import Instant, Part, cut_out, matt
 from cltaa_datasets.sets import VIEW, poster_wall, standing
 
 BOARD_PERIOD, BOARD_REACH = 3.2, 1.7  # seconds, metres either way
@@ -17,11 +17,9 @@ GRILLE_PERIOD, GRILLE_REACH = 5.0, 1.2
 def movers() -> tuple[Part, ...]:
     """Return a striped board in front and a cut-out grille behind it."""
     striped = textures.stripes((0.82, 0.10, 0.08), (0.88, 0.86, 0.80), 3, 3)
-    net = Material(
-        base_texture=textures.lattice((0.10, 0.32, 0.26), 5), specular=0.0, alpha_mode=AlphaMode.MASK, double_sided=True
-    )
+    net = cut_out(textures.lattice((0.10, 0.32, 0.26), 5))
     return (
-        Part("board", meshes.box((0.95, 1.9, 0.06)), Material(base_texture=striped, specular=0.0)),
+        Part("board", meshes.box((0.95, 1.9, 0.06)), matt(striped)),
         Part("grille", meshes.sheet((-0.8, 0.05, 0.0), (1.6, 0.0, 0.0), (0.0, 2.1, 0.0), (1.6, 2.1)), net),
     )
 

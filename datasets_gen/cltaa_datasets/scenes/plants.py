@@ -9,8 +9,8 @@ import numpy as np
 from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
-from cltaa_datasets.scene import AlphaMode, Instant, Material, Matrix, Part
-from cltaa_datasets.sets import EYE, KEPT, TARGET, poster_wall, standing
+from cltaa_datasets.scene import AlphaMode, Instant, Matrix, Part, emitting
+from cltaa_datasets.sets import KEPT, poster_wall, slid, standing
 
 SWING, REACH = 4.0, 0.7  # seconds, metres
 SWAY = 0.09  # metres sideways per metre of height
@@ -23,15 +23,7 @@ def hedge(seed: int, rows: int = 3) -> tuple[Part, ...]:
     rng = np.random.default_rng(seed)
     leaves = textures.leaves(rng, (0.04, 0.12, 0.03), (0.24, 0.40, 0.10), 170)
     # Emissive, so that a swaying leaf keeps its colour.
-    green = Material(
-        base_colour=(0.0, 0.0, 0.0, 1.0),
-        base_texture=leaves,
-        emissive=(1.0, 1.0, 1.0),
-        emissive_texture=leaves,
-        specular=0.0,
-        alpha_mode=AlphaMode.MASK,
-        double_sided=True,
-    )
+    green = emitting((1.0, 1.0, 1.0), leaves, base_texture=leaves, alpha_mode=AlphaMode.MASK, double_sided=True)
     sheet = meshes.sheet((-0.5, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.1, 0.0), (1.5, 1.6))
     grown = []
     for row in range(rows):
@@ -55,9 +47,7 @@ def foliage(seed: int) -> Staging:
     start = float(np.random.default_rng(seed).random()) * SWING
 
     def at(time: float) -> Instant:
-        x = REACH * animation.swing(time + start, SWING)
-        view = animation.look_at((EYE[0] + x, EYE[1], EYE[2]), (TARGET[0] + x, TARGET[1], TARGET[2]))
-        return standing(parts, view)
+        return standing(parts, slid(REACH * animation.swing(time + start, SWING)))
 
     return parts, at
 

@@ -7,7 +7,7 @@ import numpy as np
 from cltaa.frame import Effect
 from cltaa_datasets import animation, swarms
 from cltaa_datasets.registry import Staging, register
-from cltaa_datasets.scene import Instant, Material, Part, Shape
+from cltaa_datasets.scene import Instant, Part, Shape, emitting
 from cltaa_datasets.sets import gallery, standing
 
 COUNT, SIZE = 70, 0.006  # number; metres from a spark's centre to its tip
@@ -20,7 +20,7 @@ HOT = (1.0e4, 4.2e3, 9.0e2)
 
 def glowing() -> Part:
     """Return the swarm of sparks, a deforming part."""
-    light = Material(base_colour=(0.0, 0.0, 0.0, 1.0), specular=0.0, emissive=HOT, double_sided=True)
+    light = emitting(HOT, double_sided=True)
     return Part("sparks", swarms.repeated(swarms.OCTAHEDRON, swarms.SIDES, COUNT), light, deforms=True)
 
 

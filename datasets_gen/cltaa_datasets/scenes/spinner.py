@@ -47,10 +47,7 @@ def surroundings(rng: np.random.Generator) -> tuple[Part, ...]:
     )
     plaster = Material(base_texture=textures.blocks(rng, (0.66, 0.60, 0.50), (0.46, 0.42, 0.36), 5, 9, 0.01))
     stone = Material(base_texture=textures.mottle(rng, (0.30, 0.29, 0.28), (0.62, 0.60, 0.57)), roughness=0.7)
-    plinths = [
-        meshes.moved(meshes.box((1.1, 0.5, 1.1), 1.0), animation.translation((x, 0.25, z)))
-        for x, z in ((-2.3, -0.6), (2.35, -0.4))
-    ]
+    plinths = [meshes.placed(meshes.box((1.1, 0.5, 1.1), 1.0), (x, 0.25, z)) for x, z in ((-2.3, -0.6), (2.35, -0.4))]
     return (
         Part("terrace", meshes.floor(40.0, 2.0, 16), tiles),
         Part("wall", meshes.sheet((-14.0, 0.0, -5.5), (28.0, 0.0, 0.0), (0.0, 3.1, 0.0), (8.0, 1.3), 4), plaster),

@@ -7,7 +7,7 @@ import numpy as np
 from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
-from cltaa_datasets.scene import AlphaMode, Instant, Material, Part, Perspective, Sky, Sun
+from cltaa_datasets.scene import Instant, Material, Part, Perspective, Sky, Sun, cut_out, matt
 
 SUN = animation.direction(130.0, 45.0)
 SKY = Sky(zenith=(0.14, 0.30, 0.64), horizon=(0.70, 0.76, 0.84), ground=(0.24, 0.22, 0.19), fog=0.006, ambient=0.6)
@@ -19,17 +19,9 @@ def courtyard(rng: np.random.Generator) -> tuple[Part, ...]:
     brick = textures.blocks(rng, (0.66, 0.32, 0.20), (0.60, 0.56, 0.50), 6, 12, 0.012)
     stone = textures.mottle(rng, (0.45, 0.43, 0.40), (0.70, 0.67, 0.62))
     return (
-        Part("paving", meshes.floor(60.0, 2.4, 24), Material(base_texture=paving, specular=0.0)),
-        Part(
-            "wall",
-            meshes.sheet((-16.0, 0.0, -4.5), (32.0, 0.0, 0.0), (0.0, 2.4, 0.0), (16.0, 1.2), 4),
-            Material(base_texture=brick, specular=0.0),
-        ),
-        Part(
-            "coping",
-            meshes.moved(meshes.box((32.0, 0.16, 0.6), 1.0), animation.translation((0.0, 2.48, -4.6))),
-            Material(base_texture=stone, specular=0.0),
-        ),
+        Part("paving", meshes.floor(60.0, 2.4, 24), matt(paving)),
+        Part("wall", meshes.sheet((-16.0, 0.0, -4.5), (32.0, 0.0, 0.0), (0.0, 2.4, 0.0), (16.0, 1.2), 4), matt(brick)),
+        Part("coping", meshes.placed(meshes.box((32.0, 0.16, 0.6), 1.0), (0.0, 2.48, -4.6)), matt(stone)),
     )
 
 
@@ -38,12 +30,7 @@ def things(rng: np.random.Generator) -> tuple[Part, ...]:
     glaze = textures.checker((0.08, 0.34, 0.44), (0.84, 0.80, 0.66), 8, rng)
     page = textures.lettering(rng, (0.06, 0.05, 0.05), (0.80, 0.74, 0.62), 26)
     striped = textures.stripes((0.70, 0.14, 0.08), (0.84, 0.80, 0.72), 6)
-    green = Material(
-        base_texture=textures.leaves(rng, (0.04, 0.12, 0.03), (0.24, 0.40, 0.10)),
-        specular=0.0,
-        alpha_mode=AlphaMode.MASK,
-        double_sided=True,
-    )
+    green = cut_out(textures.leaves(rng, (0.04, 0.12, 0.03), (0.24, 0.40, 0.10)))
     sheets = [
         meshes.moved(
             meshes.sheet((-0.7, 0.0, 0.0), (1.4, 0.0, 0.0), (0.0, 1.9, 0.0), (1.0, 1.4)),
@@ -64,7 +51,7 @@ def things(rng: np.random.Generator) -> tuple[Part, ...]:
         ),
         Part(
             "ball",
-            meshes.moved(meshes.sphere(0.62, (6.0, 3.0)), animation.translation((-1.65, 0.62, 0.2))),
+            meshes.placed(meshes.sphere(0.62, (6.0, 3.0)), (-1.65, 0.62, 0.2)),
             Material(base_texture=page, roughness=0.7),
         ),
         Part(

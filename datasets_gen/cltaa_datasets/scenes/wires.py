@@ -10,7 +10,7 @@ import numpy as np
 from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
-from cltaa_datasets.scene import Instant, Material, Part, Perspective, Sky, Sun
+from cltaa_datasets.scene import Instant, Material, Part, Perspective, Sky, Sun, matt
 
 WALK = 0.9  # metres per second
 SUN = animation.direction(70.0, 32.0)
@@ -37,7 +37,7 @@ def fence(rng: np.random.Generator, posts: int = 18, spacing: float = 2.5) -> tu
     for (x0, y0, z0), (x1, y1, z1) in pairwise(heads):
         for share in np.linspace(0.16, 0.96, 6).tolist():
             strands.append(meshes.bar((x0, share * y0, z0), (x1, share * y1, z1), 0.002))
-    wood = Material(base_texture=textures.planks(rng, (0.42, 0.30, 0.20)), specular=0.0)
+    wood = matt(textures.planks(rng, (0.42, 0.30, 0.20)))
     steel = Material(base_colour=(0.10, 0.10, 0.11, 1.0), specular=0.0)
     return Part("posts", meshes.merge(timber), wood), Part("strands", meshes.merge(strands), steel)
 
@@ -76,7 +76,7 @@ def _sideways(_: meshes.Floats) -> meshes.Floats:
 def wires(seed: int) -> Staging:
     """Stage the scene; the seed changes posts, masts, textures and the start of the walk."""
     rng = np.random.default_rng(seed)
-    grass = Material(base_texture=textures.mottle(rng, (0.10, 0.14, 0.03), (0.36, 0.40, 0.14), 32), specular=0.0)
+    grass = matt(textures.mottle(rng, (0.10, 0.14, 0.03), (0.36, 0.40, 0.14), 32))
     meadow = Part("meadow", meshes.floor(240.0, 1.5, 48), grass)
     parts = (*fence(rng), power_line(rng), meadow)
     start = float(rng.uniform(-1.0, 1.0))
