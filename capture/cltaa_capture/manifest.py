@@ -116,9 +116,8 @@ class Manifest:
         elif found.exists():
             self._resume(found)
         elif any(folder.glob("*.exr")):
-            raise UsageError(
-                "holds EXR files of another origin", path=folder, expected=CAPTURE, cure="choose an empty folder"
-            )
+            what, cure = "holds EXR files of another origin", "choose an empty folder"
+            raise UsageError(what, path=folder, expected=CAPTURE, cure=cure)
         for inside in self._folders():
             remove_stale_temporaries(inside)
         self.save()
@@ -136,9 +135,8 @@ class Manifest:
             if content["format"] != FORMAT or not isinstance(settings, dict) or not isinstance(files_, dict):
                 raise ValueError("not of this format")
         except (ValueError, KeyError, TypeError, RecursionError) as error:
-            raise DataError(
-                f"cannot be resumed from ({error})", path=path, cure="use --restart to begin anew"
-            ) from error
+            what, cure = f"cannot be resumed from ({error})", "use --restart to begin anew"
+            raise DataError(what, path=path, cure=cure) from error
         for key in dict.fromkeys([*self._settings, *settings]):  # requested settings first, beginning with the scene
             asked, begun = self._settings.get(key), settings.get(key)
             if asked != begun:
@@ -147,9 +145,8 @@ class Manifest:
                     raise UsageError(what, path=path, cure=RESTART_CURE)
                 if key == "model_sha256":
                     raise UsageError("was begun with another content of the model", path=path, cure=RESTART_CURE)
-                raise UsageError(
-                    f"was begun with another {key}", path=path, expected=asked, found=begun, cure=RESTART_CURE
-                )
+                what = f"was begun with another {key}"
+                raise UsageError(what, path=path, expected=asked, found=begun, cure=RESTART_CURE)
         self._files = files_
         self._seconds = dict(content.get("seconds_a_frame", {}))
 

@@ -253,9 +253,8 @@ def compare(
             _check_followed(comparison)
     _tell_reading(named, in_time)
     # A single file lacks no frames: the user asked for that one only.
-    lacking = [
-        [] if test.alone else comparison.not_judged(chosen) for test, comparison in zip(tests, comparisons, strict=True)
-    ]
+    pairs = zip(tests, comparisons, strict=True)
+    lacking = [[] if test.alone else comparison.not_judged(chosen) for test, comparison in pairs]
     warnings = [_warn(*one, without, in_time, heatmap) for one, without in zip(named.items(), lacking, strict=True)]
     found = judge(comparisons, metrics, stops, in_time=in_time, heatmap=heatmap)
     truth = comparisons[0].reference.folder if comparisons[0].capture else reference
@@ -346,9 +345,7 @@ def _warn(name: str, comparison: Comparison, lacking: list[int], in_time: bool, 
 def _check_followed(comparison: Comparison) -> None:
     """Raise UsageError if --video cannot judge A: no capture, only a region, or no consecutive frames."""
     if comparison.capture is None:
-        raise UsageError(
-            "--video needs the capture", cure="give the sequence as B, or alone as A, with its truth in reference/"
-        )
+        raise UsageError("--video needs the capture", cure="give it as B, or alone as A, with its truth in reference/")
     if comparison.region is not None:
         expected, found = (images.layouts[images.first].size for images in (comparison.reference, comparison.test))
         what, cure = "--video judges whole pictures only", "leave --video out for a region"

@@ -225,9 +225,8 @@ def _findings(diagnosis: Diagnosis) -> Table:
 
 
 def _devices(devices: list[dict[str, object]]) -> Table:
-    table = Table(
-        "", title="OpenCL devices, in the order of choice; CLTAA_DEVICE or --device names another", title_justify="left"
-    )
+    title = "OpenCL devices, in the order of choice; CLTAA_DEVICE or --device names another"
+    table = Table("", title=title, title_justify="left")
     for index in range(len(devices)):
         table.add_column(f"--device {index}")
     for name in devices[0]:

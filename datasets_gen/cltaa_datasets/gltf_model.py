@@ -253,10 +253,8 @@ def _shiny(entry: dict[str, Any]) -> dict[str, Any]:
 
 def _target(target: dict[str, int], vertices: Vertices, count: int) -> Shape:
     """Return the displacements of positions and normals by a morph target."""
-    moved, turned = (
-        vertices.read(name, target) if name in target else np.zeros((count, 3)) for name in ("POSITION", "NORMAL")
-    )
-    return Shape(moved, turned)
+    none = np.zeros((count, 3))
+    return Shape(*(vertices.read(name, target) if name in target else none for name in ("POSITION", "NORMAL")))
 
 
 def _colours(vertices: Vertices, count: int) -> NDArray[np.float32] | None:

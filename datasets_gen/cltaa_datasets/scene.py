@@ -184,10 +184,9 @@ class Instant:
         )
 
     def _arrays(self) -> list[Matrix | None]:
-        shapes = [
-            side for name in sorted(self.shapes) for side in (self.shapes[name].positions, self.shapes[name].normals)
-        ]
-        return [self.world_to_view, *self.poses, *shapes]
+        shapes = [self.shapes[name] for name in sorted(self.shapes)]
+        sides = [side for shape in shapes for side in (shape.positions, shape.normals)]
+        return [self.world_to_view, *self.poses, *sides]
 
 
 def _same(one: Matrix | None, other: Matrix | None) -> bool:

@@ -271,10 +271,8 @@ def check_disagreement(shot: Shot) -> list[Finding]:
     sure = sureness(declared, winner) if winner.mean() < CLEARLY_BETTER * declared.mean() else DOUBTFUL
     if sure < SURE and not moving_pairs(shot):  # a moving belt may fill the picture
         return []
-    evidence = (
-        f"they are {apart:.2g} px apart in the middle, of {moved:.2g}; residual {winner.mean():.3f} by matrices and "
-    )
-    evidence += f"depth, {declared.mean():.3f} by the vectors"
+    evidence = f"they are {apart:.2g} px apart in the middle, of {moved:.2g}; residual {winner.mean():.3f} by matrices "
+    evidence += f"and depth, {declared.mean():.3f} by the vectors"
     return [mistake("motion-disagrees", "the motion vectors are not those of matrices and depth", evidence, sure)]
 
 

@@ -228,10 +228,8 @@ def tell_device(shot: Shot, found: Finding, rule: Depth) -> Finding:
         [pair.camera_motion(inverse_depth=values * by) for pair, values in zip(pairs, stored, strict=True)]
         for by in ((1.0, near) if reverse else (near, other))
     )
-    pairs = [
-        replace(pair, usable=seen_before(pair, motion, pair.usable))
-        for pair, motion in zip(pairs, by_plain, strict=True)
-    ]
+    both = zip(pairs, by_plain, strict=True)
+    pairs = [replace(pair, usable=seen_before(pair, motion, pair.usable)) for pair, motion in both]
     plain, changed = (residuals_of(pairs, motions) for motions in (by_plain, by_changed))
     by_vectors = [
         vectors_uphold(pairs, [pair.own - motion for pair, motion in zip(pairs, other, strict=True)], motions)

@@ -74,10 +74,9 @@ def measured_jitter(sequence: FrameSequence) -> dict[int, Vector]:
     return dict(zip(sequence.numbers, jitter, strict=True))
 
 
-def _unsure(sequence: FrameSequence, what: str, expected: str, found: str, cure: str) -> DataError:
-    return DataError(
-        f"the jitter is not measured: {what}", path=sequence.folder, expected=expected, found=found, cure=cure
-    )
+def _unsure(sequence: FrameSequence, why: str, expected: str, found: str, cure: str) -> DataError:
+    what = f"the jitter is not measured: {why}"
+    return DataError(what, path=sequence.folder, expected=expected, found=found, cure=cure)
 
 
 def write_jitter(path: Path, jitter: dict[int, Vector], side: dict[int, Side]) -> None:

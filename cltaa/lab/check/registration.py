@@ -5,7 +5,7 @@ The method is that of Lucas and Kanade (1981, An iterative image registration te
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -48,12 +48,16 @@ def blur(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
     weights = np.exp(-0.5 * (offsets / sigma) ** 2)
     weights = (weights / weights.sum()).astype(np.float32)
     for axis in (0, 1):
-        size = image.shape[axis]
-        padded = np.pad(image, [(radius, radius) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
-        image = sum(
-            (w * np.take(padded, range(k, k + size), axis=axis) for k, w in enumerate(weights)), np.zeros_like(image)
-        )
+        taps = zip(weights, _shifted(image, radius, axis), strict=True)
+        image = sum((weight * there for weight, there in taps), np.zeros_like(image))
     return image
+
+
+def _shifted(image: NDArray[np.float32], reach: int, axis: int) -> Iterator[NDArray[np.float32]]:
+    """Yield [H, W] moved along an axis by -``reach`` to ``reach`` texels; edges repeat."""
+    padded = np.pad(image, [(reach, reach) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
+    for first in range(2 * reach + 1):
+        yield np.take(padded, range(first, first + image.shape[axis]), axis=axis)
 
 
 def grid_points(height: int, width: int) -> Points:
@@ -287,10 +291,7 @@ def _uncovered(depth: NDArray[np.float32]) -> Mask:
     them."""
     nearest = np.where(np.isfinite(depth), np.abs(depth), np.float32(np.inf))
     for axis in (0, 1):
-        size = depth.shape[axis]
-        padded = np.pad(nearest, [(UNCOVERED_PX, UNCOVERED_PX) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
-        shifted = [np.take(padded, range(k, k + size), axis=axis) for k in range(2 * UNCOVERED_PX + 1)]
-        nearest = np.minimum.reduce(shifted)
+        nearest = np.minimum.reduce([*_shifted(nearest, UNCOVERED_PX, axis)])
     return np.asarray(np.isfinite(nearest) & ~(np.abs(depth) * IN_FRONT <= nearest))
 
 

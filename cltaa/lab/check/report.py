@@ -63,9 +63,8 @@ def check_files(intake: Intake) -> list[Finding]:
         if "half" in types:
             what = f"{role} is half precision: 11 bits, wrong by up to 1/2048 of its size"
             evidence = written(shown_name(place, intake.sets) for place in places)
-            found.append(
-                Finding(name=f"{role}-half", mistake=role == "depth", confidence=0.99, what=what, evidence=evidence)
-            )
+            wrong = role == "depth"
+            found.append(Finding(name=f"{role}-half", mistake=wrong, confidence=0.99, what=what, evidence=evidence))
     for note in intake.notes:
         name, what = note.split(":")[0].replace(" ", "-"), note.removesuffix(SHOWN)
         found.append(Finding(name=name, mistake=False, confidence=0.99, what=what, evidence="the files' headers"))

@@ -50,11 +50,8 @@ def unverifiable(shot: Shot) -> list[str]:
     if not shot.pairs:
         return [f"{_between_two(shot)}: no frame here follows another; give 8 or more in a row", *_depth(shot)]
     if shot.narrow:
-        size = f"{shot.frames[0].width} x {shot.frames[0].height}"
-        return [
-            f"{_between_two(shot)}: {size} pixels are too small to tell, {LEAST_SIDE} on each side do",
-            *_depth(shot),
-        ]
+        size = f"{shot.frames[0].width} x {shot.frames[0].height} pixels"
+        return [f"{_between_two(shot)}: {size} are too small to tell, {LEAST_SIDE} on each side do", *_depth(shot)]
     return [*_camera(shot), *_depth(shot), *_motion(shot), *_jitter(shot)]
 
 

@@ -219,9 +219,7 @@ def doubts(comparison: Comparison, *, followed: bool) -> list[str]:
     if entry is None or test.first not in capture.numbers:
         return []
     if capture.sha256(test.first) not in (None, entry.input_sha256):
-        return [
-            "A was resolved from other frames than those of B: from another seed or jitter, or before a new capture"
-        ]
+        return ["A was resolved from other frames than those of B: another seed or jitter, or before a new capture"]
     if followed and _read_otherwise(capture, test.first, manifest.settings, entry):
         return [
             "A was resolved from B as other options read it: give --profile, --input, --camera and --step as then,"

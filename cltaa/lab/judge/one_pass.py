@@ -153,9 +153,8 @@ def _alpha(truth: _Picture, test: _Picture, number: int, stops: float) -> dict[i
     values = {"mse": measure(masks[0], masks[1], [METRICS["mse-linear"]], **where)["mse-linear"]}
     values["worst"] = float(np.abs(masks[0] - masks[1]).max())
     for name, ground in (("white", WHITE), ("grey", GREY)):
-        one, other = (
-            picture.image + (1 - mask) * np.float32(ground) for picture, mask in zip((test, truth), masks, strict=True)
-        )
+        pairs = zip((test, truth), masks, strict=True)
+        one, other = (picture.image + (1 - mask) * np.float32(ground) for picture, mask in pairs)
         values[f"psnr-{name}"] = measure(one, other, [METRICS["psnr"]], stops, **where)["psnr"]
     return {number: values}
 
@@ -195,10 +194,8 @@ def _read_sample(capture: FrameSequence, number: int, part: Part) -> _Picture:
 def summary_of(comparison: Comparison, judged: Judged, found: Found, metrics: tuple[Metric, ...]) -> dict[str, Any]:
     """Return the report of one test, beside the single samples unless the test is these."""
     single = None if comparison.of_itself else found.one_sample
-    rows = [
-        {"frame": number, "metrics": values}
-        for number, values in zip(comparison.test.numbers, judged.metrics, strict=True)
-    ]
+    numbered = zip(comparison.test.numbers, judged.metrics, strict=True)
+    rows: list[dict[str, Any]] = [{"frame": number, "metrics": values} for number, values in numbered]
     result: dict[str, Any] = {
         "definitions": {metric.name: metric.title for metric in metrics},
         "mean": mean(judged.metrics),

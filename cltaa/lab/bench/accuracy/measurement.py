@@ -200,9 +200,8 @@ def ranking(samples: Samples, default: str, controls: int, *, is_cpu: bool, unit
 def enlarged(frame: Frame, factor: int) -> Frame:
     """Return the frame with every pixel repeated ``factor`` times along both axes, and its motion scaled by it."""
     given: dict[str, Image | None] = {name: getattr(frame, name) for name in PLANES}
-    large: dict[str, Any] = {
-        name: image.repeat(factor, 0).repeat(factor, 1) for name, image in given.items() if image is not None
-    }
+    there = {name: image for name, image in given.items() if image is not None}
+    large: dict[str, Any] = {name: image.repeat(factor, 0).repeat(factor, 1) for name, image in there.items()}
     if "motion" in large:
         large["motion"] *= np.float32(factor)
     return replace(frame, **large)
@@ -388,9 +387,8 @@ def bench_accuracy(
     before = load_average()
     pin_threads()
     launcher = DeviceLauncher(tasks[0].device)
-    of = {
-        sequence: [task for task in tasks if task.sequence == sequence] for sequence in {t.sequence: 0 for t in tasks}
-    }
+    names = dict.fromkeys(task.sequence for task in tasks)
+    of = {sequence: [task for task in tasks if task.sequence == sequence] for sequence in names}
     units = launcher.device.cl_device.max_compute_units
     timing = Timing(rounds, patience, len(of), units, CORES, pixels)
     for _ in track(run_all(tasks, output, jobs=jobs, dask=dask), len(tasks), "measuring errors", "tasks"):

@@ -64,9 +64,8 @@ def write_pictures(
         write_png(path, _magnified(crop))
         stale.remove(preset.name)
         link = os.path.relpath(path, path.parent if page is None else page.parent)
-        texts[preset.name] = (
-            f"{caption(row, preset.name, crop.frame)}\n\n![{preset.name}]({quote(Path(link).as_posix())})"
-        )
+        picture = f"![{preset.name}]({quote(Path(link).as_posix())})"
+        texts[preset.name] = f"{caption(row, preset.name, crop.frame)}\n\n{picture}"
     for name in stale:
         (output / f"{name}.png").unlink(missing_ok=True)
     return texts
