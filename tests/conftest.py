@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -23,6 +25,7 @@ os.environ["XDG_CACHE_HOME"] = str(CACHE)
 
 import pyopencl as cl  # noqa: E402
 
+import cltaa.opencl.device  # noqa: E402
 from cltaa.opencl.device import POCL  # noqa: E402
 
 # A busy machine is slow, and no property of ours is one of time.
@@ -44,6 +47,24 @@ def optimised_if_marked(request: pytest.FixtureRequest, monkeypatch: pytest.Monk
     """Build kernels as users have them, where a test says that it is about these."""
     if request.node.get_closest_marker("optimised"):
         monkeypatch.delenv(OPTIONS, raising=False)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def programs_built_once() -> Iterator[None]:
+    """Let all launchers of this process share a context, and each program that one of them has built.
+
+    PoCL takes a tenth of a second even for a program that lies in its cache, and hundreds of tests open a launcher.
+    """
+    context_of, program_of = cache(cltaa.opencl.device.context_of), cltaa.opencl.device.program_of
+
+    @cache
+    def built(_: str | None, context: cl.Context, text: str, options: tuple[str, ...]) -> cl.Program:
+        return program_of(context, text, options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cltaa.opencl.device.context_of", context_of)
+        patch.setattr("cltaa.opencl.device.program_of", lambda *asked: built(os.environ.get(OPTIONS), *asked))
+        yield
 
 
 @pytest.fixture(autouse=True, scope="session")

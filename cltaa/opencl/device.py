@@ -201,7 +201,7 @@ class Device(OneProcess):
             return
         self.cl_device = choose_device(requested)
         try:
-            self.context = cl.Context([self.cl_device])
+            self.context = context_of(self.cl_device)
             self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
         except cl.Error as error:
             raise DeviceMissing(f"{self.description} cannot be opened: {error}", cure="see: cltaa doctor") from error
@@ -281,6 +281,17 @@ def device_flags(devices: Iterable[cl.Device]) -> tuple[str, ...]:
     return () if doubles else ("-cl-single-precision-constant",)
 
 
+def context_of(device: cl.Device) -> cl.Context:
+    """Open a device."""
+    return cl.Context([device])
+
+
+def program_of(context: cl.Context, text: str, options: tuple[str, ...]) -> cl.Program:
+    """Build a program."""
+    built: cl.Program = cl.Program(context, text).build(options=list(options))
+    return built
+
+
 class Kernel(OneProcess):
     """One built kernel; call ``enqueue`` with its arguments by name."""
 
@@ -290,8 +301,8 @@ class Kernel(OneProcess):
             with warnings.catch_warnings():
                 # Some drivers print remarks for every build; -Werror has made errors of the warnings among them.
                 warnings.simplefilter("ignore", cl.CompilerWarning)
-                options = [*build.flags(), *device_flags(context.devices)]
-                program = cl.Program(context, source(name, build)).build(options=options)
+                options = (*build.flags(), *device_flags(context.devices))
+                program = program_of(context, source(name, build), options)
         except cl.RuntimeError as error:
             said = (line.strip() for line in str(error).splitlines() if not line.startswith("(options:"))  # -Werror
             reason = next((line for line in said if "error" in line), None)

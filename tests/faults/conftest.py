@@ -9,8 +9,18 @@ from pathlib import Path
 import pytest
 
 from cltaa.cli import main
+from cltaa.opencl import device
 from tests.faults.runs import digests, on_first_device
 from tests.sequence_factory import write_sequence
+
+OPENED, BUILT = device.context_of, device.program_of  # before tests/conftest.py lets launchers share them
+
+
+@pytest.fixture(autouse=True)
+def contexts_and_programs_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Open and build as users do: what is shared would hide a fault of it."""
+    monkeypatch.setattr(device, "context_of", OPENED)
+    monkeypatch.setattr(device, "program_of", BUILT)
 
 
 @pytest.fixture(scope="session")
