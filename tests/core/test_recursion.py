@@ -56,8 +56,7 @@ def error(image: Array, light: float = 1.0) -> float:
 
 @pytest.mark.parametrize("name", ["gather-8", "gather-8+8"])
 def test_what_stands_is_a_mean_of_more_than_the_ring_holds(name: str) -> None:
-    # By the oracle, whose bits the device has (below): two of its programs take longer than all these frames.
-    images = (last(preset_of(name, recursion), [1.0] * 40, "numpy") for recursion in ("standing", "none"))
+    images = (last(preset_of(name, recursion), [1.0] * 40) for recursion in ("standing", "none"))
     with_it, without = map(error, images)
     assert with_it < 0.75 * without  # 8 or 16 samples against up to 32, in part beside each other
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -13,11 +13,20 @@ import trimesh
 from cltaa.frame import Frame
 from cltaa.io.sequence import open_sequence
 from cltaa_capture.sequence import Request, capture_sequence
+from cltaa_datasets.scenes import build_scene
 
 MOTIONS = {"orbit": "orbit", "turning": "turntable"}  # of a model, by names that no scene has
 SLOW = {"dolly": 4.0, "halt": 4.0}  # frames a second, so that 8 frames see the camera change its speed
 
 Scene = Callable[[str], list[Frame]]
+
+
+@pytest.fixture(autouse=True, scope="session")
+def scenes_built_once() -> Iterator[None]:
+    """Let captures of one scene in several sizes share its meshes and textures, which take up to seconds to make."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cltaa_capture.sequence.build_scene", cache(build_scene))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -40,8 +40,7 @@ def without_jitter(frames: list[Frame], folder: Path) -> Path:
 
 
 def resolved(folder: Path, output: Path, *options: str) -> Image:
-    asked = ("-o", str(output), "--effects", "all", "--device", "numpy")
-    assert main(["resolve", str(folder), *asked, *options]) == 0
+    assert main(["resolve", str(folder), "-o", str(output), "--effects", "all", *options]) == 0
     return open_images(output).image(open_images(output).last)
 
 

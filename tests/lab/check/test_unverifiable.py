@@ -206,7 +206,7 @@ def test_jitter_that_nothing_shows_is_unverifiable(scene: Scene) -> None:
 
 
 def test_a_plane_that_the_camera_moves_along_has_one_vector(small: Scene) -> None:
-    frames = full_motion(small("charts_drift"))
+    frames = full_motion(small("charts_drift")[:8])
     assert mistakes(frames) == []
     assert mistakes(MISTAKES["motion-negated"].plant(frames)) == ["motion-negated"]
     assert "motion-zero-is-camera" in mistakes([replace(frame, motion=np.zeros_like(frame.motion)) for frame in frames])
@@ -214,20 +214,20 @@ def test_a_plane_that_the_camera_moves_along_has_one_vector(small: Scene) -> Non
 
 
 @pytest.mark.parametrize(
-    ("name", "mistake", "words"),
+    ("name", "count", "mistake", "words"),
     [
-        ("cloth", "motion-swapped", "which is x"),
-        ("spinner", "motion-scaled-2", "their size"),
-        ("pan", "motion-y-flipped", "the sign of y"),
-        ("everything", "motion-negated", "their sign"),
-        ("everything", "motion-jittered-reversed", "jitter in them"),
+        ("cloth", 8, "motion-swapped", "which is x"),
+        ("spinner", 8, "motion-scaled-2", "their size"),
+        ("pan", 8, "motion-y-flipped", "the sign of y"),
+        ("everything", 16, "motion-negated", "their sign"),
+        ("everything", 16, "motion-jittered-reversed", "jitter in them"),
     ],
 )
 def test_wrong_vectors_that_are_not_named_are_said_to_be_unverifiable(
-    name: str, mistake: str, words: str, small: Scene
+    name: str, count: int, mistake: str, words: str, small: Scene
 ) -> None:
     """By spoilt frames as by right ones."""
-    frames = full_motion(small(name)) if name == "pan" else small(name)
+    frames = full_motion(small(name)[:count]) if name == "pan" else small(name)[:count]
     spoilt = MISTAKES[mistake].plant(frames)
     assert mistakes(spoilt) == []
     assert any("the vectors: " in line and words in line for line in told(spoilt))
