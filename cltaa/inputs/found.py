@@ -58,6 +58,7 @@ MOVED_PX, MOVED_SHARE = 0.1, 1e-4  # least difference from the camera's motion, 
 LOOKED_AT = 2**20  # most pixels examined in a pair of frames, in whole rows
 LEAP = 0.25  # share of the picture that points at infinity may move in a frame; a cut moves them farther
 BRIGHT = 8.0  # radiance "far above 1"
+GROUND = 0.5  # light beneath transparent texels, where a black shadow changes nothing but alpha
 LARGEST = 2.0**50  # greater light counts as missing
 
 NO_FRAME = "no frame looked at: each place has a cut, or cannot be read"
@@ -306,7 +307,8 @@ class _Witness:
 
 
 class _Look:
-    """A frame, its inverse depth and its light x / (1 + x), [H, W], tonemapped so that no highlight dominates."""
+    """A frame, its inverse depth and its light x / (1 + x) over a grey ground, [H, W], tonemapped so that no highlight
+    dominates."""
 
     def __init__(self, frame: Frame) -> None:
         self.frame = outline(frame)
@@ -317,6 +319,8 @@ class _Look:
         colour = np.where((frame.colour > 0) & (frame.colour < LARGEST), frame.colour, np.float32(0))
         self.brightest = float(colour.max(initial=0.0))
         light = colour @ (LUMA / np.float32(frame.exposure))
+        if frame.alpha is not None:
+            light += np.float32(GROUND) * (1 - np.clip(np.nan_to_num(frame.alpha, nan=1.0), 0, 1))
         self.light = light / (1 + light)
 
 

@@ -104,6 +104,12 @@ def a_lid(frame: Frame, _across: Array, index: int) -> Frame:
     return replace(lit(frame, np.where(there, 3.0, 1.0)), depth=depth)
 
 
+def a_shadow_alone(frame: Frame, across: Array, index: int) -> Frame:
+    """As for a composite: black, and transparent elsewhere."""
+    alpha = np.where(across < -2.4 + 0.1 * index, 0.5, 0.0).astype(np.float32)
+    return replace(lit(frame, 0.0), alpha=alpha)
+
+
 STANDING = {Effect.DISOCCLUSION}  # which nothing disproves
 CASES: dict[str, tuple[Change | None, float, set[Effect]]] = {
     "standing light": (None, 0.0, STANDING),
@@ -116,6 +122,7 @@ CASES: dict[str, tuple[Change | None, float, set[Effect]]] = {
     ),
     "a shadow": (a_shadow, 0.0, STANDING | {Effect.ILLUMINATION}),
     "a shadow, a camera that slides": (a_shadow, 0.03, STANDING | {Effect.ILLUMINATION, Effect.CAMERA}),
+    "a shadow on a transparent ground": (a_shadow_alone, 0.0, STANDING | {Effect.ILLUMINATION, Effect.ALPHA}),
     "vectors that are zero": (moving(0.0), 0.0, STANDING),
     "vectors": (moving(1.0), 0.0, STANDING | {Effect.MOTION}),
     "vectors of the last frames": (moving(1.0, FRAMES - 3), 0.0, STANDING | {Effect.MOTION}),
