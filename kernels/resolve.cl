@@ -8,8 +8,9 @@
 // The prelude defines the names in capitals, frame_t (the numbers of this frame) and settings_t (those of the preset).
 // cltaa/core/build.py writes it in front of this text; `cltaa kernels --show resolve` prints it.
 //
-// sample_history also runs the illumination-change test and the disocclusion test, hence its arguments `current` and
-// `rows.below.texels`. extend_stored does nothing on a GPU, where extend_edges_kernel of store.cl repeats the edges.
+// sample_history also runs the illumination-change test and the disocclusion test, hence its arguments `current`,
+// `alpha` and `rows.below.texels`. extend_stored does nothing on a GPU, where extend_edges_kernel of store.cl repeats
+// the edges.
 #include "taa/fireflies.h"
 #include "schedule/window.h"
 
@@ -34,7 +35,7 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
 
         // Sample the history there. It is invalid where the previous frame did not show that surface.
-        history_t h = sample_history(current, rows.below.texels, rows.centre.has_missing, history, history_count,
+        history_t h = sample_history(current, alpha, rows.below.texels, rows.centre.has_missing, history, history_count,
             previous_inverse_depth, m, s, x, y, frame, settings, &cache);
 
         // Rectify: move the history into the range of the 3x3.

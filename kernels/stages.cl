@@ -77,8 +77,9 @@ __kernel void surface_motion_kernel(plane_in current, plane_in inverse_depth, pl
 
 // History at that motion. 9 planes: r, g, b, alpha, count, fx, fy, valid (1 or 0), and the illumination change, where
 // it is tested.
-__kernel void sample_history_kernel(plane_in current, plane_in motion_in, history_in history, plane_in history_count,
-    plane_in previous_inverse_depth, plane_out history_at, const frame_t frame, const settings_t settings)
+__kernel void sample_history_kernel(plane_in current, plane_in alpha, plane_in motion_in, history_in history,
+    plane_in history_count, plane_in previous_inverse_depth, plane_out history_at, const frame_t frame,
+    const settings_t settings)
 {
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)
@@ -95,7 +96,7 @@ __kernel void sample_history_kernel(plane_in current, plane_in motion_in, histor
     s.x = load(q + 8 * plane);
     s.y = load(q + 9 * plane);
     row_cache cache = empty_row_cache();
-    const history_t h = sample_history(current, read_boxed(current, x, y + 1, frame), 1, history, history_count,
+    const history_t h = sample_history(current, alpha, read_boxed(current, x, y + 1, frame), 1, history, history_count,
         previous_inverse_depth, m, s, x, y, frame, settings, &cache);
     plane_out p = history_at + at;
     store_colour(p, plane, h.rgb);

@@ -100,7 +100,7 @@ class _Stages:
 
     def history(self, build: Build, **made: Buffer) -> Buffer:
         """Return the history at the motion: r, g, b, alpha, count, fx, fy, valid, illumination change."""
-        given = " ".join({"current", "history", "history_count", "previous_inverse_depth"} - made.keys())
+        given = " ".join({"current", "alpha", "history", "history_count", "previous_inverse_depth"} - made.keys())
         return self.run("sample_history", build, 9, "history_at", given, {"motion_in": self.motion, **made})
 
     def read(self, buffer: Buffer) -> Planes:

@@ -26,6 +26,7 @@ from cltaa.reference.colour import (
     from_range,
     luminance,
     sample_is_missing,
+    share_in_domain,
     to_blend_range,
     to_box_space,
 )
@@ -200,11 +201,6 @@ class Resolved:
     alpha: Array
     count: Array
     change: Array | None = None  # illumination change, where the build tests light
-
-
-def share_in_domain(v: Array, otherwise: float) -> Array:
-    """Clamp alpha or reactivity to [0, 1]; outside the domain it is ``otherwise``."""
-    return np.where(outside_domain(v), number(otherwise, v), limit(v, number(0, v), number(1, v)))
 
 
 def load_shares(

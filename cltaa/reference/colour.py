@@ -8,9 +8,20 @@ import numpy as np
 
 from cltaa.core.build import Build
 from cltaa.core.constants import FILL_REACH, PAD_X, PAD_Y
-from cltaa.core.parameters import BoxSpace, Tonemap
+from cltaa.core.parameters import AlphaFrom, BoxSpace, Tonemap
 from cltaa.core.planes import Layout
-from cltaa.reference.real import NEIGHBOURS, Array, Mask, constant, greater, number, outside_domain, quiet, real_type
+from cltaa.reference.real import (
+    NEIGHBOURS,
+    Array,
+    Mask,
+    constant,
+    greater,
+    limit,
+    number,
+    outside_domain,
+    quiet,
+    real_type,
+)
 
 Colour = Array  # [3, H, W]
 
@@ -100,6 +111,16 @@ def from_range(v: Colour, build: Build) -> Colour:
     if build.choices.tonemap is Tonemap.CHANNEL:
         return v / greater(one - greater(v, number(0.0, v)), least)
     return v * (one / greater(one - peak(v), least))
+
+
+def share_in_domain(v: Array, otherwise: float) -> Array:
+    """Clamp alpha or reactivity to [0, 1]; outside the domain it is ``otherwise``."""
+    return np.where(outside_domain(v), number(otherwise, v), limit(v, number(0, v), number(1, v)))
+
+
+def accumulates_alpha(build: Build) -> bool:
+    """Whether alpha is accumulated; then whatever judges the history judges its alpha too."""
+    return build.steps.alpha and build.choices.alpha_from is AlphaFrom.BLEND
 
 
 def colour_outside_domain(v: Colour) -> Mask:

@@ -19,7 +19,7 @@ from cltaa.reference.accumulate import (
     luminance_weight,
     storable,
 )
-from cltaa.reference.colour import Colour, from_range, inner
+from cltaa.reference.colour import Colour, accumulates_alpha, from_range, inner
 from cltaa.reference.gather_sides import Layers
 from cltaa.reference.real import Array, Mask, greater, limit, number
 from cltaa.reference.rectify import box_scale_of, rectify
@@ -33,7 +33,7 @@ class SampleSums:
         """Sums of no samples."""
         self.zero = zero
         self.sum = self.along = self.down = self.recent = np.stack([zero] * 3)
-        self.alpha = self.weight = self.count = self.recent_squares = self.recent_count = zero
+        self.alpha = self.weight = self.count = self.recent_alpha = self.recent_squares = self.recent_count = zero
         self.x = self.y = self.xx = self.xy = self.yy = self.near = self.near_x = self.near_y = zero
         self.unlike = zero  # weight that recent samples lose because they were rendered with another reactivity
 
@@ -51,10 +51,13 @@ class SampleSums:
         self.along, self.down = self.along + nx * d, self.down + ny * d
         self.near, self.near_x, self.near_y = self.near + n, self.near_x + nx, self.near_y + ny
 
-    def add_recent(self, d: Colour, counted: Array) -> None:
-        """Add a recent sample that differs by ``d`` from the current one, with weight ``counted``."""
+    def add_recent(self, d: Colour, alpha: Array, counted: Array, build: Build) -> None:
+        """Add a recent sample that differs by ``d`` and ``alpha`` from the current one, with weight ``counted``."""
         self.recent = self.recent + counted * d
         self.recent_squares = self.recent_squares + counted * inner(d, d)
+        if accumulates_alpha(build):
+            self.recent_alpha = self.recent_alpha + counted * alpha
+            self.recent_squares = self.recent_squares + counted * (alpha * alpha)
         self.recent_count = self.recent_count + counted
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from cltaa.core.build import Build, Record
 from cltaa.core.parameters import GatherFit, Illumination
 from cltaa.core.planes import Layout
-from cltaa.reference.accumulate import Pixel, luminance_weight, reactivity_weight, share_in_domain, weighted_difference
-from cltaa.reference.colour import Colour, colour_outside_domain, to_range
+from cltaa.reference.accumulate import Pixel, luminance_weight, reactivity_weight, weighted_difference
+from cltaa.reference.colour import Colour, colour_outside_domain, share_in_domain, to_range
 from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.gather_fit import SampleSums, first_sample, own_samples
 from cltaa.reference.gather_sides import Layers, Side, range_of_side
@@ -176,11 +176,12 @@ def gather_sample(
     w = counted * luminance_weight(c, build, settings)
     g.add(c - current, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near, fit)
     g.count = g.count + counted
-    if v.recent:
-        g.add_recent(weighted_difference(c, current, build, settings), counted)
+    alpha = zero
     if build.steps.alpha:
-        a = share_in_domain(texel_at(v.planes[ring_alpha(build.steps)], f, zero.dtype), 1.0)
-        g.alpha = g.alpha + w * (a - now.alpha)
+        alpha = share_in_domain(texel_at(v.planes[ring_alpha(build.steps)], f, zero.dtype), 1.0) - now.alpha
+    g.alpha = g.alpha + w * alpha
+    if v.recent:
+        g.add_recent(weighted_difference(c, current, build, settings), alpha, counted, build)
 
 
 def motion_to_frame(

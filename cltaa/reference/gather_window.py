@@ -18,11 +18,18 @@ from cltaa.reference.accumulate import (
     Resolved,
     luminance_weight,
     reactivity_weight,
-    share_in_domain,
     storable,
     weighted_difference,
 )
-from cltaa.reference.colour import Colour, colour_outside_domain, from_range, inner, to_range
+from cltaa.reference.colour import (
+    Colour,
+    accumulates_alpha,
+    colour_outside_domain,
+    from_range,
+    inner,
+    share_in_domain,
+    to_range,
+)
 from cltaa.reference.gather import Gathering
 from cltaa.reference.gather_fit import SampleSums, own_samples
 from cltaa.reference.gather_track import ring_alpha, ring_reactive
@@ -54,7 +61,11 @@ def window_error(g: SampleSums, now: Pixel, window: Resolved, build: Build, sett
     """Squared distances of the latest samples, the current one among them, from a window's result."""
     one, two = number(1.0, g.zero), number(2.0, g.zero)
     d = weighted_difference(to_range(window.rgb, build), now.own, build, settings)
-    squares = (g.recent_squares - two * inner(d, g.recent)) + (own_samples(now) + g.recent_count) * inner(d, d)
+    along, square = inner(d, g.recent), inner(d, d)
+    if accumulates_alpha(build):
+        alpha = window.alpha - now.alpha
+        along, square = along + alpha * g.recent_alpha, square + alpha * alpha
+    squares = (g.recent_squares - two * along) + (own_samples(now) + g.recent_count) * square
     left = one - one / greater(window.count, number(1.5, g.zero))
     return greater(squares, number(0.0, g.zero)) / (left * left)
 
@@ -78,10 +89,12 @@ def resolve_unmoved(
         w = counted * luminance_weight(c, build, settings)
         g.sum = g.sum + w * (c - p.own)
         g.weight, g.count = g.weight + w, g.count + counted
-        if place < SHORT_WINDOW:
-            g.add_recent(weighted_difference(c, p.own, build, settings), counted)
+        alpha = g.zero
         if build.steps.alpha:
-            g.alpha = g.alpha + w * (share_in_domain(planes[ring_alpha(build.steps)], 1.0) - p.alpha)
+            alpha = share_in_domain(planes[ring_alpha(build.steps)], 1.0) - p.alpha
+        g.alpha = g.alpha + w * alpha
+        if place < SHORT_WINDOW:
+            g.add_recent(weighted_difference(c, p.own, build, settings), alpha, counted, build)
     own = own_samples(p)
     whole = np.where(own > g.zero, luminance_weight(p.own, build, settings), g.zero) + g.weight
     alpha, count = p.alpha, g.count + own
@@ -271,23 +284,28 @@ def students_t_of_drift(drift: Drift) -> Array:
     return np.abs(drift.mean) / (np.sqrt(drift.variance) + floor)
 
 
+def sure_share(t: Array, settings: Record) -> Array:
+    """Share of a drift that is not chance, by Student's t."""
+    enough = number(settings["drift_t"], t)
+    chance = enough / greater(t, enough)
+    return number(1.0, t) - chance * chance
+
+
 def drift_to_shortest(
     window: Array, shortest: Array, build: Build, layout: Layout, settings: Record
 ) -> tuple[Colour, Array]:
     """Drift of light and alpha between padded planes [WINDOW_PLANES, rows, stride], as far as it is not chance.
 
-    The channel of light that drifted most decides that.
+    The channel of light that drifted most decides that for light, and for alpha, whose level is 1, its own t.
     """
     weights = shared_weights(window, shortest, build, settings)
     drift = drift_of(window[:3], shortest[:3], weights, layout)
     r, g, b = students_t_of_drift(drift)
-    enough = number(settings["drift_t"], r)
-    chance = enough / greater(greater(r, greater(g, b)), enough)
-    sure = number(1.0, r) - chance * chance
-    alpha = np.zeros_like(sure)
+    light, opacity = sure_share(greater(r, greater(g, b)), settings) * drift.mean, np.zeros_like(r)
     if build.steps.alpha:
-        alpha = sure * (sum_around(weights * (shortest[5] - window[5]), layout) / sum_around(weights, layout))
-    return sure * drift.mean, alpha
+        alpha = drift_of(window[5], shortest[5], weights, layout)._replace(level=np.ones_like(r))
+        opacity = sure_share(students_t_of_drift(alpha), settings) * alpha.mean
+    return light, opacity
 
 
 @quiet

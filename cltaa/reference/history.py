@@ -104,6 +104,7 @@ def illumination_threshold(o: Occlusion, settings: Record, like: Array) -> Array
 
 def sample_history(
     current: Array,
+    alpha: Array | None,
     history: Array,
     history_count: Array,
     previous_inverse_depth: Array,
@@ -115,7 +116,8 @@ def sample_history(
     settings: Record,
 ) -> History:
     """Sample history planes [3 or 4, rows, stride], count and illumination change [1 or 2, ...] and the previous
-    inverse depth [1, ...] at the motion; only the illumination-change test reads ``current`` [3, ...]."""
+    inverse depth [1, ...] at the motion; only the illumination-change test reads ``current`` [3, ...] and ``alpha``
+    [1, ...]."""
     real: Any = m.u.dtype
     seen = motion_to_edge(m, build, layout)
     valid = on_screen(seen, layout) & np.bool_(frame["reset"] == 0)
@@ -138,14 +140,14 @@ def sample_history(
     if tests_light(build):
         threshold = illumination_threshold(o, settings, count)
         count, change = illumination_test(
-            count, threshold, current, history, history_count[1], f, build, layout, frame, settings
+            count, threshold, current, alpha, history, history_count[1], f, build, layout, frame, settings
         )
         count = lesser(count, o.count_limit)
     rgb = rgb if in_range else history_in_range(rgb, build, frame)
-    alpha = np.ones_like(count)
+    past = np.ones_like(count)
     if build.steps.alpha:
-        alpha = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, rgb), number(1, rgb))
+        past = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, rgb), number(1, rgb))
     if build.terms.first_samples:
         first = number(settings["first_samples"] if frame["reset"] else 1.0, count)
         count = np.where(valid, count, first)
-    return History(rgb, alpha, count, f.fx, f.fy, valid, change)
+    return History(rgb, past, count, f.fx, f.fy, valid, change)

@@ -13,10 +13,12 @@ from cltaa.core.planes import Layout
 from cltaa.reference.colour import (
     Colour,
     a_channel,
+    accumulates_alpha,
     box_units,
     colour_outside_domain,
     repaired_planes,
     sample_is_missing,
+    share_in_domain,
     to_boxed,
     to_range,
 )
@@ -66,6 +68,29 @@ def illumination_difference(now: Colour, past: Colour, build: Build, frame: Reco
     return np.stack(((now[0] - rb) - green, now[1] - (r - b), (now[2] + rb) - green))
 
 
+def least_deviation(level: Array, tiny: float, settings: Record) -> Array:
+    """What is added to the deviation of a channel whose nine samples have this sum of levels."""
+    floor = number(settings["illumination_floor"], level)
+    return floor * (level * constant("ONE_THIRD", level)) + number(tiny, level)
+
+
+def alpha_t(
+    alpha: Array, history: Array, row: Array, column: Array, layout: Layout, settings: Record, like: Array
+) -> Array:
+    """A third of Student's t of the nine differences of padded planes of alpha [rows, stride]."""
+    share = share_in_domain(alpha.astype(like.dtype), 1.0)
+    rows: list[DifferenceMoments] = []
+    levels = []
+    for j in (-1, 0, 1):
+        left, own, right = (neighbour(share, i, j, layout) for i in (-1, 0, 1))
+        past = (history[row + j, column + i].astype(like.dtype) for i in (-1, 0, 1))
+        rows.append(difference_row(*(now - then for now, then in zip((left, own, right), past, strict=True))))
+        levels.append((left + own) + right)
+    above, centre, below = rows
+    least = least_deviation((levels[0] + levels[1]) + levels[2], value("TINY"), settings)
+    return third_of_students_t(above, centre, below, least)
+
+
 def tests_light(build: Build) -> bool:
     """Whether the build tests light; the count's planes then hold the illumination change too."""
     return build.choices.illumination is not Illumination.STATIC
@@ -89,6 +114,7 @@ def illumination_test(
     held: Array,
     threshold: Array,
     current: Array,
+    alpha: Array | None,
     history: Array,
     history_change: Array,
     f: Footprint,
@@ -99,10 +125,10 @@ def illumination_test(
 ) -> IlluminationResult:
     """Divide the history's ``held`` [H, W] samples by max(1, |change| / ``threshold``)^2.
 
-    The change is Student's t of the channel that changed most, negative where luminance falls, plus
-    ``illumination_decay`` times the stored change of the previous frame. Where light falls, ``falling_t * threshold``
-    replaces ``threshold`` [H, W]. ``current`` [3, rows, stride], ``history`` [3 or 4, rows, stride] and
-    ``history_change`` [rows, stride], of the previous frame, are padded planes.
+    The change is Student's t of the channel that changed most, negative where luminance falls, or alpha where that
+    changed most, plus ``illumination_decay`` times the stored change of the previous frame. Where light falls,
+    ``falling_t * threshold`` replaces ``threshold`` [H, W]. ``current`` [3, rows, stride], ``alpha`` [1, ...],
+    ``history`` [3 or 4, ...] and ``history_change`` [rows, stride], of the previous frame, are padded planes.
     """
     real: Any = f.fx.dtype
     colour = repaired_planes(current, layout).astype(real)
@@ -124,15 +150,19 @@ def illumination_test(
         rows.append(difference_row(left, own, right))
         levels.append((left_size + own_size) + right_size)
     level = (levels[0] + levels[1]) + levels[2]
-    floor = number(settings["illumination_floor"], level)
     first, *_ = units = box_units(build)
-    least = floor * (level * constant("ONE_THIRD", level)) + number(first * value("TINY"), level)
+    least = least_deviation(level, first * value("TINY"), settings)
     above, centre, below = rows
     ta, tb, tc = third_of_students_t(above, centre, below, a_channel([unit / first for unit in units]) * least)
-    largest = number(3.0, level) * greater(np.abs(ta), greater(np.abs(tb), np.abs(tc)))
-    t = lesser(largest, number(settings["largest_t"], level))
+    largest: Array = greater(np.abs(ta), greater(np.abs(tb), np.abs(tc)))
+    signed_t = ta
+    if accumulates_alpha(build) and alpha is not None:
+        of_alpha = alpha_t(alpha[0], history[3], row, column, layout, settings, level)
+        signed_t = np.where(np.abs(of_alpha) > largest, of_alpha, ta)
+        largest = greater(largest, np.abs(of_alpha))
+    t = lesser(number(3.0, level) * largest, number(settings["largest_t"], level))
     before = history_change[row, column].astype(real)
-    change = np.where(ta < number(0.0, level), -t, t) + number(settings["illumination_decay"], level) * before
+    change = np.where(signed_t < number(0.0, level), -t, t) + number(settings["illumination_decay"], level) * before
     falling_t = number(settings["falling_t"], level) * threshold
     by = greater(np.abs(change) / np.where(change < number(0.0, level), falling_t, threshold), number(1.0, level))
     rendered = _rendered(current, layout, zero)

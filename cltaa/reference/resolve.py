@@ -42,7 +42,9 @@ def resolve(
     s = nearest_surface(*rows, build, settings["edge_tolerance"])
     s = borrowed_surface(s, inverse_depth, motion, build, layout, frame)
     m = surface_motion(s, build, layout, frame)
-    h = sample_history(current, history, history_count, previous_inverse_depth, m, s, build, layout, frame, settings)
+    h = sample_history(
+        current, alpha, history, history_count, previous_inverse_depth, m, s, build, layout, frame, settings
+    )
     r = rectify(h.rgb, p.filtered, p.stats, m, box_scale_of(m, settings), build, layout, settings)
     if build.steps.alpha and alpha is not None:
         h = replace(h, alpha=rectified_alpha(alpha, h.alpha, build, layout))

@@ -73,6 +73,7 @@ def sample_history_kernel(
     layout: Layout,
     *,
     current: Array,
+    alpha: Array | None,
     motion_in: Array,
     history: Array,
     history_count: Array,
@@ -85,7 +86,9 @@ def sample_history_kernel(
     u, v, scale, shift, visible, nearest, farthest, centre, at_x, at_y = _load(motion_in, build, layout)
     m = Motion(u, v, scale, shift, visible > number(0.5, u))
     s = Surface(at_x, at_y, u, u, u, centre, nearest, farthest)  # sample_history reads nothing else
-    h = sample_history(current, history, history_count, previous_inverse_depth, m, s, build, layout, frame, settings)
+    h = sample_history(
+        current, alpha, history, history_count, previous_inverse_depth, m, s, build, layout, frame, settings
+    )
     valid = np.where(h.valid, number(1.0, u), number(0.0, u))
     _store(history_at, layout, (*h.rgb, h.alpha, h.count, h.fx, h.fy, valid, h.change))
 

@@ -10,12 +10,12 @@ STAGE plane_in window_plane(plane_in windows, int window, int plane, frame_t fra
 }
 
 // Texels of a window against those of the shortest: the mean of their differences, the squared deviations from it, and
-// the window's light. Each has the luminance weights of both texels: a highlight that comes or goes is no change of the
-// light around it. Alpha and level are sums.
+// the window's light, a sum. Each has the luminance weights of both texels: a highlight that comes or goes is no change
+// of the light around it.
 typedef struct
 {
     colour mean, squares, level;
-    real alpha, weight;
+    real alpha_mean, alpha_squares, weight;
 } drift_sums;
 
 // A row of the shortest window around a pixel.
@@ -42,7 +42,7 @@ STAGE drift_sums drift_of_row(plane_in window, const shortest_row* row, frame_t 
 {
     const size_t plane = plane_size(frame);
     drift_sums s = { 0 };
-    real w[SIDE];
+    real w[SIDE], alpha[SIDE];
     colour d[SIDE];
     UNROLL
     for (int i = 0; i < SIDE; ++i) {
@@ -53,17 +53,23 @@ STAGE drift_sums drift_of_row(plane_in window, const shortest_row* row, frame_t 
         s.mean.r += w[i] * d[i].r, s.level.r += w[i] * absolute(was.r);
         s.mean.g += w[i] * d[i].g, s.level.g += w[i] * absolute(was.g);
         s.mean.b += w[i] * d[i].b, s.level.b += w[i] * absolute(was.b);
-        if (ALPHA)
-            s.alpha += w[i] * (row->alpha[i] - load(p + 5 * plane));
+        if (ALPHA) {
+            alpha[i] = row->alpha[i] - load(p + 5 * plane);
+            s.alpha_mean += w[i] * alpha[i];
+        }
         s.weight += w[i];
     }
     s.mean = quotients(s.mean, s.weight);
+    if (ALPHA)
+        s.alpha_mean = quotient(s.alpha_mean, s.weight);
     UNROLL
     for (int i = 0; i < SIDE; ++i) {
         const colour off = minus(d[i], s.mean);
         s.squares.r += w[i] * (off.r * off.r);
         s.squares.g += w[i] * (off.g * off.g);
         s.squares.b += w[i] * (off.b * off.b);
+        if (ALPHA)
+            s.alpha_squares += w[i] * ((alpha[i] - s.alpha_mean) * (alpha[i] - s.alpha_mean));
     }
     return s;
 }
@@ -133,10 +139,13 @@ STAGE drift_sums drift_around(const row_sums* rows, int window, int turn)
         all.mean.r += row->weight * row->mean.r, all.level.r += row->level.r;
         all.mean.g += row->weight * row->mean.g, all.level.g += row->level.g;
         all.mean.b += row->weight * row->mean.b, all.level.b += row->level.b;
-        all.alpha += row->alpha;
+        if (ALPHA)
+            all.alpha_mean += row->weight * row->alpha_mean;
         all.weight += row->weight;
     }
     all.mean = quotients(all.mean, all.weight);
+    if (ALPHA)
+        all.alpha_mean = quotient(all.alpha_mean, all.weight);
     UNROLL
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
         const drift_sums* row = &rows[row_slot(turn + j)].drift[window - 1];
@@ -144,6 +153,10 @@ STAGE drift_sums drift_around(const row_sums* rows, int window, int turn)
         all.squares.r += row->squares.r + row->weight * (off.r * off.r);
         all.squares.g += row->squares.g + row->weight * (off.g * off.g);
         all.squares.b += row->squares.b + row->weight * (off.b * off.b);
+        if (ALPHA) {
+            const real off_alpha = row->alpha_mean - all.alpha_mean;
+            all.alpha_squares += row->alpha_squares + row->weight * (off_alpha * off_alpha);
+        }
     }
     return all;
 }
@@ -157,12 +170,12 @@ STAGE real window_weight(real error, real least)
     return eighth * eighth;
 }
 
-// Student's t of a mean difference. DRIFT_FLOOR of the light is added to the standard error, so that an invisible
-// difference counts for little.
+// Student's t of a mean difference. DRIFT_FLOOR of the light's mean is added to the standard error, so that an
+// invisible difference counts for little.
 STAGE real students_t_of_drift(real mean, real squares, real level, real weight)
 {
     const real variance = quotient(squares, weight * SPLAT(SIDE * SIDE - 1));
-    const real error = square_root(variance) + (SPLAT(DRIFT_FLOOR) * quotient(level, weight) + K(TINY));
+    const real error = square_root(variance) + (SPLAT(DRIFT_FLOOR) * level + K(TINY));
     return quotient(absolute(mean), error);
 }
 
@@ -173,14 +186,25 @@ typedef struct
     real alpha;
 } window_drift;
 
-// Drift from a window to the shortest: the mean difference of the texels around, as far as it is not chance, 1 -
-// (drift_t / t)^2 (James and Stein), by the channel of light that drifted most.
+// Share of a drift that is not chance, by Student's t: 1 - (drift_t / t)^2 (James and Stein).
+STAGE real sure_share(real t, settings_t settings)
+{
+    const real chance = quotient(SPLAT(settings.drift_t), greater(t, SPLAT(settings.drift_t)));
+    return SPLAT(1.0) - chance * chance;
+}
+
+// Drift from a window to the shortest: the mean difference of the texels around, as far as it is not chance, for light
+// by the channel that drifted most; for alpha, whose level is 1, by its own t.
 STAGE window_drift drift_to_shortest(drift_sums s, settings_t settings)
 {
-    const real r = students_t_of_drift(s.mean.r, s.squares.r, s.level.r, s.weight),
-               g = students_t_of_drift(s.mean.g, s.squares.g, s.level.g, s.weight),
-               b = students_t_of_drift(s.mean.b, s.squares.b, s.level.b, s.weight);
-    const real t = greater(greater(r, greater(g, b)), SPLAT(settings.drift_t));
-    const real chance = quotient(SPLAT(settings.drift_t), t), sure = SPLAT(1.0) - chance * chance;
-    return (window_drift) { scaled(s.mean, sure), ALPHA ? sure * quotient(s.alpha, s.weight) : SPLAT(0.0) };
+    const colour level = quotients(s.level, s.weight);
+    const real r = students_t_of_drift(s.mean.r, s.squares.r, level.r, s.weight),
+               g = students_t_of_drift(s.mean.g, s.squares.g, level.g, s.weight),
+               b = students_t_of_drift(s.mean.b, s.squares.b, level.b, s.weight);
+    window_drift drift = { scaled(s.mean, sure_share(greater(r, greater(g, b)), settings)), SPLAT(0.0) };
+    if (ALPHA) {
+        const real t = students_t_of_drift(s.alpha_mean, s.alpha_squares, SPLAT(1.0), s.weight);
+        drift.alpha = sure_share(t, settings) * s.alpha_mean;
+    }
+    return drift;
 }

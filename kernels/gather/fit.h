@@ -13,14 +13,18 @@ typedef struct
     // Of the latest frames alone, whichever side their samples show; only where light may change. `unlike` is the
     // weight that they lose because they were rendered with another reactivity.
     colour recent;
-    real recent_squares, recent_count, unlike;
+    real recent_alpha, recent_squares, recent_count, unlike;
 } sample_sums;
 
-// Adds a recent sample that differs by d from the current one, with weight `counted`.
-STAGE void add_recent(sample_sums* g, colour d, real counted)
+// Adds a recent sample that differs by d, and by `alpha`, from the current one, with weight `counted`.
+STAGE void add_recent(sample_sums* g, colour d, real alpha, real counted)
 {
     g->recent = plus_scaled(g->recent, counted, d);
     g->recent_squares += counted * inner(d, d);
+    if (ACCUMULATES_ALPHA) {
+        g->recent_alpha += counted * alpha;
+        g->recent_squares += counted * (alpha * alpha);
+    }
     g->recent_count += counted;
 }
 

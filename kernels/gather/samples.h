@@ -169,12 +169,12 @@ STAGE void gather_sample(sample_sums* g, view_t v, int right, int down, pixel_t 
     const real w = counted * luminance_weight(c, settings);
     add_sample(g, d, w, good ? dx : zero, good ? dy : zero, far_only ? !near : near);
     g->count += counted;
+    real alpha = zero;
+    if (ALPHA)
+        alpha = share_in_domain(texel_at(p + RING_ALPHA * plane, v.f, stride), SPLAT(1.0)) - now.alpha;
+    g->alpha += w * alpha;
     if (v.recent)
-        add_recent(g, weighted_difference(c, now.own, settings), counted);
-    if (ALPHA) {
-        const real a = share_in_domain(texel_at(p + RING_ALPHA * plane, v.f, stride), SPLAT(1.0));
-        g->alpha += w * (a - now.alpha);
-    }
+        add_recent(g, weighted_difference(c, now.own, settings), alpha, counted);
 }
 
 // Returns the motion of the pixel's centre to a frame of the ring, by the sample that gives the depth or by the track,

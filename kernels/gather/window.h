@@ -19,7 +19,8 @@ STAGE int window_end(int window, int frames)
     return end < frames ? end : frames;
 }
 
-// Squared distances of the latest samples, the current one among them, from a window's result, over all channels.
+// Squared distances of the latest samples, the current one among them, from a window's result, over all channels and
+// alpha.
 // Colours have luminance weights: else the edge of a highlight would outweigh all displayable light around it. A window
 // contains these samples and lies the nearer to them the fewer others it has; dividing by (1 - 1 / count)^2 corrects
 // that (leave one out).
@@ -27,8 +28,13 @@ STAGE real window_error(sample_sums g, pixel_t now, resolved window, settings_t 
 {
     const real one = SPLAT(1.0), two = SPLAT(2.0);
     const colour d = weighted_difference(to_range(window.rgb), now.own, settings);
-    const real along = inner(d, g.recent);
-    const real squares = (g.recent_squares - two * along) + (own_samples(now) + g.recent_count) * inner(d, d);
+    real along = inner(d, g.recent), square = inner(d, d);
+    if (ACCUMULATES_ALPHA) {
+        const real alpha = window.alpha - now.alpha;
+        along += alpha * g.recent_alpha;
+        square += alpha * alpha;
+    }
+    const real squares = (g.recent_squares - two * along) + (own_samples(now) + g.recent_count) * square;
     const real left = one - reciprocal(greater(window.count, SPLAT(1.5)));
     return quotient(greater(squares, SPLAT(0.0)), left * left);
 }
@@ -57,10 +63,10 @@ STAGE resolved resolve_unmoved(sample_sums* sums, plane_in ring, frame_records p
         g.sum = plus_scaled(g.sum, w, minus(c, p.own));
         g.weight += w;
         g.count += counted;
+        const real alpha = ALPHA ? load_share(q + RING_ALPHA * plane, one) - p.alpha : zero;
+        g.alpha += w * alpha;
         if (k < SHORT_WINDOW)
-            add_recent(&g, weighted_difference(c, p.own, settings), counted);
-        if (ALPHA)
-            g.alpha += w * (load_share(q + RING_ALPHA * plane, one) - p.alpha);
+            add_recent(&g, weighted_difference(c, p.own, settings), alpha, counted);
     }
     const real whole_weight = (p.missing ? zero : luminance_weight(p.own, settings)) + g.weight;
     resolved out;

@@ -167,14 +167,6 @@ typedef struct
     real change; // illumination change, where TESTS_LIGHT
 } resolved;
 
-// Clamps a share (alpha, reactivity) to [0, 1]; outside the domain it is `otherwise`.
-STAGE real share_in_domain(real v, real otherwise)
-{
-    return outside_domain(v) ? otherwise : limit(v, SPLAT(0.0), SPLAT(1.0));
-}
-
-STAGE real load_share(plane_in p, real otherwise) { return share_in_domain(load(p), otherwise); }
-
 // Sets the least and the greatest reactivity of the current 3x3.
 STAGE void reactive_range(pixel_t* p, plane_in reactive_at, frame_t frame)
 {

@@ -116,6 +116,17 @@ STAGE int any_outside_domain(colour left, colour own, colour right)
     return any_of(larger_bits(largest_bits(left), largest_bits(right)) > DOMAIN_BITS);
 }
 
+// Clamps a share (alpha, reactivity) to [0, 1]; outside the domain it is `otherwise`.
+STAGE real share_in_domain(real v, real otherwise)
+{
+    return outside_domain(v) ? otherwise : limit(v, SPLAT(0.0), SPLAT(1.0));
+}
+
+STAGE real load_share(plane_in p, real otherwise) { return share_in_domain(load(p), otherwise); }
+
+// 1 if alpha is accumulated; then whatever judges the history judges its alpha too.
+#define ACCUMULATES_ALPHA (ALPHA & (ALPHA_FROM == ALPHA_FROM_BLEND))
+
 STAGE colour load_colour(plane_in p, size_t plane)
 {
     return (colour) { load(p), load(p + plane), load(p + 2 * plane) };

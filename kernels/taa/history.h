@@ -186,9 +186,9 @@ STAGE real illumination_threshold(occlusion o, settings_t settings)
 }
 
 // `next` holds the texels of the row below the pixel's; `has_missing` is 1 if a sample of the segment is missing.
-STAGE history_t sample_history(plane_in current, boxed_row next, int has_missing, history_in history, plane_in count,
-    plane_in previous_inverse_depth, motion_t m, surface s, int x, int y, frame_t frame, settings_t settings,
-    row_cache* cache)
+STAGE history_t sample_history(plane_in current, plane_in alpha, boxed_row next, int has_missing, history_in history,
+    plane_in count, plane_in previous_inverse_depth, motion_t m, surface s, int x, int y, frame_t frame,
+    settings_t settings, row_cache* cache)
 {
     const uint at = history_offset(frame, x, y);
     if (LANES > 1) // not with the frame's: all at once exceed the loads a core can have in flight
@@ -214,8 +214,8 @@ STAGE history_t sample_history(plane_in current, boxed_row next, int has_missing
     }
     h.change = SPLAT(0.0);
     if (TESTS_LIGHT) {
-        illumination_result l = illumination_test(h.count, illumination_threshold(o, settings), current, next, history,
-            count, f, x, y, frame, settings, &cache->illumination);
+        illumination_result l = illumination_test(h.count, illumination_threshold(o, settings), current, alpha, next,
+            history, count, f, x, y, frame, settings, &cache->illumination);
         if (has_missing)
             l = illumination_without_missing(l, h.count, current, x, y, frame);
         h.count = lesser(l.count, o.count_limit);

@@ -1,6 +1,7 @@
 // Illumination-change test: light that changes without motion. Pairs the nine current samples of the 3x3 with the
 // history at their positions. Under constant light the nine differences come from jitter and have mixed signs; under
-// changing light they agree.
+// changing light they agree. Alpha is a fourth channel of the test: where black lies over a transparent ground, nothing
+// else changes.
 #include "taa/neighbourhood.h"
 #include "taa/sampling.h"
 
@@ -28,16 +29,25 @@ STAGE footprint nearest_texels(footprint f, int stride)
     return classify_lanes(f, stride);
 }
 
-// Three texels of the history side by side.
+// Channels that the test compares.
+#define TESTED (3 + ACCUMULATES_ALPHA)
+
+// Three texels of the history side by side; alpha where it is tested.
 typedef struct
 {
     colour left, own, right;
+    real alpha[3];
 } texel_row;
 
-// v holds the three channels of each texel in turn.
-STAGE texel_row texels_of(const real v[9])
+// v holds the tested channels of each texel in turn.
+STAGE texel_row texels_of(const real v[3 * TESTED])
 {
-    return (texel_row) { { v[0], v[1], v[2] }, { v[3], v[4], v[5] }, { v[6], v[7], v[8] } };
+    const int own = TESTED, right = 2 * TESTED;
+    texel_row row
+        = { { v[0], v[1], v[2] }, { v[own], v[own + 1], v[own + 2] }, { v[right], v[right + 1], v[right + 2] } };
+    for (int i = 0; ACCUMULATES_ALPHA && i < 3; ++i)
+        row.alpha[i] = v[TESTED * i + 3];
+    return row;
 }
 
 // Loads the row j below the nearest texels n, with left and right neighbours.
@@ -45,9 +55,9 @@ STAGE texel_row nearest_row(history_in p, footprint n, int j, size_t plane, int 
 {
     if (LANES > 1 && n.lanes == LANES_ADJACENT) {
         const mask right = n.step_x != 0, down = n.step_y != 0;
-        real line[9];
+        real line[3 * TESTED];
         NO_UNROLL
-        for (int i = 0; i < 3; ++i) {
+        for (int i = 0; i < TESTED; ++i) {
             history_in q = p + n.at + (size_t)i * plane + j * (ptrdiff_t)stride - 1;
             const real a0 = load_history(q), b0 = load_history(q + 1), c0 = load_history(q + 2),
                        d0 = load_history(q + 3);
@@ -55,23 +65,26 @@ STAGE texel_row nearest_row(history_in p, footprint n, int j, size_t plane, int 
             const real a = down ? load_history(q) : a0, b = down ? load_history(q + 1) : b0,
                        c = down ? load_history(q + 2) : c0, d = down ? load_history(q + 3) : d0;
             line[i] = right ? b : a;
-            line[i + 3] = right ? c : b;
-            line[i + 6] = right ? d : c;
+            line[i + TESTED] = right ? c : b;
+            line[i + 2 * TESTED] = right ? d : c;
         }
         return texels_of(line);
     }
     if (LANES > 1 && n.lanes == LANES_SCATTERED) {
         const whole offsets = lane_offsets(n.dx, n.dy, stride);
         history_in q = p + n.own + j * (ptrdiff_t)stride;
-        real line[9];
+        real line[3 * TESTED];
         NO_UNROLL
-        for (int i = 0; i < 9; ++i)
-            line[i] = load_history_lanes(q + (size_t)(i % 3) * plane + (i / 3 - 1), offsets);
+        for (int i = 0; i < 3 * TESTED; ++i)
+            line[i] = load_history_lanes(q + (size_t)(i % TESTED) * plane + (i / TESTED - 1), offsets);
         return texels_of(line);
     }
     history_in q = ROW_BELOW(p, n.at, j, stride);
-    return (texel_row) { load_history_colour(q - 1, plane), load_history_colour(q, plane),
-        load_history_colour(q + 1, plane) };
+    texel_row row
+        = { load_history_colour(q - 1, plane), load_history_colour(q, plane), load_history_colour(q + 1, plane) };
+    for (int i = 0; ACCUMULATES_ALPHA && i < 3; ++i)
+        row.alpha[i] = load_history(q + 3 * plane + (i - 1));
+    return row;
 }
 
 // 1 if the test runs. The count's buffer then has a second plane, which holds the illumination change.
@@ -107,12 +120,14 @@ STAGE real third_of_students_t(difference_moments centre, difference_moments bel
     return quotient(mean, square_root(spread * K(TWO_27THS)) + least);
 }
 
-// A row of three: its differences, the steps of their means from the row above, and the sum of its samples' levels.
+// A row of three: its differences, the steps of their means from the row above, and the sums of its samples' levels, of
+// luminance and alpha.
 typedef struct
 {
-    difference_moments a, b, c;
+    difference_moments a, b, c, alpha;
     boxed step;
-    real level, levels; // of this row, and summed with that of the row above
+    real alpha_step;
+    real level, levels, alpha_level, alpha_levels; // of this row, and summed with that of the row above
 } illumination_row;
 
 // The state that a work-item carries down its column: the row for the next segment, and the history texel nearest to
@@ -134,8 +149,9 @@ STAGE boxed illumination_difference(boxed now, colour past, frame_t frame)
     return (boxed) { (now.a - rb) - K(2.0) * was.g, now.b - (was.r - was.b), (now.c + rb) - K(2.0) * was.g };
 }
 
-// Pairs the row `now` with the history j rows below the nearest texels.
-STAGE illumination_row illumination_of_row(boxed_row now, history_in history, footprint n, int j, frame_t frame)
+// Pairs the row `now`, of which `alpha` is the middle texel's, with the history j rows below the nearest texels.
+STAGE illumination_row illumination_of_row(
+    boxed_row now, plane_in alpha, history_in history, footprint n, int j, frame_t frame)
 {
     const size_t plane = history_plane_size(frame);
     illumination_row row;
@@ -147,6 +163,13 @@ STAGE illumination_row illumination_of_row(boxed_row now, history_in history, fo
     row.b = difference_row(left.b, own.b, right.b);
     row.c = difference_row(left.c, own.c, right.c);
     row.step = (boxed) { 0 };
+    row.alpha_step = row.alpha_levels = SPLAT(0.0);
+    if (ACCUMULATES_ALPHA) {
+        const real one = SPLAT(1.0);
+        const real l = load_share(alpha - 1, one), c = load_share(alpha, one), r = load_share(alpha + 1, one);
+        row.alpha = difference_row(l - past.alpha[0], c - past.alpha[1], r - past.alpha[2]);
+        row.alpha_level = (l + c) + r;
+    }
     row.level = (absolute(now.left.a) + absolute(now.own.a)) + absolute(now.right.a);
     row.levels = SPLAT(0.0);
     return row;
@@ -159,23 +182,38 @@ STAGE illumination_row illumination_below(illumination_row above, illumination_r
     row.a.spreads = above.a.spread + row.a.spread;
     row.b.spreads = above.b.spread + row.b.spread;
     row.c.spreads = above.c.spread + row.c.spread;
+    if (ACCUMULATES_ALPHA) {
+        row.alpha_step = row.alpha.mean - above.alpha.mean;
+        row.alpha.spreads = above.alpha.spread + row.alpha.spread;
+        row.alpha_levels = above.alpha_level + row.alpha_level;
+    }
     row.levels = above.level + row.level;
     return row;
 }
 
 // Returns the pixel's own row, joined to the one above it.
 STAGE illumination_row illumination_above(
-    plane_in current, history_in history, footprint n, int x, int y, frame_t frame)
+    plane_in current, plane_in alpha, history_in history, footprint n, int x, int y, frame_t frame)
 {
+    plane_in up = alpha + texel_offset(frame, x, y - 1), own = alpha + texel_offset(frame, x, y);
     if (LANES == 1) {
-        const illumination_row above = illumination_of_row(read_boxed(current, x, y - 1, frame), history, n, -1, frame);
-        return illumination_below(above, illumination_of_row(read_boxed(current, x, y, frame), history, n, 0, frame));
+        const illumination_row above
+            = illumination_of_row(read_boxed(current, x, y - 1, frame), up, history, n, -1, frame);
+        return illumination_below(
+            above, illumination_of_row(read_boxed(current, x, y, frame), own, history, n, 0, frame));
     }
     illumination_row row = { 0 };
     NO_UNROLL
     for (int j = -1; j <= 0; ++j)
-        row = illumination_below(row, illumination_of_row(read_boxed(current, x, y + j, frame), history, n, j, frame));
+        row = illumination_below(
+            row, illumination_of_row(read_boxed(current, x, y + j, frame), j < 0 ? up : own, history, n, j, frame));
     return row;
+}
+
+// What is added to the deviation of a channel whose nine samples have this sum of levels.
+STAGE real least_deviation(real level, real tiny, settings_t settings)
+{
+    return K(settings.illumination_floor) * (level * K(ONE_THIRD)) + tiny;
 }
 
 // Result of the test: the reduced sample count, and the illumination change.
@@ -186,33 +224,41 @@ typedef struct
 
 // Divides the history's `held` samples by max(1, |change| / threshold)^2: history that is off by one standard error is
 // worth one sample, by k standard errors 1 / k^2 of it. `change` is Student's t of the channel that changed most, with
-// the sign of the first one, luminance, plus illumination_decay times the stored change of the previous frame. Jitter
-// moves all nine differences one way in one frame and another way in the next, a light change goes on, so jitter stays
-// small in the sum. Where light falls, falling_t * threshold replaces it: nine dim samples of noise agree, nine with
-// a bright one do not. `next` is the row below the pixel's.
-STAGE illumination_result illumination_test(real held, real threshold, plane_in current, boxed_row next,
+// the sign of the first one, luminance, or of alpha where that changed most, plus illumination_decay times the stored
+// change of the previous frame. Jitter moves all nine differences one way in one frame and another way in the next, a
+// light change goes on, so jitter stays small in the sum. Where light falls, falling_t * threshold replaces it: nine
+// dim samples of noise agree, nine with a bright one do not. `next` is the row below the pixel's.
+STAGE illumination_result illumination_test(real held, real threshold, plane_in current, plane_in alpha, boxed_row next,
     history_in history, plane_in count, footprint f, int x, int y, frame_t frame, settings_t settings,
     illumination_cache* cache)
 {
     const footprint n = nearest_texels(f, row_stride(frame));
     const int uniform_lanes = (LANES == 1) | (n.lanes == LANES_UNIFORM);
     if (!uniform_lanes | (n.at != cache->nearest))
-        cache->row = illumination_above(current, history, n, x, y, frame);
+        cache->row = illumination_above(current, alpha, history, n, x, y, frame);
     const illumination_row centre = cache->row;
-    const illumination_row below = illumination_below(centre, illumination_of_row(next, history, n, 1, frame));
+    const illumination_row below = illumination_below(
+        centre, illumination_of_row(next, alpha + texel_offset(frame, x, y + 1), history, n, 1, frame));
     cache->row = below;
     cache->nearest = uniform_lanes ? n.at + (uint)row_stride(frame) : 0;
-    const real level = centre.levels + below.level;
-    const real least = K(settings.illumination_floor) * (level * K(ONE_THIRD)) + K(BOX_A * TINY);
+    const real least = least_deviation(centre.levels + below.level, SPLAT(BOX_A * TINY), settings);
     const boxed up = centre.step, down = below.step; // the step to the row above is -up, to the bit
     const real ta = third_of_students_t(centre.a, below.a, -up.a, down.a, least),
                tb = third_of_students_t(centre.b, below.b, -up.b, down.b, K(BOX_B / BOX_A) * least),
                tc = third_of_students_t(centre.c, below.c, -up.c, down.c, least);
-    const real largest = K(3.0) * greater(absolute(ta), greater(absolute(tb), absolute(tc)));
+    real largest = greater(absolute(ta), greater(absolute(tb), absolute(tc)));
+    real signed_t = ta;
+    if (ACCUMULATES_ALPHA) {
+        const real of_alpha = third_of_students_t(centre.alpha, below.alpha, -centre.alpha_step, below.alpha_step,
+            least_deviation(centre.alpha_levels + below.alpha_level, SPLAT(TINY), settings));
+        signed_t = absolute(of_alpha) > largest ? of_alpha : ta;
+        largest = greater(largest, absolute(of_alpha));
+    }
+    largest = K(3.0) * largest;
     const real most = SPLAT(settings.largest_t);
     const real t = lesser(largest, most); // `most` where `largest` is NaN
     const real before = texel_at(count + history_plane_size(frame), n, row_stride(frame));
-    const real change = (ta < SPLAT(0.0) ? -t : t) + K(settings.illumination_decay) * before;
+    const real change = (signed_t < SPLAT(0.0) ? -t : t) + K(settings.illumination_decay) * before;
     const real from = change < SPLAT(0.0) ? SPLAT(settings.falling_t) * threshold : threshold;
     const real by = greater(quotient(absolute(change), from), SPLAT(1.0));
     return (illumination_result) { quotient(held, by * by), stored_change(change) };

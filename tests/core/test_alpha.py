@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.core.parameters import Rectify
-from cltaa.core.presets import load_preset, preset_names
+from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Frame, Image
 from tests.sequence_factory import make_frame
@@ -20,7 +20,7 @@ LIGHT = np.array([0.9, 0.2, 0.1], np.float32)
 
 
 def laid(share: Image | NDArray[np.bool_], number: int) -> Frame:
-    """A frame without depth of premultiplied light over nothing, of which nothing is declared."""
+    """A frame without depth of premultiplied LIGHT over nothing, of which nothing is declared."""
     cover: Image = share.astype(np.float32)
     frame = make_frame(number, width=WIDTH, height=HEIGHT, effects=None)
     depth = np.full_like(frame.depth, np.inf)
@@ -38,17 +38,29 @@ def sprite(number: int) -> Frame:
     return laid(cover, number)
 
 
+def unlit(frame: Frame) -> Frame:
+    """The same in black: its colour is that of nothing."""
+    return replace(frame, colour=np.zeros_like(frame.colour))
+
+
+def last_of(preset: Preset, frames: list[Frame]) -> Image:
+    """The last frame, resolved after those before it."""
+    resolver = Resolver(preset, "numpy")
+    return ([image for frame in frames for image in resolver.feed(frame)] + resolver.flush())[-1]
+
+
 @pytest.mark.parametrize("name", [name for name in preset_names() if name not in LONGER])
 def test_alpha_leaves_no_trail_that_its_colour_does_not_leave(name: str) -> None:
     preset = load_preset(name)
     rectifies = preset.choices.rectify is not Rectify.NONE
     for scene in (disc, sprite):
-        resolver = Resolver(preset, "numpy")
-        images = [image for number in range(FRAMES) for image in resolver.feed(scene(number))] + resolver.flush()
-        now = scene(FRAMES - 1)
-        assert now.alpha is not None
-        gone = now.alpha == 0.0
-        gone[1:-1, 1:-1] &= np.lib.stride_tricks.sliding_window_view(now.alpha, (3, 3)).max((2, 3)) == 0.0
-        colour, alpha = images[-1][gone][:, 0] / LIGHT[0], images[-1][gone][:, 3]
-        # A mean of samples leaves more than a fit of them, which colour is gathered by. Seen: 0.11.
-        assert np.all(alpha <= (1e-6 if rectifies else colour + 0.15)), scene.__name__
+        frames = [scene(number) for number in range(FRAMES)]
+        now = frames[-1].alpha
+        assert now is not None
+        gone = now == 0.0
+        gone[1:-1, 1:-1] &= np.lib.stride_tricks.sliding_window_view(now, (3, 3)).max((2, 3)) == 0.0
+        lit, black = last_of(preset, frames)[gone], last_of(preset, [unlit(frame) for frame in frames])[gone]
+        colour = lit[:, 0] / LIGHT[0]
+        for alpha in (lit[:, 3], black[:, 3]):
+            # A mean of samples leaves more than a fit of them, which colour is gathered by. Seen: 0.11.
+            assert np.all(alpha <= (1e-6 if rectifies else colour + 0.15)), scene.__name__

@@ -47,6 +47,7 @@ def in_light(
         counts,
         np.full_like(still, record["illumination_t"] if threshold is None else threshold),
         padded(now, layout),
+        None,
         padded(then, layout),
         change,
         place,

@@ -69,6 +69,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "reject",
         "exposure",
         "alpha",
+        "alpha_from",
         "tonemap",
         "off_screen",
         "storage",
@@ -130,7 +131,7 @@ SEED = 3
 APART = ("surface_motion", "mix_windows")
 # Values that give the bits of the usual one where nothing else is changed, by ways of their own: each has a row alone.
 UNSEEN = {
-    "sample_history": ["storage=double"],
+    "sample_history": ["alpha_from=current", "storage=double"],
     "rectify_history": ["box=rounded"],
     "blend": ["anti_flicker=clamp-distance", "rectify=clip"],
 }

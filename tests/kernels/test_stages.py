@@ -47,6 +47,7 @@ class Kept(Resolver):
         run(
             "sample_history",
             current=current,
+            alpha=read.channels["alpha"],
             motion_in=made["motion"],
             history=read.output,
             history_count=read.output_count,
