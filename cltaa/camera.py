@@ -22,8 +22,7 @@ _NONE = [0.0] * 4
 
 
 class Displacement(NamedTuple):
-    """Rows x, y, w of D (columns px, py, inverse depth, 1) and the change of inverse depth, float64; all zero for no
-    motion."""
+    """Rows x, y, w of D (columns px, py, inverse depth, 1) and the change of inverse depth; all zero for no motion."""
 
     rows: NDArray[np.float64]  # [3, 4]
     inverse_depth: NDArray[np.float64]  # [4], orthographic cameras only
@@ -82,8 +81,7 @@ def displacement(camera: Camera, previous: Camera, width: int, height: int) -> D
 def reprojected(
     x: Array, y: Array, depth: Array, moved: Displacement, *, parallel: bool
 ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Return the motion u, v of pixels to the previous camera, the expected inverse depth there, and where it could see
-    them.
+    """Return the motion u, v to the previous camera, the expected inverse depth there, and what it could see.
 
     ``x``, ``y`` are pixels from the image centre, ``depth`` is inverse depth; all of one shape, float64.
     """
@@ -123,8 +121,7 @@ def displacement_rows(camera: Camera, previous: Camera, width: int, height: int)
 def _view_position(clip: Rows, ndc_x: float, ndc_y: float, *, parallel: bool) -> list[Four]:
     """Return the view-space position by px, by py, by inverse depth and by 1, [4][4]; NDC = ndc_x px, ndc_y py.
 
-    Homogeneous. Perspective: the position divided by depth, (ray, -1) with w = inverse depth. Orthographic: the
-    position itself, w = 1.
+    Homogeneous. Perspective: (ray, -1) with w = inverse depth. Orthographic: the position itself, w = 1.
     """
     (xx, xy, xz, x1), (yx, yy, yz, y1), *_ = clip
     size = xx * yy - xy * yx
@@ -137,10 +134,7 @@ def _view_position(clip: Rows, ndc_x: float, ndc_y: float, *, parallel: bool) ->
 
 
 def _relative_change(now: Rows, then: Rows) -> list[Four]:
-    """Return the transform from view ``now`` [3][4] to view ``then``, minus the identity, [3][4].
-
-    It uses no world positions.
-    """
+    """Return the transform from view ``now`` [3][4] to ``then``, minus the identity, without world positions."""
     (here, inverse), (there, _) = _origin(now), _origin(then)
     apart = (there[0] - here[0], there[1] - here[1], there[2] - here[2], 0.0)
     change: list[Four] = []
@@ -152,8 +146,7 @@ def _relative_change(now: Rows, then: Rows) -> list[Four]:
 
 
 def _origin(view: Rows) -> tuple[list[float], list[Three]]:
-    """Return the world's origin relative to the camera of ``view`` [3][4], along the world's axes; and the columns of
-    the inverse of its first three columns."""
+    """Return the world's origin relative to the camera, along the world's axes, and the columns of the inverse."""
     (a, b, c, x), (d, e, f, y), (g, h, i, z) = view
     first = (e * i - f * h, f * g - d * i, d * h - e * g)
     second = (c * h - b * i, a * i - c * g, b * g - a * h)

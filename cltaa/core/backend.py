@@ -35,17 +35,14 @@ class Exchange(Protocol):
     """Brings the arrays of one resolver to a launcher and back."""
 
     def lend(self, name: str, array: Any) -> Any:
-        """Return memory from which kernels read ``array`` as ``places`` says, until the next call with that ``name``.
-
-        ``planes.flat`` must accept an array of the host. Raises UsageError for an array of another device.
-        """
+        """Return memory from which kernels read ``array`` as ``places`` says, until the next call with that
+        ``name``."""
 
     def receive(self, out: Any) -> Any:
         """Return the memory that ``pack`` fills for ``out``."""
 
     def hand_over(self, out: Any, received: Any, done: Any) -> None:
-        """Copy ``received``, which is packed when ``done`` happens, into ``out``; for a device's array in the order of
-        its queue."""
+        """Copy ``received``, which is packed when ``done`` happens, into ``out``, in the order of a device's queue."""
 
     def give_back(self) -> None:
         """Drop references to arrays of the host, which nothing reads any more."""
@@ -84,10 +81,8 @@ class Launcher(Protocol):
         """Build a kernel before it is run."""
 
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> Any:
-        """Run a kernel over an image of ``layout``; arguments are buffers, struct records, whole numbers or None.
-
-        Returns the event of its end.
-        """
+        """Run a kernel over an image of ``layout``; arguments are buffers, structs, numbers or None. Returns its
+        event."""
 
     def copy(self, source: Buffer, target: Buffer, offset: int, start: int = 0) -> None:
         """Copy ``source`` from its element ``start`` to element ``offset`` of ``target``, to the end of the shorter;
@@ -103,8 +98,7 @@ def storage_dtype(build: Build) -> Any:
 
 
 def launcher_for(device: str | int | Launcher | Queue | None) -> Launcher:
-    """Return a launcher unchanged, that of a program's queue, or that named by ``device`` or CLTAA_DEVICE: ``numpy``,
-    or a request for ``choose_device``."""
+    """Return a launcher unchanged, that of a program's queue, or that named by ``device`` or CLTAA_DEVICE."""
     if device is not None and not isinstance(device, str | int) and not hasattr(device, "context"):
         if not hasattr(device, "build"):
             raise UsageError("no device", expected="index, part of a name, numpy, or queue", found=repr(device))

@@ -38,8 +38,7 @@ class Storage(StrEnum):
 
 
 def storage_of(name: str) -> Storage:
-    """Return the storage of that name; raises UsageError, because kernels of an unknown one write beyond their
-    memory."""
+    """Return the storage of that name; kernels of an unknown one would write beyond their memory."""
     try:
         return Storage(name)
     except ValueError:
@@ -92,8 +91,7 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
 
 
 def ring_planes(steps: Steps) -> int:
-    """Return the planes of a frame in the ring: r, g, b, inverse depth, and where steps read them own motion, alpha,
-    reactivity."""
+    """Return the planes of a frame in the ring: r, g, b, inverse depth, and what steps read."""
     return 4 + 2 * steps.own_motion + steps.alpha + steps.reactive
 
 

@@ -152,8 +152,7 @@ def _reasons(stages: _Stages) -> NDArray[np.int64]:
 
 
 def _reasons_gathered(stages: _Stages) -> NDArray[np.int64]:
-    """Return a Reason per pixel of a gathering resolve: where no frame in the ring had a sample, why the latest had
-    none."""
+    """Return a Reason per pixel of a gathering resolve: why the latest frame had no sample, where none had one."""
     if stages.given("frames") == 0:
         return np.full(stages.shape, Reason.NO_HISTORY.value)
     count = stages.read(stages.given("output_count"))[0]

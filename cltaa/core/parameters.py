@@ -67,10 +67,8 @@ def _number(meaning: str, low: float, high: float, unit: str, source: str) -> Me
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
-    """Numbers; kernels receive those that they read as one struct of floats by value.
-
-    Changing one costs nothing, except where a term loses or regains its effect: that is another build (``Terms``).
-    """
+    """Numbers; kernels receive those that they read as one struct of floats by value, so that changing one costs
+    nothing."""
 
     blend_weight: Annotated[
         float, _number("least weight of the current sample (exponential)", 1e-6, 1.0, "1", "Karis 2014: 0.1")

@@ -179,11 +179,10 @@ def _illumination_may_change(declared: frozenset[Effect] | None) -> bool:
 
 
 def _refuting(declared: frozenset[Effect] | None) -> frozenset[Effect]:
-    """Return the effects that make history wrong where depth shows the same surface: light changes, moving surfaces
-    turn in the light, or a camera moves past sub-pixel features and uncovers surfaces that depth mistakes for visible
-    before.
+    """Return the effects that make history wrong where depth shows the same surface.
 
-    A camera that moves past solid surfaces, or is still before thin ones, needs no test.
+    Light changes, moving surfaces turn in the light, or a camera moves past sub-pixel features. A camera that moves
+    past solid surfaces, or is still before thin ones, needs no test.
     """
     known = frozenset() if declared is None else declared
     return known & (CHANGING_LIGHT | {Effect.THIN} if Effect.CAMERA in known else CHANGING_LIGHT)
@@ -192,8 +191,7 @@ def _refuting(declared: frozenset[Effect] | None) -> frozenset[Effect]:
 def _testing_illumination(
     preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str
 ) -> tuple[Choices, Reason]:
-    """Keep the illumination test, unless the declared effects promise that nothing refutes the history: that of a
-    recursive resolve also where no such effect is found, which is no promise."""
+    """Keep the illumination test, unless the effects promise that nothing refutes the history; found ones do not."""
     if why := declined(preset, "illumination", Illumination.TEST, Illumination.WINDOW):
         return choices, Reason(LIGHT, False, why)
     if choices.history is HistoryKind.FRAMES:  # windows have a test of their own
@@ -214,11 +212,8 @@ def _testing_illumination(
 def _with_recursion(
     preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str
 ) -> tuple[Choices, Reason]:
-    """Drop the recursive resolve beside the ring where a camera moves: no pixel is static, and once it halts, samples
-    are gathered.
-
-    Then each result depends on the frames in the ring alone, so that a shot can be split anywhere.
-    """
+    """Drop the recursive resolve beside the ring where a camera moves: no pixel is static, and each result then depends
+    on the frames in the ring alone, so that a shot can be split anywhere."""
     if why := declined(preset, "recursion", Recursion.STANDING):
         return choices, Reason(RECURSION, False, why)
     if choices.illumination is not Illumination.WINDOW:

@@ -71,10 +71,9 @@ LARGE_PAGE = 2 * 2**20  # bytes; the system starts a mapping of a multiple of it
 
 @contextmanager
 def pooled_memory(*, images: bool = True) -> Iterator[None]:
-    """Keep the memory of ``empty_image`` and of copies of files for reuse; all is freed at the end.
+    """Keep the memory of ``empty_image`` and of copies of files for reuse, until the end, unless ``images`` is False.
 
-    Otherwise each is mapped and unmapped: page faults, and each unmapping halts all threads of the process. Without
-    ``images`` nothing is kept.
+    Otherwise each is mapped and unmapped: page faults, and each unmapping halts all threads of the process.
     """
     with BLOCK_POOL if images else nullcontext():
         yield
@@ -165,8 +164,7 @@ def places(array: Any) -> dict[str, int]:
 def flat(array: NDArray[Any], *, dense: bool = False) -> NDArray[Any] | None:
     """Return the memory of an array, from its first number to its last, or None where kernels cannot read it there.
 
-    That is where it has another type or negative strides, or is less than half of that memory; ``dense`` demands that
-    nothing else is there.
+    It has another type or negative strides, or is less than half of that memory, or with ``dense`` less than all.
     """
     if array.dtype not in (np.float32, np.float16) or not array.dtype.isnative or not array.flags.aligned:
         return None

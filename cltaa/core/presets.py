@@ -40,10 +40,7 @@ class Preset(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     settings: Settings = Settings()
 
     def replace(self, **values: str | float) -> Preset:
-        """Return the preset with new values for keys that ``cltaa presets --parameters`` lists.
-
-        Raises UsageError for an unknown key or a value out of range.
-        """
+        """Return the preset with new values for keys that ``cltaa presets --parameters`` lists, checked."""
         return override(self, values, f"preset {self.name}")
 
     def deciding(self) -> dict[str, Any]:
@@ -83,10 +80,7 @@ def renamed(values: Mapping[str, object]) -> dict[str, object]:
 
 
 def override(preset: Preset, values: Mapping[str, object], origin: str = "--set") -> Preset:
-    """Return ``preset`` with some keys replaced; text is converted to the key's type.
-
-    ``origin`` names where the values came from in errors. Raises UsageError for an unknown key or a value out of range.
-    """
+    """Return ``preset`` with some keys replaced; text is converted to the key's type. Errors name the ``origin``."""
     values = renamed(values)
     for key in values:
         if key not in FIELDS:
@@ -142,10 +136,7 @@ def load_preset(name: str = "default") -> Preset:
 
 
 def parse_preset(text: str, origin: str, base: Preset) -> Preset:
-    """Return ``base`` with the keys of a TOML text over it; its optional key ``preset`` names another base.
-
-    Raises DataError for a text that is not TOML, UsageError for an unknown key or value; ``origin`` names the text.
-    """
+    """Return ``base`` with the keys of a TOML text over it; its optional key ``preset`` names another base."""
     try:
         values = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:

@@ -20,10 +20,8 @@ TURNED = ("layout", "view_layout", "projection_layout", "sense")
 
 
 def correct(profile: Profile, fix: Mapping[str, Mapping[str, Any]]) -> Profile:
-    """Apply a correction from ``cltaa check`` to ``profile``: multiply factors, toggle flags, set all other keys.
-
-    A correction describes the converted numbers, a profile the stored ones.
-    """
+    """Apply a correction of the converted numbers, as ``cltaa check`` finds it: multiply factors, toggle flags, set the
+    rest."""
     values = msgspec.to_builtins(profile)
     for section, keys in fix.items():
         if "sense" in keys:  # the inverse of F V M, with flips F and M, is M inv(V) F
@@ -78,8 +76,7 @@ def jitter_px(declared: Offset, rule: Jitter) -> Offset:
 def motion_px(stored: Image, rule: Motion, now: Offset, before: Offset, size: tuple[int, int]) -> Image:
     """Convert motion [H, W, 2] to pixels, y down, to the previous frame, without the jitter of both frames.
 
-    NaN means that depth and matrices give the motion. ``size`` is the width and height of the display window, which
-    scales vectors in UV or NDC.
+    NaN leaves the motion to depth and matrices. Width and height of the display, ``size``, scale vectors in UV or NDC.
     """
     width, height = size
     unit = {Units.PIXELS: (1.0, 1.0), Units.UV: (width, height), Units.NDC: (width / 2, -height / 2)}[rule.units]
@@ -139,10 +136,8 @@ def mended_camera(view: Matrix, projection: Matrix, rule: Cameras, jitter: Offse
 
 
 def without_jitter(cameras: Sequence[Camera], sizes: Sequence[tuple[int, int]]) -> tuple[list[Camera], list[Offset]]:
-    """Move the projection centres of ``cameras`` to their mean; return them and the jitter in pixels that each had.
-
-    ``sizes`` are the width and height of each picture.
-    """
+    """Move the projection centres to their mean; return the cameras and the jitter that each had in a picture of its
+    size."""
     columns = [3 if camera.orthographic else 2 for camera in cameras]  # matrix column with w and the centre times w
     both = list(zip(cameras, columns, strict=True))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -162,8 +157,7 @@ def without_jitter(cameras: Sequence[Camera], sizes: Sequence[tuple[int, int]]) 
 def standard_camera(world_to_camera: Matrix, world_to_ndc: Matrix, near: float) -> tuple[Matrix, Matrix]:
     """Return view and projection from the EXR standard's two matrices, whose writers disagree about range and signs.
 
-    The view is always right-handed and looks along -z. The projection keeps only the size and the centre of the
-    picture, and has no far plane. The centre tells whether NDC runs from 0 to 1 or from -1 to 1.
+    The view is right-handed and looks along -z; the projection has no far plane. Its centre tells the range of NDC.
     """
     view = world_to_camera
     # The standard's camera is left-handed; a right-handed one already looks along -z.

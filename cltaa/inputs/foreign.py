@@ -110,11 +110,7 @@ class ForeignSequence(FrameSequence):
         effects: frozenset[Effect] | None = None,
         guides: Mapping[str, tuple[Place, ...]] = MappingProxyType({}),
     ) -> None:
-        """Take the decisions of ``open_intake``.
-
-        ``effects`` are declared for the sequence; channels of other effects are not read. ``guides`` are channels for a
-        denoiser, read as well.
-        """
+        """Take the decisions of ``open_intake``; channels of effects beyond the declared ``effects`` are not read."""
         self.intake, self._strict, self._declared, self._guides = intake, strict, effects, dict(guides)
         left_out = set() if effects is None else {role for role, effect in EFFECT_OF.items() if effect not in effects}
         self._roles = {role: places for role, places in intake.roles.items() if role not in left_out}
@@ -190,10 +186,7 @@ class ForeignSequence(FrameSequence):
         return made
 
     def with_guides(self) -> tuple[Self, Mapping[str, str]]:
-        """Return the sequence with denoiser guides from all of a frame's files among its read and hashed channels.
-
-        Also returns, for each guide that a frame lacks and that is therefore left out, the reason.
-        """
+        """Return the sequence with denoiser guides among its read and hashed channels, and why others are left out."""
         channels = {label: layout.channels for label, layout in self.intake.first.items()}
         guides, faults = guide_places(channels, self.intake.roles["colour"]), dict[str, str]()
         for role, its in [*guides.items()]:
@@ -293,10 +286,7 @@ class ForeignSequence(FrameSequence):
         return declared.get(number, declared[otherwise]).jitter_px or (0.0, 0.0)
 
     def unreadable(self) -> Iterator[tuple[int, DataError]]:
-        """Yield number and error of each frame whose headers lack a channel that the first frame has.
-
-        Raises InputMissing or DataError for a file that cannot be read.
-        """
+        """Yield number and error of each frame whose headers lack a channel that the first frame has."""
         for number in self.numbers:
             layouts = {self.path(number): self.layouts[number]}
             for role, its in self._roles.items():

@@ -98,10 +98,7 @@ class Found(msgspec.Struct, kw_only=True, frozen=True):
 
 
 def find_effects(sequence: FrameSequence, advance: Advance | None = None) -> Found:
-    """Find the effects of ``sequence`` as if it declared none; skips frames that cannot be read.
-
-    Calls ``advance(done, total)`` after each place. Raises what reading headers raises.
-    """
+    """Find the effects of ``sequence`` as if it declared none; skips frames that cannot be read."""
     started = time.perf_counter()
     outlines = [sequence.outline(number) for number in sequence.numbers]
     cameras = _cameras(sequence, outlines)

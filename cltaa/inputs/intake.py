@@ -109,10 +109,7 @@ def declared_frames(
     layouts: Mapping[int, Layout],
     step: int,
 ) -> dict[int, Declared]:
-    """Return the declared values of every frame number; numbers are ``step`` apart, ``layouts`` are of the files.
-
-    Raises DataError for an invalid jitter, and for matrices that cannot be converted.
-    """
+    """Return the declared values of every frame number; numbers are ``step`` apart, ``layouts`` are of the files."""
     jitters: dict[int, Offset | None] = dict.fromkeys(attributes)
     matrices: dict[int, tuple[Matrix, Matrix] | None] = dict.fromkeys(attributes)
 
@@ -382,11 +379,8 @@ def _assigned(
     views: Views,
     faults: Many[DataError],
 ) -> Roles:
-    """Return the channels of each role.
-
-    Raises DataError if there is no colour, and UsageError if channels asked for by name are missing; the name ``none``
-    leaves a role out.
-    """
+    """Return the channels of each role; UsageError if those asked for by name are missing, where ``none`` is no
+    role."""
     roles = assign_view(profile, channels, views)
     if "colour" not in roles:
         raise faults[0] if faults else no_colour(folder, profile, channels, views)
@@ -432,8 +426,7 @@ def _check_complete(
 ) -> None:
     """Raise DataError if some frames have matrices, jitter or exposure and others have none, which would make a jump.
 
-    The error names the frames that lack it, shifted by ``delays`` from those that need it, and the side file if that
-    has it for other frames.
+    The error names the frames that lack it, shifted by ``delays``, and the side file if that has it for other frames.
     """
     for what, otherwise, told, given in (
         ("matrices", "with --input camera.source=none", "camera", "world_to_view"),
@@ -530,10 +523,7 @@ def _late(intake: Intake) -> list[str]:
 
 
 def _like_the_colour(intake: Intake, views: Views) -> list[str]:
-    """Return other layers with the colour layer's name, such as the beauty of another view layer.
-
-    With ``views``, only layers of the colour's view.
-    """
+    """Return other layers with the colour layer's name, such as the beauty of another view layer; of its view."""
     colour = intake.roles["colour"][0].channel
     tail, view = views.without(colour).split(".")[-2:], views.of([colour])
     return [

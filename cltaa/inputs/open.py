@@ -36,12 +36,9 @@ def open_input(
 ) -> FrameSequence:
     """Open a sequence as its profile says; ``options`` are those of ``open_sequence``, for files of any tool.
 
-    ``named`` is a folder, a file, a pattern of files such as ``x.####.exr``, or several of these.
-
-    ``profile`` is a name, a TOML file, or the profile that ``cltaa.check`` returns.
-    ``effects`` replace the effects that the files declare; ``all`` and ``find`` declare none.
-
-    Raises what ``open_sequence`` and ``open_intake`` raise, and UsageError for the output of a resolve.
+    ``named`` is a folder, a file, a pattern of files such as ``x.####.exr``, or several of these. ``profile`` is a
+    name, a TOML file, or the profile that ``cltaa.check`` returns. ``effects`` replace the effects that the files
+    declare; ``all`` and ``find`` declare none. Raises UsageError also for the output of a resolve.
     """
     place, side_file = selection_of(named), None if side_file is None else Path(side_file)
     if not isinstance(profile, str | Path):
@@ -69,8 +66,7 @@ def open_input(
 
 
 def check_declared(sequence: FrameSequence, effects: Asked) -> None:
-    """Raise UsageError for an invalid declaration, and if it would drop motion vectors of a sequence without matrices,
-    which has no other source of motion."""
+    """Raise UsageError for an invalid declaration, and if it would drop the vectors that alone tell what moves."""
     declared = isinstance(effects, set | frozenset) and effects <= {*Effect}
     if not declared and effects not in ASKED:
         raise UsageError(
@@ -133,11 +129,8 @@ DEFAULT_READING = Reading()  # cltaa's own files as they are, other tools' files
 
 
 def readings(folders: Iterable[Path], asked: Reading) -> dict[Path, Reading]:
-    """Return how to read each of several folders when ``asked`` applies to all.
-
-    ``asked`` describes other tools' files: beside such files, cltaa's own are read with defaults. Raises UsageError if
-    one side file would apply to several sequences.
-    """
+    """Return how to read each of several folders when ``asked`` applies to all; cltaa's own, beside others, by
+    default."""
     folders = list(dict.fromkeys(folders))
     spoken_of = [folder for folder in folders if not is_own(folder)] or folders
     if len(spoken_of) > 1 and asked.side_file is not None and PLACE not in asked.side_file:
@@ -149,8 +142,7 @@ def readings(folders: Iterable[Path], asked: Reading) -> dict[Path, Reading]:
 
 
 def is_own(named: Named) -> bool:
-    """Return False if another tool wrote the first readable file, if it has several parts, or if only subfolders hold
-    files; else True.
+    """Return False if the first readable file is another tool's or has several parts, or if only subfolders hold files.
 
     cltaa's own reader reports errors of its files. The output of a resolve counts as cltaa's own, with any layers.
     """

@@ -88,8 +88,7 @@ class Encoding(StrEnum):
 class Colour(msgspec.Struct, frozen=True, kw_only=True):
     """Colour, alpha and reactive mask; each entry of ``channels`` is three names, tried in order.
 
-    ``view`` chooses one of several views, such as left and right, also for depth and vectors. ``fireflies`` is the
-    default for a resolve without --fireflies, because path tracers leave some.
+    ``view`` chooses one of several views, also for depth and vectors. ``fireflies`` is the default of --fireflies.
     """
 
     channels: tuple[Names, ...] = (("R", "G", "B"),)
@@ -192,8 +191,7 @@ def profile_names() -> list[str]:
 
 
 def load_profile(name: str | Path | Profile) -> Profile:
-    """Load the profile of that name or TOML file, or return a given one; raises UsageError, InputMissing or
-    DataError."""
+    """Load the profile of that name or TOML file, or return a given one."""
     if isinstance(name, Profile):
         return name
     name = str(name)

@@ -61,9 +61,8 @@ def _by_folder(files: Iterable[Path]) -> dict[Path, list[Path]]:
 def file_sets(named: Named, without: Container[Path] = ()) -> dict[str, dict[int, Path]]:
     """Return the numbered files of a folder and its subfolders by name: ``beauty.0001.exr`` or ``beauty/x.0001.exr``.
 
-    Leaves out the files ``without``, and subfolders that are hidden, hold truth, or hold the output of a resolve, which
-    is no input. Files that ``named`` lists itself are all kept.
-    Raises InputMissing if there are none, or only captures in subfolders.
+    Leaves out the files ``without``, and subfolders that are hidden, hold truth, or hold the output of a resolve. Files
+    that ``named`` lists itself are all kept.
     """
     place = selection_of(named)
     files = files_in(place, below=True)
@@ -90,8 +89,7 @@ def _is_input(folder: Path) -> bool:
 def assign(profile: Profile, channels: Mapping[str, Iterable[str]]) -> dict[str, tuple[Place, ...]]:
     """Find the channels of each role in each set of files; the result holds only filled roles.
 
-    It also lacks the colour if several sets of files match and none of the profile's other names matches just one:
-    cltaa does not choose between two pictures.
+    It lacks the colour if several sets match and none of the profile's other names matches just one: the user chooses.
     """
     colours = (equal_matches([names], channels) for names in profile.colour.channels)
     colour = next((found[0] for found in colours if len(found) == 1), ())
@@ -293,10 +291,7 @@ def views_of(attributes: Mapping[str, object], channels: Channels, stated: Itera
 
 
 def assign_view(profile: Profile, channels: Channels, views: Views) -> Roles:
-    """Return the channels of each role, all of one view: the profile's, else that of the found colour.
-
-    Raises UsageError for a missing view.
-    """
+    """Return the channels of each role, all of one view: the profile's, else that of the found colour."""
     view = profile.colour.view
     if view and view not in views.names:
         what, expected = f"--input colour.view={view}: no such view", ", ".join(views.names)

@@ -37,8 +37,7 @@ def make_folder(folder: Path) -> Path:
 
 @contextmanager
 def owned(folder: Path) -> Iterator[None]:
-    """Lock ``folder`` until the block or this process ends, however suddenly; raises OutputError where another holds
-    it."""
+    """Lock ``folder`` until the block or this process ends, however suddenly; OutputError where another holds it."""
     try:
         descriptor = os.open(make_folder(folder), os.O_RDONLY)
     except OSError as error:
@@ -75,9 +74,8 @@ def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a temporary name in the folder of ``path``; on a clean exit its content becomes ``path``, durably.
 
     The order (flush the file, rename, flush the folder) leaves the old file or the new one under the final name
-    whenever the machine stops. A failed flush is final: the system may then have dropped the pages, so that a second
-    attempt would succeed without writing them. Raises OutputError where the file cannot be created and StorageError
-    where writing fails half-way; neither leaves anything temporary behind.
+    whenever the machine stops. A failed flush is final: the system may have dropped the pages, so that a second attempt
+    would succeed without writing them. Raises OutputError where the file cannot be created, and StorageError.
     """
     temporary = _create(path)
     try:
@@ -113,10 +111,7 @@ def kept(path: Path, kind: type[Kept]) -> Kept | None:
 
 @contextmanager
 def temporary_folder(folder: Path) -> Iterator[Path]:
-    """Yield a new folder inside of ``folder`` for other processes to write into; they cannot once the block has ended.
-
-    Raises OutputError where it cannot be created.
-    """
+    """Yield a new folder inside of ``folder`` for other processes to write into, until the block ends."""
     place = folder / f".{secrets.token_hex(4)}.tmp.{os.getpid()}"
     make_folder(place)
     try:

@@ -27,8 +27,7 @@ _CGROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
 def open_regular(path: Path, expected: str = "an EXR file") -> Iterator[BinaryIO]:
     """Open a regular file for reading bytes, no folder, pipe or device; ``expected`` says what it should be.
 
-    Raises InputMissing where there is no such file or it may not be read, DataError where it is of another kind, and
-    StorageError where reading fails, in the block too.
+    Raises InputMissing, DataError where it is of another kind, and StorageError where reading fails, in the block too.
     """
     try:
         # O_NONBLOCK: opening a pipe without a writer would wait for ever.
@@ -58,10 +57,8 @@ def read_bytes(path: Path, expected: str, largest: int) -> bytes:
 
 
 def read_text(path: Path, expected: str, largest: int) -> str:
-    """Read a text of at most ``largest`` bytes; errors as ``read_bytes``, and DataError where it is not UTF-8.
-
-    Skips the byte order mark that some editors and spreadsheets put before UTF-8.
-    """
+    """Read a text of at most ``largest`` bytes, without the byte order mark of some editors; errors as
+    ``read_bytes``."""
     try:
         return read_bytes(path, expected, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -163,8 +160,7 @@ def check_memory(path: Path, needed: int) -> None:
 
 
 def memory_limit() -> int:
-    """Return the bytes of memory that this process may ever have: the machine's, or fewer where its group is
-    limited."""
+    """Return the bytes of memory that this process may ever have: the machine's, or those of its group."""
     machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     try:
         return min(machine, int(_CGROUP_LIMIT.read_text()))

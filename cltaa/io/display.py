@@ -39,8 +39,7 @@ LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of ITU-R BT.709 for lum
 
 
 def shown_light(linear: Image, stops: float = 0.0) -> Image:
-    """Return linear colour as a screen can show it: after ``stops`` of exposure, clamped to [0, 1]; NaN becomes
-    black."""
+    """Return linear colour as a screen can show it: exposed by ``stops``, clamped to [0, 1]; NaN becomes black."""
     with np.errstate(over="ignore", invalid="ignore"):  # signalling NaN, and stops that overflow float32
         exposed = np.multiply(linear, np.float32(2.0**stops), dtype=np.float32)
     light: Image = np.where(np.isnan(exposed), np.float32(0), np.clip(exposed, 0.0, 1.0))
@@ -99,8 +98,7 @@ def beside(pictures: Sequence[Picture], labels: Sequence[str]) -> Picture:
 
 
 def wipe(before: Image, after: Image, share: float, labels: tuple[str, str]) -> Picture:
-    """Draw two linear images [H, W, 3] as one picture: the first left of a line at ``share`` of the width, the second
-    right."""
+    """Draw two linear images [H, W, 3] as one: the first left of a line at ``share`` of the width, the second right."""
     if before.shape != after.shape:
         raise DataError("images differ in size", expected=list(before.shape), found=list(after.shape))
     left, right = (label(to_picture(image), text) for image, text in zip((before, after), labels, strict=True))

@@ -214,10 +214,7 @@ def _effects(attributes: Mapping[str, object], path: Path) -> frozenset[Effect] 
 def read_number(
     attributes: Mapping[str, object], name: str, path: Path, *, default: float, expected: str = "a number"
 ) -> float:
-    """Return a number of any type that writers use: int, float, double, or a rational.
-
-    Raises DataError for anything else.
-    """
+    """Return a number of any type that writers use: int, float, double, or a rational; DataError for anything else."""
     value = attributes.get(name, default)
     if isinstance(value, np.ndarray) and value.size == 1 and value.dtype.kind in "iuf":
         return float(value.reshape(()))

@@ -40,8 +40,7 @@ Header = dict[str, bytes]  # raw values of attributes by name
 def read_headers(path: Path, file: BinaryIO) -> tuple[int, list[Header], int]:
     """Return the version flags, the raw attributes of each part, and the offset of the first table of chunks.
 
-    Raises DataError for a file that is not EXR or is deep, and ValueError or IndexError for one that is damaged or
-    truncated.
+    Raises ValueError or IndexError for a damaged or truncated file, DataError for one that is not EXR or is deep.
     """
     start = read_at(file, 0, FIRST_READ)
     if not start:
@@ -58,8 +57,7 @@ def read_headers(path: Path, file: BinaryIO) -> tuple[int, list[Header], int]:
 
 
 def read_channels(path: Path, value: bytes) -> dict[str, str]:
-    """Return the types of channels by name from the attribute ``channels``; DataError for sub-sampled or too many
-    ones."""
+    """Return the types of channels by name from the attribute ``channels``; DataError for sub-sampled or too many."""
     channels: dict[str, str] = {}
     place = 0
     while value[place] != 0:
@@ -195,8 +193,7 @@ Counts = NDArray[np.int64]
 def tile_sizes(path: Path, columns: int, rows: int, value: bytes) -> Counts:
     """Return the pixels of each tile; the table of chunks may hold them in any order, so the smallest stands for all.
 
-    ``value`` is the attribute ``tiles``. Raises DataError for images of several levels, which are textures, not frames,
-    and ValueError for impossible tiles.
+    ``value`` is the attribute ``tiles``. Images of several levels, which are textures, are refused.
     """
     width, height, mode = struct.unpack("<IIB", value)
     if not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE):
@@ -227,8 +224,7 @@ class Table(NamedTuple):
         """Check that every chunk begins ``behind`` all tables, ends inside the file and can hold its pixels.
 
         The size of a chunk ends its ``leader`` bytes. A chunk that is smaller than its compression allows cannot be
-        decoded. ``read_at`` reads bytes of the file, which has ``length`` of them; it is called for each chunk, which
-        for a file acquires the GIL each time. Raises DataError, and struct.error or ValueError where bytes are missing.
+        decoded. ``read_at`` reads bytes of the file, which has ``length``; from a file, each call acquires the GIL.
         """
         path = self.layout.path
         offsets = np.frombuffer(read_at(self.place, 8 * len(self.pixels)), dtype="<u8")
@@ -245,11 +241,7 @@ class Table(NamedTuple):
 
 
 def read_layout(path: Path) -> Layout:
-    """Read the layout of ``path`` and check that every chunk lies inside the file, in well under a millisecond.
-
-    Raises InputMissing where there is no readable file, and DataError for a file that is not EXR, is damaged or
-    truncated, or is of an unsupported kind: deep, multi-part, sub-sampled, larger than 16384.
-    """
+    """Read the layout of ``path`` and check that every chunk lies inside the file, in well under a millisecond."""
     with open_regular(path) as file:
         return checked_outline(path, file, one=True).parts[0]
 
@@ -288,8 +280,7 @@ class Outline(NamedTuple):
             raise error
 
     def extract(self, read_at: ReadAt, tables: Sequence[Table], *, pixels: bool = True) -> list[bytes]:
-        """Return the bytes of a file of the parts of these tables alone, with their chunks only if ``pixels`` are
-        wanted.
+        """Return the bytes of a file of the parts of these tables alone, with their chunks if ``pixels`` are wanted.
 
         So an unwanted part is neither decoded nor in the way. The chunks must be checked before.
         """
@@ -320,10 +311,7 @@ def checked_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline
 
 
 def read_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline:
-    """Parse the headers of an open file without checking its chunks; ``path`` is its name in messages.
-
-    Raises DataError, also where no part is readable, and with ``one`` for a file of several parts.
-    """
+    """Parse the headers of an open file, of one part where ``one`` says so, without checking its chunks."""
     with damaged(path):
         version, headers, end = read_headers(path, file)
         many = bool(version & MULTI_PART)
@@ -349,11 +337,7 @@ def read_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline:
 
 
 def _part(path: Path, header: Header, version: int, before: Sequence[Table]) -> tuple[Layout, Counts, int]:
-    """Return a part's layout, the pixels of its chunks, and the bytes before the data of each; ``before`` are earlier
-    parts.
-
-    Raises DataError for an unsupported kind, and for a damaged part the errors that ``damaged`` converts.
-    """
+    """Return a part's layout, the pixels of its chunks, and the bytes before the data of each."""
     many = bool(version & MULTI_PART)
     tiled = header["type"] == b"tiledimage" if many else bool(version & TILED)
     part = _layout(path, header, tiled, many=many)

@@ -138,10 +138,7 @@ class Layout:
 
 
 def placed(plane: NDArray[Any], window: Window, picture: Window, outside: float = 0.0) -> NDArray[Any]:
-    """Return what lies in ``picture`` of a plane [H, W] with a data ``window``, and the number ``outside`` beyond that.
-
-    EXR defines it as 0. Integers are always 0 there.
-    """
+    """Return what lies in ``picture`` of a plane [H, W] with a data ``window``; beyond it floats are ``outside``."""
     if window == picture:
         return plane
     left, top, *_ = window
@@ -181,8 +178,7 @@ def shared_window(parts: Sequence[Layout]) -> Window:
 
 
 def of_region(camera: Camera, layout: Layout) -> Camera:
-    """Return the camera of a file's picture from that of its display window: the same view, clip space moved and
-    scaled."""
+    """Return the camera of a file's picture from that of its display window: clip space moved and scaled."""
     if layout.data_window == layout.display_window:
         return camera
     (columns, rows), (left, top, *_) = layout.display_size, layout.region

@@ -147,10 +147,7 @@ def _described(outline: Outline, content: BinaryIO | FileCopy) -> ImageHeader:
 
 
 def read_colour(path: Path, *, sha256: str | None = None, picture: Window | None = None, alpha: bool = False) -> Image:
-    """Read R G B, and with ``alpha`` A where it exists, as a [H, W, 3 or 4] float32 view of a planar block.
-
-    Errors and other options as ``read_frame``.
-    """
+    """Read R G B, and with ``alpha`` A where it exists, as a [H, W, 3 or 4] float32 view of a planar block."""
     layout, pixels, _ = _read(path, sha256, picture, lambda layout: check_float_channels(layout, COLOUR))
     names = (*COLOUR, "A") if alpha and layout.channels.get("A", "uint") != "uint" else COLOUR
     return np.moveaxis(np.stack([pixels[name] for name in names]).astype(np.float32, copy=False), 0, -1)
@@ -158,10 +155,9 @@ def read_colour(path: Path, *, sha256: str | None = None, picture: Window | None
 
 @contextmanager
 def loaded_parts(path: Path, sha256: str | None, *, one: bool = False) -> Iterator[tuple[Outline, FileCopy]]:
-    """Check the headers, read the whole file, and check in memory what is decoded from there.
+    """Check the headers, read the whole file, of ``one`` part if asked, and check in memory what is decoded there.
 
-    The content is freed at the end of the block: a large picture hardly fits into memory twice. With ``one`` a file of
-    several parts is refused.
+    The content is freed at the end of the block: a large picture hardly fits into memory twice.
     """
     with open_regular(path) as file:
         outline = read_outline(path, file, one=one)
@@ -178,10 +174,8 @@ def loaded_parts(path: Path, sha256: str | None, *, one: bool = False) -> Iterat
 def _read(
     path: Path, sha256: str | None, picture: Window | None, check: Callable[[Layout], object] = lambda _: None
 ) -> tuple[Layout, dict[str, Pixels], dict[str, object]]:
-    """Return layout, channels and attributes of the picture of a file of one part, whose layout passes ``check``.
-
-    ``picture`` may be another window than the file's data.
-    """
+    """Return layout, channels and attributes of the ``picture`` of a file of one part, whose layout passes
+    ``check``."""
     with loaded_parts(path, sha256, one=True) as (outline, content):
         (layout,) = outline.parts
         # Beside the pixels memory holds the packed file first, and then the one channel that is being moved into the
@@ -214,8 +208,7 @@ def _decoded(
 
 
 def open_content(path: Path, content: BinaryIO | FileCopy, count: int, *, header_only: bool) -> list[OpenEXR.Part]:
-    """Let OpenEXR decode an open file, whose layout was checked and which has ``count`` parts; ``path`` is its name in
-    messages. Raises DataError."""
+    """Let OpenEXR decode an open file, whose layout was checked and which has ``count`` parts; ``path`` is its name."""
     # By the name of the descriptor: the file's own need not be UTF-8, and OpenEXR itself would print it raw. Not as a
     # stream: OpenEXR's threads would acquire the GIL hundreds of times a frame to read from one.
     name = f"/proc/self/fd/{content.fileno()}"
@@ -260,8 +253,7 @@ def read_planes(
     """Read the ``wanted`` channels [H, W], or all, each in its own type, in the window ``picture``.
 
     By default the picture is the data window of all parts, or the display window where they have several. Outside of
-    its part's data window a channel is 0, or its value in ``outside``. Names that no channel has are ignored, and a
-    part without wanted channels is not decoded. Raises InputMissing, DataError, StorageError and ResourceError.
+    its part's data window a channel is 0, or its value in ``outside``. Names that no channel has are ignored.
     """
     with loaded_parts(path, sha256) as (outline, content):
         parts, window = outline.parts, picture or shared_window(outline.parts)

@@ -59,8 +59,7 @@ Pack = Callable[[int], Packed]
 def write_zip(path: Path, header: Mapping[str, Any], channels: Mapping[str, NDArray[Any]], compression: str) -> None:
     """Write contiguous ``channels`` [H, W] as ``OpenEXR.File(header, channels)`` does, but deflated by ISA-L.
 
-    ``header`` is one of OpenEXR's for scan lines with that ``compression``, ``zip`` or ``zips``. Raises the errors of
-    OpenEXR, and OSError.
+    ``header`` is one of OpenEXR's for scan lines with that ``compression``, ``zip`` or ``zips``.
     """
     height, width = next(iter(channels.values())).shape
     first, last = header.get("dataWindow", np.array([[0, 0], [width - 1, height - 1]], np.int32))
@@ -136,8 +135,7 @@ def _pack(planes: list[Bytes], top: int, rows_a_chunk: int, row: int) -> Packed:
 
 
 def _stepped(planes: list[Bytes], rows: int) -> Iterator[tuple[Bytes, Bytes]]:
-    """Yield chunks of ``rows`` rows each, of planes [a multiple of them, bytes of a row]: raw, and prepared for
-    deflate."""
+    """Yield chunks of ``rows`` rows each, of planes [a multiple of them, bytes]: raw, and prepared for deflate."""
     lines = np.concatenate(planes, axis=1)
     raw = lines.reshape(-1, lines.shape[1] * rows)
     pairs, half = raw.view("<u2"), raw.shape[1] // 2
@@ -157,8 +155,7 @@ _STANDARD_FLOATS = frozenset({"pixelAspectRatio", "screenWindowWidth", "whiteLum
 def write_frame(path: str | Path, frame: Frame, *, compression: str = "zip") -> None:
     """Write one frame as a multi-channel EXR of float32 channels (``id`` uint32), atomically.
 
-    Raises UsageError for a name of another format, DataError for a frame whose arrays, matrices or numbers are wrong,
-    OutputError and StorageError for disks.
+    Raises UsageError for a name of another format, DataError for a wrong frame, OutputError and StorageError for disks.
     """
     if not isinstance(path, str | Path) or not isinstance(frame, Frame):
         found = f"{type(path).__name__}, {type(frame).__name__}"
@@ -181,8 +178,7 @@ def write_image(
     """Write channels ``[H, W]`` (float16, float32 or uint32, as given) and attributes as one EXR, atomically.
 
     ``compression`` is a lossless one; ``windows`` are those of data and display, by default from (0, 0) on. Python
-    floats become doubles, except ``exr_frame.Single``; arrays keep their precision. Empty lists are left out. Raises
-    UsageError for invalid arguments, OutputError and StorageError for disks.
+    floats become doubles, except ``exr_frame.Single``; arrays keep their precision. Empty lists are left out.
     """
     check_lossless(compression, path)
     shapes = {pixels.shape for pixels in channels.values()}

@@ -63,8 +63,7 @@ def _piece() -> memoryview:
 def recorded_hashes(folder: Path) -> dict[str, str]:
     """Return SHA-256 by file name (relative to ``folder``) of all that its manifest or ``sequence.json`` records.
 
-    A capture also records a folder ``reference`` inside it. Empty where nothing is recorded; raises DataError for an
-    unreadable record.
+    A capture also records a folder ``reference`` inside it. Raises DataError for an unreadable record.
     """
     hashes = {name: entry.sha256 for name, entry in Manifest(folder).entries.items()}
     # Files drawn by hand or by other tools may have a sequence.json without hashes.
@@ -77,8 +76,7 @@ def recorded_hashes(folder: Path) -> dict[str, str]:
 
 
 def read_capture_record(folder: Path) -> dict[str, Any]:
-    """Return the content of a folder's ``sequence.json``, empty where there is none; raises DataError for a damaged
-    one."""
+    """Return the content of ``sequence.json``, empty where there is none; raises DataError for a damaged one."""
     path = folder / CAPTURE
     if not path.exists():
         return {}

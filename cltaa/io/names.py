@@ -28,8 +28,7 @@ _PADDED = 4  # least digits of a frame number before words
 
 
 def real_path(path: Path) -> Path:
-    """Return ``path`` with all links followed; a loop of links, where ``Path.resolve`` fails until 3.13, fails on
-    opening."""
+    """Return ``path`` without links; a loop of them, where ``Path.resolve`` fails until 3.13, fails on opening."""
     return Path(realpath(path))
 
 
@@ -106,10 +105,7 @@ class Selection:
         return self.files is not None and len(self.files) == 1 and self.words == (str(self.files[0]),)
 
     def by_name(self, files: Iterable[Path]) -> dict[str, dict[int, Path]]:
-        """Return those of ``files``, of one folder, that have a number, by the names of their sequences.
-
-        Raises DataError for two of one number, and for a number that does not stand last.
-        """
+        """Return those of ``files``, of one folder, that have a number, by the names of their sequences."""
         if self.alone and self.files is not None and number_of(self.files[0]) is None:
             return {name_of(self.files[0]): {0: self.files[0]}}
         files = [*files]
@@ -150,9 +146,7 @@ Named = str | Path | Sequence[str | Path] | Selection  # a folder, a file, a pat
 def selection_of(named: Named) -> Selection:
     """Find what ``named`` stands for: folder, file, pattern (``####``, ``%04d``, ``$F4``, ``*``) or list of files.
 
-    An existing path of that very name takes precedence over a pattern. A name of nothing is a missing folder. Raises
-    InputMissing for a missing file and a pattern that none matches, and UsageError for a list that is empty or holds
-    folders.
+    An existing path of that very name takes precedence over a pattern. A name of nothing is a missing folder.
     """
     if isinstance(named, Selection):
         return named
@@ -237,10 +231,7 @@ _PARTS = re.compile(rf"(?P<number>{COUNTED.pattern})|(?P<any>\*+)|(?P<one>\?)|(?
 
 
 def _pattern(path: Path) -> re.Pattern[str]:
-    """Return the expression of a pattern of names, with group ``number`` where it shows the number's place.
-
-    Raises UsageError where more than words follow it, or where it has two.
-    """
+    """Return the expression of a pattern of names, with group ``number`` where it shows the number's place."""
     text, made, place = path.name, "", 0
     for part in _PARTS.finditer(text):
         made += re.escape(text[place : part.start()])

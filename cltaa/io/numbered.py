@@ -31,15 +31,13 @@ MOST_NAMES = 5
 
 
 def captures_below(folder: Path) -> list[Path]:
-    """Return folders right below with a capture's record or a reference of their own, which parts of one sequence
-    lack."""
+    """Return folders right below with a capture's record or a reference of their own."""
     marks = [*folder.glob(f"*/{CAPTURE}"), *folder.glob("*/reference")]
     return sorted({path.parent for path in marks if not REFERENCE.fullmatch(path.parent.name)})
 
 
 def sequences_below(folder: Path) -> list[Path]:
-    """Return folders below that hold EXR files or a ``sequence.json``, in order, but no references. Searches few
-    folders."""
+    """Return some folders below that hold EXR files or a ``sequence.json``, in order, but no references."""
     found: list[Path] = []
     for looked_at, (name, folders, files) in enumerate(os.walk(folder)):
         place = Path(name)
@@ -95,10 +93,7 @@ def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) 
 
 
 def check_steps(paths: Mapping[int, Path], frames: FrameRange, step: int, gaps: OnBreak) -> None:
-    """Raise DataError for a number between two steps, InputMissing for a missing one unless ``gaps`` allows that.
-
-    A step below 1 is a UsageError.
-    """
+    """Raise DataError for a number between two steps, InputMissing for a missing one unless ``gaps`` allows that."""
     first, last = frames
     if not isinstance(step, Integral) or step < 1:
         raise UsageError("the step between frames is wrong", expected="a whole number from 1 on", found=step)
@@ -121,8 +116,7 @@ def check_steps(paths: Mapping[int, Path], frames: FrameRange, step: int, gaps: 
 
 
 def even_step(numbers: Many[int]) -> int:
-    """Return the step of three or more sorted numbers, most of them that far apart and others by multiples of it, else
-    1."""
+    """Return the step of three or more sorted numbers, most of them that far apart and others by multiples, else 1."""
     apart = [after - before for before, after in pairwise(numbers)]
     even = gcd(*apart)
     return even if len(apart) > 1 and 2 * apart.count(even) > len(apart) else 1
@@ -224,10 +218,7 @@ class NumberedFiles:
         step: int = 1,
         layouts: Mapping[int, Layout] | None = None,
     ) -> None:
-        """Read every layout; raises InputMissing for a gap and DataError for damaged files or sizes that differ.
-
-        ``layouts``, of every number in ``paths``, are those of files that were read and checked before.
-        """
+        """Read every layout, unless ``layouts`` holds that of each number, read and checked before."""
         self.folder, self.name, self.verify = folder, name, verify
         self.gaps, self.on_resize = on_break(gaps), on_break(on_resize)
         self.step, self._hashes = step, dict[Path, dict[str, str]]()
@@ -298,8 +289,7 @@ class NumberedFiles:
         return self._paths[number]
 
     def shows(self, region: Window) -> Part:
-        """Return the rows and columns of an image in a region, which is given from the first pixel of the display
-        window."""
+        """Return the rows and columns of an image in a region, given from the first pixel of the display window."""
         left, top, *_ = self.layouts[self.first].region
         return slice(region[1] - top, region[3] - top + 1), slice(region[0] - left, region[2] - left + 1)
 
@@ -321,10 +311,7 @@ class NumberedFiles:
         return None
 
     def select(self, first: int, last: int) -> Self:
-        """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two exist.
-
-        Their layouts are those among all frames.
-        """
+        """Return the frames ``first`` to ``last``, with their layouts among all; UsageError unless these two exist."""
         numbers = chosen_numbers(self.numbers, (first, last), self.folder)
         return type(self)(**self.alike() | {"paths": {number: self._paths[number] for number in numbers}})
 
@@ -337,8 +324,7 @@ class NumberedFiles:
 def as_pictures(layouts: Mapping[int, Layout], on_resize: OnBreak) -> dict[int, Layout]:
     """Return the layouts of frames, by number, for one history: where data windows differ, those of the display.
 
-    A picture is the data window where all share one: a border render, or overscan. Raises DataError for display windows
-    that differ, unless they may, and for pictures that lie outside of them.
+    A picture is the data window where all share one: a border render, or overscan.
     """
     runs: list[dict[int, Layout]] = []
     for number, layout in layouts.items():
@@ -376,8 +362,7 @@ def check_region(layout: Layout, other: Layout, named: str, number: int | None =
 
 
 def shared_region(one: NumberedFiles, other: NumberedFiles) -> Window | None:
-    """Return the region that both show, from the first pixel of their display window on; None where they show one
-    picture.
+    """Return the region of their display window that both show; None where they show one picture.
 
     Raises DataError where their sizes differ without one display window, or where they share no pixel.
     """
@@ -405,11 +390,7 @@ def check_same_size(one: NumberedFiles, other: NumberedFiles) -> None:
 
 
 def files_in(place: Selection, suffix: str = ".exr", *, below: bool = False) -> list[Path]:
-    """Return the files of a place with that suffix, with ``below`` also those of its folders, in order; none that are
-    hidden.
-
-    Raises InputMissing where the folder is missing or unreadable.
-    """
+    """Return the visible files of a place with that suffix, with ``below`` also those of its folders, in order."""
     if place.files is not None:
         return [path for path in place.files if path.suffix == suffix or place.alone]
     try:
@@ -424,10 +405,7 @@ def files_in(place: Selection, suffix: str = ".exr", *, below: bool = False) -> 
 
 
 def numbered_files(named: Named, suffix: str = ".exr") -> tuple[Path, str, dict[int, Path]]:
-    """Find the frames of one sequence: the folder, their name and the file of each number; errors as ``open_sequence``.
-
-    ``named`` is what ``selection_of`` takes.
-    """
+    """Find the frames of the one sequence that is ``named``: the folder, their name and the file of each number."""
     place = selection_of(named)
     files = files_in(place, suffix)
     sets = place.by_name(files)

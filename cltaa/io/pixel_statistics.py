@@ -53,8 +53,7 @@ class Missing(msgspec.Struct, kw_only=True, frozen=True):
 
 
 def is_missing(colour: Image) -> NDArray[np.bool_]:
-    """Return which pixels [H, W] of [H, W, 3] a resolve treats as missing: NaN, infinite, or beyond the kernels'
-    domain."""
+    """Return which pixels [H, W] a resolve treats as missing: NaN, infinite, or beyond the kernels' domain."""
     return np.asarray((~(np.abs(colour) <= value("DOMAIN_LIMIT"))).any(axis=-1))
 
 

@@ -14,8 +14,7 @@ LARGEST_CONFIG = 1 << 16  # bytes; every parameter with a comment takes a few th
 
 
 def load_config(path: Path, base: Preset) -> Preset:
-    """Return ``base`` with the keys of a TOML file over it, named after both; its optional key ``preset`` names another
-    base."""
+    """Return ``base`` with the keys of a TOML file over it, named after both; its key ``preset`` names another base."""
     parsed = parse_preset(read_text(path, "a TOML file", LARGEST_CONFIG), str(path), base)
     return msgspec.structs.replace(parsed, name=f"{path.name} over {parsed.name}")
 
@@ -23,8 +22,7 @@ def load_config(path: Path, base: Preset) -> Preset:
 def read_preset(named: str | Path = "default", before: Callable[[Preset], Preset] | None = None) -> Preset:
     """Return the preset of that name, or of a file ``FILE.toml`` over the default, such as ``cltaa tune`` writes.
 
-    ``before`` changes the default under a file, or the preset of a name. Raises UsageError, and for a file InputMissing
-    and DataError.
+    ``before`` changes the default under a file, or the preset of a name.
     """
     file = isinstance(named, str | Path) and str(named).endswith(".toml")
     preset = load_preset("default" if file else str(named) if isinstance(named, Path) else named)

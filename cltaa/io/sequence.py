@@ -77,10 +77,7 @@ class ChangedImages(ImageSequence):
 
 
 def as_shown(images: ImageSequence, by: NumberedFiles) -> ImageSequence:
-    """Return ``images``, cropped to the region that ``by`` shows where they show more.
-
-    Raises DataError where they do not cover it.
-    """
+    """Return ``images``, cropped to the region that ``by`` shows; DataError where they do not cover it."""
     mine, theirs = by.layouts[by.first], images.layouts[images.first]
     if theirs.display_size == mine.display_size and theirs.region != mine.region and theirs.covers(mine.region):
         part = images.shows(mine.region)
@@ -96,8 +93,6 @@ RESOLVED = "cltaa:preset"  # an attribute of images that a resolve wrote
 class FrameSequence(NumberedFiles):
     """A captured sequence. Iteration yields a ``Frame`` at a time, in frame order.
 
-    ``effects`` is what the first header declares, or None where it declares nothing; ``reference`` is the supersampled
-    truth in ``reference/``, or None; ``sequence_json`` is the capture's record in ``sequence.json``, or empty.
     ``found`` are the effects that were found in frames that declare none; its frames then hold them.
     """
 
@@ -108,8 +103,7 @@ class FrameSequence(NumberedFiles):
 
     @property
     def reading(self) -> dict[str, Any]:
-        """How files are read, where that decides the bits of frames and is not in the files: the step, and found
-        effects."""
+        """What decides the bits of frames and is not in the files: the step, and found effects."""
         found = {} if self.found is None else {"found": sorted(self.found)}
         return ({} if self.step == 1 else {"step": self.step}) | found
 
@@ -165,18 +159,14 @@ class FrameSequence(NumberedFiles):
         return reference.select(self.first, self.last)
 
     def known_reference(self) -> ImageSequence | None:
-        """Return the truth of those frames that have one, or None; raises DataError where it does not cover what they
-        show."""
+        """Return the truth of those frames that have one, or None; DataError where it does not cover them."""
         folder = self.folder / "reference"
         if self.truth is not None:
             return as_shown(self.truth, self)
         return self.open_supersampled(folder) if folder.exists() else None
 
     def open_supersampled(self, folder: Path) -> ImageSequence:
-        """Open a folder with the truth of some frames, or with a yardstick: the same with fewer samples.
-
-        Images that show more are cropped; raises DataError where they do not cover what these frames show.
-        """
+        """Open a folder with the truth of some frames, or with a yardstick, cropped to what these frames show."""
         return as_shown(self._open_alike(folder), self)
 
     def _open_alike(self, folder: Path) -> ImageSequence:
@@ -201,11 +191,7 @@ class FrameSequence(NumberedFiles):
         return replace(outline, index=number, step=self.step, found=self.found)
 
     def with_guides(self) -> tuple[Self, Mapping[str, str]]:
-        """Return the sequence with a denoiser's guides among the channels to read and to record; own files hold
-        them.
-
-        Also returns why other candidates do not guide one.
-        """
+        """Return the sequence with a denoiser's guides among its channels, and why other candidates are none."""
         return self, {}
 
     @property
@@ -223,15 +209,13 @@ class FrameSequence(NumberedFiles):
         return {role: np.stack(its, -1).astype(np.float32) for role, its in stacked.items()}
 
     def frame(self, number: int) -> Frame:
-        """Read one frame by its number; raises UsageError for an unknown number, DataError where header and sequence
-        disagree."""
+        """Read one frame by its number; raises DataError where header and sequence disagree."""
         if number not in self.layouts:
             raise no_such_frame(self.folder, number, self.numbers)
         return self.frame_and_file(number)[0]
 
     def frame_and_file(self, number: int, kept: Collection[str] = ()) -> tuple[Frame, FrameFile]:
-        """As ``frame``, with the header of its file, and the ``kept`` channels where they are decoded with the
-        frame."""
+        """As ``frame``, with the header of its file, and the ``kept`` channels that are decoded with the frame."""
         window = self.layouts[number].data_window
         frame, header = read_frame_and_header(self.path(number), sha256=self.sha256(number), picture=window)
         if "cltaa:frame" not in header.attributes:  # then its folder decides whether shot-003 is 3 or -3
@@ -264,12 +248,10 @@ def open_sequence(
     """Open a folder of ``<name>.<frame:04d>.exr`` files, reading layouts but no pixels.
 
     ``named`` may also be one such file, a pattern of them as ``x.####.exr``, or several (``selection_of``). With
-    ``verify`` every file that is read later must have the SHA-256 that ``sequence.json`` records for it. Raises
-    InputMissing where the folder, its frames, a frame in the middle or one that ``sequence.json`` lists is missing
-    (unless ``gaps`` allows it), DataError where files are damaged, differ in size (unless ``on_resize`` allows it) or
-    belong to several sequences. ``frames`` are the numbers of the first and the last frame to take, both included; all
-    others are ignored, and UsageError is raised unless both exist. ``step`` is the distance between numbers; each frame
-    then directly follows the one before.
+    ``verify`` every file that is read later must have the SHA-256 that ``sequence.json`` records for it. A missing
+    frame is an InputMissing unless ``gaps`` allows it, another size a DataError unless ``on_resize`` does. ``frames``
+    are the numbers of the first and the last frame to take; all others are ignored. ``step`` is the distance between
+    numbers; each frame then directly follows the one before.
     """
     place = selection_of(named)
     sequence = FrameSequence(
@@ -288,10 +270,9 @@ def open_sequence(
 def open_images(
     named: Named, *, verify: bool = True, gaps: OnBreak = OnBreak.ERROR, frames: FrameRange | None = None
 ) -> ImageSequence:
-    """Open resolved or reference images, named as for ``open_sequence``.
+    """Open resolved or reference images, with the arguments of ``open_sequence``.
 
-    A single file without a number is frame 0, and numbers may have an even step. ``verify``, ``gaps``, ``frames`` and
-    errors are those of ``open_sequence``; raises DataError also where R, G or B is missing.
+    A single file without a number is frame 0, and numbers may have an even step.
     """
     files = numbered_files(named)
     step = even_step(sorted(files[2]))  # no image depends on the one before it

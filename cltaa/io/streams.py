@@ -36,8 +36,7 @@ Task = Callable[[], Item]
 class ReadAhead(Iterator[Item]):
     """Items made by tasks in ``threads`` threads, up to ``depth`` of them ahead of use, in the order of the tasks.
 
-    An exception is raised in place of its item, and ends the iteration. ``seconds`` holds the time of each item. Close
-    it, or use it in a ``with`` block, to stop early.
+    An exception is raised in place of its item, and ends the iteration. ``seconds`` holds the time of each item.
     """
 
     def __init__(self, tasks: Iterable[Task[Item]], depth: int = AHEAD, threads: int = AHEAD) -> None:
@@ -114,10 +113,9 @@ def _timed(task: Task[Item], seconds: array[float]) -> Item:
 class Writer:
     """Writes images in ``threads`` threads; ``write`` waits while ``depth`` of them are unfinished.
 
-    The arrays handed over belong to the writer until ``close``. Files are atomic, so existing ones are always complete.
-    The first failure is raised by a later ``write``, ``flush`` or by ``close``; images queued after it are dropped. If
-    a ``with`` block ends by an exception, the queued images are still written and that exception is raised. ``seconds``
-    holds the time of each image.
+    The arrays handed over belong to the writer until ``close``. The first failure is raised by a later ``write``,
+    ``flush`` or by ``close``; images queued after it are dropped. If a ``with`` block ends by an exception, the queued
+    images are still written and that exception is raised. ``seconds`` holds the time of each image.
     """
 
     def __init__(self, depth: int = BEHIND, *, compression: str = "zip", threads: int = BEHIND) -> None:

@@ -75,8 +75,7 @@ def import_av() -> Any:
 def open_video(path: Path, rate: Fraction | int = USUAL_RATE) -> Iterator[Video]:
     """Open an MP4 file for pictures at ``rate`` frames a second; it gets its name when the block ends without an error.
 
-    Its index lies at the front, so that it plays while it loads. Raises UsageError without PyAV, OutputError where the
-    file cannot be created and StorageError where writing fails.
+    Its index lies at the front, so that it plays while it loads.
     """
     av = import_av()
     with atomic_path(path) as temporary:
@@ -117,11 +116,9 @@ def check_film(path: Path, sequence: NumberedFiles, output: Path, *, beside: boo
 
 
 def rate_of(attributes: Mapping[str, object], record: Mapping[str, Any], step: int = 1) -> Fraction:
-    """Return the frames a second of a sequence: attribute ``framesPerSecond``, else the ``fps`` of its capture, else
-    24.
+    """Return the frames a second of a sequence: attribute ``framesPerSecond``, else ``fps`` of its ``record``, else 24.
 
-    ``record`` is the content of ``sequence.json``. A rate that players do not support is ignored. Numbers ``step``
-    apart lower the rate, so that motion keeps its speed.
+    A rate that players do not support is ignored. Numbers ``step`` apart lower it, so that motion keeps its speed.
     """
     return max(Fraction(RATES[0]), _whole_rate(attributes, record) / step)
 
@@ -156,8 +153,7 @@ def write_pairs(
     rate: Fraction | int = USUAL_RATE,
     swept: bool = False,
 ) -> int:
-    """Write two sequences of equal length and size side by side, labelled, or with ``swept`` on both sides of a moving
-    line; errors as above."""
+    """Write two sequences of one size side by side, labelled, or with ``swept`` on both sides of a moving line."""
     with open_video(path, rate) as video:
         for left, right in zip(before, after, strict=True):
             if swept:

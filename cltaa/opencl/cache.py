@@ -43,11 +43,7 @@ def cache_folder() -> Path:
 
 
 def check_cache() -> int:
-    """Return the free bytes where kernels are kept.
-
-    Raises DeviceMissing where the folder cannot be written and ResourceError where there is too little room, or where
-    files may not grow as large as a kernel's.
-    """
+    """Return the free bytes where kernels are kept; raises DeviceMissing or ResourceError where none can be."""
     folder = cache_folder()
     with _written(folder):
         folder.mkdir(parents=True, exist_ok=True)

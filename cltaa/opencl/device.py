@@ -42,8 +42,7 @@ TYPES = {"int": np.int32, "float": np.float32, "frame_t": np.void, "settings_t":
 
 
 def devices() -> list[cl.Device]:
-    """Return every OpenCL device of this machine: GPUs first, then CPUs by ``PREFERENCE``, PoCL's newest version
-    first."""
+    """Return every OpenCL device: GPUs first, then CPUs by ``PREFERENCE``, PoCL's newest version first."""
     try:
         platforms = cl.get_platforms()
     except cl.LogicError:
@@ -80,12 +79,8 @@ def is_cpu(device: cl.Device) -> bool:
 
 
 def choose_device(requested: str | None = None) -> cl.Device:
-    """Return the requested device: an index, a part of its description, ``pocl``, or None for the first (GPUs come
-    first).
-
-    Without a request the variable CLTAA_DEVICE holds it. Raises DeviceMissing without any device and UsageError where
-    none matches.
-    """
+    """Return the requested device, or that of CLTAA_DEVICE: an index, a part of its description, ``pocl``, None for the
+    first."""
     found = devices()
     if not found:
         check_cache()  # PoCL lists no device where it cannot keep kernels
@@ -116,19 +111,14 @@ def _known_as(device: cl.Device) -> str:
 
 
 def alike(requested: str | None = None) -> list[str]:
-    """Return the indices of the device that ``choose_device`` returns, with its errors, and of all others of its
-    name."""
+    """Return the indices of the device that ``choose_device`` returns and of all others of its name."""
     chosen = choose_device(requested)
     same = [(each != chosen, at) for at, each in enumerate(devices()) if describe(each) == describe(chosen)]
     return [str(at) for _, at in sorted(same)]
 
 
 class Memory(OneProcess):
-    """A buffer on the device that the host fills or reads through ``mapped``.
-
-    On devices that share the host's memory, mapping copies nothing; on others ``mapped`` copies to or from pinned
-    memory.
-    """
+    """A buffer on the device that the host fills or reads through ``mapped``, by pinned memory where it shares none."""
 
     def __init__(
         self,
@@ -361,8 +351,7 @@ def usual_shape(device: cl.Device) -> tuple[str, str]:
 
 
 def cpu_shape(width: int, vendor: str) -> str:
-    """Return the shape for a CPU whose registers hold ``width`` floats; ``vendor`` is the processor's word for its
-    maker."""
+    """Return the shape for a CPU of ``vendor`` (the processor's word) whose registers hold ``width`` floats."""
     if width >= 16:
         return "intel-16" if vendor == INTEL else "cpu-16"
     return "cpu-8" if width >= 8 else "cpu-4"
@@ -382,8 +371,7 @@ def candidate_shapes(device: cl.Device) -> list[str]:
 
 
 def measured_on(device: cl.Device) -> dict[str, str]:
-    """Return the facts for which a measured shape is valid: device, runtime and its compiler, and a CPU's model and
-    features."""
+    """Return the facts for which a measured shape is valid: device, runtime, compiler, a CPU's model and features."""
     facts = {
         "device": describe(device),
         "runtime": f"{device.platform.version} {device.opencl_c_version}",

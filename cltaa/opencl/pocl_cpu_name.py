@@ -123,8 +123,7 @@ def _applies() -> bool:
 def name_unknown_cpu(record: int) -> bool:
     """Replace a wrong name in PoCL's record of a device, at address ``record``; True where there was one.
 
-    Only on Linux on x86-64. It changes only a pointer to exactly the text ``generic``, or to one of the names of a
-    level that is not this CPU's.
+    It changes only a pointer to exactly the text ``generic``, or to one of the names of a level that is not this CPU's.
     """
     if not _applies():
         return False

@@ -55,8 +55,7 @@ class Shape(NamedTuple):
     mix: Cut | None = None  # of mix_windows
 
     def registers_of(self, build: Build) -> int:
-        """Return the most registers of a work-item of a kernel with this build; with more of them fewer work-items run
-        at once."""
+        """Return the most registers of a work-item of a kernel with this build; with more, fewer run at once."""
         choices = build.choices
         if choices.illumination is not Illumination.STATIC and choices.history is HistoryKind.ACCUMULATED:
             return self.registers_for_illumination
@@ -72,8 +71,7 @@ class Shape(NamedTuple):
         return self.gather if kernel in GATHERING else self.mix if kernel == "mix_windows" else None
 
     def even_rows(self, width: int, height: int, registers: int, units: int) -> int:
-        """Return the rows of a work-item with which the last groups leave few of a device's ``units`` compute units
-        idle.
+        """Return the rows of a work-item with which the last groups leave few of ``units`` compute units idle.
 
         Groups start and end nearly together, in rounds of as many as run at once; a column costs its rows and its
         start. Columns long enough for a single round are slower where motion varies.
@@ -146,10 +144,7 @@ def kept_path(measured_on: Mapping[str, str]) -> Path:
 
 
 def kept_shape(measured_on: Mapping[str, str], known: Collection[str]) -> str | None:
-    """Return the name kept for a device, None where there is none.
-
-    A file that cannot be used, or whose shape is not among the ``known``, is reported in one line and left alone.
-    """
+    """Return the name kept for a device, None where there is none; a file that cannot be used is reported in a line."""
     try:
         path = kept_path(measured_on)
         kept = msgspec.json.decode(path.read_bytes(), type=Kept)

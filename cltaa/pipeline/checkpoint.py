@@ -58,8 +58,7 @@ class Checkpoints:
                 np.savez(stream, **planes, facts=np.frombuffer(facts, np.uint8))
 
     def restore(self, resolver: Resolver, before: int) -> int | None:
-        """Restore the latest saved frame below ``before`` into ``resolver``; returns its number, or None without
-        one."""
+        """Restore the latest saved frame below ``before`` into ``resolver``; returns its number, None without one."""
         for slot in self._slots():
             if slot.past.index < before and self._restored(slot, resolver):
                 return slot.past.index

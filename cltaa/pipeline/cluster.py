@@ -45,10 +45,7 @@ AGAIN = "run the same again: what is finished is kept"
 
 @contextmanager
 def connected(address: str) -> Iterator[Any]:
-    """Yield a ``distributed.Client`` of the scheduler at ``address``.
-
-    Raises UsageError where Dask is not installed or no scheduler answers.
-    """
+    """Yield a ``distributed.Client`` of the scheduler at ``address``; raises UsageError where none can be had."""
     distributed: Any = import_extra("distributed", package="distributed", extra="dask", purpose="--dask")
     if is_own():  # else the loss of a scheduler prints a traceback beside our line
         for name in ("distributed", "distributed.client"):
@@ -86,11 +83,8 @@ class _Described(NumpyLauncher):
 
 
 class Cluster:
-    """The workers of the Dask cluster of ``client``: ``Elsewhere`` for ``resolve_sequence``.
-
-    ``parts`` is the number of their threads unless ``jobs`` gives another. Raises UsageError where there are none, or
-    where one of them has another cltaa.
-    """
+    """The workers of the Dask cluster of ``client``: ``Elsewhere`` for ``resolve_sequence``, in ``jobs`` parts or as
+    threads."""
 
     def __init__(self, client: Any, tool: Tool, jobs: int | None) -> None:
         self._client, threads = client, client.nthreads()
@@ -108,20 +102,14 @@ class Cluster:
         self._tool = tool._replace(device=device, jobs=max(threads.values(), default=1))
 
     def description(self) -> str:
-        """Return the description of a worker's device, from the first that is free; raises the errors of opening it,
-        and ResourceError where the cluster failed."""
+        """Return the description of a worker's device, from the first that is free."""
         asked = self._client.submit(_description, self._tool.device, pure=False, retries=RETRIES)
         with suppress(Exception):
             asked.result()
         return str(_outcome(asked, "opening a device"))
 
     def resolve(self, orders: list[Order], stop: Stop, seconds: dict[str, list[float]]) -> Iterator[Result]:
-        """Yield each result as it is written, some perhaps twice; adds to ``seconds`` the time of each frame in each
-        stage.
-
-        Raises KeyboardInterrupt once ``stop`` is requested, the error of a failed part, and ResourceError where the
-        cluster failed. Results reported until then come first.
-        """
+        """Resolve as ``Elsewhere`` does; results reported before an error or an interrupt come first."""
         client, topic, inbox = self._client, f"cltaa-{secrets.token_hex(8)}", queue.SimpleQueue[Any]()
         client.subscribe_topic(topic, lambda event: inbox.put(event[1]))
         parts = {}
@@ -197,10 +185,8 @@ def _packed(thing: object) -> bytes:
 
 
 def resolve_part(work: bytes) -> Done | CltaaError:
-    """Resolve a part that ``Cluster.resolve`` packed; a Dask worker calls it.
-
-    Returns an error that another try would repeat. Raises ResourceError and StorageError.
-    """
+    """Resolve a part that ``Cluster.resolve`` packed, in a Dask worker; returns an error that another try would
+    repeat."""
     from distributed import get_worker
 
     worker = get_worker()

@@ -55,10 +55,7 @@ class DebugViews:
 
 
 def view_picture(view: View, layers: dict[str, Image], frames: int = MOST_SAMPLES) -> Picture:
-    """Return a view as an 8-bit picture [H, W, 3]; docs/debug-views.md explains the colours.
-
-    The count is white at as many samples as the run has ``frames``.
-    """
+    """Return a view as an 8-bit picture [H, W, 3] (docs/debug-views.md); the count is white at that of ``frames``."""
     if view is View.REJECT:
         palette = np.array([COLOURS[reason] for reason in Reason], np.uint8)
         return palette[layers["debug.reject"].astype(np.int64)]

@@ -22,8 +22,7 @@ Denoise = Callable[[Frame, Mapping[str, Image]], Frame]
 
 
 def guide_line(guides: Mapping[str, tuple[str, ...]], faults: Mapping[str, str]) -> str:
-    """Return the line that names the channels that guide a denoiser, or says why none does, as they may have other
-    names."""
+    """Return the line that names the channels that guide a denoiser, or says why none does."""
     without = {role: f"no {role}{f' ({faults[role]})' if role in faults else ''}" for role in GUIDES}
     told = (f"{role} {written(guides[role])}" if role in guides else without[role] for role in GUIDES)
     return f"denoised with: {'; '.join(told)}"
@@ -37,10 +36,7 @@ def denoises(name: str) -> bool:
 
 
 def denoiser(name: str) -> Denoise | None:
-    """Return a function that denoises a frame by its guides [H, W, 3]; None for ``none``.
-
-    Raises UsageError for an unknown denoiser, and where the extra is not installed.
-    """
+    """Return a function that denoises a frame by its guides [H, W, 3]; None for ``none``."""
     if not denoises(name):
         return None
     oidn: Any = import_extra("pyoidn", package="pyoidn", extra="denoise", purpose="--denoise oidn")

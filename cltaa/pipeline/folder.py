@@ -49,8 +49,7 @@ def band_rows_for(whole: Memory) -> int:
 def of_whole(
     sequence: FrameSequence, resolver: Resolver, *, half: bool, layers: Mapping[str, str], jobs: int = 1
 ) -> Memory:
-    """Return the memory of a resolve of ``sequence`` by ``resolver`` in whole images, with each step that its channels
-    allow, in ``jobs`` parts at once; no frames kept. ``layers`` are as for ``of_resolve``."""
+    """Return the memory of a resolve of ``sequence`` in whole images, with each step that its channels allow."""
     holds, shared = sequence.holds, resolver.launcher.shares_memory
     held = DevicePlanes(
         Steps(own_motion="motion" in holds, alpha="alpha" in holds, reactive="reactive" in holds),
@@ -84,8 +83,7 @@ def resolver_for(
     """Return a resolver for ``sequence``: in bands where whole images take more memory than this machine has.
 
     ``half`` says that halves will be written, ``layers`` are as for ``of_resolve``, and ``jobs`` resolvers run at the
-    same time. ``band_rows`` overrides the choice; 0 means whole images. Raises ResourceError where bands are needed and
-    the preset keeps frames, which requires whole images.
+    same time. ``band_rows`` overrides the choice; 0 means whole images.
     """
     resolver = Resolver(preset, device, storage=storage, **options)  # first: one that shares memory takes less of it
     if band_rows is None:
@@ -110,11 +108,9 @@ def resolver_for(
 
 
 def with_fireflies(preset: Preset, sequence: FrameSequence, asked: str | None) -> Preset:
-    """Return ``preset`` with the treatment of fireflies that is ``asked`` for, by default that of the profile of
-    ``sequence``.
+    """Return ``preset`` with the treatment of fireflies that is ``asked`` for, by default that of the profile.
 
-    By default presets that gather, and transcriptions, keep theirs. Raises UsageError where one that gathers is asked
-    to clamp.
+    By default presets that gather, and transcriptions, keep theirs.
     """
     gathers = preset.choices.history is not HistoryKind.ACCUMULATED
     if asked is None:
@@ -128,8 +124,7 @@ def with_fireflies(preset: Preset, sequence: FrameSequence, asked: str | None) -
 
 
 def for_denoised(preset: Preset) -> Preset:
-    """Return ``preset`` for frames that a denoiser has filtered already: without a current filter, but a transcription
-    as it is."""
+    """Return ``preset`` for frames that a denoiser has filtered already: a transcription as it is."""
     return preset if preset.published is not Published.NO else override(preset, {"current_filter": "none"})
 
 
@@ -158,10 +153,7 @@ RESOLVING = frozenset(signature(resolve_sequence).parameters) - OWN
 def how_read(
     source: object, reading: Mapping[str, Any], options: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the arguments of opening ``source``, and among the others those of ``resolve_sequence``.
-
-    Raises UsageError for a name that neither takes, and for any of the former where ``source`` is open.
-    """
+    """Return the arguments of opening ``source``, and among the others those of ``resolve_sequence``."""
     told = {**reading, **{name: options[name] for name in READING & options.keys()}}
     rest = {name: value for name, value in options.items() if name not in READING}
     for name in told.keys() - READING:
@@ -203,15 +195,13 @@ def resolve_folder(
     until none came for ``idle`` seconds, or until interrupted.
 
     If the preset gathers, ``jobs`` parts of the sequence are resolved at once, in turn on all devices like the one that
-    ``device`` names: each begins with as many frames before its own as the preset keeps. With ``dask``, the address of
-    a scheduler, its workers resolve them, as many parts as they have threads unless ``jobs`` gives another number; they
-    need the folders under the same paths, and devices that are alike. ``profile``, ``side_file``, ``frames`` and the
-    other arguments of ``cltaa.open``, here or in ``reading``, say how a ``source`` that is not open yet is read.
-    ``fireflies`` is ``keep`` or ``clamp``; by default the preset or else the profile decides. A preset given by name
-    does not filter again (``current_filter``) what ``denoise`` in ``options`` has filtered; a ``Preset`` is not
-    changed. Undeclared effects are found first (``cltaa.inputs.found``), except with ``follow``, and for a
-    transcription, which is the same on every scene. ``compression`` and ``layers`` default to those that the command
-    keeps. ``options`` are other arguments of ``resolve_sequence``. Raises the errors of that and of opening.
+    ``device`` names. With ``dask``, the address of a scheduler, its workers resolve them, as many parts as they have
+    threads unless ``jobs`` gives another number; they need the folders under the same paths, and devices that are
+    alike. ``profile``, ``side_file``, ``frames`` and the other arguments of ``cltaa.open``, here or in ``reading``, say
+    how a ``source`` that is not open yet is read. ``fireflies`` is ``keep`` or ``clamp``; by default the preset or else
+    the profile decides. A preset given by name does not filter again (``current_filter``) what ``denoise`` in
+    ``options`` has filtered; a ``Preset`` is not changed. Undeclared effects are found first (``cltaa.inputs.found``),
+    except with ``follow``, and for a transcription. ``options`` are other arguments of ``resolve_sequence``.
     """
     if idle is not None and not follow:
         raise UsageError("--idle needs --follow", cure="give both, or neither")
@@ -278,8 +268,7 @@ def with_known_effects(
     them.
 
     A resumed run takes those that it began with, so that it makes the same bits, even where an unreadable frame was
-    mended, or more frames are there now. Raises UsageError where headers show effects that the run did not begin with,
-    DataError for a damaged manifest, and the errors of finding.
+    mended, or more frames are there now. Raises UsageError where headers show effects that it did not begin with.
     """
     begun = None if anew else Manifest(output)
     if begun is not None and begun.settings is not None and begun.entries:
@@ -318,8 +307,7 @@ def found_before(output: Path, effects: frozenset[Effect]) -> Found:
 
 
 def devices_of(device: str | int | Launcher | None, jobs: int) -> list[str | int | Launcher | None]:
-    """Return what each of ``jobs`` resolvers opens: in turn all devices with the name of the one that ``device``
-    chooses, or always the same for an index, ``numpy`` or a launcher."""
+    """Return what each of ``jobs`` resolvers opens: in turn all devices like the one that ``device`` names."""
     wish = os.environ.get(DEVICE_VARIABLE, "") if device is None else device
     if jobs == 1 or not isinstance(wish, str) or wish.isdigit() or wish == "numpy":
         return [device] * jobs

@@ -29,11 +29,10 @@ def check_whole(path: Path) -> None:
 
 
 class Arrivals:
-    """The frames of a folder as they are finished.
+    """The frames of a folder as they are finished, with a denoiser's guides where they are ``guided``.
 
     It begins with the first of ``frames``, or with the lowest number found at first, and ends with the last of them, or
-    when none came for ``idle`` seconds. ``reading`` are the other arguments of ``open_input``. ``guided`` frames
-    include a denoiser's guides.
+    when none came for ``idle`` seconds. ``reading`` are the other arguments of ``open_input``.
     """
 
     def __init__(
@@ -63,10 +62,7 @@ class Arrivals:
         return (self._end - self._first) // self._step + 1
 
     def first(self) -> FrameSequence:
-        """Wait for the first frame; returns it and the whole ones after it.
-
-        Raises the errors of ``open_input`` where none came.
-        """
+        """Wait for the first frame; returns it and the whole ones after it, or raises why none came."""
         found = self._wait(Stop())
         if found is None:
             self._raise_why()
@@ -74,11 +70,7 @@ class Arrivals:
         return found
 
     def behind(self, stop: Stop) -> Iterator[FrameSequence]:
-        """Yield later frames, as many at once as are whole; ends early where ``stop`` is requested.
-
-        Raises DataError for a frame that is never finished, and InputMissing for a missing one before others, unless
-        gaps are allowed.
-        """
+        """Yield later frames, as many at once as are whole, until ``stop`` is requested; raises why one never came."""
         while not self.ended and (found := self._wait(stop)) is not None:
             yield found
         if not self.ended and not stop.requested:

@@ -98,11 +98,8 @@ class Memory(msgspec.Struct, frozen=True, kw_only=True):
 
 def program_bytes() -> int:
     """Return the bytes that this process takes without planes: its allocations, and the pages of files that it has
-    touched, with the device open and no kernel run: building one here leaves pages of the compiler that a resolve never
-    touches.
-
-    Opening the device loads the drivers of every installed OpenCL platform, and those may be large.
-    """
+    touched, with the device, whose drivers may be large, open and no kernel run: building one touches pages that a
+    resolve never does."""
     try:
         status = STATUS.read_text(encoding="utf-8")
     except OSError:  # not Linux
@@ -133,9 +130,8 @@ def of_resolve(
     this counts for one of the frames read at a time, since they are seldom in step. In bands, one frame at a time is in
     memory, its result in its place, and beside it the count of each pixel, and the result in halves if those are
     written; nothing is reused. Readers also hash files without a ``recorded`` hash. ``layers`` are channels that are
-    carried over -> "uint", "half" or "float": each stays until its result is written, and is not there yet while its
-    file is being read. Frames of another tool are ``converted``: until then each reader holds its channels twice, as
-    decoded and stacked.
+    carried over -> "uint", "half" or "float": each stays until its result is written. Frames of another tool are
+    ``converted``: until then each reader holds its channels twice, as decoded and stacked.
     """
     banded, half = bool(held.band_rows), held.half
     plane, planes = REAL * width * height, 3 + held.steps.alpha

@@ -42,10 +42,7 @@ def image_channels(image: NDArray[Any]) -> dict[str, Pixels]:
 
 
 def limit_halves(image: NDArray[np.float16]) -> int:
-    """Replace each infinite half of [H, W, 3 or 4] by the largest half, in place; returns the pixels that have such.
-
-    Those pixels are saturated: a result in halves is infinite from the largest half on.
-    """
+    """Replace each infinite half of [H, W, 3 or 4] by the largest, in place; returns the pixels that have such."""
     signed, bits = image.view(np.int16), image.view(np.uint16)
     if signed.max() < INFINITE and bits.max() < INFINITE | BELOW_ZERO:  # compared as integers, for either sign
         return 0
@@ -55,8 +52,7 @@ def limit_halves(image: NDArray[np.float16]) -> int:
 
 
 def saturated_pixels(image: Image) -> int:
-    """Count the pixels of floats [H, W, 3 or 4] that halves saturate: with a channel at the largest half, 65504, or
-    more."""
+    """Count the pixels of floats [H, W, 3 or 4] that halves saturate: with a channel at 65504 or more."""
     largest = value("HALF_LIMIT")
     if -largest < float(image.min()) and float(image.max()) < largest:
         return 0
@@ -80,8 +76,7 @@ class CarriedOver(NamedTuple):
 def carried_channels(layout: Layout, layers: tuple[str, ...], replaced: frozenset[str]) -> frozenset[str]:
     """Return the channels of a file that are carried over: those whose names match one of ``layers``.
 
-    Where ``layers`` are all, those that the resolve ``replaced`` are excluded: a user of the result would mistake the
-    input's colour for it.
+    Without the ``replaced`` where all match: a user of the result would mistake the input's colour for it.
     """
     left_out = replaced if layers == ALL else frozenset[str]()
     return frozenset(name for name in layout.channels if any(_is(name, layer) for layer in layers)) - left_out
@@ -93,10 +88,7 @@ def _is(name: str, layer: str) -> bool:
 
 
 def chosen_layers(names: str | tuple[str, ...] | None, sequence: FrameSequence) -> tuple[str, ...]:
-    """Return the layers that ``--layers`` names: names, ``all`` or ``none``; by default all of another tool's files.
-
-    A text is one name.
-    """
+    """Return the layers that ``--layers`` names: names, ``all`` or ``none``; by default all of another tool's files."""
     if names is None:
         names = ("all",) if sequence.notes else ("none",)
     names = (names,) if isinstance(names, str) else tuple(names)
@@ -104,8 +96,7 @@ def chosen_layers(names: str | tuple[str, ...] | None, sequence: FrameSequence) 
 
 
 def carried_kinds(sequence: FrameSequence, layers: tuple[str, ...]) -> dict[str, str]:
-    """Return the channels that any file of ``sequence`` has carried over -> "uint", "half" or "float"; reads
-    nothing."""
+    """Return the channels that any file of ``sequence`` has carried over -> "uint", "half" or "float"."""
     kept: dict[str, str] = {}
     for layout in sequence.layouts.values():
         names = carried_channels(layout, layers, sequence.replaced)
@@ -114,11 +105,7 @@ def carried_kinds(sequence: FrameSequence, layers: tuple[str, ...]) -> dict[str,
 
 
 def carried_over(path: Path, kept: frozenset[str], file: FrameFile) -> CarriedOver:
-    """Return what is carried over from ``path``, which was read as ``file``: every attribute, and the ``kept``
-    channels.
-
-    Raises the errors of reading channels that were not decoded with the frame.
-    """
+    """Return what is carried over from ``path``, read as ``file``: every attribute, and the ``kept`` channels."""
     layout, planes = file.header.layout, file.planes
     if planes is None:
         planes = read_planes(path, kept, picture=layout.data_window) if kept else {}
@@ -157,8 +144,7 @@ CODE = "code_sha256"  # the key of the settings with the hash of the code
 
 
 def sequence_settings(sequence: FrameSequence) -> dict[str, Any]:
-    """Return the settings of a sequence that decide the bits of all its frames; their files are compared by hash one by
-    one."""
+    """Return the settings of a sequence that decide the bits of all its frames; files are compared by hash."""
     size = [sequence.width, sequence.height]
     return {"sequence": sequence.name, "first_frame": sequence.first, "size": size, **sequence.reading}
 
@@ -204,16 +190,14 @@ OF_A_PART = re.compile(r"(build|preset(\.(choices|settings))?)\.")  # before a k
 
 
 class OutputFolder:
-    """The finished frames of a folder, the settings that made them, and their hashes. Use it inside
-    ``atomic.owned``."""
+    """The finished frames of a folder, the settings that made them, and their hashes; inside ``atomic.owned``."""
 
     def __init__(self, folder: Path, settings: Mapping[str, Any], *, restart: bool, preset: str = "") -> None:
         """Begin the folder, or resume it; ``restart`` deletes what its manifest lists first.
 
         ``preset`` is the name of the preset, which decides nothing and appears where another is refused. A folder in
         which nothing was finished is begun anew: a run that was refused at its first frame does not block one with
-        mended options. Raises UsageError where the folder was begun with other settings or holds EXR files that no
-        manifest lists, DataError for a damaged manifest, OutputError and StorageError.
+        mended options. Raises UsageError where it was begun with other settings, or holds EXR files of another origin.
         """
         self.folder = folder
         asked = json.loads(json.dumps(settings))
@@ -254,10 +238,9 @@ class OutputFolder:
             return ""
 
     def missing(self, sequence: FrameSequence, look_ahead: int, *, shown: bool = False) -> list[int]:
-        """Return the frames that are not finished, after a check of every file of those that are; with them the
-        ``look_ahead`` frames before each, since their results depend on it and its content is not recorded yet.
+        """Return the unfinished frames, and with ``look_ahead`` as many before each, since their results depend on it.
 
-        Raises DataError where the input of a finished frame has changed.
+        Checks every finished file; raises DataError where the input of one has changed.
         """
         if not self.manifest.entries:
             return list(sequence.numbers)
@@ -331,8 +314,7 @@ class Read(NamedTuple):
 def reads(
     sequence: FrameSequence, before: int | None, layers: tuple[str, ...], denoise: Denoise | None = None
 ) -> Iterator[Callable[[], Read]]:
-    """Yield a task for each frame of a sequence, for any thread; ``before`` is the frame that the first one
-    continues."""
+    """Yield a task for each frame of a sequence, for any thread; the first continues frame ``before``."""
     for number in sequence.numbers:
         yield partial(_read, sequence, number, before, layers, denoise)
         before = number
@@ -363,10 +345,8 @@ def _stamps(sequence: FrameSequence, number: int) -> list[tuple[int, ...]]:
 
 
 class ResolvedFiles:
-    """Writes results into ``folder`` under the names of their inputs, and collects what to report of them.
-
-    ``undeclared`` are the attributes that no input declared, so that results omit them.
-    """
+    """Writes results into ``folder`` under the names of their inputs, without ``undeclared`` attributes, and reports
+    them."""
 
     def __init__(self, folder: Results, resolver: Resolver, debug: DebugViews, *, undeclared: frozenset[str]) -> None:
         self.folder = folder
@@ -380,10 +360,7 @@ class ResolvedFiles:
         return [self._finished[number] for number in sorted(self._finished)]
 
     def write(self, writer: Writer, read: Read, image: NDArray[Any]) -> None:
-        """Queue the result ``image`` [H, W, 3 or 4], floats or halves, of the frame ``read`` and resolved last.
-
-        Raises OutputError and StorageError, possibly of an earlier image in the queue.
-        """
+        """Queue the result ``image`` [H, W, 3 or 4], floats or halves, of the frame ``read`` and resolved last."""
         assert read.frame.path is not None
         views = self._debug.write(self.folder.folder / DEBUG, read.frame.index)
         path, saturated = self.folder.folder / read.frame.path.name, list[int]()
@@ -410,8 +387,7 @@ class ResolvedFiles:
         self.sizes.append(written.size)
 
     def _limited(self, image: NDArray[Any]) -> int:
-        """Limit a result to the range of halves, in the thread that writes it; returns how many pixels that
-        saturates."""
+        """Limit a result to the range of halves, in the writing thread; returns how many pixels that saturates."""
         if image.dtype == np.float16:
             return limit_halves(image)
         return saturated_pixels(image) if self._resolver.keeps_halves else 0

@@ -84,8 +84,7 @@ class Parts:
         """Resolve ``part``, whose history continues after frame ``after``, and write the ``wanted`` frames.
 
         Frames before those are only kept, where the wanted ones are gathered from them. ``shown`` passes numbers of
-        frames on as they are resolved. The state is saved in ``checkpoints`` after ``every`` frames, never where that
-        is 0.
+        frames on as they are resolved. The state is saved in ``checkpoints`` after ``every`` frames; 0 is never.
         """
         numbers = [number for number in part.numbers if number <= wanted[-1]]
         lead = numbers.index(wanted[0]) if from_ring_alone(resolver.preset, part, self._how) else 0

@@ -457,8 +457,7 @@ class _Run:
             return False
 
     def _given(self, missing: list[int]) -> tuple[int | None, FrameSequence]:
-        """Return the frame after which the resolver continues, and the frames that it needs for the ``missing``
-        ones."""
+        """Return the frame after which the resolver continues, and the frames that it needs for the ``missing``."""
         preset = self._resolver.preset
         after = None if preset.settings.look_ahead else self._checkpoints.restore(self._resolver, before=missing[0])
         if after is None:
