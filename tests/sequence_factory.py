@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.frame import Camera, Effect, Frame, Image
+from cltaa.io.exr_read import read_frame_and_header
 from cltaa.io.exr_write import write_frame, write_image
 
 WIDTH, HEIGHT = 37, 23
@@ -94,6 +95,11 @@ def make_frame(
         scene="synthetic",
         effects=effects,
     )
+
+
+def read_frame(path: Path, sha256: str | None = None) -> Frame:
+    """Read one frame, whose file must have that SHA-256."""
+    return read_frame_and_header(path, sha256=sha256)[0]
 
 
 def write_images(

@@ -58,20 +58,14 @@ class FrameFile(NamedTuple):
     planes: Mapping[str, Pixels] | None = None
 
 
-def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
-    """Read one frame; ``colour`` [H, W, 3] and the others are views of planes with a halo (``cltaa.core.planes``).
+def read_frame_and_header(
+    path: Path, *, sha256: str | None = None, picture: Window | None = None
+) -> tuple[Frame, ImageHeader]:
+    """Read one frame and its header; channels [H, W, 3] and others are views of planes with a halo.
 
     Half-precision channels are widened exactly, but half depth is refused. Channels with other names are ignored.
-    ``sha256`` is the required hash of the file's content, in hexadecimal. Raises InputMissing, DataError, StorageError
-    and ResourceError.
+    ``sha256`` is the required hash of the file's content, in hexadecimal; ``picture`` replaces the data window.
     """
-    return read_frame_and_header(path, sha256=sha256)[0]
-
-
-def read_frame_and_header(
-    path: Path, *, sha256: str | None, picture: Window | None = None
-) -> tuple[Frame, ImageHeader]:
-    """As ``read_frame``, with the header of its file; ``picture`` is a window to use in place of the data window."""
     layout, pixels, attributes = _read(path, sha256, picture, frame_channels)
     size = (layout.height, layout.width)
     # Each group in a block of its own, so that freed blocks fit the next frame.
@@ -96,7 +90,7 @@ def read_frame_and_header(
 def read_image(
     path: Path, *, sha256: str | None = None, picture: Window | None = None
 ) -> tuple[dict[str, Pixels], dict[str, object]]:
-    """Read every channel ``[H, W]`` in its own type, and the attributes that describe the picture; errors as above."""
+    """Read every channel ``[H, W]`` in its own type, and the attributes that describe the picture."""
     _, pixels, attributes = _read(path, sha256, picture)
     return pixels, {name: value for name, value in attributes.items() if name not in STRUCTURAL}
 

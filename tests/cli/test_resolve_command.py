@@ -16,11 +16,11 @@ from cltaa.commands.options import assigned
 from cltaa.commands.presets import parameter_rows
 from cltaa.core.presets import FIELDS, load_preset, preset_names
 from cltaa.core.resolver import Resolver
-from cltaa.io.exr_read import read_frame, read_image
+from cltaa.io.exr_read import read_image
 from cltaa.io.exr_write import write_frame
 from cltaa.io.preset_file import load_config
 from cltaa.io.sequence import open_sequence
-from tests.sequence_factory import bits, write_sequence
+from tests.sequence_factory import bits, read_frame, write_sequence
 
 
 def test_resolved_files_hold_what_the_resolver_returns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -25,8 +25,8 @@ import numpy as np
 
 from cltaa.errors import CltaaError
 from cltaa.frame import Frame
-from cltaa.io.exr_read import read_frame
 from cltaa.process import configure
+from tests.sequence_factory import read_frame
 
 HANG = 5.0  # seconds of processor time after which reading one small file counts as hanging
 STUCK = 60.0  # the same in seconds of the clock: what waits takes no processor time, and a busy machine is slow

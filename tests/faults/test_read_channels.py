@@ -9,10 +9,10 @@ import pytest
 
 from cltaa.frame import Frame
 from cltaa.io.exr_frame import Pixels
-from cltaa.io.exr_read import read_frame, read_image
+from cltaa.io.exr_read import read_image
 from cltaa.io.exr_write import write_frame, write_image
 from tests.io.test_bad_input import refusal
-from tests.sequence_factory import HEIGHT, WIDTH, bits, make_frame
+from tests.sequence_factory import HEIGHT, WIDTH, bits, make_frame, read_frame
 
 REQUIRED = ("R", "G", "B", "Z")
 GROUPS = (("backward.u", "backward.v"), ("N.X", "N.Y", "N.Z"))

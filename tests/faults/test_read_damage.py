@@ -15,10 +15,10 @@ import pytest
 
 from cltaa.errors import DataError
 from cltaa.frame import Frame
-from cltaa.io.exr_read import read_frame, read_header
+from cltaa.io.exr_read import read_header
 from cltaa.io.exr_write import write_frame
 from tests.faults import reading_process
-from tests.sequence_factory import make_frame
+from tests.sequence_factory import make_frame, read_frame
 
 
 def smooth_frame(width: int, height: int) -> Frame:

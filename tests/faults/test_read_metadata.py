@@ -11,10 +11,9 @@ from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError
 from cltaa.frame import Camera, Matrix
 from cltaa.io.exr_frame import frame_attributes
-from cltaa.io.exr_read import read_frame
 from cltaa.io.exr_write import write_image
 from cltaa.io.sequence import open_sequence
-from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame
+from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame, read_frame
 
 NAN, INF, EYE = float("nan"), float("inf"), np.eye(4)
 VIEW = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [3.0, 2.0, 1.0, 1.0]])  # as in a file: row vectors

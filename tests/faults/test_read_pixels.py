@@ -11,9 +11,8 @@ import pytest
 from cltaa.cli import main
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame, Image
-from cltaa.io.exr_read import read_frame
 from cltaa.io.exr_write import write_frame
-from tests.sequence_factory import bits, make_camera, make_frame
+from tests.sequence_factory import bits, make_camera, make_frame, read_frame
 
 CELL = 40  # pixels between two harmed ones
 HEIGHT, WIDTH, FRAMES = 2 * CELL, 3 * CELL, 4

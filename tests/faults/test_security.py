@@ -18,7 +18,7 @@ from cltaa.cli import main
 from cltaa.core.presets import load_preset
 from cltaa.errors import DataError, InputMissing
 from cltaa.io.exr_frame import frame_attributes
-from cltaa.io.exr_read import read_frame, read_image
+from cltaa.io.exr_read import read_image
 from cltaa.io.exr_write import write_image
 from cltaa.io.manifest import LARGEST_RECORD
 from cltaa.io.preset_file import load_config
@@ -26,7 +26,7 @@ from cltaa.io.sequence import open_sequence
 from cltaa.printable import printable
 from cltaa_datasets import FORMATS
 from cltaa_datasets.gltf_file import GltfFile
-from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_sequence
+from tests.sequence_factory import HEIGHT, WIDTH, make_frame, read_frame, write_sequence
 from tests.test_architecture import imported, sources
 
 ESCAPES = "\x1b[2J\x1b]0;title\x07\x1bc\r\b\x9b31m\u202e"
@@ -175,11 +175,11 @@ def test_file_that_is_cut_short_while_it_is_read(tmp_path: Path) -> None:
     path = tmp_path / "synthetic.0000.exr"
     code = (
         "import os, sys, threading\nfrom pathlib import Path\nfrom cltaa.errors import CltaaError\n"
-        "from cltaa.io.exr_read import read_frame\n"
+        "from cltaa.io.exr_read import read_image\n"
         "path = Path(sys.argv[1])\ncontent = path.read_bytes()\ndone = False\n"
         "def cut():\n    while not done:\n        os.truncate(path, 1000)\n        path.write_bytes(content)\n"
         "thread = threading.Thread(target=cut)\nthread.start()\n"
-        "for _ in range(200):\n    try:\n        read_frame(path)\n    except CltaaError:\n        pass\n"
+        "for _ in range(200):\n    try:\n        read_image(path)\n    except CltaaError:\n        pass\n"
         "done = True\nthread.join()\n"
     )
     child = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=False)

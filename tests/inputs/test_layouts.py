@@ -16,12 +16,12 @@ from cltaa.inputs.intake import open_intake
 from cltaa.inputs.open import open_input
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.exr_layout import Window
-from cltaa.io.exr_read import full_name, read_any_header, read_frame, read_image, read_planes
+from cltaa.io.exr_read import full_name, read_any_header, read_image, read_planes
 from cltaa.io.exr_write import write_image
 from cltaa.io.openexr import OpenEXR
 from cltaa.io.sequence import open_images, open_sequence
 from tests.faults.exr_surgery import Anatomy, as_part, assembled_parts, channel, window
-from tests.sequence_factory import write_sequence
+from tests.sequence_factory import read_frame, write_sequence
 
 WIDTH, HEIGHT, COUNT = 28, 20, 3
 DISPLAY: Window = (5, 3, 5 + WIDTH - 1, 3 + HEIGHT - 1)  # whose origin is not 0

@@ -19,13 +19,13 @@ from cltaa.inputs.convert import ray_length
 from cltaa.inputs.open import Reading, open_input
 from cltaa.io.exr_frame import frame_attributes, frame_planes
 from cltaa.io.exr_layout import Window
-from cltaa.io.exr_read import read_frame, read_header, read_image
+from cltaa.io.exr_read import read_header, read_image
 from cltaa.io.exr_write import write_image
 from cltaa.io.numbered import OnBreak
 from cltaa.lab.judge.comparison import open_yardsticks, truth_of
 from cltaa.pipeline.run import resolve_sequence
 from tests.inputs.foreign import side_text, write_parts
-from tests.sequence_factory import make_camera, make_frame, write_images
+from tests.sequence_factory import make_camera, make_frame, read_frame, write_images
 
 WIDTH, HEIGHT = 48, 36
 LEFT, TOP, COLUMNS, ROWS = 9, 5, 30, 24

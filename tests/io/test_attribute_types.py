@@ -13,10 +13,10 @@ import pytest
 
 from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError
-from cltaa.io.exr_read import read_any_header, read_frame, read_planes
+from cltaa.io.exr_read import read_any_header, read_planes
 from cltaa.io.sequence import open_sequence
 from cltaa.pipeline.run import resolve_sequence
-from tests.sequence_factory import write_sequence
+from tests.sequence_factory import read_frame, write_sequence
 
 Change = Callable[[Any], object]
 AS: dict[str, list[Change]] = {

@@ -23,10 +23,10 @@ from cltaa.errors import (
 from cltaa.io.content import FileCopy, copied
 from cltaa.io.exr_frame import Pixels, frame_attributes
 from cltaa.io.exr_header import MIP_MAP, RIP_MAP, TILED, Outline
-from cltaa.io.exr_read import read_colour, read_frame, read_header, read_image
+from cltaa.io.exr_read import read_colour, read_header, read_image
 from cltaa.io.exr_write import write_frame, write_image
 from tests.faults.exr_surgery import dissect
-from tests.sequence_factory import HEIGHT, WIDTH, make_frame
+from tests.sequence_factory import HEIGHT, WIDTH, make_frame, read_frame
 
 
 def planes(**changes: Pixels | None) -> dict[str, Pixels]:

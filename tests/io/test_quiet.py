@@ -13,11 +13,10 @@ import pytest
 from rich.console import Console
 
 from cltaa.errors import DataError
-from cltaa.io.exr_read import read_frame
 from cltaa.io.exr_write import write_frame
 from cltaa.io.openexr import _Complaints, muted_output
 from cltaa.progress import progress_bar, track
-from tests.sequence_factory import make_frame
+from tests.sequence_factory import make_frame, read_frame
 
 PATIENCE = 300.0  # seconds after which a thread counts as hung
 

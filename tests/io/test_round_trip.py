@@ -17,9 +17,9 @@ from cltaa.frame import Camera, Frame
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.exr_header import read_layout
 from cltaa.io.exr_layout import COMPRESSION_NUMBERS, COMPRESSIONS, LOSSLESS
-from cltaa.io.exr_read import read_frame, read_header, read_image
+from cltaa.io.exr_read import read_header, read_image
 from cltaa.io.exr_write import write_frame, write_image
-from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame, special_values
+from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame, read_frame, special_values
 
 ARRAYS = ("colour", "depth", "motion", "alpha", "reactive", "object_id", "normal")
 

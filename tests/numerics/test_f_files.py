@@ -15,10 +15,9 @@ from cltaa.core.frame_checks import RIGID_WITHIN, _check_matrix, _is_rigid, chec
 from cltaa.errors import DataError
 from cltaa.frame import Camera
 from cltaa.io.exr_frame import frame_attributes
-from cltaa.io.exr_read import read_frame
 from cltaa.io.exr_write import write_frame, write_image
 from tests.numerics.exact_cameras import perspective, rotation, view_at
-from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame
+from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame, read_frame
 
 TURN = rotation((0.3, 1.0, -0.2), 25.0)
 

@@ -23,7 +23,6 @@ from cltaa.errors import DataError, InputMissing
 from cltaa.frame import Frame
 from cltaa.inputs.open import Reading
 from cltaa.io.display import to_picture
-from cltaa.io.exr_read import read_frame
 from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.sequence import FrameSequence, open_sequence
 from cltaa.lab.bench.cases import HELD_OUT, REDRAWN, TRAIN, Case, Shape, capture, planned
@@ -33,7 +32,7 @@ from cltaa.lab.bench.variants import Variant
 from cltaa.lab.judge.metrics import flip_map
 from cltaa.lab.judge.video_scores import Sums, VideoScores
 from cltaa.reference.launcher import NumpyLauncher
-from tests.sequence_factory import make_frame, write_images, write_sequence
+from tests.sequence_factory import make_frame, read_frame, write_images, write_sequence
 
 NUMPY = NumpyLauncher()
 SOON = msgspec.structs.replace(QUALITY, settled=1)

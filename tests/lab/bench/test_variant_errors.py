@@ -10,14 +10,13 @@ import pytest
 from cltaa.core.build import Real, Storage
 from cltaa.core.presets import load_preset, preset_names
 from cltaa.errors import DataError, InputMissing
-from cltaa.io.exr_read import read_frame
 from cltaa.io.exr_write import write_frame
 from cltaa.io.sequence import open_sequence
 from cltaa.lab.bench.accuracy.measurement import yardstick_errors
 from cltaa.lab.bench.cells import Cell, Task, run, task_of
 from cltaa.lab.bench.variants import ladder
 from tests.lab.bench.accuracy_tasks import ERRORS, FRAMES, task
-from tests.sequence_factory import write_images, write_sequence
+from tests.sequence_factory import read_frame, write_images, write_sequence
 
 
 def found(task: Task) -> Cell:

@@ -11,10 +11,9 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.frame import Effect
-from cltaa.io.exr_read import read_frame
 from cltaa.io.exr_write import write_frame
 from tests.lab.inspect.test_inspect_command import sound, write
-from tests.sequence_factory import HEIGHT, WIDTH, write_images
+from tests.sequence_factory import HEIGHT, WIDTH, read_frame, write_images
 
 
 def rows_of(capsys: pytest.CaptureFixture[str], folder: Path, *options: str, code: int = 0) -> dict[str, list[str]]:

@@ -13,11 +13,10 @@ from PIL import Image as Pillow
 from cltaa.cli import main
 from cltaa.io import sequence as images
 from cltaa.io import sequence as sources
-from cltaa.io.exr_read import read_frame
 from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.sequence import open_images
 from tests.lab.judge.test_compare_command import refusal, run_json
-from tests.sequence_factory import HEIGHT, WIDTH, write_images, write_sequence
+from tests.sequence_factory import HEIGHT, WIDTH, read_frame, write_images, write_sequence
 
 
 def test_each_is_judged_as_it_is_alone(capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path) -> None:
