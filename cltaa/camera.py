@@ -33,16 +33,9 @@ def sky_inverse_depth(camera: Camera) -> float:
     return SKY_ORTHOGRAPHIC if camera.orthographic else SKY_PERSPECTIVE
 
 
-def inverse_depth(depth: NDArray[np.float32], camera: Camera, out: NDArray[np.float32]) -> None:
-    """Convert planar depth [H, W] into ``out``: 1/Z, or -Z for an orthographic camera; sky as ``sky_inverse_depth``.
-
-    Invalid depth (NaN; 0 or less for a perspective camera) becomes sky.
-    """
-    invert(depth, out, parallel=camera.orthographic)
-
-
-def invert(depth: NDArray[np.float32], out: NDArray[np.float32], *, parallel: bool) -> None:
-    """As ``inverse_depth``, for a ``parallel`` or a perspective projection; the twin of ``kernels/arrays.cl``."""
+def inverse_depth(depth: NDArray[np.float32], out: NDArray[np.float32], *, parallel: bool) -> None:
+    """Convert planar depth [H, W] into ``out``: 1/Z, or -Z for a ``parallel`` projection; the twin of
+    ``kernels/arrays.cl``. Invalid depth (NaN; 0 or less for a perspective projection) becomes sky."""
     if parallel:
         np.negative(depth, out=out)
         out[~np.isfinite(depth)] = SKY_ORTHOGRAPHIC

@@ -29,10 +29,7 @@ def track(
     ``action`` is a present participle such as "resolving"; ``unit`` names the items. In a program that uses the library
     nothing is shown unless it asks for it (``shown``).
     """
-    if not (shown or is_own()):
-        yield from items
-        return
-    with shown_progress(action, unit) as advance:
+    with shown_progress(action, unit, shown=shown or is_own()) as advance:
         advance(0, total)
         for done, item in enumerate(items, start=1):
             yield item
@@ -40,12 +37,15 @@ def track(
 
 
 @contextmanager
-def shown_progress(action: str, unit: str = "frames") -> Iterator[Advance]:
-    """Yield a function to call before the first item and after each.
+def shown_progress(action: str, unit: str = "frames", *, shown: bool = True) -> Iterator[Advance]:
+    """Yield a function to call before the first item and after each, which does nothing unless ``shown``.
 
     On a terminal it moves a bar that vanishes at the end; elsewhere it prints a line every ten seconds and at the end.
     It raises an interrupt that got lost since the last item.
     """
+    if not shown:
+        yield lambda _done, _total: None
+        return
     action = printable(action)  # may hold text from a file
     if not sys.stderr.isatty():
         yield _stopping(_lines(action, unit))

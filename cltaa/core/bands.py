@@ -105,10 +105,8 @@ class BandedResolver(Resolver):
         if not self.launcher.takes_bands:
             raise UsageError("NumPy resolves whole images only", cure="leave --band-rows out, or name a device")
         if self.preset.choices.history is not HistoryKind.ACCUMULATED:
-            raise UsageError(
-                f"preset {self.preset.name} keeps frames, so it resolves whole images only",
-                cure="leave --band-rows out, or take --preset default",
-            )
+            what = f"preset {self.preset.name} keeps frames, so it resolves whole images only"
+            raise UsageError(what, cure="leave --band-rows out, or take --preset default")
         if band_rows < 1 or band_rows % 1:
             raise UsageError("invalid number of rows in a band", expected="1 or more", found=band_rows)
         self._rows = band_rows

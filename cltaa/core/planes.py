@@ -5,8 +5,8 @@ from __future__ import annotations
 import mmap
 import threading
 from collections import deque
-from collections.abc import Hashable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Hashable, Sequence
+from contextlib import suppress
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -69,19 +69,11 @@ SMALLEST = 4 * 2**20  # bytes from which on images are pooled: those from which 
 LARGE_PAGE = 2 * 2**20  # bytes; the system starts a mapping of a multiple of it at a large page
 
 
-@contextmanager
-def pooled_memory(*, images: bool = True) -> Iterator[None]:
-    """Keep the memory of ``empty_image`` and of copies of files for reuse, until the end, unless ``images`` is False.
-
-    Otherwise each is mapped and unmapped: page faults, and each unmapping halts all threads of the process.
-    """
-    with BLOCK_POOL if images else nullcontext():
-        yield
-
-
 class BlockPool:
-    """Memory that frames have released, by its kind: all of it inside ``pooled_memory``, or always up to ``most`` of
-    each kind."""
+    """Memory that frames have released, by its kind: all of it in a ``with`` block, or always up to ``most`` of a kind.
+
+    Otherwise each piece is mapped and unmapped: page faults, and each unmapping halts all threads of the process.
+    """
 
     def __init__(self, most: int = 0) -> None:
         self._lock, self._users, self._left = threading.Lock(), 0, dict[Hashable, deque[Any]]()
@@ -115,7 +107,7 @@ class BlockPool:
             self._left.setdefault(kind, deque(maxlen=self._most or None)).append(block)
 
 
-BLOCK_POOL = BlockPool()
+BLOCK_POOL = BlockPool()  # of ``empty_image`` and of copies of files
 
 
 def empty_image(

@@ -99,9 +99,8 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
             parts[part] = msgspec.convert(merged, type(current), strict=False)
         except msgspec.ValidationError as error:
             key = str(error).rpartition("`$.")[2].rstrip("`")
-            raise UsageError(
-                f"{origin}: {key} has no such value", expected=allowed(key), found=values.get(key)
-            ) from None
+            what, found = f"{origin}: {key} has no such value", values.get(key)
+            raise UsageError(what, expected=allowed(key), found=found) from None
     return msgspec.structs.replace(preset, **parts)
 
 

@@ -32,7 +32,7 @@ from cltaa.inputs.roles import (
 )
 from cltaa.io.content import open_regular
 from cltaa.io.exr_frame import CHANNEL_OF, COLOUR, GROUPS, MATRICES, NO_PIXELS, Pixels
-from cltaa.io.exr_layout import Layout, of_region, placed
+from cltaa.io.exr_layout import Layout, covers, of_region, placed
 from cltaa.io.exr_read import FrameFile, ImageHeader, read_any_header, read_planes
 from cltaa.io.manifest import file_sha256
 from cltaa.io.names import Named, Selection, name_of, number_of, renumbered, selection_of
@@ -356,7 +356,7 @@ class ForeignSequence(FrameSequence):
     def _beside(self, path: Path, number: int) -> Layout:
         """Return the layout of one of a frame's files; raises DataError if its picture differs from the colour's."""
         picture, other = self.layouts[number], read_any_header(path).layout
-        if other.display_window != picture.display_window and not other.covers(picture.region):
+        if other.display_window != picture.display_window and not covers(other.region, picture.region):
             what, cure = "shows another picture than the colour", "write all channels with one display window"
             raise DataError(what, path=path, frame=number, expected=picture.size, found=other.size, cure=cure)
         return other

@@ -311,7 +311,7 @@ class _Look:
         self.frame = outline(frame)
         depth = np.asarray(frame.depth, np.float32)
         self.inverse: NDArray[np.float32] = np.empty((frame.height, frame.width), np.float32)
-        inverse_depth(depth, frame.camera, self.inverse)
+        inverse_depth(depth, self.inverse, parallel=frame.camera.orthographic)
         self.sky, self.depth = bool(np.isinf(depth).any()), bool(np.isfinite(depth).any())
         colour = np.where((frame.colour > 0) & (frame.colour < LARGEST), frame.colour, np.float32(0))
         self.brightest = float(colour.max(initial=0.0))

@@ -69,9 +69,8 @@ def check_declared(sequence: FrameSequence, effects: Asked) -> None:
     """Raise UsageError for an invalid declaration, and if it would drop the vectors that alone tell what moves."""
     declared = isinstance(effects, set | frozenset) and effects <= {*Effect}
     if not declared and effects not in ASKED:
-        raise UsageError(
-            "no such declaration of effects", expected="auto, find, all or a set of effects", found=effects
-        )
+        expected = "auto, find, all or a set of effects"
+        raise UsageError("no such declaration of effects", expected=expected, found=effects)
     without = "motion" in sequence.holds and not sequence.undeclared.isdisjoint(MATRICES)
     if not isinstance(effects, str) and Effect.MOTION not in effects and without:
         what, cure = "without matrices the vectors alone tell what moves", "declare motion too, or give --camera FILE"

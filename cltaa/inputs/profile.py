@@ -198,9 +198,8 @@ def load_profile(name: str | Path | Profile) -> Profile:
     if name in profile_names():
         return _parse(name, (_FOLDER / f"{name}.toml").read_text(encoding="utf-8"), name)
     if not name.endswith(".toml"):
-        raise UsageError(
-            f"unknown profile {name}", cure=known(name, ["auto", *profile_names(), "FILE.toml"], "profiles")
-        )
+        cure = known(name, ["auto", *profile_names(), "FILE.toml"], "profiles")
+        raise UsageError(f"unknown profile {name}", cure=cure)
     return _parse(Path(name).stem, read_text(Path(name), "a profile", LARGEST), name)
 
 

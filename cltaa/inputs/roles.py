@@ -370,12 +370,9 @@ def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]],
     if several:
         several.sort(key=lambda places: guided_role(places[0].files.rpartition("/")[2]) is not None)
         option = channels_option("colour.channels", [shown_name(place, channels) for place in several[0]])
-        return DataError(
-            "several sets of files may be the colour",
-            path=folder,
-            found=", ".join(places[0].files for places in several),
-            cure=f"name the folder of one sequence, or the channels, as {option}",
-        )
+        what, found = "several sets of files may be the colour", ", ".join(places[0].files for places in several)
+        cure = f"name the folder of one sequence, or the channels, as {option}"
+        return DataError(what, path=folder, found=found, cure=cure)
     there = [name for names in channels.values() for name in names]
     if {*there} >= CHROMA:
         what, cure = "the picture is in luminance and chroma", "convert it to R G B"

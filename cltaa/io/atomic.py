@@ -29,9 +29,8 @@ def make_folder(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(
-            f"the folder cannot be created: {error.strerror}", path=folder, cure="choose another output folder"
-        ) from error
+        what = f"the folder cannot be created: {error.strerror}"
+        raise OutputError(what, path=folder, cure="choose another output folder") from error
     return folder
 
 
@@ -65,8 +64,7 @@ def check_ownable(folder: Path) -> None:
 
 def check_creatable(path: Path) -> None:
     """Raise OutputError unless a file of that name can be written; to call before the work that fills it."""
-    temporary = _create(path)
-    temporary.unlink()
+    _create(path).unlink()
 
 
 @contextmanager
@@ -160,9 +158,8 @@ def _create(path: Path) -> Path:
         temporary.touch()
         return temporary
     except OSError as error:
-        raise OutputError(
-            f"the file cannot be created: {error.strerror}", path=path, cure="check the folder and its permissions"
-        ) from error
+        what = f"the file cannot be created: {error.strerror}"
+        raise OutputError(what, path=path, cure="check the folder and its permissions") from error
 
 
 def _flush(path: Path) -> None:

@@ -169,7 +169,6 @@ def memory_limit() -> int:
 
 
 def _check_kind(path: Path, status: os.stat_result, expected: str) -> None:
-    if stat.S_ISDIR(status.st_mode):
-        raise DataError("this is a folder", path=path, expected=expected)
     if not stat.S_ISREG(status.st_mode):
-        raise DataError("this is a pipe or a device", path=path, expected=expected)
+        what = "this is a folder" if stat.S_ISDIR(status.st_mode) else "this is a pipe or a device"
+        raise DataError(what, path=path, expected=expected)

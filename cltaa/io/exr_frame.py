@@ -51,10 +51,12 @@ def frame_planes(frame: Frame, path: Path) -> dict[str, Pixels]:
         if plane is None:
             continue
         if plane.shape != (height, width) or plane.dtype.kind != "f":
-            expected, found = f"floats [{height}, {width}]", f"{plane.dtype} {list(plane.shape)}"
-            raise DataError(
-                "array is wrong", path=path, frame=frame.index, channel=name, expected=expected, found=found
+            what, expected, found = (
+                "array is wrong",
+                f"floats [{height}, {width}]",
+                f"{plane.dtype} {list(plane.shape)}",
             )
+            raise DataError(what, path=path, frame=frame.index, channel=name, expected=expected, found=found)
         channels[name] = plane.astype(np.float32, copy=False)  # the type that a resolve takes
     if frame.object_id is not None:
         channels["id"] = _whole_numbers(frame, path)
@@ -163,10 +165,8 @@ def frame_outline(path: Path, attributes: Mapping[str, object], layout: Layout) 
     jitter_px = float(jitter[0]), float(jitter[1])
     exposure = read_number(attributes, "cltaa:exposure", path, default=1.0)
     check_numbers(jitter_px, exposure, path=path, frame=int(index))
-    whole = Camera(
-        world_to_view=np.ascontiguousarray(_numbers(attributes, "cltaa:worldToView", path, (4, 4)).T),
-        view_to_clip=np.ascontiguousarray(_numbers(attributes, "cltaa:viewToClip", path, (4, 4)).T),
-    )
+    view, clip = (_numbers(attributes, f"cltaa:{name}", path, (4, 4)).T for name in ("worldToView", "viewToClip"))
+    whole = Camera(np.ascontiguousarray(view), np.ascontiguousarray(clip))
     check_camera(whole, path=path, frame=int(index))
     empty: dict[str, Any] = {part: NO_PIXELS for part, name in CHANNEL_OF.items() if name in layout.channels}
     return Frame(

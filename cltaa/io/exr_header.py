@@ -72,10 +72,8 @@ def read_channels(path: Path, value: bytes) -> dict[str, str]:
         channels[name] = PIXEL_TYPES[kind]
         place += 16
     if len(channels) > MOST_CHANNELS:
-        cure = "write fewer, or in several parts"
-        raise DataError(
-            "too many channels", path=path, expected=f"at most {MOST_CHANNELS}", found=len(channels), cure=cure
-        )
+        expected, cure = f"at most {MOST_CHANNELS}", "write fewer, or in several parts"
+        raise DataError("too many channels", path=path, expected=expected, found=len(channels), cure=cure)
     return channels
 
 

@@ -75,13 +75,9 @@ class Layout:
     @property
     def region(self) -> Window:
         """The window of the picture, with x and y counted from the first pixel of the display window."""
-        left, top, *_ = self.display_window
-        return (
-            self.data_window[0] - left,
-            self.data_window[1] - top,
-            self.data_window[2] - left,
-            self.data_window[3] - top,
-        )
+        left, top, right, bottom = self.data_window
+        x, y, *_ = self.display_window
+        return left - x, top - y, right - x, bottom - y
 
     def refuse_outside(self, frame: int | None = None) -> None:
         """Raise DataError where no part of the picture lies in the display window."""
@@ -91,10 +87,6 @@ class Layout:
             cure = "render a region of the picture, or the whole"
             expected, found = f"some of {self.display_window}", self.data_window
             raise DataError(what, path=self.path, frame=frame, expected=expected, found=found, cure=cure)
-
-    def covers(self, region: Window) -> bool:
-        """True where the picture covers a region, which is given from the first pixel of the display window."""
-        return _covers(self.region, region)
 
     def shown_by(self, channels: Iterable[str]) -> Layout:
         """Return the layout of the picture of some channels: their data window if they share one, else the
@@ -142,7 +134,7 @@ def placed(plane: NDArray[Any], window: Window, picture: Window, outside: float 
     if window == picture:
         return plane
     left, top, *_ = window
-    if _covers(window, picture):
+    if covers(window, picture):
         return plane[picture[1] - top : picture[3] - top + 1, picture[0] - left : picture[2] - left + 1]
     columns, rows = picture[2] - picture[0] + 1, picture[3] - picture[1] + 1
     made = np.full((rows, columns), outside if plane.dtype.kind == "f" else 0, plane.dtype)
@@ -158,7 +150,7 @@ def placed(plane: NDArray[Any], window: Window, picture: Window, outside: float 
 OUTSIDE = {"Z": np.inf, "backward.u": np.nan, "backward.v": np.nan}
 
 
-def _covers(window: Window, other: Window) -> bool:
+def covers(window: Window, other: Window) -> bool:
     """True where all of ``other`` lies in ``window``."""
     left, top, right, bottom = window
     return left <= other[0] <= other[2] <= right and top <= other[1] <= other[3] <= bottom

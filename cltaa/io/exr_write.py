@@ -207,9 +207,8 @@ def write_image(
                 # incomplete.
                 read_layout(temporary)
         except (RuntimeError, ValueError, TypeError, DataError) as error:
-            raise StorageError(
-                f"OpenEXR could not write it: {error}", path=path, cure="check the free space"
-            ) from error
+            what = f"OpenEXR could not write it: {error}"
+            raise StorageError(what, path=path, cure="check the free space") from error
 
 
 def _attribute(name: str, value: object) -> object:

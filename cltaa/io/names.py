@@ -123,14 +123,9 @@ class Selection:
             number = self.numbers.get(path, number)
             numbers = found.setdefault(name, {})
             if number in numbers:
+                what, other = "two files have the same frame number", numbers[number].name
                 cure = "move one of the two elsewhere, or name the others by a pattern"
-                raise DataError(
-                    "two files have the same frame number",
-                    path=path,
-                    frame=number,
-                    found=numbers[number].name,
-                    cure=cure,
-                )
+                raise DataError(what, path=path, frame=number, found=other, cure=cure)
             numbers[number] = path
         moved = [_number_last(path) for path, _ in there]
         last = [path for path in moved if path is not None]

@@ -100,14 +100,9 @@ def check_steps(paths: Mapping[int, Path], frames: FrameRange, step: int, gaps: 
     numbers = [number for number in sorted(paths) if first <= number <= last]
     for number in numbers:
         if (number - first) % step:
-            expected, cure = f"every {step}. frame from {first} on", "leave --step out, or move the others elsewhere"
-            raise DataError(
-                "the frame number lies between two steps",
-                path=paths[number],
-                frame=number,
-                expected=expected,
-                cure=cure,
-            )
+            what, expected = "the frame number lies between two steps", f"every {step}. frame from {first} on"
+            cure = "leave --step out, or move the others elsewhere"
+            raise DataError(what, path=paths[number], frame=number, expected=expected, cure=cure)
     for number in range(first, last + 1, step) if gaps is OnBreak.ERROR else ():
         if number not in paths:
             apart = even_step(numbers)
@@ -348,9 +343,8 @@ def check_size(layout: Layout, before: Layout, number: int, on_resize: OnBreak) 
         if on_resize is OnBreak.RESET:
             return
         cure = "all frames of a sequence have one size; cltaa resolve --on-resize reset begins anew at each change"
-        raise DataError(
-            "size differs", path=layout.path, frame=number, expected=before.size, found=layout.size, cure=cure
-        )
+        path, expected, found = layout.path, before.size, layout.size
+        raise DataError("size differs", path=path, frame=number, expected=expected, found=found, cure=cure)
     check_region(layout, before, f"the frame before, {before.path.name}", number)
 
 
@@ -435,6 +429,5 @@ def no_frames(place: Selection, files: Iterable[Path]) -> InputMissing:
         others = sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in PICTURES)
         found = f"no EXR, but {others[0]}" if others else "nothing"
         cure = "convert the frames to OpenEXR, linear and with .exr in small letters" if others else None
-    return InputMissing(
-        "no frames in the folder", path=folder, expected=f"<name>.<frame>{suffix}", found=found, cure=cure
-    )
+    what, expected = "no frames in the folder", f"<name>.<frame>{suffix}"
+    return InputMissing(what, path=folder, expected=expected, found=found, cure=cure)

@@ -17,7 +17,7 @@ import numpy as np
 from cltaa.errors import DataError, UsageError
 from cltaa.frame import Effect, Frame, Image, name_effects
 from cltaa.io.exr_frame import CHANNEL_OF, OF_FRAMES, check_float_channels, frame_outline
-from cltaa.io.exr_layout import Layout
+from cltaa.io.exr_layout import Layout, covers
 from cltaa.io.exr_read import FrameFile, read_colour, read_frame_and_header, read_header, read_planes
 from cltaa.io.guides import guides_of
 from cltaa.io.manifest import read_capture_record, recorded_hashes
@@ -79,7 +79,7 @@ class ChangedImages(ImageSequence):
 def as_shown(images: ImageSequence, by: NumberedFiles) -> ImageSequence:
     """Return ``images``, cropped to the region that ``by`` shows; DataError where they do not cover it."""
     mine, theirs = by.layouts[by.first], images.layouts[images.first]
-    if theirs.display_size == mine.display_size and theirs.region != mine.region and theirs.covers(mine.region):
+    if theirs.display_size == mine.display_size and theirs.region != mine.region and covers(theirs.region, mine.region):
         part = images.shows(mine.region)
         layouts = {number: layout.cropped(mine.region) for number, layout in images.layouts.items()}
         return ChangedImages(images, lambda image: image[part].copy(), images.notes, layouts)  # frees the rest

@@ -102,9 +102,8 @@ def check_film(path: Path, sequence: NumberedFiles, output: Path, *, beside: boo
     if folder.is_dir() or folder not in made:
         check_creatable(path)
     if path.suffix.lower() not in SUFFIXES:
-        raise UsageError(
-            "a film must be an MP4", path=path, expected=" or ".join(SUFFIXES), found=path.suffix or "no suffix"
-        )
+        expected, found = " or ".join(SUFFIXES), path.suffix or "no suffix"
+        raise UsageError("a film must be an MP4", path=path, expected=expected, found=found)
     if len({(layout.width, layout.height) for layout in sequence.layouts.values()}) > 1:
         raise UsageError("a film of frames of several sizes", path=path, cure="leave --preview out")
     first = sequence.layouts[sequence.first]

@@ -84,10 +84,8 @@ def choose_device(requested: str | None = None) -> cl.Device:
     found = devices()
     if not found:
         check_cache()  # PoCL lists no device where it cannot keep kernels
-        raise DeviceMissing(
-            "no OpenCL device found",
-            cure="install one with: pip install 'pyopencl[pocl]', or use --device numpy; see: cltaa doctor",
-        )
+        cure = "install one with: pip install 'pyopencl[pocl]', or use --device numpy; see: cltaa doctor"
+        raise DeviceMissing("no OpenCL device found", cure=cure)
     requested = requested or os.environ.get(DEVICE_VARIABLE)
     if not requested:
         return found[0]
@@ -387,12 +385,10 @@ def _memory_errors(needed: int, device: Device) -> Iterator[None]:
         yield
     except (MemoryError, cl.MemoryError, cl.RuntimeError, cl.LogicError) as error:
         largest, whole = device.cl_device.max_mem_alloc_size, device.cl_device.global_mem_size
-        raise ResourceError(
-            f"not enough memory on {device.description}",
-            expected=f"{needed} bytes in one buffer",
-            found=f"largest buffer {largest} bytes, all its memory {whole} bytes",
-            cure="use a smaller size or another --device, or run again when others have ended",
-        ) from error
+        what, expected = f"not enough memory on {device.description}", f"{needed} bytes in one buffer"
+        found = f"largest buffer {largest} bytes, all its memory {whole} bytes"
+        cure = "use a smaller size or another --device, or run again when others have ended"
+        raise ResourceError(what, expected=expected, found=found, cure=cure) from error
 
 
 # Codes that the driver also returns for a lost device, though the call was right.

@@ -35,50 +35,27 @@ class Level(NamedTuple):
     name: bytes
     flags: frozenset[str]
     lanes: int  # floats in a register; with more of them LLVM fails during a build
-    known: tuple[bytes, ...]  # getHostCPUName in llvm/lib/Support/Host.cpp
+    known: tuple[bytes, ...]
+
+    @classmethod
+    def of(cls, name: str, flags: tuple[str, ...], lanes: int, known: str) -> Level:
+        """Return the level with names of CPUs from a text."""
+        return cls(name.encode(), frozenset(flags), lanes, tuple(known.encode().split()))
 
 
+# Names from getHostCPUName in llvm/lib/Support/Host.cpp.
+AVX512_CPUS = "skylake-avx512 cascadelake cooperlake cannonlake icelake-client icelake-server rocketlake tigerlake"
+AVX2_CPUS = "haswell broadwell skylake alderlake bdver4 znver1 znver2 znver3"
 LEVELS = (
-    Level(
-        b"x86-64-v4",
-        frozenset(V2 + AVX + V3 + V4),
-        16,
-        (
-            b"skylake-avx512",
-            b"cascadelake",
-            b"cooperlake",
-            b"cannonlake",
-            b"icelake-client",
-            b"icelake-server",
-            b"rocketlake",
-            b"tigerlake",
-            b"sapphirerapids",
-        ),
-    ),
-    Level(
-        b"x86-64-v3",
-        frozenset(V2 + AVX + V3),
-        8,
-        (b"haswell", b"broadwell", b"skylake", b"alderlake", b"bdver4", b"znver1", b"znver2", b"znver3"),
-    ),
-    Level(b"sandybridge", frozenset(V2 + AVX), 8, (b"ivybridge", b"bdver1", b"bdver2", b"bdver3", b"btver2")),
-    Level(
-        b"x86-64-v2",
-        frozenset(V2),
-        4,
-        (b"nehalem", b"westmere", b"silvermont", b"goldmont", b"goldmont-plus", b"tremont"),
-    ),
-    Level(
-        b"x86-64",
-        frozenset(),
-        4,
-        (b"core2", b"penryn", b"bonnell", b"nocona", b"k8", b"k8-sse3", b"amdfam10", b"btver1"),
-    ),
+    Level.of("x86-64-v4", V2 + AVX + V3 + V4, 16, f"{AVX512_CPUS} sapphirerapids"),
+    Level.of("x86-64-v3", V2 + AVX + V3, 8, AVX2_CPUS),
+    Level.of("sandybridge", V2 + AVX, 8, "ivybridge bdver1 bdver2 bdver3 btver2"),
+    Level.of("x86-64-v2", V2, 4, "nehalem westmere silvermont goldmont goldmont-plus tremont"),
+    Level.of("x86-64", (), 4, "core2 penryn bonnell nocona k8 k8-sse3 amdfam10 btver1"),
 )
 REFUSED = b"generic"
-_names = {
-    level.name: ctypes.create_string_buffer(level.name) for level in LEVELS
-}  # PoCL keeps the address: never freed
+# PoCL keeps the address: never freed.
+_names = {level.name: ctypes.create_string_buffer(level.name) for level in LEVELS}
 
 
 def cpu_facts() -> dict[str, str]:

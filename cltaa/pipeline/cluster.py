@@ -23,7 +23,7 @@ import msgspec
 import cltaa
 from cltaa.core.backend import DEVICE_VARIABLE, launcher_for
 from cltaa.core.build import Storage
-from cltaa.core.planes import pooled_memory
+from cltaa.core.planes import BLOCK_POOL
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
 from cltaa.errors import CltaaError, InputMissing, OutputError, ResourceError, StorageError, UsageError, import_extra
@@ -252,6 +252,6 @@ def _resolve_part(order: Order, tool: Tool, at: int, worker: str, tell: Any) -> 
     output.resolver = resolver
     files = ResolvedFiles(output, resolver, DebugViews(resolver, ()), undeclared=sequence.undeclared)
     parts = Parts(files, order.how, Stop())
-    with pooled_memory(), resolver:
+    with BLOCK_POOL, resolver:
         parts.resolve(resolver, gathered_from(sequence, wanted, tool.preset, order.how), None, wanted)
     return Done(output.results, dict(parts.seconds))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterable, Mapping
-from contextlib import ExitStack, nullcontext, suppress
+from contextlib import ExitStack, suppress
 from inspect import signature
 from pathlib import Path
 from types import MappingProxyType
@@ -90,15 +90,14 @@ def resolver_for(
         whole = of_whole(sequence, resolver, half=half, layers=layers, jobs=jobs)
         band_rows = band_rows_for(whole)
         if band_rows and preset.choices.history is not HistoryKind.ACCUMULATED:
-            raise ResourceError(
-                f"{sequence.width} x {sequence.height} pixels are too many for preset {preset.name}, which "
-                "keeps frames, so it resolves whole images only",
-                expected=f"{whole.whole / 1e6:.0f} MB beside what it keeps",
-                found=f"{memory_limit() / 1e6:.0f} MB of memory",
-                cure="take fewer --jobs"
-                if jobs > 1
-                else "take --preset default, which resolves them in bands, or --band-rows 0 to try all the same",
+            size = f"{sequence.width} x {sequence.height} pixels are too many for preset {preset.name}"
+            what = f"{size}, which keeps frames, so it resolves whole images only"
+            needed, there = (
+                f"{whole.whole / 1e6:.0f} MB beside what it keeps",
+                f"{memory_limit() / 1e6:.0f} MB of memory",
             )
+            cure = "take --preset default, which resolves them in bands, or --band-rows 0 to try all the same"
+            raise ResourceError(what, expected=needed, found=there, cure="take fewer --jobs" if jobs > 1 else cure)
         if not has_bands(resolver):
             band_rows = 0
     if not band_rows:
@@ -284,7 +283,7 @@ def with_known_effects(
             line = f"effects found: {known} (as the run began)"
     elif looks:
         check_ownable(output)  # before a user without access waits for an error
-        with shown_progress("finding effects") if progress else nullcontext() as advance:
+        with shown_progress("finding effects", shown=progress) as advance:
             found = find_for(sequence, denoised=denoised, advance=advance)
         line = found.line
     else:

@@ -21,7 +21,7 @@ import numpy as np
 from cltaa.core.bands import BandedResolver
 from cltaa.core.debug import View
 from cltaa.core.parameters import HistoryKind
-from cltaa.core.planes import pooled_memory
+from cltaa.core.planes import BLOCK_POOL
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
 from cltaa.errors import DeviceLost, UsageError
@@ -140,9 +140,8 @@ def check_jobs(jobs: int, preset: Preset, *, follow: bool, debug: bool, dask: bo
         raise UsageError(f"{parted}: preset {preset.name} resolves each frame from the result before it", cure=cure)
     for given, option in ((follow, "--follow"), (debug, "--debug")):
         if given:
-            raise UsageError(
-                f"{parted} does not resolve frames in order, which {option} needs", cure="give one of the two"
-            )
+            what = f"{parted} does not resolve frames in order, which {option} needs"
+            raise UsageError(what, cure="give one of the two")
 
 
 class Order(NamedTuple):
@@ -252,9 +251,9 @@ def resolve_sequence(
     if preview is not None:
         check_film(preview, sequence, output, beside=compare == "side")
         rate = rate_of(sequence.attributes, sequence.sequence_json, sequence.step)
-    keeping = pooled_memory(images=not isinstance(resolver, BandedResolver))
+    pool = nullcontext() if isinstance(resolver, BandedResolver) else BLOCK_POOL
     resolvers = [resolver, *others]
-    with keeping, owned(output), stopping or nullcontext(Stop()) as stop:
+    with pool, owned(output), stopping or nullcontext(Stop()) as stop:
         if preview is not None:
             check_creatable(preview)  # again: the output folder now exists, and may be the film's
         folder = OutputFolder(output, settings, preset=resolver.preset.name, restart=restart)
@@ -383,7 +382,7 @@ class _Run:
                 self._parts.halted.set()
 
         among = frozenset(missing)
-        showing = shown_progress("resolving") if self._progress else nullcontext(lambda _done, _total: None)
+        showing = shown_progress("resolving", shown=self._progress)
         with showing as advance, ThreadPoolExecutor(len(runs), "cltaa job") as pool:
             left = {pool.submit(resolve, *each) for each in zip(self._resolvers, runs, strict=False)}
             while left:  # the folder is owned until no job writes into it
@@ -400,7 +399,7 @@ class _Run:
         """Let workers elsewhere resolve the ``missing`` frames, and move each result into the folder as it comes."""
         entries, started, taken = self._folder.manifest.entries, time.perf_counter(), set[int]()
         names = {number: self._sequence.path(number).name for number in missing}
-        showing = shown_progress("resolving") if self._progress else nullcontext(lambda _done, _total: None)
+        showing = shown_progress("resolving", shown=self._progress)
         with showing as advance, temporary_folder(self._folder.folder) as place:
             orders = [
                 Order(
@@ -429,8 +428,7 @@ class _Run:
 
     def follow(self, arrivals: Arrivals, checkpoint_every: int) -> None:
         """Resolve what arrives after the sequence, and save the state where more may come."""
-        shows = self._progress and not arrivals.ended
-        shown = shown_progress("following") if shows else nullcontext(lambda _done, _total: None)
+        shown = shown_progress("following", shown=self._progress and not arrivals.ended)
         self._progress = False  # none for each part
         with shown as advance:
             advance(self._frames, arrivals.count or self._frames + 1)

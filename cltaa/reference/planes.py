@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
-from cltaa.camera import invert
+from cltaa.camera import inverse_depth
 from cltaa.core.build import Build, Record, Storage
 from cltaa.core.planes import Kind, Layout
 from cltaa.reference.accumulate import Resolved
@@ -101,7 +101,7 @@ def unpack(
     if kind == Kind.AS_IT_IS:
         inside[...] = given
     else:
-        invert(given.astype(np.float32, copy=False), inside, parallel=kind == Kind.PARALLEL)
+        inverse_depth(given.astype(np.float32, copy=False), inside, parallel=kind == Kind.PARALLEL)
         inside[inside <= below] = at
     layout.extend_edges(target[:planes])
 

@@ -7,13 +7,13 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from cltaa.core.planes import BLOCK_POOL, empty_image, pooled_memory
+from cltaa.core.planes import BLOCK_POOL, empty_image
 
 IMAGE = (3, 1024, 1024)  # large enough to be kept
 
 
 def test_an_image_lies_where_one_of_its_size_was() -> None:
-    with pooled_memory():
+    with BLOCK_POOL:
         first = empty_image(IMAGE)
         first[...] = 1.0
         address, view = first.ctypes.data, first[1, 2:]
@@ -32,10 +32,9 @@ def test_an_image_lies_where_one_of_its_size_was() -> None:
 
 @pytest.mark.parametrize("shape", [(3, 8, 8), IMAGE])
 def test_outside_of_a_run_nothing_is_kept(shape: tuple[int, ...]) -> None:
-    with pooled_memory(images=False):
-        empty_image(shape)[...] = 1.0
-        assert BLOCK_POOL.take(12 * 2**20) is None
-    with pooled_memory():
+    empty_image(shape)[...] = 1.0
+    assert BLOCK_POOL.take(12 * 2**20) is None
+    with BLOCK_POOL:
         empty_image(shape)[...] = 1.0
     assert BLOCK_POOL.take(12 * 2**20) is None
 
@@ -51,5 +50,5 @@ def test_images_of_many_threads_are_their_own() -> None:
         image[...] = number
         return bool((image == number).all())
 
-    with pooled_memory(), ThreadPoolExecutor(4) as threads:
+    with BLOCK_POOL, ThreadPoolExecutor(4) as threads:
         assert all(threads.map(fill, range(40)))

@@ -18,7 +18,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from cltaa.core.planes import pooled_memory
+from cltaa.core.planes import BLOCK_POOL
 from cltaa.core.resolver import Resolver
 from cltaa.process import configure
 from tests.sequence_factory import make_camera, make_frame
@@ -90,7 +90,7 @@ def main(side: int) -> None:
         resolver.resolve(replace(frames[number % FRAMES], index=number, camera=camera))
         return time.perf_counter() - begin
 
-    with pooled_memory():
+    with BLOCK_POOL:
         for line in sys.stdin:
             begin = time.process_time()
             seconds = array("d", (resolve() for _ in range(int(line))))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cltaa.io.exr_layout import Layout, Window
+from cltaa.io.exr_layout import Layout, Window, covers
 
 DISPLAY = (100, 200, 163, 247)  # 64 x 48
 
@@ -30,4 +30,4 @@ def test_a_picture_covers_what_lies_in_it() -> None:
         ((10, 5, 20, 24), False),
         ((10, 5, 19, 25), False),
     ]:
-        assert layout((110, 205, 119, 224)).covers(region) is covered, region
+        assert covers(layout((110, 205, 119, 224)).region, region) is covered, region

@@ -176,7 +176,7 @@ def test_a_distance_becomes_its_inverse_depth_to_the_bit(lanes: int) -> None:
         expected = layout.zeros(1)
         camera = Camera(np.eye(4), orthographic(2.0, 1.5)) if kind is Kind.PARALLEL else make_camera()
         inside = layout.inside(expected)[0]
-        inverse_depth(depth, camera, inside)
+        inverse_depth(depth, inside, parallel=camera.orthographic)
         inside[inside <= np.float32(sky[0])] = sky[1]
         layout.extend_edges(expected)
         below, at = map(np.float32, sky)

@@ -68,8 +68,8 @@ def test_f6_a_turn_brings_things_closer_to_an_orthographic_camera(clip: NDArray[
 )
 def test_f5_depth_that_is_no_distance_is_sky(camera: Camera, expected: list[Any]) -> None:
     depth, out = np.array([[np.nan, np.inf, -np.inf, 0.0, -1.0, 2.0]], np.float32), np.empty((1, 6), np.float32)
-    inverse_depth(depth, camera, out)
+    inverse_depth(depth, out, parallel=camera.orthographic)
     assert out.tolist() == planar_inverse_depth(depth, camera).tolist() == [expected]  # the latter for cltaa check
     for place, value in enumerate(expected):  # each in a picture of its own, too
-        inverse_depth(depth[:, place : place + 1], camera, out[:, :1])
+        inverse_depth(depth[:, place : place + 1], out[:, :1], parallel=camera.orthographic)
         assert out[0, 0] == value

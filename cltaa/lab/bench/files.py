@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 
 import msgspec
 
-from cltaa.core.planes import pooled_memory
+from cltaa.core.planes import BLOCK_POOL
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
 from cltaa.io.atomic import make_folder
@@ -71,7 +71,7 @@ def bench_files(
     }
     times: dict[str, list[float]] = {name: [] for name in steps}
     processor: dict[str, list[float]] = {name: [] for name in steps}
-    with pooled_memory():
+    with BLOCK_POOL:
         held = [sequence.frame(index) for index in sequence.numbers[:HELD]]
         resolved = image_channels(resolver.resolve(held[0], half=half))
         # The first round builds kernels and fills caches.

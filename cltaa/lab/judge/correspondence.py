@@ -65,7 +65,7 @@ def correspondence(frame: Frame, previous: Frame) -> Correspondence:
 
 def _inverse_depth(frame: Frame) -> Array:
     result = np.empty(frame.depth.shape, np.float32)
-    inverse_depth(frame.depth, frame.camera, result)
+    inverse_depth(frame.depth, result, parallel=frame.camera.orthographic)
     return result.astype(np.float64)
 
 

@@ -100,7 +100,7 @@ def camera_motion(frame: Frame, previous: Camera) -> Image:
     if is_still(frame.camera, previous):
         return np.zeros((frame.height, frame.width, 2), np.float32)
     near = np.empty((frame.height, frame.width), np.float32)
-    planar_inverse_depth(frame.depth, frame.camera, out=near)
+    planar_inverse_depth(frame.depth, near, parallel=frame.camera.orthographic)
     y, x = np.mgrid[: frame.height, : frame.width].astype(np.float64)
     px, py = x + 0.5 + frame.jitter_px[0] - frame.width / 2, y + 0.5 + frame.jitter_px[1] - frame.height / 2
     moved = displacement(frame.camera, previous, frame.width, frame.height)

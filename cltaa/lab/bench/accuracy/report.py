@@ -71,7 +71,7 @@ def _pictures(tasks: Sequence[Task], output: Path) -> dict[str, Any]:
 def _debug_views(frame: Frame) -> dict[str, Picture]:
     """Return pictures of the resolve's inputs other than colour."""
     near = np.empty(frame.depth.shape, np.float32)
-    inverse_depth(frame.depth, frame.camera, out=near)
+    inverse_depth(frame.depth, near, parallel=frame.camera.orthographic)
     low, high = float(near.min()), float(near.max())
     views = {"inverse depth (bright is near)": heat(near - np.float32(low), max(high - low, 1e-30))}
     if frame.motion is not None:
