@@ -62,7 +62,7 @@ class FilterUse(Choice):
     FEW = "few-samples", "in part, while samples are few: its share falls as 1 / n, in a longer history as 1 / n^2"
 
 
-def _number(meaning: str, low: float, high: float, unit: str, source: str) -> Meta:
+def _number(meaning: str, low: float, high: float, unit: str = "1", source: str = "measured") -> Meta:
     return Meta(ge=low, le=high, description=meaning, extra={"unit": unit, "source": source})
 
 
@@ -102,27 +102,19 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
         ),
     ] = 2.29
     filter_samples: Annotated[
-        float,
-        _number("samples of a history beyond which the filter's share falls as 1 / n^2", 1.0, 2.0**20, "1", "measured"),
+        float, _number("samples of a history beyond which the filter's share falls as 1 / n^2", 1.0, 2.0**20)
     ] = 8.0
     history_frames: Annotated[
-        int, _number("earlier frames whose samples are kept (history frames)", 1, 64, "frames", "measured")
+        int, _number("earlier frames whose samples are kept (history frames)", 1, 64, "frames")
     ] = 15
     look_ahead: Annotated[
-        int, _number("later frames whose samples are gathered too (history frames)", 0, 64, "frames", "measured")
+        int, _number("later frames whose samples are gathered too (history frames)", 0, 64, "frames")
     ] = 0
-    fit_ridge: Annotated[
-        float, _number("damping of the fitted slope, in evenly placed samples", 2.0**-6, 2.0**20, "1", "measured")
-    ] = 0.125
+    fit_ridge: Annotated[float, _number("damping of the fitted slope, in evenly placed samples", 2.0**-6, 2.0**20)] = (
+        0.125
+    )
     fit_reach: Annotated[
-        float,
-        _number(
-            "offset from the centre beyond which few samples do not count",
-            0.5625,
-            1.0,
-            "pixels",
-            "measured",
-        ),
+        float, _number("offset from the centre beyond which few samples do not count", 0.5625, 1.0, "pixels")
     ] = 0.8
     drift_t: Annotated[
         float,
@@ -130,34 +122,23 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
             "Student's t above which a longer window shifts to the shortest; doubled if no light is known to change",
             0.5,
             2.0**20,
-            "1",
-            "measured",
         ),
     ] = 2.0
     subpixel_frames: Annotated[
-        int, _number("frames of the ring that are searched for sub-pixel features", 0, 64, "frames", "measured")
+        int, _number("frames of the ring that are searched for sub-pixel features", 0, 64, "frames")
     ] = 4
-    sample_limit: Annotated[
-        float, _number("upper limit of the effective sample count", 1.0, 2.0**20, "samples", "measured")
-    ] = 24.0
+    sample_limit: Annotated[float, _number("upper limit of the effective sample count", 1.0, 2.0**20, "samples")] = 24.0
     illumination_t: Annotated[
-        float,
-        _number("Student's t of the 3x3, over frames, above which light has changed", 0.125, 1e6, "1", "measured"),
+        float, _number("Student's t of the 3x3, over frames, above which light has changed", 0.125, 1e6)
     ] = 2.6
     disocclusion_t: Annotated[
-        float,
-        _number("the same where an occluder was beside the history position", 0.125, 1e6, "1", "measured"),
+        float, _number("the same where an occluder was beside the history position", 0.125, 1e6)
     ] = 0.8
-    passing_t: Annotated[
-        float, _number("the same where an occluder has passed that position", 0.125, 1e6, "1", "measured")
-    ] = 0.4
-    behind_t: Annotated[
-        float,
-        _number("the same where a pixel follows a nearer surface past its own", 0.125, 1e6, "1", "measured"),
-    ] = 1.0
-    illumination_decay: Annotated[
-        float, _number("share of that t carried over to the next frame", 0.0, 1.0, "1", "measured")
-    ] = 0.72
+    passing_t: Annotated[float, _number("the same where an occluder has passed that position", 0.125, 1e6)] = 0.4
+    behind_t: Annotated[float, _number("the same where a pixel follows a nearer surface past its own", 0.125, 1e6)] = (
+        1.0
+    )
+    illumination_decay: Annotated[float, _number("share of that t carried over to the next frame", 0.0, 1.0)] = 0.72
     falling_t: Annotated[
         float, _number("factor of these thresholds where light decreases", 0.125, 8.0, "1", "even")
     ] = 1.0
@@ -165,19 +146,17 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
         float, _number("most of that t that one frame counts for", 0.125, 2.0**50, "1", "none: the domain's limit")
     ] = 2.0**50
     illumination_floor: Annotated[
-        float, _number("standard error added to that of the 3x3, relative to its luminance", 0.0, 1.0, "1", "measured")
+        float, _number("standard error added to that of the 3x3, relative to its luminance", 0.0, 1.0)
     ] = 0.03
     first_samples: Annotated[
         float, _number("sample count of the first frame of a history", 0.0, 2.0**20, "samples", "what it is: 1")
     ] = 1.0
     resampling_penalty: Annotated[
-        float, _number("loss of sample count per f(1-f), f the fraction between texels", 0.0, 16.0, "1", "measured")
+        float, _number("loss of sample count per f(1-f), f the fraction between texels", 0.0, 16.0)
     ] = 1.5
-    clip_penalty: Annotated[
-        float, _number("loss of sample count per half extent of rectification", 0.0, 64.0, "1", "measured")
-    ] = 0.5
+    clip_penalty: Annotated[float, _number("loss of sample count per half extent of rectification", 0.0, 64.0)] = 0.5
     box_scale_static: Annotated[
-        float, _number("half width of the box where nothing moves", 0.0, 64.0, "deviations, half extents", "measured")
+        float, _number("half width of the box where nothing moves", 0.0, 64.0, "deviations, half extents")
     ] = 1.0
     box_scale_moving: Annotated[
         float, _number("half width of the box in motion", 0.0, 64.0, "the same", "Salvi 2016: 0.75 to 1.25")
@@ -192,9 +171,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     motion_widths: Annotated[
         float, _number("motion_px as a share of the image's width; 0: motion_px", 0.0, 16.0, "widths a frame", "-")
     ] = 0.0
-    motion_px: Annotated[
-        float, _number("motion from which box_scale_moving applies", 1e-3, 1e6, "pixels a frame", "measured")
-    ] = 1.0
+    motion_px: Annotated[float, _number("motion from which box_scale_moving applies", 1e-3, 1e6, "pixels a frame")] = (
+        1.0
+    )
     box_floor: Annotated[
         float, _number("least half extent of the box over its size (clip, ellipsoid)", 0.0, 1.0, "1", "2^-10: no jumps")
     ] = 2.0**-10
@@ -202,26 +181,23 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
         float, _number("relative tolerance of the depth test", 0.0, 1.0, "1", "0.02, two engines' value")
     ] = 0.05
     covered_share: Annotated[
-        float,
-        _number("share covered by an occluder above which history is dropped", 0.0, 1.0, "1", "measured"),
+        float, _number("share covered by an occluder above which history is dropped", 0.0, 1.0)
     ] = 0.25
     edge_samples: Annotated[
-        float,
-        _number("limit of samples on an edge whose background moves past it", 0.0, 2.0**20, "samples", "measured"),
+        float, _number("limit of samples on an edge whose background moves past it", 0.0, 2.0**20, "samples")
     ] = 2.0
     edge_tolerance: Annotated[
-        float, _number("relative skew of inverse depth in the 3x3 that makes a depth edge", 0.0, 1.0, "1", "measured")
+        float, _number("relative skew of inverse depth in the 3x3 that makes a depth edge", 0.0, 1.0)
     ] = 0.03
     luminance_knee: Annotated[
         float,
         _number("luminance from which a sample's weight falls", 1e-3, 1e6, "scene units", "Karis 2014: 1; measured: 4"),
     ] = 4.0
     firefly_threshold: Annotated[
-        float,
-        _number("luminance of a firefly over its 3x3's second greatest and history", 1.0, 1e6, "1", "measured"),
+        float, _number("luminance of a firefly over its 3x3's second greatest and history", 1.0, 1e6)
     ] = 5.0
     firefly_floor: Annotated[
-        float, _number("luminance up to which no sample is a firefly", 0.0, 1e6, "scene units", "measured")
+        float, _number("luminance up to which no sample is a firefly", 0.0, 1e6, "scene units")
     ] = 0.25
     sky_below: Annotated[
         float, _number("reversed depth up to which a texel counts as sky (perspective)", 0.0, 0.5, "1", "simvx: 1e-4")
@@ -229,9 +205,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     sky_at: Annotated[
         float, _number("reversed depth at which the sky is reprojected; 0: at infinity", 0.0, 0.5, "1", "simvx: 1e-3")
     ] = 0.0
-    disocclusion_blur: Annotated[
-        float, _number("share of the 3x3 mean in a pixel without history", 0.0, 1.0, "1", "measured")
-    ] = 0.5
+    disocclusion_blur: Annotated[float, _number("share of the 3x3 mean in a pixel without history", 0.0, 1.0)] = 0.5
 
 
 # Read by the host alone, so not part of the kernels' struct.

@@ -51,12 +51,9 @@ def frame_planes(frame: Frame, path: Path) -> dict[str, Pixels]:
         if plane is None:
             continue
         if plane.shape != (height, width) or plane.dtype.kind != "f":
-            what, expected, found = (
-                "array is wrong",
-                f"floats [{height}, {width}]",
-                f"{plane.dtype} {list(plane.shape)}",
-            )
-            raise DataError(what, path=path, frame=frame.index, channel=name, expected=expected, found=found)
+            expected, found = f"floats [{height}, {width}]", f"{plane.dtype} {list(plane.shape)}"
+            what, number = "array is wrong", frame.index
+            raise DataError(what, path=path, frame=number, channel=name, expected=expected, found=found)
         channels[name] = plane.astype(np.float32, copy=False)  # the type that a resolve takes
     if frame.object_id is not None:
         channels["id"] = _whole_numbers(frame, path)

@@ -82,7 +82,7 @@ def resolver_for(
 ) -> Resolver:
     """Return a resolver for ``sequence``: in bands where whole images take more memory than this machine has.
 
-    ``half`` says that halves will be written, ``layers`` are as for ``of_resolve``, and ``jobs`` resolvers run at the
+    ``half`` says that halves will be written, ``layers`` are as for ``of_sequence``, and ``jobs`` resolvers run at the
     same time. ``band_rows`` overrides the choice; 0 means whole images.
     """
     resolver = Resolver(preset, device, storage=storage, **options)  # first: one that shares memory takes less of it
@@ -92,12 +92,10 @@ def resolver_for(
         if band_rows and preset.choices.history is not HistoryKind.ACCUMULATED:
             size = f"{sequence.width} x {sequence.height} pixels are too many for preset {preset.name}"
             what = f"{size}, which keeps frames, so it resolves whole images only"
-            needed, there = (
-                f"{whole.whole / 1e6:.0f} MB beside what it keeps",
-                f"{memory_limit() / 1e6:.0f} MB of memory",
-            )
+            expected = f"{whole.whole / 1e6:.0f} MB beside what it keeps"
+            found = f"{memory_limit() / 1e6:.0f} MB of memory"
             cure = "take --preset default, which resolves them in bands, or --band-rows 0 to try all the same"
-            raise ResourceError(what, expected=needed, found=there, cure="take fewer --jobs" if jobs > 1 else cure)
+            raise ResourceError(what, expected=expected, found=found, cure="take fewer --jobs" if jobs > 1 else cure)
         if not has_bands(resolver):
             band_rows = 0
     if not band_rows:

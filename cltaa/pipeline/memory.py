@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -111,28 +111,20 @@ def program_bytes() -> int:
     )
 
 
-def of_resolve(
-    width: int,
-    height: int,
-    channels: Collection[str],
-    file: int,
-    chunk: int,
-    held: DevicePlanes,
-    *,
-    recorded: bool,
-    converted: bool,
-    layers: Mapping[str, str],
-) -> Memory:
-    """Return the memory of a resolve of frames in float ``channels``, whose packed files have ``file`` bytes.
+def of_sequence(sequence: FrameSequence, held: DevicePlanes, layers: Mapping[str, str] = NO_LAYERS) -> Memory:
+    """Return the memory of a resolve of ``sequence``.
 
-    ``chunk`` is the unpacked size of a chunk of such a file. Memory of packed files, of groups of planes and of results
-    is reused from frame to frame. Decoded channels exist beside the planes of their frame until they are moved there;
-    this counts for one of the frames read at a time, since they are seldom in step. In bands, one frame at a time is in
-    memory, its result in its place, and beside it the count of each pixel, and the result in halves if those are
-    written; nothing is reused. Readers also hash files without a ``recorded`` hash. ``layers`` are channels that are
-    carried over -> "uint", "half" or "float": each stays until its result is written. Frames of another tool are
-    ``converted``: until then each reader holds its channels twice, as decoded and stacked.
+    ``layers`` are channels that are carried over -> "uint", "half" or "float": each stays until its result is written.
+    Memory of packed files, of groups of planes and of results is reused from frame to frame. Decoded channels exist
+    beside the planes of their frame until they are moved there; this counts for one of the frames read at a time, since
+    they are seldom in step. In bands, one frame at a time is in memory, its result in its place, and beside it the
+    count of each pixel, and the result in halves if those are written; nothing is reused. Readers also hash files
+    without a recorded hash. Until frames of another tool are converted, each reader holds their channels twice.
     """
+    width, height, channels, converted = sequence.width, sequence.height, sequence.channels, sequence.converted
+    layouts = sequence.layouts.values()
+    file, chunk = max(path.stat().st_size for path in sequence.files), max(each.chunk_bytes for each in layouts)
+    recorded = all(sequence.sha256(number) for number in sequence.numbers)
     banded, half = bool(held.band_rows), held.half
     plane, planes = REAL * width * height, 3 + held.steps.alpha
     groups = [len(group) for group in GROUPS if group[0] in channels]
@@ -148,6 +140,9 @@ def of_resolve(
     beside = 0 if banded else sum(groups)
     if converted:
         beside = readers * 2 * len(channels)
+    # OpenEXR's module decodes every channel, whether it is read or not.
+    spare = max(0, max(len(each.channels) for each in layouts) - len(channels))
+    beside += spare * (readers if converted else 1)
     blocks = exr_zip.THREADS * (BLOCKS - 1) + writers * exr_zip.BEGUN
     packing = blocks * texel * width * min(exr_zip.ROWS, height)
     return Memory(
@@ -163,22 +158,3 @@ def of_resolve(
 def _mapped(size: int, banded: bool) -> int:
     """Return the bytes of planes of that ``size`` in memory that is reused from frame to frame."""
     return size if banded or size < SMALLEST else in_large_pages(size)
-
-
-def of_sequence(sequence: FrameSequence, held: DevicePlanes, layers: Mapping[str, str] = NO_LAYERS) -> Memory:
-    """Return the memory of a resolve of ``sequence``; ``layers`` as for ``of_resolve``."""
-    memory = of_resolve(
-        sequence.width,
-        sequence.height,
-        sequence.channels,
-        max(path.stat().st_size for path in sequence.files),
-        max(layout.chunk_bytes for layout in sequence.layouts.values()),
-        held,
-        recorded=all(sequence.sha256(number) for number in sequence.numbers),
-        converted=sequence.converted,
-        layers=layers,
-    )
-    # OpenEXR's module decodes every channel, whether it is read or not.
-    readers = AHEAD if sequence.converted and not held.band_rows else 1
-    spare = readers * max(0, max(len(layout.channels) for layout in sequence.layouts.values()) - len(sequence.channels))
-    return msgspec.structs.replace(memory, reading=memory.reading + REAL * sequence.width * sequence.height * spare)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from copy import deepcopy
 from dataclasses import replace
@@ -20,16 +21,17 @@ from cltaa.core.presets import load_preset
 from cltaa.core.resolver import Resolver
 from cltaa.errors import ResourceError, UsageError
 from cltaa.frame import Frame
+from cltaa.io.exr_layout import Layout
 from cltaa.io.exr_write import write_image
 from cltaa.io.manifest import Manifest
-from cltaa.io.sequence import open_sequence
+from cltaa.io.sequence import FrameSequence, open_sequence
 from cltaa.lab.inspect.plan import plan
 from cltaa.opencl.device import Device
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.opencl.shape import Shape
 from cltaa.pipeline.checkpoint import Checkpoints
 from cltaa.pipeline.folder import band_rows_for, of_whole, resolver_for
-from cltaa.pipeline.memory import DevicePlanes, Memory, of_resolve
+from cltaa.pipeline.memory import DevicePlanes, Memory, of_sequence
 from cltaa.pipeline.run import resolve_sequence
 from tests.sequence_factory import bits, make_camera, make_frame, special_values, write_sequence
 
@@ -123,27 +125,22 @@ def test_numpy_has_no_bands() -> None:
         BandedResolver(device="numpy")
 
 
-def test_only_large_images_are_banded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_large_images_are_banded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cltaa.pipeline.folder.memory_limit", lambda: 24 * 10**9)
-    assert band_rows_for(whole_images(3840, 2160)) == 0
-    assert band_rows_for(whole_images(7680, 4320)) == 0
-    assert band_rows_for(whole_images(16384, 16384)) > 0
+    assert band_rows_for(whole_images(tmp_path, 3840, 2160)) == 0
+    assert band_rows_for(whole_images(tmp_path, 7680, 4320)) == 0
+    assert band_rows_for(whole_images(tmp_path, 16384, 16384)) > 0
 
 
-def whole_images(width: int, height: int) -> Memory:
+def whole_images(folder: Path, width: int, height: int) -> Memory:
     """What a run takes whose frames have motion of their own and do not pack at all."""
-    channels = ("R", "G", "B", "Z", "backward.u", "backward.v")
-    return of_resolve(
-        width,
-        height,
-        channels,
-        4 * len(channels) * width * height,
-        16 * 4 * len(channels) * width,
-        DevicePlanes(Steps()),
-        recorded=False,
-        converted=False,
-        layers={},
-    )
+    channels = dict.fromkeys(("R", "G", "B", "Z", "backward.u", "backward.v"), "float")
+    path, window = folder / "large.0000.exr", (0, 0, width - 1, height - 1)
+    layout = Layout(path, channels, window, window, "zip")
+    path.touch()
+    os.truncate(path, layout.decoded_bytes)  # takes no room on the disk
+    sequence = FrameSequence(folder, "large", {0: path}, verify=False, layouts={0: layout})
+    return of_sequence(sequence, DevicePlanes(Steps()))
 
 
 @pytest.mark.parametrize("shared", [False, True])
