@@ -102,7 +102,8 @@ def planar_depth(stored: Image, rule: Depth, camera: Camera, jitter: Offset) -> 
         if rule.kind is DepthKind.INVERSE:
             planar = 1.0 / wide
         elif rule.kind in (DepthKind.DEVICE, DepthKind.DEVICE_REVERSED):
-            planar = 1.0 / _device_inverse_depth(wide, rule, camera)
+            near, far = device_planes(rule, camera)  # inverse depth is linear in device depth
+            planar = 1.0 / (far + (wide if rule.kind is DepthKind.DEVICE_REVERSED else 1.0 - wide) * (near - far))
         else:
             planar = wide / ray_length(wide.shape, camera, jitter) if rule.kind is DepthKind.RAY else wide
         planar = np.asarray(planar * rule.scale, np.float64)
@@ -179,13 +180,6 @@ def still_camera(width: int, height: int) -> Camera:
     """Return a placeholder for an unknown camera; it never moves, so it causes no motion."""
     projection = np.array([[1.0, 0, 0, 0], [0, width / height, 0, 0], [0, 0, -1.0, -0.2], [0, 0, -1.0, 0]])
     return Camera(np.eye(4), projection)
-
-
-def _device_inverse_depth(device: NDArray[np.float64], rule: Depth, camera: Camera) -> NDArray[np.float64]:
-    """Return 1 / planar depth, which is linear in device depth."""
-    near, far = device_planes(rule, camera)
-    at_near = device if rule.kind is DepthKind.DEVICE_REVERSED else 1.0 - device
-    return np.asarray(far + at_near * (near - far))
 
 
 def device_planes(rule: Depth, camera: Camera) -> tuple[float, float]:

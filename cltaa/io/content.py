@@ -33,7 +33,10 @@ def open_regular(path: Path, expected: str = "an EXR file") -> Iterator[BinaryIO
         # O_NONBLOCK: opening a pipe without a writer would wait for ever.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
         try:
-            _check_kind(path, os.fstat(descriptor), expected)
+            mode = os.fstat(descriptor).st_mode
+            if not stat.S_ISREG(mode):
+                what = "this is a folder" if stat.S_ISDIR(mode) else "this is a pipe or a device"
+                raise DataError(what, path=path, expected=expected)
             with os.fdopen(descriptor, "rb", closefd=False) as file:
                 yield file
         finally:
@@ -166,9 +169,3 @@ def memory_limit() -> int:
         return min(machine, int(_CGROUP_LIMIT.read_text()))
     except (OSError, ValueError):  # no such group, or "max"
         return machine
-
-
-def _check_kind(path: Path, status: os.stat_result, expected: str) -> None:
-    if not stat.S_ISREG(status.st_mode):
-        what = "this is a folder" if stat.S_ISDIR(status.st_mode) else "this is a pipe or a device"
-        raise DataError(what, path=path, expected=expected)

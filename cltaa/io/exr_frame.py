@@ -7,7 +7,8 @@ once on reading.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
+from itertools import chain
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from cltaa.core.frame_checks import check_camera, check_numbers
 from cltaa.errors import DataError
-from cltaa.frame import Camera, Effect, Frame, Image, Matrix, format_effects, parse_effects
+from cltaa.frame import Camera, Effect, Frame, Matrix, format_effects, parse_effects
 from cltaa.io.exr_layout import OTHER_TOOLS, Layout, of_region
 from cltaa.io.names import number_of
 from cltaa.printable import written
@@ -38,23 +39,18 @@ NO_PIXELS = np.empty((0, 0), np.float32)
 def frame_planes(frame: Frame, path: Path) -> dict[str, Pixels]:
     """Return the channels [H, W] of a frame by their names in a file; raises DataError for arrays that do not fit."""
     height, width = frame.colour.shape[:2]
-    planes: dict[str, Pixels | None] = {
-        **_split(COLOUR, frame.colour),
-        "A": frame.alpha,
-        "Z": frame.depth,
-        **_split(MOTION, frame.motion),
-        "reactive": frame.reactive,
-        **_split(NORMAL, frame.normal),
-    }
+    given = {COLOUR: frame.colour, ("A",): frame.alpha, ("Z",): frame.depth, MOTION: frame.motion}
+    given |= {("reactive",): frame.reactive, NORMAL: frame.normal}
     channels: dict[str, Pixels] = {}
-    for name, plane in planes.items():
-        if plane is None:
+    for names, array in given.items():
+        if array is None:
             continue
-        if plane.shape != (height, width) or plane.dtype.kind != "f":
-            expected, found = f"floats [{height}, {width}]", f"{plane.dtype} {list(plane.shape)}"
-            what, number = "array is wrong", frame.index
-            raise DataError(what, path=path, frame=number, channel=name, expected=expected, found=found)
-        channels[name] = plane.astype(np.float32, copy=False)  # the type that a resolve takes
+        shape = [height, width, len(names)][: 2 if len(names) == 1 else 3]
+        if [*array.shape] != shape or array.dtype.kind != "f":
+            what, expected, found = "array is wrong", f"floats {shape}", f"{array.dtype} {[*array.shape]}"
+            raise DataError(what, path=path, frame=frame.index, channel=names[0], expected=expected, found=found)
+        planes = array.astype(np.float32, copy=False).reshape(height, width, -1)  # the type that a resolve takes
+        channels |= {name: planes[..., position] for position, name in enumerate(names)}
     if frame.object_id is not None:
         channels["id"] = _whole_numbers(frame, path)
     return channels
@@ -72,15 +68,10 @@ def check_float_channels(layout: Layout, names: Iterable[str]) -> None:
             raise DataError("wrong channel type", path=layout.path, channel=name, expected="float", found=kind)
 
 
-def frame_channels(layout: Layout) -> list[str]:
-    """Return the channels of a frame in the order of its planar block, checked."""
-    names = list(COLOUR)
-    names += [name for name in ("A",) if name in layout.channels]
-    names += ["Z"]
-    for group in (MOTION, ("reactive",), NORMAL):
-        if any(name in layout.channels for name in group):
-            names += group
-    check_float_channels(layout, names)
+def check_frame_channels(layout: Layout) -> None:
+    """Raise DataError unless a file has the channels of a frame, each of its type."""
+    optional = (group for group in GROUPS if any(name in layout.channels for name in group))
+    check_float_channels(layout, dict.fromkeys((*COLOUR, "Z", *chain(*optional))))
     if layout.channels["Z"] == "half":
         what = "half-precision depth is refused: it is wrong by metres at a kilometre"
         cure = "write depth as 32-bit float"
@@ -88,15 +79,6 @@ def frame_channels(layout: Layout) -> list[str]:
     if layout.channels.get("id", "uint") != "uint":
         found = layout.channels["id"]
         raise DataError("wrong channel type", path=layout.path, channel="id", expected="uint", found=found)
-    return names
-
-
-def _split(names: Sequence[str], array: Image | None) -> dict[str, Pixels | None]:
-    if array is None:
-        return dict.fromkeys(names)
-    if array.ndim != 3 or array.shape[2] != len(names):
-        raise DataError("array has a wrong number of channels", expected=len(names), found=list(array.shape))
-    return {name: array[..., position] for position, name in enumerate(names)}
 
 
 def _whole_numbers(frame: Frame, path: Path) -> NDArray[np.uint32]:

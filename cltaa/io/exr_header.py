@@ -368,8 +368,11 @@ def _layout(path: Path, header: Header, tiled: bool, *, many: bool) -> Layout:
 
 def _chunk_sizes(layout: Layout, header: Header, tiled: bool) -> Counts:
     """Return the pixels of each chunk of a part."""
-    rows = COMPRESSIONS[header["compression"][0]][1]
-    sizes = tile_sizes(layout.path, layout.width, layout.height, header["tiles"]) if tiled else _row_sizes(layout, rows)
+    if tiled:
+        sizes = tile_sizes(layout.path, layout.width, layout.height, header["tiles"])
+    else:
+        rows = COMPRESSIONS[header["compression"][0]][1]
+        sizes = np.minimum(rows, layout.height - np.arange(0, layout.height, rows)) * layout.width
     if layout.part is not None and struct.unpack("<i", header["chunkCount"]) != (len(sizes),):
         raise ValueError("not as many chunks as the windows ask for")
     return sizes
@@ -381,9 +384,3 @@ def _check_windows(layout: Layout) -> None:
         if not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE):
             expected = f"1 to {LARGEST_SIDE} pixels a side"
             raise DataError(f"impossible {name}", path=layout.path, expected=expected, found=f"{width} x {height}")
-
-
-def _row_sizes(layout: Layout, rows_per_chunk: int) -> Counts:
-    """Return the pixels of each chunk of scan lines."""
-    starts = np.arange(0, layout.height, rows_per_chunk)
-    return np.minimum(rows_per_chunk, layout.height - starts) * layout.width

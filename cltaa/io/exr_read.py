@@ -27,7 +27,7 @@ from cltaa.io.exr_frame import (
     Pixels,
     Single,
     check_float_channels,
-    frame_channels,
+    check_frame_channels,
     frame_outline,
 )
 from cltaa.io.exr_header import UNKNOWN, Outline, checked_outline, read_at, read_outline
@@ -66,7 +66,7 @@ def read_frame_and_header(
     Half-precision channels are widened exactly, but half depth is refused. Channels with other names are ignored.
     ``sha256`` is the required hash of the file's content, in hexadecimal; ``picture`` replaces the data window.
     """
-    layout, pixels, attributes = _read(path, sha256, picture, frame_channels)
+    layout, pixels, attributes = _read(path, sha256, picture, check_frame_channels)
     size = (layout.height, layout.width)
     # Each group in a block of its own, so that freed blocks fit the next frame.
     groups = {group: empty_haloed(len(group), *size) for group in GROUPS if group[0] in pixels}

@@ -48,10 +48,6 @@ def _name_in(match: re.Match[str]) -> str:
     return match["name"] + match["tail"] if match["name"] else match["tail"][1:]
 
 
-def _is_padded(match: re.Match[str]) -> bool:
-    return len(match["number"].lstrip("-")) >= _PADDED
-
-
 def renumbered(path: Path, number: int) -> Path:
     """Return the file of frame ``number`` in the sequence of ``path``, which is unchanged if it is not numbered."""
     return _with_number(path, lambda digits: f"{number:0{digits}d}")
@@ -111,8 +107,9 @@ class Selection:
         files = [*files]
         there = [(path, match) for path in files if (match := NUMBERED.fullmatch(path.name))]
         tailed = [(path, match) for path in files if (match := _TAILED.fullmatch(path.name))]
-        padded = not there  # else the others are no frames, such as a denoiser's output beside its input
-        there += [(path, match) for path, match in tailed if path in self.numbers or (padded and _is_padded(match))]
+        # Else the others are no frames, such as a denoiser's output beside its input.
+        padded = {path for path, match in tailed if not there and len(match["number"].lstrip("-")) >= _PADDED}
+        there += [(path, match) for path, match in tailed if path in self.numbers or path in padded]
         # Names as in shot0001, beside which shot-001 is -1.
         joined = {_name_in(match) for _, match in there if not match["between"]}
         found: dict[str, dict[int, Path]] = {}

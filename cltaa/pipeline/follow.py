@@ -98,8 +98,8 @@ class Arrivals:
         place = self._place()
         opened = open_input(Selection(place.folder, tuple(files), place.words, place.numbers), **self._reading)
         if isinstance(opened, ForeignSequence) and opened.intake.profile.jitter.source == "projection":
-            what = "--follow: jitter in the projection shows over a whole shot"
-            raise UsageError(what, path=self._source, cure="resolve the finished folder without --follow")
+            cure = "resolve the finished folder without --follow"
+            raise UsageError("--follow: jitter in the projection shows over a whole shot", path=self._source, cure=cure)
         opened.found = self.found
         return opened.with_guides()[0] if self._guided else opened
 

@@ -88,14 +88,16 @@ class Parts:
         """
         numbers = [number for number in part.numbers if number <= wanted[-1]]
         lead = numbers.index(wanted[0]) if from_ring_alone(resolver.preset, part, self._how) else 0
-        asked, started = frozenset(wanted), time.perf_counter()
+        asked, effects, started = frozenset(wanted), self._how.effects, time.perf_counter()
         in_turn = isinstance(resolver, BandedResolver)  # so large that no second image fits beside it
         tasks = reads(part, after, self._how.layers, self._denoise)
         reading = InTurn(tasks) if in_turn else ReadAhead(tasks)
         with Writer(compression=self._how.compression) as writer, reading as frames:
             if after is None:
                 resolver.reset()
-                self._reserve(resolver, part)
+                # Allocates what the first frame needs, while that is decoded.
+                alpha = "alpha" in part.holds and (isinstance(effects, str) or Effect.ALPHA in effects)
+                resolver.reserve(part.width, part.height, alpha=alpha, half=self._how.half)
             waiting = deque[Read]()
             given = self._given(frames, len(part), waiting, outlines=resolver.look_ahead > 0)
             self._keep(resolver, numbers[:lead], given, waiting)
@@ -145,9 +147,3 @@ class Parts:
             waiting.append(read._replace(frame=outline(read.frame)) if outlines else read)
             yield frame
             del read, frame
-
-    def _reserve(self, resolver: Resolver, part: FrameSequence) -> None:
-        """Let a resolver allocate what the first frame needs, while that is decoded."""
-        wanted = isinstance(self._how.effects, str) or Effect.ALPHA in self._how.effects
-        alpha = wanted and "alpha" in part.holds
-        resolver.reserve(part.width, part.height, alpha=alpha, half=self._how.half)

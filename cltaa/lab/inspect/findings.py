@@ -24,7 +24,7 @@ from cltaa.inputs.intake import OPAQUE, Intake, damaged_files, open_with_gaps
 from cltaa.inputs.open import is_own
 from cltaa.inputs.profile import Profile
 from cltaa.inputs.roles import file_sets, shown_name
-from cltaa.io.exr_frame import COLOUR, Pixels, check_float_channels, frame_channels, frame_outline, frame_planes
+from cltaa.io.exr_frame import COLOUR, Pixels, check_float_channels, check_frame_channels, frame_outline, frame_planes
 from cltaa.io.exr_header import read_layout
 from cltaa.io.exr_layout import LOSSLESS, Layout
 from cltaa.io.exr_read import read_header, read_image
@@ -301,7 +301,7 @@ def inspect_folder(
             if RESOLVED in header.attributes:  # an image that a resolve wrote needs no depth
                 check_float_channels(header.layout, COLOUR)
             else:
-                frame_channels(header.layout)
+                check_frame_channels(header.layout)
             # Results from other tools' files may have no jitter.
             if not result.resolved_by or "cltaa:jitterPx" in header.attributes:
                 headers[number] = frame_outline(path, header.attributes, layout)
