@@ -10,7 +10,7 @@ from enum import StrEnum
 from importlib import resources
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
@@ -23,7 +23,12 @@ from cltaa.printable import counted, names_in, written
 LARGEST = 1 << 16  # bytes; every key with a comment takes a few thousand
 _FOLDER = resources.files("cltaa") / "inputs" / "profiles"
 
-Pair = tuple[float, float]
+MOST = np.finfo(np.float64).max.item()
+Number = Annotated[float, msgspec.Meta(ge=-MOST, le=MOST)]  # finite
+Plane = Annotated[float, msgspec.Meta(ge=0.0, le=MOST)]
+Positive = Annotated[float, msgspec.Meta(gt=0.0, le=MOST)]
+Delay = Annotated[int, msgspec.Meta(ge=-16, le=16)]  # from a pipeline, which holds only a few frames
+Pair = tuple[Number, Number]
 Names = tuple[str, ...]
 Source = Literal["declared", "none"]
 JitterSource = Literal["declared", "projection", "none"]
@@ -31,33 +36,16 @@ MatrixLayout = Literal["row", "column"]
 
 # How errors name the expected value, by the key's type.
 KINDS: dict[Any, str] = {
-    float: "a number",
+    Number: "a number",
     float | None: "a number",
-    int: "a whole number",
+    Plane: "a number from 0 on",
+    Positive: "a number above 0",
+    Delay: "a whole number from -16 to 16",
     bool: "true or false",
     Pair: "two numbers",
     str: "a name",
 }
-# All numbers of a profile except depth.sky, which may be infinite.
-FINITE = (
-    "depth.scale",
-    "depth.near",
-    "depth.far",
-    "motion.scale",
-    "motion.offset",
-    "jitter.scale",
-    "jitter.offset",
-    "camera.near",
-)
-NOT_0 = "depth.scale", "motion.scale", "jitter.scale", "camera.near"
-# Least and greatest of other numbers; delays come from pipelines, which hold only a few frames.
-RANGES: dict[str, tuple[float, float]] = {
-    "depth.near": (0.0, np.inf),
-    "depth.far": (0.0, np.inf),
-    "camera.near": (0.0, np.inf),
-    "jitter.delay": (-16, 16),
-    "camera.delay": (-16, 16),
-}
+NOT_0 = "depth.scale", "motion.scale", "jitter.scale"
 
 
 class DepthKind(StrEnum):
@@ -107,10 +95,10 @@ class Depth(msgspec.Struct, frozen=True, kw_only=True):
 
     channels: tuple[str, ...] = ("Z",)
     kind: DepthKind = DepthKind.PLANAR
-    scale: float = 1.0
+    scale: Number = 1.0
     sky: float | None = None
-    near: float = 0.0
-    far: float = 0.0
+    near: Plane = 0.0
+    far: Plane = 0.0
 
 
 class Motion(msgspec.Struct, frozen=True, kw_only=True):
@@ -141,7 +129,7 @@ class Jitter(msgspec.Struct, frozen=True, kw_only=True):
     scale: Pair = (1.0, 1.0)
     offset: Pair = (0.0, 0.0)
     swap: bool = False
-    delay: int = 0
+    delay: Delay = 0
 
 
 class Cameras(msgspec.Struct, frozen=True, kw_only=True):
@@ -160,8 +148,8 @@ class Cameras(msgspec.Struct, frozen=True, kw_only=True):
     flip_projection_z: bool = False
     mirrored: bool = False  # the world is left-handed
     jittered: bool = False  # the projection contains the jitter
-    delay: int = 0
-    near: float = 0.1  # near plane of the projection made from standard attributes
+    delay: Delay = 0
+    near: Positive = 0.1  # near plane of the projection made from standard attributes
 
 
 class Profile(msgspec.Struct, frozen=True, kw_only=True):
@@ -178,8 +166,6 @@ class Profile(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def _words_of(kind: Any) -> list[str]:
-    if kind is bool:
-        return ["true", "false"]
     if isinstance(kind, type) and issubclass(kind, StrEnum):
         return [*kind]
     return [*map(str, get_args(kind))] if get_origin(kind) is Literal else []
@@ -227,16 +213,9 @@ def convert_profile(values: dict[str, Any], origin: str) -> Profile:
         profile = msgspec.convert(_with_names(values), Profile)
     except msgspec.ValidationError as error:
         raise _no_such_value(str(error).rpartition("$.")[2].strip("`"), values, origin) from None
-    for path in FINITE:
-        if not np.isfinite(attrgetter(path)(profile)).all():
-            raise _no_such_value(path, values, origin)
     for path in NOT_0:
         if not np.all(attrgetter(path)(profile)):
             raise _no_such_value(path, values, origin, "no 0")
-    for path, (least, most) in RANGES.items():
-        if not least <= attrgetter(path)(profile) <= most:
-            beyond = f"{least:g} to {most:g}" if most < np.inf else f"{least:g} or more"
-            raise _no_such_value(path, values, origin, beyond)
     for key, count in COUNTS.items():
         found: tuple[str | Names, ...] = attrgetter(key)(profile)
         for names in ((one,) if isinstance(one, str) else one for one in found):
@@ -285,7 +264,7 @@ def _no_such_value(path: str, values: dict[str, Any], origin: str, expected: str
     section, _, key = re.sub(r"\[.*", "", path).partition(".")
     if not key:
         return DataError(f"profile: {section} has no such value", path=origin)
-    kind = get_type_hints(type(getattr(Profile(), section))).get(key)
+    kind = get_type_hints(type(getattr(Profile(), section)), include_extras=True).get(key)
     expected = expected or KINDS.get(kind) or ", ".join(_words_of(kind)) or "names"
     found = values[section][key]
     found = ",".join(map(str, found)) if isinstance(found, list | tuple) else found

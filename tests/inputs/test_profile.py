@@ -96,10 +96,10 @@ def test_an_unknown_value_is_reported_with_the_known_ones() -> None:
         ("depth.scale=0", "depth.scale has no such value (expected no 0, found 0)"),
         ("motion.scale=0,1", "motion.scale has no such value (expected no 0, found 0,1)"),
         ("jitter.scale=1,0", "jitter.scale has no such value (expected no 0, found 1,0)"),
-        ("depth.near=-1", "depth.near has no such value (expected 0 or more, found -1)"),
-        ("camera.near=0", "camera.near has no such value (expected no 0, found 0)"),
-        ("jitter.delay=100", "jitter.delay has no such value (expected -16 to 16, found 100)"),
-        ("camera.delay=-17", "camera.delay has no such value (expected -16 to 16, found -17)"),
-        ("jitter.delay=0.5", "jitter.delay has no such value (expected a whole number, found 0.5)"),
+        ("depth.near=-1", "depth.near has no such value (expected a number from 0 on, found -1)"),
+        ("camera.near=0", "camera.near has no such value (expected a number above 0, found 0)"),
+        ("jitter.delay=100", "jitter.delay has no such value (expected a whole number from -16 to 16, found 100)"),
+        ("camera.delay=-17", "camera.delay has no such value (expected a whole number from -16 to 16, found -17)"),
+        ("jitter.delay=0.5", "jitter.delay has no such value (expected a whole number from -16 to 16, found 0.5)"),
     ]:
         assert message in refusal(assignment), assignment
