@@ -35,8 +35,7 @@ class Exchange(Protocol):
     """Brings the arrays of one resolver to a launcher and back."""
 
     def lend(self, name: str, array: Any) -> Any:
-        """Return memory from which kernels read ``array`` as ``places`` says, until the next call with that
-        ``name``."""
+        """Return memory from which kernels read ``array`` as ``places`` says, until the next call of that ``name``."""
 
     def receive(self, out: Any) -> Any:
         """Return the memory that ``pack`` fills for ``out``."""
@@ -81,12 +80,10 @@ class Launcher(Protocol):
         """Build a kernel before it is run."""
 
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> Any:
-        """Run a kernel over an image of ``layout``; arguments are buffers, structs, numbers or None. Returns its
-        event."""
+        """Run a kernel over an image of ``layout``, on buffers, structs, numbers or None; returns its event."""
 
     def copy(self, source: Buffer, target: Buffer, offset: int, start: int = 0) -> None:
-        """Copy ``source`` from its element ``start`` to element ``offset`` of ``target``, to the end of the shorter;
-        both have one type."""
+        """Copy from element ``start`` of ``source`` to ``offset`` of ``target``, of one type, as much as fits."""
 
     def finish(self) -> None:
         """Wait for all work that was started."""

@@ -88,8 +88,7 @@ class _Stages:
         self.motion = self.run("surface_motion", last.build, 10, "motion_out", "current inverse_depth motion", {})
 
     def run(self, kernel: str, build: Build, planes: int, output: str, given: str, made: dict[str, Buffer]) -> Buffer:
-        """Run one kernel into new memory, on the fused one's arguments named in ``given`` and on ``made``, of earlier
-        stages."""
+        """Run one kernel into new memory, on the fused one's arguments in ``given`` and those ``made`` by others."""
         layout, arguments = self._last.layout, self._last.arguments
         written = self._launcher.allocate((planes, layout.rows, layout.stride))
         structs = "frame" if kernel == "neighbourhood_statistics" else "frame settings"

@@ -67,8 +67,7 @@ def _number(meaning: str, low: float, high: float, unit: str = "1", source: str 
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
-    """Numbers; kernels receive those that they read as one struct of floats by value, so that changing one costs
-    nothing."""
+    """Numbers; kernels receive those that they read as one struct by value, so that changing one costs nothing."""
 
     blend_weight: Annotated[
         float, _number("least weight of the current sample (exponential)", 1e-6, 1.0, "1", "Karis 2014: 0.1")

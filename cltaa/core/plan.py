@@ -137,8 +137,7 @@ def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]
 
 
 def found_constant(settings: Settings, *, standing: bool) -> Settings:
-    """Demand more of the illumination test, since a change would be one that the search has missed; and where all is
-    found ``standing``, limit the history less, since it is right."""
+    """Demand more of the illumination test, and where all is ``standing`` limit the history less: it is right."""
     times = STATIC_SAMPLES if standing else 1.0
     thresholds = ("illumination_t", "disocclusion_t", "passing_t", "behind_t")
     asked = {name: UNLIKELY * getattr(settings, name) for name in thresholds}
@@ -235,8 +234,7 @@ def recursive_choices(choices: Choices) -> Choices | None:
 
 
 def _ring_holds_less(choices: Choices, settings: Settings) -> bool:
-    """True where the ring holds fewer samples than a running mean of up to ``sample_limit``, which is worth nearly
-    twice as many of a plain mean."""
+    """True where the ring holds fewer samples than a running mean is worth: nearly twice ``sample_limit``."""
     kept = settings.history_frames + 1 + settings.look_ahead
     return choices.history is HistoryKind.FRAMES and kept < 2 * settings.sample_limit - 1
 
@@ -389,8 +387,7 @@ def _known(declared: frozenset[Effect] | None, found: frozenset[Effect] | None) 
 def from_ring_alone(
     preset: Preset, asked: Asked, declared: frozenset[Effect] | None, found: frozenset[Effect] | None
 ) -> bool:
-    """True where each result of ``preset`` depends on frames in the ring alone, in a sequence with these effects, as
-    far as they are ``asked`` for."""
+    """True where each result of ``preset`` depends on frames in the ring alone, with the effects ``asked`` for."""
     if isinstance(asked, frozenset):
         declared = asked
     elif asked != "auto":

@@ -137,8 +137,7 @@ def _box_weights(jitter_px: tuple[float, float], plan: Plan | None) -> tuple[flo
 
 
 def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan | None = None) -> Record:
-    """Return the kernels' per-frame struct; ``previous`` None: no history, ``plan`` None: a current filter without
-    weights."""
+    """Return the kernels' per-frame struct; without a ``plan`` the current filter has no weights."""
     earlier: Camera = frame.camera if previous is None else previous.camera
     moved = displacement_rows(frame.camera, earlier, layout.width, layout.height)
     across, down = frame.jitter_px

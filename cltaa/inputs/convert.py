@@ -20,8 +20,7 @@ TURNED = ("layout", "view_layout", "projection_layout", "sense")
 
 
 def correct(profile: Profile, fix: Mapping[str, Mapping[str, Any]]) -> Profile:
-    """Apply a correction of the converted numbers, as ``cltaa check`` finds it: multiply factors, toggle flags, set the
-    rest."""
+    """Apply a correction of ``cltaa check`` to the converted numbers: multiply factors, toggle flags, set the rest."""
     values = msgspec.to_builtins(profile)
     for section, keys in fix.items():
         if "sense" in keys:  # the inverse of F V M, with flips F and M, is M inv(V) F
@@ -137,8 +136,7 @@ def mended_camera(view: Matrix, projection: Matrix, rule: Cameras, jitter: Offse
 
 
 def without_jitter(cameras: Sequence[Camera], sizes: Sequence[tuple[int, int]]) -> tuple[list[Camera], list[Offset]]:
-    """Move the projection centres to their mean; return the cameras and the jitter that each had in a picture of its
-    size."""
+    """Move the projection centres to their mean; return the cameras and the jitter that each had in its picture."""
     columns = [3 if camera.orthographic else 2 for camera in cameras]  # matrix column with w and the centre times w
     both = list(zip(cameras, columns, strict=True))
     with np.errstate(divide="ignore", invalid="ignore"):

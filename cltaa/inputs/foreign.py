@@ -76,8 +76,7 @@ class PngImages(ImageSequence):
         return Layout(path, dict.fromkeys("RGB", "uint"), window, window, "zip")
 
     def image(self, number: int, *, alpha: bool = False) -> Image:
-        """Read one frame number, [H, W, 3] linear float32 over black, with ``alpha`` [H, W, 4] where the file has it;
-        raises DataError for a damaged file."""
+        """Read one frame number, [H, W, 3] linear float32 over black, or with ``alpha`` [H, W, 4] where it has it."""
         from PIL import Image as Pillow  # imported late, because most comparisons read no PNG
 
         path = self.path(number)

@@ -363,8 +363,7 @@ class _View:
 
 
 def _moved(now: _Look, before: Camera, rows: Array, columns: Array) -> tuple[Array, Array, Array, Mask]:
-    """Return the motion u, v in pixels of these pixels into ``before``, their inverse depth there, and whether they
-    were in front of it."""
+    """Return the motion u, v in pixels into ``before``, the inverse depth there, and what was in front of it."""
     height, width = now.inverse.shape
     camera, jitter = now.frame.camera, now.frame.jitter_px
     depth = now.inverse[rows.astype(np.intp), columns.astype(np.intp)].astype(np.float64)
@@ -444,8 +443,7 @@ class _Span:
         return float(np.median(np.where(scatter > (NOISE_LEAST * mean[:, :, 1:-1, 1:-1]) ** 2, ratio, 0.0)[tells]))
 
     def flashed(self) -> float | None:
-        """Return the share of tiles whose light in some frame differs from the span's mean by more than jitter does;
-        None if too few tiles count."""
+        """Return the share of tiles whose light differs in some frame by more than jitter does; None: too few count."""
         if self.frames < SPAN or self._rows.size == 0:
             return None
         tiles = np.array(self._tiles)

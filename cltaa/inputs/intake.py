@@ -379,8 +379,7 @@ def _assigned(
     views: Views,
     faults: Many[DataError],
 ) -> Roles:
-    """Return the channels of each role; UsageError if those asked for by name are missing, where ``none`` is no
-    role."""
+    """Return the channels of each role; UsageError where those asked for by name are missing."""
     roles = assign_view(profile, channels, views)
     if "colour" not in roles:
         raise faults[0] if faults else no_colour(folder, profile, channels, views)

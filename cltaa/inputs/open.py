@@ -128,8 +128,7 @@ DEFAULT_READING = Reading()  # cltaa's own files as they are, other tools' files
 
 
 def readings(folders: Iterable[Path], asked: Reading) -> dict[Path, Reading]:
-    """Return how to read each of several folders when ``asked`` applies to all; cltaa's own, beside others, by
-    default."""
+    """Return how to read each of several folders when ``asked`` applies to all but cltaa's own beside others."""
     folders = list(dict.fromkeys(folders))
     spoken_of = [folder for folder in folders if not is_own(folder)] or folders
     if len(spoken_of) > 1 and asked.side_file is not None and PLACE not in asked.side_file:

@@ -60,8 +60,7 @@ def read_bytes(path: Path, expected: str, largest: int) -> bytes:
 
 
 def read_text(path: Path, expected: str, largest: int) -> str:
-    """Read a text of at most ``largest`` bytes, without the byte order mark of some editors; errors as
-    ``read_bytes``."""
+    """Read a text of at most ``largest`` bytes, without a byte order mark; errors as ``read_bytes``."""
     try:
         return read_bytes(path, expected, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:

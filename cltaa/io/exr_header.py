@@ -108,8 +108,7 @@ def _headers(path: Path, content: bytes, *, many: bool) -> tuple[list[Header], i
 
 
 def places_of(path: Path, header: bytes, place: int = 8) -> tuple[dict[str, slice], int]:
-    """Return the place of each attribute's value from ``place`` on, and the place after them; raises IndexError where
-    it is truncated, ValueError and DataError where it is damaged or too much."""
+    """Return the place of each attribute's value from ``place`` on, and the place after all."""
     attributes: dict[str, slice] = {}
     while header[place] != 0:
         name, place = _name(header, place)
@@ -189,10 +188,7 @@ Counts = NDArray[np.int64]
 
 
 def tile_sizes(path: Path, columns: int, rows: int, value: bytes) -> Counts:
-    """Return the pixels of each tile; the table of chunks may hold them in any order, so the smallest stands for all.
-
-    ``value`` is the attribute ``tiles``. Images of several levels, which are textures, are refused.
-    """
+    """Return the pixels of each tile; a table of chunks has any order, so the smallest stands for all."""
     width, height, mode = struct.unpack("<IIB", value)
     if not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE):
         raise ValueError("tiles of no size, or larger than any image")

@@ -89,8 +89,7 @@ class Layout:
             raise DataError(what, path=self.path, frame=frame, expected=expected, found=found, cure=cure)
 
     def shown_by(self, channels: Iterable[str]) -> Layout:
-        """Return the layout of the picture of some channels: their data window if they share one, else the
-        display's."""
+        """Return the layout of the picture of some channels: their data window if they share one, or the display's."""
         windows = {self.windows.get(name, self.data_window) for name in channels}
         return replace(self, data_window=windows.pop() if len(windows) == 1 else self.display_window)
 

@@ -168,8 +168,7 @@ def loaded_parts(path: Path, sha256: str | None, *, one: bool = False) -> Iterat
 def _read(
     path: Path, sha256: str | None, picture: Window | None, check: Callable[[Layout], object] = lambda _: None
 ) -> tuple[Layout, dict[str, Pixels], dict[str, object]]:
-    """Return layout, channels and attributes of the ``picture`` of a file of one part, whose layout passes
-    ``check``."""
+    """Return layout, channels and attributes of the ``picture`` of a file of one part that passes ``check``."""
     with loaded_parts(path, sha256, one=True) as (outline, content):
         (layout,) = outline.parts
         # Beside the pixels memory holds the packed file first, and then the one channel that is being moved into the
@@ -190,8 +189,7 @@ def _read(
 def _decoded(
     path: Path, parts: Sequence[Layout], content: BinaryIO | FileCopy
 ) -> tuple[list[dict[str, Pixels]], dict[str, object]]:
-    """Decode every channel of a file of these parts, because OpenEXR's module cannot decode only a few; also returns
-    the attributes of the first. Raises DataError."""
+    """Decode every channel of these parts, because OpenEXR's module cannot decode a few; and the first's attributes."""
     found = open_content(path, content, len(parts), header_only=False)
     decoded = [{name: channel.pixels for name, channel in part.channels.items()} for part in found]
     for part, planes in zip(parts, decoded, strict=True):

@@ -57,10 +57,7 @@ Pack = Callable[[int], Packed]
 
 
 def write_zip(path: Path, header: Mapping[str, Any], channels: Mapping[str, NDArray[Any]], compression: str) -> None:
-    """Write contiguous ``channels`` [H, W] as ``OpenEXR.File(header, channels)`` does, but deflated by ISA-L.
-
-    ``header`` is one of OpenEXR's for scan lines with that ``compression``, ``zip`` or ``zips``.
-    """
+    """Write contiguous ``channels`` [H, W] as ``OpenEXR.File(header, channels)`` does, but deflated by ISA-L."""
     height, width = next(iter(channels.values())).shape
     first, last = header.get("dataWindow", np.array([[0, 0], [width - 1, height - 1]], np.int32))
     planes = [channels[name].view(np.uint8) for name in sorted(channels)]
@@ -116,8 +113,7 @@ def _header(
 
 
 def _pack(planes: list[Bytes], top: int, rows_a_chunk: int, row: int) -> Packed:
-    """Return the chunks of up to ``ROWS`` rows from ``row`` on, of planes [H, bytes of a row]; ``top`` is y of the
-    first."""
+    """Return the chunks of up to ``ROWS`` rows from ``row`` on, of planes [H, bytes] whose first row is y ``top``."""
     end = min(row + ROWS, len(planes[0]))
     even = end - (end - row) % rows_a_chunk  # where the last chunk begins, if it has fewer rows
     chunks: list[tuple[Bytes, Bytes]] = []

@@ -270,10 +270,7 @@ def open_sequence(
 def open_images(
     named: Named, *, verify: bool = True, gaps: OnBreak = OnBreak.ERROR, frames: FrameRange | None = None
 ) -> ImageSequence:
-    """Open resolved or reference images, with the arguments of ``open_sequence``.
-
-    A single file without a number is frame 0, and numbers may have an even step.
-    """
+    """Open resolved or reference images as ``open_sequence`` does; a single file needs no number."""
     files = numbered_files(named)
     step = even_step(sorted(files[2]))  # no image depends on the one before it
     images = ImageSequence(*files, verify=verify, gaps=gaps, frames=frames, step=step)

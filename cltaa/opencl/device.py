@@ -79,8 +79,7 @@ def is_cpu(device: cl.Device) -> bool:
 
 
 def choose_device(requested: str | None = None) -> cl.Device:
-    """Return the requested device, or that of CLTAA_DEVICE: an index, a part of its description, ``pocl``, None for the
-    first."""
+    """Return the requested device, or CLTAA_DEVICE: an index, a part of its description, ``pocl``; None: the first."""
     found = devices()
     if not found:
         check_cache()  # PoCL lists no device where it cannot keep kernels
@@ -127,8 +126,7 @@ class Memory(OneProcess):
         *,
         written: bool = False,
     ) -> None:
-        """Allocate zeros, or on a device that shares the host's memory use ``planes`` in place; kernels only read
-        those, unless they are ``written``."""
+        """Allocate zeros, or use ``planes`` of the host in place; kernels only read those, unless ``written``."""
         self._device, self.shape, self.dtype = device, shape, np.dtype(dtype)
         self.size = prod(shape) * self.dtype.itemsize
         self._staging: NDArray[Any] | None = None
@@ -236,8 +234,7 @@ class Device(OneProcess):
         return cast(NDArray[np.uint8], array)
 
     def copy(self, source: Any, target: Any, offset: int, start: int) -> None:
-        """Enqueue a copy of ``source`` from its element ``start`` to element ``offset`` of ``target``, to the end of
-        the shorter; raises DeviceLost."""
+        """Enqueue a copy from element ``start`` of ``source`` to ``offset`` of ``target``, as much as fits."""
         read, written = start * source.dtype.itemsize, offset * target.dtype.itemsize
         with self.errors:
             cl.enqueue_copy(

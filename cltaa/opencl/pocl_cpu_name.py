@@ -125,8 +125,7 @@ def name_unknown_cpu(record: int) -> bool:
 
 
 def _read(memory: int, address: int, count: int) -> bytes:
-    """Return the bytes at ``address`` of this process, by a system call, which fails safely: other threads may unmap
-    memory at any time, and beyond the record lie values that are no pointers."""
+    """Return the bytes at ``address`` by a system call, which fails safely where that is no pointer."""
     try:
         return os.pread(memory, count, address) if address <= HIGHEST_ADDRESS else b""
     except OSError:

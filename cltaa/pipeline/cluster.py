@@ -83,8 +83,7 @@ class _Described(NumpyLauncher):
 
 
 class Cluster:
-    """The workers of the Dask cluster of ``client``: ``Elsewhere`` for ``resolve_sequence``, in ``jobs`` parts or as
-    threads."""
+    """The workers of the Dask cluster of ``client``, in ``jobs`` parts or as many as they have threads."""
 
     def __init__(self, client: Any, tool: Tool, jobs: int | None) -> None:
         self._client, threads = client, client.nthreads()
@@ -185,8 +184,7 @@ def _packed(thing: object) -> bytes:
 
 
 def resolve_part(work: bytes) -> Done | CltaaError:
-    """Resolve a part that ``Cluster.resolve`` packed, in a Dask worker; returns an error that another try would
-    repeat."""
+    """Resolve a part that ``Cluster.resolve`` packed, in a Dask worker; returns an error that would come again."""
     from distributed import get_worker
 
     worker = get_worker()

@@ -105,10 +105,7 @@ def resolver_for(
 
 
 def with_fireflies(preset: Preset, sequence: FrameSequence, asked: str | None) -> Preset:
-    """Return ``preset`` with the treatment of fireflies that is ``asked`` for, by default that of the profile.
-
-    By default presets that gather, and transcriptions, keep theirs.
-    """
+    """Return ``preset`` with the fireflies ``asked`` for, else those of a profile unless it gathers or transcribes."""
     gathers = preset.choices.history is not HistoryKind.ACCUMULATED
     if asked is None:
         profile = sequence.intake.profile.colour.fireflies if isinstance(sequence, ForeignSequence) else "keep"

@@ -150,8 +150,7 @@ def sequence_settings(sequence: FrameSequence) -> dict[str, Any]:
 
 
 class Source(NamedTuple):
-    """The inputs of a frame: the SHA-256 of its file, the frame that it continues (None: the first), and the SHA-256 of
-    all its other inputs (None: there are none)."""
+    """The inputs of a frame: its file's SHA-256, the frame that it continues (None: the first), all others' SHA-256."""
 
     sha256: str
     after: int | None
@@ -345,8 +344,7 @@ def _stamps(sequence: FrameSequence, number: int) -> list[tuple[int, ...]]:
 
 
 class ResolvedFiles:
-    """Writes results into ``folder`` under the names of their inputs, without ``undeclared`` attributes, and reports
-    them."""
+    """Writes results into ``folder`` under the names of their inputs, and keeps a record of each."""
 
     def __init__(self, folder: Results, resolver: Resolver, debug: DebugViews, *, undeclared: frozenset[str]) -> None:
         self.folder = folder

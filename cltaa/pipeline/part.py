@@ -42,8 +42,7 @@ def from_ring_alone(preset: Preset, sequence: FrameSequence, how: How) -> bool:
 
 
 def gathered_from(sequence: FrameSequence, wanted: Sequence[int], preset: Preset, how: How) -> FrameSequence:
-    """Return the frames from which the ``wanted`` ones are made without a checkpoint: with a ring, as many before and
-    after them as ``preset`` keeps; else all before."""
+    """Return the frames from which the ``wanted`` are made without a checkpoint: those of a ring, or all before."""
     numbers, kept, ahead = list(sequence.numbers), preset.settings.history_frames, preset.settings.look_ahead
     first, last = numbers.index(wanted[0]), numbers.index(wanted[-1])
     begin = max(0, first - kept) if from_ring_alone(preset, sequence, how) else 0
@@ -139,8 +138,7 @@ class Parts:
             yield number
 
     def _given(self, frames: Iterator[Read], count: int, waiting: deque[Read], *, outlines: bool) -> Iterator[Frame]:
-        """Yield the next ``count`` of ``frames``, which stay in ``waiting``, whole or as ``outlines``, for their
-        images."""
+        """Yield the next ``count`` of ``frames``, which stay in ``waiting``, whole or as ``outlines``."""
         for _ in range(count):
             read = next(frames)
             frame = with_effects(read.frame, self._how.effects)

@@ -299,8 +299,7 @@ def _results(output: Path, sequence: FrameSequence) -> Selection:
 
 
 def refuse_place(output: str | Path, sequence: FrameSequence) -> None:
-    """Raise UsageError for a folder with a file of the sequence, one where its reference is looked for, and no
-    folder."""
+    """Raise UsageError for a folder with a file of the sequence or in the place of its reference, and for none."""
     if not isinstance(output, str | Path) or output == "":
         raise UsageError("no folder for the results is named", found=repr(output))
     output = Path(output)
