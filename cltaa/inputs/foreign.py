@@ -172,15 +172,10 @@ class ForeignSequence(FrameSequence):
         shown = {CHANNEL_OF[part] for part in self.holds}
         return frozenset({*COLOUR, "Z"}.union(*(group for group in GROUPS if group[0] in shown)))
 
-    def select(self, first: int, last: int) -> Self:
-        """Return the frames ``first`` to ``last``, both included."""
-        self.path(first), self.path(last)
-        numbers = [number for number in self.numbers if first <= number <= last]
-        return self._alike(numbers, self._guides)
-
-    def _alike(self, numbers: Many[int], guides: Mapping[str, tuple[Place, ...]]) -> Self:
+    def of_numbers(self, numbers: Many[int], guides: Mapping[str, tuple[Place, ...]] | None = None) -> Self:
+        """Return the frames of these numbers, perhaps with other ``guides``."""
         told: dict[str, Any] = {"strict": self._strict, "verify": self.verify, "effects": self._declared}
-        made = type(self)(self.folder, self.intake, numbers, guides=guides, **told)
+        made = type(self)(self.folder, self.intake, numbers, guides=self._guides if guides is None else guides, **told)
         made.truth, made.found = self.truth, self.found
         return made
 
@@ -193,7 +188,7 @@ class ForeignSequence(FrameSequence):
             if fault is not None:
                 del guides[role]
                 faults[role] = f"{fault.path}: {fault.what}"
-        return self._alike(self.numbers, guides), faults
+        return self.of_numbers(self.numbers, guides), faults
 
     def _guide_fault(self, number: int, places: tuple[Place, ...]) -> CltaaError | None:
         """Return why channels cannot guide a denoiser of one frame, or None if they can."""
@@ -426,10 +421,10 @@ def open_pictures(
     asked = override(Profile() if profile == "auto" else load_profile(profile), assignments)
     if not _of_another(place) and not asked.colour.view:
         images = open_images(place, verify=verify, gaps=gaps, frames=frames)
-        encoded = asked.colour.encoding is Encoding.SRGB
-        if not encoded or _own(images):
+        if asked.colour.encoding is Encoding.LINEAR:
             return images
-        return ChangedImages(images, _linear, ["colour.encoding srgb, as asked"])
+        own = any(name.startswith("cltaa:") for name in read_any_header(images.path(images.first)).attributes)
+        return images if own else ChangedImages(images, _linear, ["colour.encoding srgb, as asked"])
     intake = open_intake(place, profile=profile, assignments=assignments, gaps=OnBreak.RESET, frames=frames)
     return ForeignImages(ForeignSequence(place.folder, intake, sorted(intake.declared), strict=False, verify=verify))
 
@@ -442,11 +437,6 @@ def _linear(image: Image) -> Image:
 def stated(path: Path) -> dict[str, object]:
     """Return the attributes of an EXR's header, none for a PNG. Raises InputMissing or DataError."""
     return {} if is_png(path) else read_any_header(path).attributes
-
-
-def _own(images: ImageSequence) -> bool:
-    """Return True for images that cltaa wrote, which are linear."""
-    return any(name.startswith("cltaa:") for name in read_any_header(images.path(images.first)).attributes)
 
 
 def _of_another(place: Selection) -> bool:

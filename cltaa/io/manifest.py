@@ -67,7 +67,11 @@ def recorded_hashes(folder: Path) -> dict[str, str]:
     """
     hashes = {name: entry.sha256 for name, entry in Manifest(folder).entries.items()}
     # Files drawn by hand or by other tools may have a sequence.json without hashes.
-    hashes |= _checked_hashes(read_capture_record(folder).get("files", {}), folder / CAPTURE)
+    files = read_capture_record(folder).get("files", {})
+    if not isinstance(files, dict) or not all(_SHA256.fullmatch(str(digest)) for digest in files.values()):
+        expected, cure = "a SHA-256 in hexadecimal for each of the files", "capture the sequence again"
+        raise DataError("wrong content", path=folder / CAPTURE, expected=expected, cure=cure)
+    hashes |= files
     folder = folder.resolve()
     if not hashes and REFERENCE.fullmatch(folder.name):
         capture, inside = recorded_hashes(folder.parent), f"{folder.name}/"
@@ -88,13 +92,6 @@ def read_capture_record(folder: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise DataError("wrong content", path=path, expected="a JSON object", found=type(content).__name__)
     return content
-
-
-def _checked_hashes(files: Any, path: Path) -> dict[str, str]:
-    if not isinstance(files, dict) or not all(_SHA256.fullmatch(str(digest)) for digest in files.values()):
-        expected = "a SHA-256 in hexadecimal for each of the files"
-        raise DataError("wrong content", path=path, expected=expected, cure="capture the sequence again")
-    return files
 
 
 class Manifest:

@@ -307,7 +307,10 @@ class NumberedFiles:
 
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, with their layouts among all; UsageError unless these two exist."""
-        numbers = chosen_numbers(self.numbers, (first, last), self.folder)
+        return self.of_numbers(chosen_numbers(self.numbers, (first, last), self.folder))
+
+    def of_numbers(self, numbers: Many[int]) -> Self:
+        """Return the frames of these numbers."""
         return type(self)(**self.alike() | {"paths": {number: self._paths[number] for number in numbers}})
 
     def alike(self) -> dict[str, Any]:

@@ -7,6 +7,7 @@ the first frame is processed. Only one frame is in memory at a time, unless the 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Sequence as Many
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -178,9 +179,9 @@ class FrameSequence(NumberedFiles):
         """Content of ``sequence.json``, or an empty dict where there is none."""
         return read_capture_record(self.folder)
 
-    def select(self, first: int, last: int) -> Self:
-        """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two are there."""
-        selected = super().select(first, last)
+    def of_numbers(self, numbers: Many[int]) -> Self:
+        """Return the frames of these numbers, with the given truth and the found effects."""
+        selected = super().of_numbers(numbers)
         selected.truth, selected.found = self.truth, self.found
         return selected
 

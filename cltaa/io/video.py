@@ -119,17 +119,13 @@ def rate_of(attributes: Mapping[str, object], record: Mapping[str, Any], step: i
 
     A rate that players do not support is ignored. Numbers ``step`` apart lower it, so that motion keeps its speed.
     """
-    return max(Fraction(RATES[0]), _whole_rate(attributes, record) / step)
-
-
-def _whole_rate(attributes: Mapping[str, object], record: Mapping[str, Any]) -> Fraction:
     settings = record.get("settings")
     told: Any = attributes.get("framesPerSecond", settings.get("fps") if isinstance(settings, dict) else None)
     try:
         rate = Fraction(told).limit_denominator(1001)
     except (TypeError, ValueError, ArithmeticError):
-        return USUAL_RATE
-    return rate if RATES[0] <= rate <= RATES[1] else USUAL_RATE
+        rate = USUAL_RATE
+    return max(Fraction(RATES[0]), (rate if RATES[0] <= rate <= RATES[1] else USUAL_RATE) / step)
 
 
 def write_video(path: Path, images: Iterable[Image], *, rate: Fraction | int = USUAL_RATE) -> int:

@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from statistics import median
@@ -262,7 +263,7 @@ def resolve_sequence(
             checkpoints.clear()
         views = DebugViews(resolver, debug, len(sequence))
         files = ResolvedFiles(folder, resolver, views, undeclared=sequence.undeclared)
-        run = _Run(sequence, folder, files, checkpoints, resolvers, how, stop, elsewhere=elsewhere, progress=progress)
+        run = _Run(sequence, folder, files, checkpoints, resolvers, how, stop, elsewhere, progress)
         try:
             run.resolve(checkpoint_every)
         except DeviceLost:
@@ -312,57 +313,55 @@ def refuse_place(output: str | Path, sequence: FrameSequence) -> None:
         raise UsageError("the output would be taken for the truth of the sequence", path=output, cure=cure)
 
 
+@dataclass(eq=False)
 class _Run:
     """One run over a sequence; ``resolve`` may be called again after the device was lost."""
 
-    def __init__(
-        self,
-        sequence: FrameSequence,
-        folder: OutputFolder,
-        files: ResolvedFiles,
-        checkpoints: Checkpoints,
-        resolvers: Sequence[Resolver],
-        how: How,
-        stop: Stop,
-        *,
-        elsewhere: Elsewhere | None,
-        progress: bool,
-    ) -> None:
-        self._sequence, self._folder, self._files, self._checkpoints = sequence, folder, files, checkpoints
-        self._resolver, self._resolvers, self._elsewhere = resolvers[0], resolvers, elsewhere
-        self._how, self._stop, self._progress = how, stop, progress
-        self._parts, self._frames, self._cuts = Parts(files, how, stop), len(sequence), set[int]()
+    sequence: FrameSequence
+    folder: OutputFolder
+    files: ResolvedFiles
+    checkpoints: Checkpoints
+    resolvers: Sequence[Resolver]
+    how: How
+    stop: Stop
+    elsewhere: Elsewhere | None
+    progress: bool
+
+    def __post_init__(self) -> None:
+        """Begin without frames."""
+        self.parts, self.frames, self.cuts = Parts(self.files, self.how, self.stop), len(self.sequence), set[int]()
+        self.resolver = self.resolvers[0]
 
     def resolve(self, checkpoint_every: int) -> None:
         """Resolve the frames that are missing, after those that their history needs."""
-        missing = self._folder.missing(self._sequence, self._resolver.look_ahead, shown=self._progress)
+        missing = self.folder.missing(self.sequence, self.resolver.look_ahead, shown=self.progress)
         if not missing:
             return
-        self._parts.look = DiskSpace(self._folder.folder, len(self._files.sizes) + len(missing)).look
-        if (len(self._resolvers) > 1 or self._elsewhere) and not self._splits and self._progress:
-            what = f"each result of preset {self._resolver.preset.name} holds all frames before it here"
+        self.parts.look = DiskSpace(self.folder.folder, len(self.files.sizes) + len(missing)).look
+        if (len(self.resolvers) > 1 or self.elsewhere) and not self._splits and self.progress:
+            what = f"each result of preset {self.resolver.preset.name} holds all frames before it here"
             print(f"cltaa: resolved in one part: {what}; plan: cltaa inspect --plan", file=sys.stderr)
-        if self._elsewhere is not None:
-            self._by_workers(self._elsewhere, missing)
+        if self.elsewhere is not None:
+            self._by_workers(self.elsewhere, missing)
             return
-        if len(self._resolvers) > 1 and self._splits:
+        if len(self.resolvers) > 1 and self._splits:
             self._beside(missing)
             return
-        if self._resolver.look_ahead:
+        if self.resolver.look_ahead:
             checkpoint_every = 0
         after, part = self._given(missing)
-        shown = (lambda numbers: track(numbers, len(numbers), "resolving", shown=True)) if self._progress else iter
-        self._parts.resolve(self._resolver, part, after, missing, shown, self._checkpoints, checkpoint_every)
+        shown = (lambda numbers: track(numbers, len(numbers), "resolving", shown=True)) if self.progress else iter
+        self.parts.resolve(self.resolver, part, after, missing, shown, self.checkpoints, checkpoint_every)
 
     def _beside(self, missing: list[int]) -> None:
         """Resolve the ``missing`` frames in as many runs of them as there are resolvers, at the same time.
 
         After a failure or an interrupt all end with their current frame, and the first failure is raised.
         """
-        runs = in_parts(missing, len(self._resolvers))
+        runs = in_parts(missing, len(self.resolvers))
         started, done, lock = time.perf_counter(), 0, threading.Lock()
         failures: list[BaseException] = []
-        self._parts.halted.clear()
+        self.parts.halted.clear()
 
         def shown(numbers: list[int]) -> Iterator[int]:
             nonlocal done
@@ -374,116 +373,116 @@ class _Run:
 
         def resolve(resolver: Resolver, wanted: list[int]) -> None:
             try:
-                part = gathered_from(self._sequence, wanted, resolver.preset, self._how)
-                self._parts.resolve(resolver, part, None, wanted, shown)
+                part = gathered_from(self.sequence, wanted, resolver.preset, self.how)
+                self.parts.resolve(resolver, part, None, wanted, shown)
             except BaseException as failure:
                 failures.append(failure)
-                self._parts.halted.set()
+                self.parts.halted.set()
 
         among = frozenset(missing)
-        showing = shown_progress("resolving", shown=self._progress)
+        showing = shown_progress("resolving", shown=self.progress)
         with showing as advance, ThreadPoolExecutor(len(runs), "cltaa job") as pool:
-            left = {pool.submit(resolve, *each) for each in zip(self._resolvers, runs, strict=False)}
+            left = {pool.submit(resolve, *each) for each in zip(self.resolvers, runs, strict=False)}
             while left:  # the folder is owned until no job writes into it
                 try:
                     left = wait(left).not_done
                 except KeyboardInterrupt as interrupt:
                     failures.append(interrupt)
-                    self._parts.halted.set()
+                    self.parts.halted.set()
         if failures:
             raise failures[0]
-        self._parts.seconds["whole"] = [(time.perf_counter() - started) / len(missing)]
+        self.parts.seconds["whole"] = [(time.perf_counter() - started) / len(missing)]
 
     def _by_workers(self, elsewhere: Elsewhere, missing: list[int]) -> None:
         """Let workers elsewhere resolve the ``missing`` frames, and move each result into the folder as it comes."""
-        entries, started, taken = self._folder.manifest.entries, time.perf_counter(), set[int]()
-        names = {number: self._sequence.path(number).name for number in missing}
-        showing = shown_progress("resolving", shown=self._progress)
-        with showing as advance, temporary_folder(self._folder.folder) as place:
+        entries, started, taken = self.folder.manifest.entries, time.perf_counter(), set[int]()
+        names = {number: self.sequence.path(number).name for number in missing}
+        showing = shown_progress("resolving", shown=self.progress)
+        with showing as advance, temporary_folder(self.folder.folder) as place:
             orders = [
                 Order(
-                    sequence=gathered_from(self._sequence, wanted, self._resolver.preset, self._how),
+                    sequence=gathered_from(self.sequence, wanted, self.resolver.preset, self.how),
                     wanted=wanted,
-                    how=self._how,
-                    settings=self._resolver.settings(),
-                    output=self._folder.folder,
+                    how=self.how,
+                    settings=self.resolver.settings(),
+                    output=self.folder.folder,
                     place=place,
                     stale={name: entries[name].sha256 for n in wanted if (name := names[n]) in entries},
                 )
                 for wanted in in_parts(missing, elsewhere.parts if self._splits else 1)
             ]
             advance(0, len(missing))
-            for result in elsewhere.resolve(orders, self._stop, self._parts.seconds):
-                self._cuts.update(result.cuts)
+            for result in elsewhere.resolve(orders, self.stop, self.parts.seconds):
+                self.cuts.update(result.cuts)
                 number = result.written.number
                 if number in taken:  # from a part that two workers began
                     continue
-                move_into(place / result.folder / result.written.name, self._folder.folder)
-                self._files.take(result.written)
+                move_into(place / result.folder / result.written.name, self.folder.folder)
+                self.files.take(result.written)
                 taken.add(number)
-                self._parts.look(self._files.sizes)
+                self.parts.look(self.files.sizes)
                 advance(len(taken), len(missing))
-        self._parts.seconds["whole"] = [(time.perf_counter() - started) / len(missing)]
+        self.parts.seconds["whole"] = [(time.perf_counter() - started) / len(missing)]
 
     def follow(self, arrivals: Arrivals, checkpoint_every: int) -> None:
         """Resolve what arrives after the sequence, and save the state where more may come."""
-        shown = shown_progress("following", shown=self._progress and not arrivals.ended)
-        self._progress = False  # none for each part
+        shown = shown_progress("following", shown=self.progress and not arrivals.ended)
+        self.progress = False  # none for each part
         with shown as advance:
-            advance(self._frames, arrivals.count or self._frames + 1)
-            for part in arrivals.behind(self._stop):
-                before, self._frames = self._sequence.last, self._frames + len(part)
+            advance(self.frames, arrivals.count or self.frames + 1)
+            for part in arrivals.behind(self.stop):
+                before, self.frames = self.sequence.last, self.frames + len(part)
                 if self._stands_behind(before):
                     every = checkpoint_every
-                    self._parts.resolve(self._resolver, part, before, part.numbers, iter, self._checkpoints, every)
-                    self._sequence = part
+                    self.parts.resolve(self.resolver, part, before, part.numbers, iter, self.checkpoints, every)
+                    self.sequence = part
                 else:  # no frame was missing, so the resolver has no history
-                    self._sequence = arrivals.whole()
+                    self.sequence = arrivals.whole()
                     self.resolve(checkpoint_every)
-                advance(self._frames, arrivals.count or self._frames)
-        if not arrivals.ended and self._stands_behind(self._sequence.last):
-            self._checkpoints.save(self._resolver)
-        if self._stop.requested:
+                advance(self.frames, arrivals.count or self.frames)
+        if not arrivals.ended and self._stands_behind(self.sequence.last):
+            self.checkpoints.save(self.resolver)
+        if self.stop.requested:
             raise KeyboardInterrupt
 
     def _stands_behind(self, number: int) -> bool:
         """True where the resolver holds the history after frame ``number``."""
         try:
-            return self._resolver.recurrent()[0].index == number
+            return self.resolver.recurrent()[0].index == number
         except ValueError:
             return False
 
     def _given(self, missing: list[int]) -> tuple[int | None, FrameSequence]:
         """Return the frame after which the resolver continues, and the frames that it needs for the ``missing``."""
-        preset = self._resolver.preset
-        after = None if preset.settings.look_ahead else self._checkpoints.restore(self._resolver, before=missing[0])
+        preset = self.resolver.preset
+        after = None if preset.settings.look_ahead else self.checkpoints.restore(self.resolver, before=missing[0])
         if after is None:
-            return None, gathered_from(self._sequence, missing, preset, self._how)
-        given = [number for number in self._sequence.numbers if after < number <= missing[-1]]
-        return after, self._sequence.select(given[0], given[-1])
+            return None, gathered_from(self.sequence, missing, preset, self.how)
+        given = [number for number in self.sequence.numbers if after < number <= missing[-1]]
+        return after, self.sequence.select(given[0], given[-1])
 
     @property
     def _splits(self) -> bool:
-        return from_ring_alone(self._resolver.preset, self._sequence, self._how)
+        return from_ring_alone(self.resolver.preset, self.sequence, self.how)
 
     def report(self) -> ResolveReport:
         """Return what was done; stages without work took no time."""
-        finished = self._files.finished
+        finished = self.files.finished
         missing = [each.missing for each in finished if each.missing]
-        cuts = self._cuts.union(*(each.cuts_found for each in self._resolvers))
-        seconds = {name: median(self._parts.seconds[name] or [0.0]) for name in StageTimes.__struct_fields__}
+        cuts = self.cuts.union(*(each.cuts_found for each in self.resolvers))
+        seconds = {name: median(self.parts.seconds[name] or [0.0]) for name in StageTimes.__struct_fields__}
         return ResolveReport(
-            output=str(self._folder.folder),
-            frames=self._frames,
+            output=str(self.folder.folder),
+            frames=self.frames,
             resolved=len(finished),
             repaired=sum(each.pixels for each in missing),
             missing=missing,
             opaque=sum(each.opaque for each in finished),
             saturated=sum(each.saturated for each in finished),
             cuts_found=sorted(cuts),
-            width=self._sequence.width,
-            height=self._sequence.height,
-            device=self._resolver.launcher.description,
-            preset=self._resolver.preset.name,
+            width=self.sequence.width,
+            height=self.sequence.height,
+            device=self.resolver.launcher.description,
+            preset=self.resolver.preset.name,
             seconds=StageTimes(**seconds),
         )
