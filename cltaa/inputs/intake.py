@@ -54,7 +54,6 @@ from cltaa.io.numbered import (
     frame_missing,
     missing_from,
     named_frames,
-    on_break,
     ranges,
 )
 from cltaa.printable import written
@@ -292,7 +291,7 @@ def open_intake(
     """
     place, profile = selection_of(named), str(profile) if isinstance(profile, Path) else profile
     folder = place.folder
-    gaps, on_resize, sets = on_break(gaps), on_break(on_resize), file_sets(place, damaged)
+    gaps, on_resize, sets = OnBreak(gaps), OnBreak(on_resize), file_sets(place, damaged)
     first = {label: read_any_header(files[min(files)]) for label, files in sets.items()}
     channels = {label: tuple(header.layout.channels) for label, header in first.items()}
     attributes: dict[str, object] = {}
@@ -423,10 +422,7 @@ def _check_complete(
     side_file: Path | None,
     side: Mapping[int, Side],
 ) -> None:
-    """Raise DataError if some frames have matrices, jitter or exposure and others have none, which would make a jump.
-
-    The error names the frames that lack it, shifted by ``delays``, and the side file if that has it for other frames.
-    """
+    """Raise DataError if some frames have matrices, jitter or exposure and others have none: that makes a jump."""
     for what, otherwise, told, given in (
         ("matrices", "with --input camera.source=none", "camera", "world_to_view"),
         ("jitter", "with --input jitter.source=none", "jitter_px", "jitter_px"),

@@ -38,10 +38,7 @@ Header = dict[str, bytes]  # raw values of attributes by name
 
 
 def read_headers(path: Path, file: BinaryIO) -> tuple[int, list[Header], int]:
-    """Return the version flags, the raw attributes of each part, and the offset of the first table of chunks.
-
-    Raises ValueError or IndexError for a damaged or truncated file, DataError for one that is not EXR or is deep.
-    """
+    """Return the version flags, the raw attributes of each part, and the offset of the first table of chunks."""
     start = read_at(file, 0, FIRST_READ)
     if not start:
         raise DataError("the file is empty", path=path, expected="an EXR image", cure="write it again")

@@ -16,7 +16,7 @@ from itertools import pairwise
 from math import gcd
 from numbers import Integral
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.io.exr_header import read_layout
@@ -68,12 +68,9 @@ class OnBreak(StrEnum):
     ERROR = "error"  # refuse the sequence
     RESET = "reset"  # begin a new history after it
 
-
-def on_break(mode: OnBreak | str) -> OnBreak:
-    """Return the mode of that name; raises UsageError for an unknown one."""
-    if mode not in [*OnBreak]:
-        raise UsageError("unknown way to continue after a break", expected=", ".join(OnBreak), found=mode)
-    return OnBreak(mode)
+    @classmethod
+    def _missing_(cls, value: object) -> NoReturn:
+        raise UsageError("unknown way to continue after a break", expected=", ".join(cls), found=value)
 
 
 def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) -> list[int]:
@@ -215,7 +212,7 @@ class NumberedFiles:
     ) -> None:
         """Read every layout, unless ``layouts`` holds that of each number, read and checked before."""
         self.folder, self.name, self.verify = folder, name, verify
-        self.gaps, self.on_resize = on_break(gaps), on_break(on_resize)
+        self.gaps, self.on_resize = OnBreak(gaps), OnBreak(on_resize)
         self.step, self._hashes = step, dict[Path, dict[str, str]]()
         self._paths: dict[int, Path]
         self.layouts: dict[int, Layout]
@@ -359,10 +356,7 @@ def check_region(layout: Layout, other: Layout, named: str, number: int | None =
 
 
 def shared_region(one: NumberedFiles, other: NumberedFiles) -> Window | None:
-    """Return the region of their display window that both show; None where they show one picture.
-
-    Raises DataError where their sizes differ without one display window, or where they share no pixel.
-    """
+    """Return the region of their display window that both show; None where they show one picture."""
     first, second = one.layouts[one.first], other.layouts[other.first]
     if first.display_size != second.display_size:
         check_same_size(one, other)

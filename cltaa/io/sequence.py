@@ -92,13 +92,10 @@ RESOLVED = "cltaa:preset"  # an attribute of images that a resolve wrote
 
 
 class FrameSequence(NumberedFiles):
-    """A captured sequence. Iteration yields a ``Frame`` at a time, in frame order.
-
-    ``found`` are the effects that were found in frames that declare none; its frames then hold them.
-    """
+    """A captured sequence. Iteration yields a ``Frame`` at a time, in frame order."""
 
     converted = False  # whether decoded channels are converted to make a frame
-    found: frozenset[Effect] | None = None
+    found: frozenset[Effect] | None = None  # in frames that declare none
     truth: ImageSequence | None = None  # a given one, in place of that in ``reference/``
     replaced: frozenset[str] = frozenset()  # channels not named R, G, B and A that a resolve replaces
 

@@ -135,10 +135,7 @@ class Writer:
         then: Callable[[], None] | None = None,
         windows: Windows | None = None,
     ) -> None:
-        """Queue one image for ``exr_write.write_image``, and the call ``then`` after it; raises an earlier failure.
-
-        ``channels`` are planes, or a function that makes them in the writing thread.
-        """
+        """Queue one image for ``write_image``, and the call ``then`` after it; the thread may make ``channels``."""
         if not self._finalizer.alive:
             raise ValueError("the writer is closed")
         while len(self._images) >= self._depth or self._failed.is_set():

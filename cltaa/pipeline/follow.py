@@ -14,7 +14,7 @@ from cltaa.inputs.open import open_input
 from cltaa.io.content import open_regular
 from cltaa.io.exr_header import checked_outline
 from cltaa.io.names import Selection, renumbered, selection_of
-from cltaa.io.numbered import FrameRange, OnBreak, files_in, frame_missing, on_break
+from cltaa.io.numbered import FrameRange, OnBreak, files_in, frame_missing
 from cltaa.io.sequence import FrameSequence
 from cltaa.process import Stop
 
@@ -48,7 +48,7 @@ class Arrivals:
         self._source, self._idle, self._reading, self._guided = Path(source), idle, reading, guided
         self._first: int | None = None if frames is None else frames[0]
         self._end: int | None = None if frames is None else frames[1]
-        self._step, self._gaps = int(reading.get("step", 1)), on_break(reading.get("gaps", OnBreak.ERROR))
+        self._step, self._gaps = int(reading.get("step", 1)), OnBreak(reading.get("gaps", OnBreak.ERROR))
         self._last: int | None = None  # the last number that was taken
         self._taken: list[Path] = []
         self.ended = False  # after the last of the requested frames
