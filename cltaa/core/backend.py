@@ -35,7 +35,8 @@ class Exchange(Protocol):
     """Brings the arrays of one resolver to a launcher and back."""
 
     def lend(self, name: str, array: Any) -> Any:
-        """Return memory from which kernels read ``array`` as ``places`` says, until the next call of that ``name``."""
+        """Return memory from which kernels read ``array`` as ``places`` says, until the next call with that ``name``;
+        raises UsageError for an array of another device."""
 
     def receive(self, out: Any) -> Any:
         """Return the memory that ``pack`` fills for ``out``."""

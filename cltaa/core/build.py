@@ -38,7 +38,7 @@ class Storage(StrEnum):
 
 
 def storage_of(name: str) -> Storage:
-    """Return the storage of that name; kernels of an unknown one would write beyond their memory."""
+    """Return the storage of that name; raises UsageError: kernels of an unknown one would write beyond memory."""
     try:
         return Storage(name)
     except ValueError:

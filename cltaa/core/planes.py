@@ -173,7 +173,8 @@ def flat(array: NDArray[Any], *, dense: bool = False) -> NDArray[Any] | None:
 
 
 def checked_out(out: Any, frame: Frame) -> Any:
-    """Return ``out``, or NumPy's array of its memory; UsageError where it cannot hold the result of ``frame``."""
+    """Return ``out``, or NumPy's array of its memory, if it can hold the result of ``frame``; else raises UsageError,
+    and DataError for memory that cannot be shared."""
     shape, out = result_shape(frame), writable(out)
     is_array = isinstance(out, np.ndarray) or on_device(out)
     if not is_array or out.shape != shape or out.dtype not in (np.float32, np.float16):

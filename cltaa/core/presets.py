@@ -40,7 +40,8 @@ class Preset(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     settings: Settings = Settings()
 
     def replace(self, **values: str | float) -> Preset:
-        """Return the preset with new values for keys that ``cltaa presets --parameters`` lists, checked."""
+        """Return the preset with new values for keys that ``cltaa presets --parameters`` lists; raises UsageError for
+        an unknown key or a value out of range."""
         return override(self, values, f"preset {self.name}")
 
     def deciding(self) -> dict[str, Any]:
@@ -80,7 +81,8 @@ def renamed(values: Mapping[str, object]) -> dict[str, object]:
 
 
 def override(preset: Preset, values: Mapping[str, object], origin: str = "--set") -> Preset:
-    """Return ``preset`` with some keys replaced; text is converted to the key's type. Errors name the ``origin``."""
+    """Return ``preset`` with some keys replaced; text is converted to the key's type. Raises UsageError, which names
+    ``origin``, for an unknown key or a value out of range."""
     values = renamed(values)
     for key in values:
         if key not in FIELDS:
@@ -135,7 +137,10 @@ def load_preset(name: str = "default") -> Preset:
 
 
 def parse_preset(text: str, origin: str, base: Preset) -> Preset:
-    """Return ``base`` with the keys of a TOML text over it; its optional key ``preset`` names another base."""
+    """Return ``base`` with the keys of a TOML text over it; its optional key ``preset`` names another base.
+
+    Raises DataError for a text that is not TOML, UsageError for an unknown key or value; ``origin`` names the text.
+    """
     try:
         values = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:

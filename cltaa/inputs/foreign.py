@@ -76,7 +76,8 @@ class PngImages(ImageSequence):
         return Layout(path, dict.fromkeys("RGB", "uint"), window, window, "zip")
 
     def image(self, number: int, *, alpha: bool = False) -> Image:
-        """Read one frame number, [H, W, 3] linear float32 over black, or with ``alpha`` [H, W, 4] where it has it."""
+        """Read one frame number, [H, W, 3] linear float32 over black, with ``alpha`` [H, W, 4] where the file has it;
+        raises DataError for a damaged file."""
         from PIL import Image as Pillow  # imported late, because most comparisons read no PNG
 
         path = self.path(number)
@@ -280,7 +281,8 @@ class ForeignSequence(FrameSequence):
         return declared.get(number, declared[otherwise]).jitter_px or (0.0, 0.0)
 
     def unreadable(self) -> Iterator[tuple[int, DataError]]:
-        """Yield number and error of each frame whose headers lack a channel that the first frame has."""
+        """Yield number and error of each frame whose headers lack a channel that the first frame has; raises
+        InputMissing or DataError for a file that cannot be read."""
         for number in self.numbers:
             layouts = {self.path(number): self.layouts[number]}
             for role, its in self._roles.items():

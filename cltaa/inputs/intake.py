@@ -108,7 +108,8 @@ def declared_frames(
     layouts: Mapping[int, Layout],
     step: int,
 ) -> dict[int, Declared]:
-    """Return the declared values of every frame number; numbers are ``step`` apart, ``layouts`` are of the files."""
+    """Return the declared values of every frame number; numbers are ``step`` apart, ``layouts`` are of the files.
+    Raises DataError for an invalid jitter, and for matrices that cannot be converted."""
     jitters: dict[int, Offset | None] = dict.fromkeys(attributes)
     matrices: dict[int, tuple[Matrix, Matrix] | None] = dict.fromkeys(attributes)
 

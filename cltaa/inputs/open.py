@@ -38,7 +38,8 @@ def open_input(
 
     ``named`` is a folder, a file, a pattern of files such as ``x.####.exr``, or several of these. ``profile`` is a
     name, a TOML file, or the profile that ``cltaa.check`` returns. ``effects`` replace the effects that the files
-    declare; ``all`` and ``find`` declare none. Raises UsageError also for the output of a resolve.
+    declare; ``all`` and ``find`` declare none. Raises what ``open_sequence`` and ``open_intake`` raise, and UsageError
+    for the output of a resolve.
     """
     place, side_file = selection_of(named), None if side_file is None else Path(side_file)
     if not isinstance(profile, str | Path):
@@ -128,7 +129,8 @@ DEFAULT_READING = Reading()  # cltaa's own files as they are, other tools' files
 
 
 def readings(folders: Iterable[Path], asked: Reading) -> dict[Path, Reading]:
-    """Return how to read each of several folders when ``asked`` applies to all but cltaa's own beside others."""
+    """Return how to read each of several folders when ``asked`` applies to all but cltaa's own beside others; raises
+    UsageError if one side file would apply to several sequences."""
     folders = list(dict.fromkeys(folders))
     spoken_of = [folder for folder in folders if not is_own(folder)] or folders
     if len(spoken_of) > 1 and asked.side_file is not None and PLACE not in asked.side_file:

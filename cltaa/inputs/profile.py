@@ -177,7 +177,8 @@ def profile_names() -> list[str]:
 
 
 def load_profile(name: str | Path | Profile) -> Profile:
-    """Load the profile of that name or TOML file, or return a given one."""
+    """Load the profile of that name or TOML file, or return a given one; raises UsageError, InputMissing or
+    DataError."""
     if isinstance(name, Profile):
         return name
     name = str(name)

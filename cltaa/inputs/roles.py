@@ -62,7 +62,7 @@ def file_sets(named: Named, without: Container[Path] = ()) -> dict[str, dict[int
     """Return the numbered files of a folder and its subfolders by name: ``beauty.0001.exr`` or ``beauty/x.0001.exr``.
 
     Leaves out the files ``without``, and subfolders that are hidden, hold truth, or hold the output of a resolve. Files
-    that ``named`` lists itself are all kept.
+    that ``named`` lists itself are all kept. Raises InputMissing if there are none, or only captures in subfolders.
     """
     place = selection_of(named)
     files = files_in(place, below=True)
@@ -291,7 +291,8 @@ def views_of(attributes: Mapping[str, object], channels: Channels, stated: Itera
 
 
 def assign_view(profile: Profile, channels: Channels, views: Views) -> Roles:
-    """Return the channels of each role, all of one view: the profile's, else that of the found colour."""
+    """Return the channels of each role, all of one view: the profile's (UsageError where it is missing), else that of
+    the found colour."""
     view = profile.colour.view
     if view and view not in views.names:
         what, expected = f"--input colour.view={view}: no such view", ", ".join(views.names)

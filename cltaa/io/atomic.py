@@ -109,7 +109,7 @@ def kept(path: Path, kind: type[Kept]) -> Kept | None:
 
 @contextmanager
 def temporary_folder(folder: Path) -> Iterator[Path]:
-    """Yield a new folder inside of ``folder`` for other processes to write into, until the block ends."""
+    """Yield a new folder inside of ``folder`` for other processes to fill until the block ends; raises OutputError."""
     place = folder / f".{secrets.token_hex(4)}.tmp.{os.getpid()}"
     make_folder(place)
     try:

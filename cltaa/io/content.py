@@ -60,7 +60,8 @@ def read_bytes(path: Path, expected: str, largest: int) -> bytes:
 
 
 def read_text(path: Path, expected: str, largest: int) -> str:
-    """Read a text of at most ``largest`` bytes, without a byte order mark; errors as ``read_bytes``."""
+    """Read a text of at most ``largest`` bytes, without a byte order mark; errors as ``read_bytes``, and DataError
+    where it is not UTF-8."""
     try:
         return read_bytes(path, expected, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:

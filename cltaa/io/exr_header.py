@@ -38,7 +38,10 @@ Header = dict[str, bytes]  # raw values of attributes by name
 
 
 def read_headers(path: Path, file: BinaryIO) -> tuple[int, list[Header], int]:
-    """Return the version flags, the raw attributes of each part, and the offset of the first table of chunks."""
+    """Return the version flags, the raw attributes of each part, and the offset of the first table of chunks.
+
+    Raises ValueError or IndexError for a damaged or truncated file, DataError for one that is not EXR or is deep.
+    """
     start = read_at(file, 0, FIRST_READ)
     if not start:
         raise DataError("the file is empty", path=path, expected="an EXR image", cure="write it again")
@@ -105,7 +108,8 @@ def _headers(path: Path, content: bytes, *, many: bool) -> tuple[list[Header], i
 
 
 def places_of(path: Path, header: bytes, place: int = 8) -> tuple[dict[str, slice], int]:
-    """Return the place of each attribute's value from ``place`` on, and the place after all."""
+    """Return the place of each attribute's value from ``place`` on, and the place after all; raises IndexError where it
+    is truncated, ValueError and DataError where it is damaged or too much."""
     attributes: dict[str, slice] = {}
     while header[place] != 0:
         name, place = _name(header, place)
@@ -185,7 +189,10 @@ Counts = NDArray[np.int64]
 
 
 def tile_sizes(path: Path, columns: int, rows: int, value: bytes) -> Counts:
-    """Return the pixels of each tile; a table of chunks has any order, so the smallest stands for all."""
+    """Return the pixels of each tile; a table of chunks has any order, so the smallest stands for all.
+
+    Raises DataError for images of several levels, which are textures, and ValueError for impossible tiles.
+    """
     width, height, mode = struct.unpack("<IIB", value)
     if not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE):
         raise ValueError("tiles of no size, or larger than any image")
@@ -216,6 +223,7 @@ class Table(NamedTuple):
 
         The size of a chunk ends its ``leader`` bytes. A chunk that is smaller than its compression allows cannot be
         decoded. ``read_at`` reads bytes of the file, which has ``length``; from a file, each call acquires the GIL.
+        Raises DataError, and struct.error or ValueError where bytes are missing.
         """
         path = self.layout.path
         offsets = np.frombuffer(read_at(self.place, 8 * len(self.pixels)), dtype="<u8")
@@ -232,7 +240,10 @@ class Table(NamedTuple):
 
 
 def read_layout(path: Path) -> Layout:
-    """Read the layout of ``path`` and check that every chunk lies inside the file, in well under a millisecond."""
+    """Read the layout of ``path`` and check that every chunk lies inside the file, in well under a millisecond.
+
+    Raises InputMissing where there is no readable file, and DataError for a damaged or unsupported one.
+    """
     with open_regular(path) as file:
         return checked_outline(path, file, one=True).parts[0]
 
@@ -302,7 +313,7 @@ def checked_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline
 
 
 def read_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline:
-    """Parse the headers of an open file, of one part where ``one`` says so, without checking its chunks."""
+    """Parse the headers of an open file, of one part where ``one`` says so, without its chunks; raises DataError."""
     with damaged(path):
         version, headers, end = read_headers(path, file)
         many = bool(version & MULTI_PART)

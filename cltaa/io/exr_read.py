@@ -64,7 +64,8 @@ def read_frame_and_header(
     """Read one frame and its header; channels [H, W, 3] and others are views of planes with a halo.
 
     Half-precision channels are widened exactly, but half depth is refused. Channels with other names are ignored.
-    ``sha256`` is the required hash of the file's content, in hexadecimal; ``picture`` replaces the data window.
+    ``sha256`` is the required hash of the file's content, in hexadecimal; ``picture`` replaces the data window. Raises
+    InputMissing, DataError, StorageError and ResourceError.
     """
     layout, pixels, attributes = _read(path, sha256, picture, check_frame_channels)
     size = (layout.height, layout.width)
@@ -90,7 +91,7 @@ def read_frame_and_header(
 def read_image(
     path: Path, *, sha256: str | None = None, picture: Window | None = None
 ) -> tuple[dict[str, Pixels], dict[str, object]]:
-    """Read every channel ``[H, W]`` in its own type, and the attributes that describe the picture."""
+    """Read every channel ``[H, W]`` in its own type, and the attributes that describe the picture; errors as above."""
     _, pixels, attributes = _read(path, sha256, picture)
     return pixels, {name: value for name, value in attributes.items() if name not in STRUCTURAL}
 
@@ -141,7 +142,8 @@ def _described(outline: Outline, content: BinaryIO | FileCopy) -> ImageHeader:
 
 
 def read_colour(path: Path, *, sha256: str | None = None, picture: Window | None = None, alpha: bool = False) -> Image:
-    """Read R G B, and with ``alpha`` A where it exists, as a [H, W, 3 or 4] float32 view of a planar block."""
+    """Read R G B, and with ``alpha`` A where it exists, as a [H, W, 3 or 4] float32 view of a planar block; errors and
+    other options as ``read_frame_and_header``."""
     layout, pixels, _ = _read(path, sha256, picture, lambda layout: check_float_channels(layout, COLOUR))
     names = (*COLOUR, "A") if alpha and layout.channels.get("A", "uint") != "uint" else COLOUR
     return np.moveaxis(np.stack([pixels[name] for name in names]).astype(np.float32, copy=False), 0, -1)
@@ -200,7 +202,7 @@ def _decoded(
 
 
 def open_content(path: Path, content: BinaryIO | FileCopy, count: int, *, header_only: bool) -> list[OpenEXR.Part]:
-    """Let OpenEXR decode an open file, whose layout was checked and which has ``count`` parts; ``path`` is its name."""
+    """Let OpenEXR decode an open file, whose layout was checked and which has ``count`` parts; raises DataError."""
     # By the name of the descriptor: the file's own need not be UTF-8, and OpenEXR itself would print it raw. Not as a
     # stream: OpenEXR's threads would acquire the GIL hundreds of times a frame to read from one.
     name = f"/proc/self/fd/{content.fileno()}"
@@ -245,7 +247,8 @@ def read_planes(
     """Read the ``wanted`` channels [H, W], or all, each in its own type, in the window ``picture``.
 
     By default the picture is the data window of all parts, or the display window where they have several. Outside of
-    its part's data window a channel is 0, or its value in ``outside``. Names that no channel has are ignored.
+    its part's data window a channel is 0, or its value in ``outside``. Names that no channel has are ignored. Raises
+    InputMissing, DataError, StorageError and ResourceError.
     """
     with loaded_parts(path, sha256) as (outline, content):
         parts, window = outline.parts, picture or shared_window(outline.parts)

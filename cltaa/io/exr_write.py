@@ -57,7 +57,8 @@ Pack = Callable[[int], Packed]
 
 
 def write_zip(path: Path, header: Mapping[str, Any], channels: Mapping[str, NDArray[Any]], compression: str) -> None:
-    """Write contiguous ``channels`` [H, W] as ``OpenEXR.File(header, channels)`` does, but deflated by ISA-L."""
+    """Write contiguous ``channels`` [H, W] as ``OpenEXR.File(header, channels)`` does, with its errors and OSError, but
+    deflated by ISA-L."""
     height, width = next(iter(channels.values())).shape
     first, last = header.get("dataWindow", np.array([[0, 0], [width - 1, height - 1]], np.int32))
     planes = [channels[name].view(np.uint8) for name in sorted(channels)]
@@ -174,7 +175,8 @@ def write_image(
     """Write channels ``[H, W]`` (float16, float32 or uint32, as given) and attributes as one EXR, atomically.
 
     ``compression`` is a lossless one; ``windows`` are those of data and display, by default from (0, 0) on. Python
-    floats become doubles, except ``exr_frame.Single``; arrays keep their precision. Empty lists are left out.
+    floats become doubles, except ``exr_frame.Single``; arrays keep their precision. Empty lists are left out. Raises
+    UsageError for invalid arguments, OutputError and StorageError for disks.
     """
     check_lossless(compression, path)
     shapes = {pixels.shape for pixels in channels.values()}

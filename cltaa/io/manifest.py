@@ -61,7 +61,8 @@ def _piece() -> memoryview:
 
 
 def recorded_hashes(folder: Path) -> dict[str, str]:
-    """Return SHA-256 by file name (relative to ``folder``) of all that its manifest or its capture's record holds."""
+    """Return SHA-256 by file name (relative to ``folder``) of all that its manifest or its capture's record holds;
+    raises DataError for an unreadable record."""
     hashes = {name: entry.sha256 for name, entry in Manifest(folder).entries.items()}
     # Files drawn by hand or by other tools may have a sequence.json without hashes.
     files = read_capture_record(folder).get("files", {})

@@ -101,7 +101,8 @@ class Selection:
         return self.files is not None and len(self.files) == 1 and self.words == (str(self.files[0]),)
 
     def by_name(self, files: Iterable[Path]) -> dict[str, dict[int, Path]]:
-        """Return those of ``files``, of one folder, that have a number, by the names of their sequences."""
+        """Return those of ``files``, of one folder, that have a number, by the names of their sequences; raises
+        DataError for two of one number, and for a number that does not stand last."""
         if self.alone and self.files is not None and number_of(self.files[0]) is None:
             return {name_of(self.files[0]): {0: self.files[0]}}
         files = [*files]
@@ -138,7 +139,9 @@ Named = str | Path | Sequence[str | Path] | Selection  # a folder, a file, a pat
 def selection_of(named: Named) -> Selection:
     """Find what ``named`` stands for: folder, file, pattern (``####``, ``%04d``, ``$F4``, ``*``) or list of files.
 
-    An existing path of that very name takes precedence over a pattern. A name of nothing is a missing folder.
+    An existing path of that very name takes precedence over a pattern. A name of nothing is a missing folder. Raises
+    InputMissing for a missing file and a pattern that none matches, and UsageError for a list that is empty or holds
+    folders.
     """
     if isinstance(named, Selection):
         return named

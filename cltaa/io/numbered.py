@@ -90,7 +90,8 @@ def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) 
 
 
 def check_steps(paths: Mapping[int, Path], frames: FrameRange, step: int, gaps: OnBreak) -> None:
-    """Raise DataError for a number between two steps, InputMissing for a missing one unless ``gaps`` allows that."""
+    """Raise DataError for a number between two steps, InputMissing for a missing one unless ``gaps`` allows that,
+    UsageError for a step below 1."""
     first, last = frames
     if not isinstance(step, Integral) or step < 1:
         raise UsageError("the step between frames is wrong", expected="a whole number from 1 on", found=step)
@@ -210,7 +211,8 @@ class NumberedFiles:
         step: int = 1,
         layouts: Mapping[int, Layout] | None = None,
     ) -> None:
-        """Read every layout, unless ``layouts`` holds that of each number, read and checked before."""
+        """Read every layout, unless ``layouts`` holds all; raises InputMissing for a gap and DataError for damaged
+        files or sizes that differ."""
         self.folder, self.name, self.verify = folder, name, verify
         self.gaps, self.on_resize = OnBreak(gaps), OnBreak(on_resize)
         self.step, self._hashes = step, dict[Path, dict[str, str]]()
@@ -319,7 +321,8 @@ class NumberedFiles:
 def as_pictures(layouts: Mapping[int, Layout], on_resize: OnBreak) -> dict[int, Layout]:
     """Return the layouts of frames, by number, for one history: where data windows differ, those of the display.
 
-    A picture is the data window where all share one: a border render, or overscan.
+    A picture is the data window where all share one: a border render, or overscan. Raises DataError for display windows
+    that differ, unless they may, and for pictures that lie outside of them.
     """
     runs: list[dict[int, Layout]] = []
     for number, layout in layouts.items():
@@ -356,7 +359,8 @@ def check_region(layout: Layout, other: Layout, named: str, number: int | None =
 
 
 def shared_region(one: NumberedFiles, other: NumberedFiles) -> Window | None:
-    """Return the region of their display window that both show; None where they show one picture."""
+    """Return the region of their display window that both show; None where they show one picture. Raises DataError
+    where their sizes differ without one display window, or where they share no pixel."""
     first, second = one.layouts[one.first], other.layouts[other.first]
     if first.display_size != second.display_size:
         check_same_size(one, other)
@@ -381,7 +385,8 @@ def check_same_size(one: NumberedFiles, other: NumberedFiles) -> None:
 
 
 def files_in(place: Selection, suffix: str = ".exr", *, below: bool = False) -> list[Path]:
-    """Return the visible files of a place with that suffix, with ``below`` also those of its folders, in order."""
+    """Return the visible files of a place with that suffix, with ``below`` also those of its folders, in order; raises
+    InputMissing where the folder is missing or unreadable."""
     if place.files is not None:
         return [path for path in place.files if path.suffix == suffix or place.alone]
     try:
@@ -396,7 +401,8 @@ def files_in(place: Selection, suffix: str = ".exr", *, below: bool = False) -> 
 
 
 def numbered_files(named: Named, suffix: str = ".exr") -> tuple[Path, str, dict[int, Path]]:
-    """Find the frames of the one sequence that is ``named``: the folder, their name and the file of each number."""
+    """Find the frames of the one sequence that is ``named``: the folder, their name and the file of each number; errors
+    as ``open_sequence``."""
     place = selection_of(named)
     files = files_in(place, suffix)
     sets = place.by_name(files)

@@ -20,7 +20,8 @@ def load_config(path: Path, base: Preset) -> Preset:
 
 
 def read_preset(named: str | Path = "default", before: Callable[[Preset], Preset] | None = None) -> Preset:
-    """Return the preset of that name, or of a file ``FILE.toml`` over the default; ``before`` changes what is below."""
+    """Return the preset of that name, or of a file ``FILE.toml`` over the default; ``before`` changes what is below.
+    Raises UsageError, and for a file InputMissing and DataError."""
     file = isinstance(named, str | Path) and str(named).endswith(".toml")
     preset = load_preset("default" if file else str(named) if isinstance(named, Path) else named)
     preset = preset if before is None else before(preset)

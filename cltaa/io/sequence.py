@@ -164,7 +164,8 @@ class FrameSequence(NumberedFiles):
         return self.open_supersampled(folder) if folder.exists() else None
 
     def open_supersampled(self, folder: Path) -> ImageSequence:
-        """Open a folder with the truth of some frames, or with a yardstick, cropped to what these frames show."""
+        """Open a folder with the truth of some frames, or with a yardstick, cropped to what these frames show; raises
+        DataError where it does not cover that."""
         return as_shown(self._open_alike(folder), self)
 
     def _open_alike(self, folder: Path) -> ImageSequence:
@@ -207,7 +208,8 @@ class FrameSequence(NumberedFiles):
         return {role: np.stack(its, -1).astype(np.float32) for role, its in stacked.items()}
 
     def frame(self, number: int) -> Frame:
-        """Read one frame by its number; raises DataError where header and sequence disagree."""
+        """Read one frame by its number; raises UsageError for an unknown one, DataError where header and sequence
+        disagree."""
         if number not in self.layouts:
             raise no_such_frame(self.folder, number, self.numbers)
         return self.frame_and_file(number)[0]
@@ -246,10 +248,12 @@ def open_sequence(
     """Open a folder of ``<name>.<frame:04d>.exr`` files, reading layouts but no pixels.
 
     ``named`` may also be one such file, a pattern of them as ``x.####.exr``, or several (``selection_of``). With
-    ``verify`` every file that is read later must have the SHA-256 that ``sequence.json`` records for it. A missing
-    frame is an InputMissing unless ``gaps`` allows it, another size a DataError unless ``on_resize`` does. ``frames``
-    are the numbers of the first and the last frame to take; all others are ignored. ``step`` is the distance between
-    numbers; each frame then directly follows the one before.
+    ``verify`` every file that is read later must have the SHA-256 that ``sequence.json`` records for it. Raises
+    InputMissing where the folder, its frames, a frame in the middle or one that ``sequence.json`` lists is missing
+    (unless ``gaps`` allows it), DataError where files are damaged, differ in size (unless ``on_resize`` allows it) or
+    belong to several sequences. ``frames`` are the numbers of the first and the last frame to take, both included; all
+    others are ignored, and UsageError is raised unless both exist. ``step`` is the distance between numbers; each frame
+    then directly follows the one before.
     """
     place = selection_of(named)
     sequence = FrameSequence(
@@ -268,7 +272,10 @@ def open_sequence(
 def open_images(
     named: Named, *, verify: bool = True, gaps: OnBreak = OnBreak.ERROR, frames: FrameRange | None = None
 ) -> ImageSequence:
-    """Open resolved or reference images as ``open_sequence`` does; a single file needs no number."""
+    """Open resolved or reference images as ``open_sequence`` does; raises DataError also where R, G or B is missing.
+
+    A single file without a number is frame 0, and numbers may have an even step.
+    """
     files = numbered_files(named)
     step = even_step(sorted(files[2]))  # no image depends on the one before it
     images = ImageSequence(*files, verify=verify, gaps=gaps, frames=frames, step=step)

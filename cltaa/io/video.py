@@ -75,7 +75,8 @@ def import_av() -> Any:
 def open_video(path: Path, rate: Fraction | int = USUAL_RATE) -> Iterator[Video]:
     """Open an MP4 file for pictures at ``rate`` frames a second; it gets its name when the block ends without an error.
 
-    Its index lies at the front, so that it plays while it loads.
+    Its index lies at the front, so that it plays while it loads. Raises UsageError without PyAV, OutputError where the
+    file cannot be created and StorageError where writing fails.
     """
     av = import_av()
     with atomic_path(path) as temporary:
@@ -148,7 +149,8 @@ def write_pairs(
     rate: Fraction | int = USUAL_RATE,
     swept: bool = False,
 ) -> int:
-    """Write two sequences of one size side by side, labelled, or with ``swept`` on both sides of a moving line."""
+    """Write two sequences of one size side by side, labelled, or with ``swept`` on both sides of a moving line; errors
+    as above."""
     with open_video(path, rate) as video:
         for left, right in zip(before, after, strict=True):
             if swept:

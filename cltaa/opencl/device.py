@@ -79,7 +79,8 @@ def is_cpu(device: cl.Device) -> bool:
 
 
 def choose_device(requested: str | None = None) -> cl.Device:
-    """Return the requested device, or CLTAA_DEVICE: an index, a part of its description, ``pocl``; None: the first."""
+    """Return the requested device, or CLTAA_DEVICE: an index, a part of its description, ``pocl``; None: the first.
+    Raises DeviceMissing without any device and UsageError where none matches."""
     found = devices()
     if not found:
         check_cache()  # PoCL lists no device where it cannot keep kernels
@@ -108,7 +109,7 @@ def _known_as(device: cl.Device) -> str:
 
 
 def alike(requested: str | None = None) -> list[str]:
-    """Return the indices of the device that ``choose_device`` returns and of all others of its name."""
+    """Return the indices of the device that ``choose_device`` returns, with its errors, and of all of its name."""
     chosen = choose_device(requested)
     same = [(each != chosen, at) for at, each in enumerate(devices()) if describe(each) == describe(chosen)]
     return [str(at) for _, at in sorted(same)]
@@ -234,7 +235,8 @@ class Device(OneProcess):
         return cast(NDArray[np.uint8], array)
 
     def copy(self, source: Any, target: Any, offset: int, start: int) -> None:
-        """Enqueue a copy from element ``start`` of ``source`` to ``offset`` of ``target``, as much as fits."""
+        """Enqueue a copy from element ``start`` of ``source`` to ``offset`` of ``target``, as much as fits; raises
+        DeviceLost."""
         read, written = start * source.dtype.itemsize, offset * target.dtype.itemsize
         with self.errors:
             cl.enqueue_copy(

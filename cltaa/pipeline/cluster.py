@@ -83,7 +83,8 @@ class _Described(NumpyLauncher):
 
 
 class Cluster:
-    """The workers of the Dask cluster of ``client``, in ``jobs`` parts or as many as they have threads."""
+    """The workers of the Dask cluster of ``client``, in ``jobs`` parts or as many as they have threads. Raises
+    UsageError where there are none, or where one of them has another cltaa."""
 
     def __init__(self, client: Any, tool: Tool, jobs: int | None) -> None:
         self._client, threads = client, client.nthreads()
@@ -101,14 +102,16 @@ class Cluster:
         self._tool = tool._replace(device=device, jobs=max(threads.values(), default=1))
 
     def description(self) -> str:
-        """Return the description of a worker's device, from the first that is free."""
+        """Return the description of a worker's device, from the first that is free; raises the errors of opening it,
+        and ResourceError where the cluster failed."""
         asked = self._client.submit(_description, self._tool.device, pure=False, retries=RETRIES)
         with suppress(Exception):
             asked.result()
         return str(_outcome(asked, "opening a device"))
 
     def resolve(self, orders: list[Order], stop: Stop, seconds: dict[str, list[float]]) -> Iterator[Result]:
-        """Resolve as ``Elsewhere`` does; results reported before an error or an interrupt come first."""
+        """Resolve as ``Elsewhere`` does; results reported before an error come first. Raises KeyboardInterrupt once
+        ``stop`` is requested, the error of a failed part, and ResourceError where the cluster failed."""
         client, topic, inbox = self._client, f"cltaa-{secrets.token_hex(8)}", queue.SimpleQueue[Any]()
         client.subscribe_topic(topic, lambda event: inbox.put(event[1]))
         parts = {}
@@ -184,7 +187,8 @@ def _packed(thing: object) -> bytes:
 
 
 def resolve_part(work: bytes) -> Done | CltaaError:
-    """Resolve a part that ``Cluster.resolve`` packed, in a Dask worker; returns an error that would come again."""
+    """Resolve a part that ``Cluster.resolve`` packed, in a Dask worker; returns an error that would come again, and
+    raises ResourceError and StorageError."""
     from distributed import get_worker
 
     worker = get_worker()

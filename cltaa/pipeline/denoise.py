@@ -36,7 +36,8 @@ def denoises(name: str) -> bool:
 
 
 def denoiser(name: str) -> Denoise | None:
-    """Return a function that denoises a frame by its guides [H, W, 3]; None for ``none``."""
+    """Return a function that denoises a frame by its guides [H, W, 3], None for ``none``; raises UsageError for an
+    unknown one, and where the extra is not installed."""
     if not denoises(name):
         return None
     oidn: Any = import_extra("pyoidn", package="pyoidn", extra="denoise", purpose="--denoise oidn")

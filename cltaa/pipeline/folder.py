@@ -83,7 +83,8 @@ def resolver_for(
     """Return a resolver for ``sequence``: in bands where whole images take more memory than this machine has.
 
     ``half`` says that halves will be written, ``layers`` are as for ``of_sequence``, and ``jobs`` resolvers run at the
-    same time. ``band_rows`` overrides the choice; 0 means whole images.
+    same time. ``band_rows`` overrides the choice; 0 means whole images. Raises ResourceError where bands are needed and
+    the preset keeps frames, which requires whole images.
     """
     resolver = Resolver(preset, device, storage=storage, **options)  # first: one that shares memory takes less of it
     if band_rows is None:
@@ -105,7 +106,8 @@ def resolver_for(
 
 
 def with_fireflies(preset: Preset, sequence: FrameSequence, asked: str | None) -> Preset:
-    """Return ``preset`` with the fireflies ``asked`` for, else those of a profile unless it gathers or transcribes."""
+    """Return ``preset`` with the fireflies ``asked`` for, else those of a profile unless it gathers or transcribes;
+    raises UsageError where one that gathers is asked to clamp."""
     gathers = preset.choices.history is not HistoryKind.ACCUMULATED
     if asked is None:
         profile = sequence.intake.profile.colour.fireflies if isinstance(sequence, ForeignSequence) else "keep"
@@ -147,7 +149,8 @@ RESOLVING = frozenset(signature(resolve_sequence).parameters) - OWN
 def how_read(
     source: object, reading: Mapping[str, Any], options: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the arguments of opening ``source``, and among the others those of ``resolve_sequence``."""
+    """Return the arguments of opening ``source``, and among the others those of ``resolve_sequence``; raises UsageError
+    for a name that neither takes, and for any of the former where ``source`` is open."""
     told = {**reading, **{name: options[name] for name in READING & options.keys()}}
     rest = {name: value for name, value in options.items() if name not in READING}
     for name in told.keys() - READING:
@@ -195,7 +198,8 @@ def resolve_folder(
     how a ``source`` that is not open yet is read. ``fireflies`` is ``keep`` or ``clamp``; by default the preset or else
     the profile decides. A preset given by name does not filter again (``current_filter``) what ``denoise`` in
     ``options`` has filtered; a ``Preset`` is not changed. Undeclared effects are found first (``cltaa.inputs.found``),
-    except with ``follow``, and for a transcription. ``options`` are other arguments of ``resolve_sequence``.
+    except with ``follow``, and for a transcription. ``compression`` and ``layers`` default to those that the command
+    keeps. ``options`` are other arguments of ``resolve_sequence``. Raises the errors of that and of opening.
     """
     if idle is not None and not follow:
         raise UsageError("--idle needs --follow", cure="give both, or neither")
@@ -262,7 +266,8 @@ def with_known_effects(
     them.
 
     A resumed run takes those that it began with, so that it makes the same bits, even where an unreadable frame was
-    mended, or more frames are there now. Raises UsageError where headers show effects that it did not begin with.
+    mended, or more frames are there now. Raises UsageError where headers show effects that it did not begin with,
+    DataError for a damaged manifest, and the errors of finding.
     """
     begun = None if anew else Manifest(output)
     if begun is not None and begun.settings is not None and begun.entries:

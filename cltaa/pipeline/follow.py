@@ -62,7 +62,7 @@ class Arrivals:
         return (self._end - self._first) // self._step + 1
 
     def first(self) -> FrameSequence:
-        """Wait for the first frame; returns it and the whole ones after it, or raises why none came."""
+        """Wait for the first frame; returns it and the whole ones after it, or raises the errors of ``open_input``."""
         found = self._wait(Stop())
         if found is None:
             self._raise_why()
@@ -70,7 +70,10 @@ class Arrivals:
         return found
 
     def behind(self, stop: Stop) -> Iterator[FrameSequence]:
-        """Yield later frames, as many at once as are whole, until ``stop`` is requested; raises why one never came."""
+        """Yield later frames, as many at once as are whole; ends early where ``stop`` is requested.
+
+        Raises DataError for a frame that is never finished, and InputMissing for a missing one before others.
+        """
         while not self.ended and (found := self._wait(stop)) is not None:
             yield found
         if not self.ended and not stop.requested:

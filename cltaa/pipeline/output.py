@@ -105,7 +105,8 @@ def carried_kinds(sequence: FrameSequence, layers: tuple[str, ...]) -> dict[str,
 
 
 def carried_over(path: Path, kept: frozenset[str], file: FrameFile) -> CarriedOver:
-    """Return what is carried over from ``path``, read as ``file``: every attribute, and the ``kept`` channels."""
+    """Return what is carried over from ``path``, read as ``file``: every attribute, and the ``kept`` channels; raises
+    the errors of reading channels that were not decoded with the frame."""
     layout, planes = file.header.layout, file.planes
     if planes is None:
         planes = read_planes(path, kept, picture=layout.data_window) if kept else {}
@@ -196,7 +197,8 @@ class OutputFolder:
 
         ``preset`` is the name of the preset, which decides nothing and appears where another is refused. A folder in
         which nothing was finished is begun anew: a run that was refused at its first frame does not block one with
-        mended options. Raises UsageError where it was begun with other settings, or holds EXR files of another origin.
+        mended options. Raises UsageError where the folder was begun with other settings or holds EXR files that no
+        manifest lists, DataError for a damaged manifest, OutputError and StorageError.
         """
         self.folder = folder
         asked = json.loads(json.dumps(settings))
@@ -358,7 +360,8 @@ class ResolvedFiles:
         return [self._finished[number] for number in sorted(self._finished)]
 
     def write(self, writer: Writer, read: Read, image: NDArray[Any]) -> None:
-        """Queue the result ``image`` [H, W, 3 or 4], floats or halves, of the frame ``read`` and resolved last."""
+        """Queue the result ``image`` [H, W, 3 or 4], floats or halves, of the frame ``read`` and resolved last; raises
+        OutputError and StorageError, possibly of an earlier image in the queue."""
         assert read.frame.path is not None
         views = self._debug.write(self.folder.folder / DEBUG, read.frame.index)
         path, saturated = self.folder.folder / read.frame.path.name, list[int]()
