@@ -26,12 +26,12 @@ def correct(profile: Profile, fix: Mapping[str, Mapping[str, Any]]) -> Profile:
         if "sense" in keys:  # the inverse of F V M, with flips F and M, is M inv(V) F
             held = values[section]
             held["flip_z"], held["mirrored"] = held["mirrored"], held["flip_z"]
+        if section == "jitter" and "scale" in keys:  # the offset is added last, so the factors change it too
+            values[section]["offset"] = _multiplied(values[section]["offset"], keys)
         for name, change in keys.items():
             before = values[section][name]
             if name == "scale" and isinstance(before, list | tuple):
-                # Swapped axes also swap the factors of the profile.
-                first = list(before)[::-1] if keys.get("swap") else list(before)
-                values[section][name] = [a * b for a, b in zip(first, change, strict=True)]
+                values[section][name] = _multiplied(before, keys)
             elif name == "scale":
                 values[section][name] = before * change
             elif name == "source" and section == "jitter":  # scale, offset, swap and delay belonged to the old source
@@ -50,6 +50,12 @@ def correct(profile: Profile, fix: Mapping[str, Mapping[str, Any]]) -> Profile:
             else:
                 values[section][name] = change
     return convert_profile(values, "correction")
+
+
+def _multiplied(pair: Sequence[float], keys: Mapping[str, Any]) -> list[float]:
+    """Return a pair of the profile times the factors of a correction; swapped axes also swap the pair."""
+    first = list(pair)[::-1] if keys.get("swap") else list(pair)
+    return [a * b for a, b in zip(first, keys["scale"], strict=True)]
 
 
 Offset = tuple[float, float]

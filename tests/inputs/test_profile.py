@@ -35,6 +35,13 @@ def test_a_correction_goes_on_top() -> None:
         ("motion.jittered=-1", {"jittered": -1}, "motion.jittered=-1"),
         ("motion.jittered=1", {"jittered": 1}, "motion.jittered=1"),
         ("depth.scale=2", {"scale": 3.0}, "depth.scale=6"),
+        # The offset of a jitter is added last, so the factors change it too.
+        ("jitter.offset=-0.5,0.25", {"scale": [-1.0, 1.0]}, "jitter.scale=-1,1 jitter.offset=0.5,0.25"),
+        (
+            "jitter.offset=-0.5,0.25",
+            {"scale": [2.0, -1.0], "swap": True},
+            "jitter.scale=2,-1 jitter.swap=true jitter.offset=0.5,0.5",
+        ),
     ]
     for before, change, expected in cases:
         section = before.partition(".")[0]

@@ -80,6 +80,18 @@ def test_frames_are_so_many_or_from_one_to_another(scene: Scene, tmp_path: Path)
         assert report["frames"] == looked_at
 
 
+@pytest.mark.parametrize("mistake", ["jitter-negated", "jitter-y-flipped", "jitter-swapped"])
+def test_a_jitter_from_the_corner_and_otherwise_wrong_is_read_right(mistake: str, scene: Scene, tmp_path: Path) -> None:
+    right = scene("still")
+    spoilt = [
+        replace(frame, jitter_px=(frame.jitter_px[0] + 0.5, frame.jitter_px[1] + 0.5))
+        for frame in MISTAKES[mistake].plant(right)
+    ]
+    _, mending = check_folder(write_own(tmp_path, spoilt))
+    again = open_input(tmp_path, profile=mending)
+    np.testing.assert_allclose([frame.jitter_px for frame in again], [frame.jitter_px for frame in right], atol=1e-12)
+
+
 def test_what_a_wrong_depth_hides_is_found_too(scene: Scene, tmp_path: Path) -> None:
     """Depth of half the size leaves so much behind that a flipped jitter is not seen; both are mended."""
     flipped = MISTAKES["jitter-y-flipped"].plant(scene("corridor"))
