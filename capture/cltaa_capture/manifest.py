@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from cltaa import __version__
-from cltaa.errors import DataError, UsageError
+from cltaa.errors import CltaaError, DataError, UsageError
 from cltaa.io.atomic import atomic_path, make_folder, remove_stale_temporaries
 from cltaa.io.content import read_text
 from cltaa.io.manifest import CAPTURE, LARGEST_RECORD, RESTART_CURE, file_sha256
@@ -96,6 +96,22 @@ def versions(opengl: str) -> dict[str, str]:
     return ours | {name: version(name) for name in LIBRARIES}
 
 
+def _names_in(path: Path) -> set[str] | None:
+    """Return the names of frames that a manifest lists, or that its capture had still to draw, because a kill leaves
+    some unlisted; None without a manifest that can be read."""
+    try:
+        content = json.loads(read_text(path, "a record", LARGEST_RECORD))
+        drawn = {frame_name(content["scene"], index) for index in range(content["frames"])}
+        return drawn | {Path(name).name for name in content["files"]}
+    except (CltaaError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def frame_name(scene: str, index: int) -> str:
+    """Return the file name of a frame, and of its truth."""
+    return f"{scene}.{index:04d}.exr"
+
+
 class Manifest:
     """The finished files of one capture folder."""
 
@@ -103,7 +119,7 @@ class Manifest:
         """Open or begin the manifest of ``folder``, which this process must own (``cltaa.io.atomic.owned``).
 
         ``settings`` decide the pixels: raises UsageError with the difference for a folder begun with others, unless
-        ``restart``, which deletes the frames of the folder's earlier capture. ``facts`` are only recorded.
+        ``restart``, which deletes the frames that the folder's manifest names. ``facts`` are only recorded.
         Raises OutputError for a folder that cannot be made, DataError for a damaged manifest.
         """
         self._folder, self._settings, self._facts = make_folder(folder), settings, facts
@@ -111,9 +127,10 @@ class Manifest:
         self._seconds: dict[str, float] = {}  # by samples a pixel
         self._saved = float("-inf")
         found = folder / CAPTURE
-        if restart and found.exists():
-            self._clear()
-        elif found.exists():
+        begun = _names_in(found) if restart else None
+        if begun is not None:
+            self._clear(begun)
+        elif found.exists() and not restart:
             self._resume(found)
         elif any(folder.glob("*.exr")):
             what, cure = "holds EXR files of another origin", "choose an empty folder"
@@ -150,11 +167,13 @@ class Manifest:
         self._files = files_
         self._seconds = dict(content.get("seconds_a_frame", {}))
 
-    def _clear(self) -> None:
+    def _clear(self, names: set[str]) -> None:
+        """Delete the manifest and the frames with these names, in the folder itself or as a truth."""
         (self._folder / CAPTURE).unlink()
         for folder in self._folders():
-            for path in folder.glob("*.[0-9][0-9][0-9][0-9]*.exr"):
-                path.unlink()
+            for path in folder.glob("*.exr"):
+                if path.name in names:
+                    path.unlink()
             # An empty reference folder would look like a truth.
             if folder != self._folder:
                 with suppress(OSError):

@@ -20,7 +20,7 @@ from cltaa.io.manifest import file_sha256
 from cltaa.io.streams import Writer
 from cltaa.printable import counted
 from cltaa_capture.jitter import USUAL, jitter_sequence
-from cltaa_capture.manifest import REFERENCE, Manifest, code_sha256, versions
+from cltaa_capture.manifest import REFERENCE, Manifest, code_sha256, frame_name, versions
 from cltaa_capture.osmesa import Context, open_context
 from cltaa_datasets.scene import Instant, Scene
 from cltaa_datasets.scenes import FILE_PREFIX, build_scene
@@ -202,7 +202,7 @@ class _File(NamedTuple):
 def _missing_files(request: Request, index: int, pen: _Pen, manifest: Manifest) -> Iterator[_File]:
     """Draw the files of one frame that the manifest does not list as finished."""
     scene = pen.scene
-    name = f"{scene.name}.{index:04d}.exr"
+    name = frame_name(scene.name, index)
     now, before = scene.at(index / request.fps), scene.at((index - 1) / request.fps)
     path = request.output / name
     if not manifest.has_finished(path):

@@ -208,6 +208,30 @@ def test_restart_begins_anew(tmp_path: Path) -> None:
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["conveyor.0000.exr", "sequence.json"]
 
 
+def test_restart_deletes_only_the_files_of_the_capture(tmp_path: Path) -> None:
+    capture_sequence(request(tmp_path))
+    paintings = [tmp_path / "painting.0001.exr", tmp_path / "reference" / "painting.0001.exr"]
+    for painting in paintings:
+        painting.write_bytes(b"precious")
+    record = json.loads((tmp_path / "sequence.json").read_text())
+    del record["files"]["conveyor.0002.exr"]  # as a kill may leave it
+    (tmp_path / "sequence.json").write_text(json.dumps(record))
+    capture_sequence(replace(request(tmp_path), frames=1, seed=5, reference=0, restart=True))
+    assert [path.read_bytes() for path in paintings] == [b"precious"] * 2
+    assert [path.name for path in sorted(tmp_path.glob("conveyor.*"))] == ["conveyor.0000.exr"]
+
+
+def test_restart_deletes_nothing_by_a_damaged_record(tmp_path: Path) -> None:
+    stranger = tmp_path / "render.0001.exr"
+    stranger.write_bytes(b"precious")
+    (tmp_path / "sequence.json").write_text("{")
+    with pytest.raises(UsageError, match=r"holds EXR files of another origin .*; choose an empty folder"):
+        capture_sequence(replace(request(tmp_path), restart=True))
+    assert stranger.read_bytes() == b"precious"
+    stranger.unlink()
+    assert capture_sequence(replace(request(tmp_path), restart=True)).drawn == FRAMES
+
+
 @pytest.mark.parametrize("restart", [False, True])
 def test_files_of_another_origin_are_left_alone(tmp_path: Path, restart: bool) -> None:
     stranger = tmp_path / "render.0001.exr"
