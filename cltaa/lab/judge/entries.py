@@ -16,6 +16,7 @@ import msgspec
 
 from cltaa.errors import DataError, InputMissing, UsageError, known
 from cltaa.inputs.foreign import is_png
+from cltaa.inputs.open import is_own
 from cltaa.io.atomic import make_folder
 from cltaa.io.content import read_text
 from cltaa.io.names import number_of
@@ -130,8 +131,13 @@ def numbered(folder: Path) -> dict[int, Path]:
 
 
 @contextmanager
-def resolved_by_us(presets: Sequence[str], sequences: Mapping[str, Path]) -> Iterator[list[Entry]]:
-    """Resolve with our own presets, with no declared effects, and yield their entries in a temporary folder."""
+def resolved_by_us(
+    presets: Sequence[str], sequences: Mapping[str, Path], reading: Mapping[str, Any]
+) -> Iterator[list[Entry]]:
+    """Resolve with our own presets, with no declared effects, and yield their entries in a temporary folder.
+
+    Other tools' sequences are opened by ``reading``, as ``pair_up`` opens them; cltaa's own only by its step.
+    """
     from cltaa.pipeline.folder import resolve_folder
 
     with TemporaryDirectory(prefix="cltaa-table-") as folder:
@@ -140,7 +146,8 @@ def resolved_by_us(presets: Sequence[str], sequences: Mapping[str, Path]) -> Ite
         for place, (preset, settings) in enumerate(read.items()):
             folders = {name: Path(folder) / str(place) / name for name in sequences}
             for name, output in folders.items():
-                resolve_folder(sequences[name], output, settings, effects="find", layers=())
+                how = {"step": reading.get("step", 1)} if is_own(sequences[name]) else reading
+                resolve_folder(sequences[name], output, settings, effects="find", layers=(), reading=how)
             entries.append(Entry(preset, Facts(settings="nothing declared"), folders))
         yield entries
 
@@ -225,7 +232,7 @@ def judged_entries(
     if ours:  # reports what is wrong with entries before the presets are resolved
         entered = {name: sequences[name] for name in sequences if any(name in entry.folders for entry in entries)}
         rounds(entries, entered, frames, **reading)
-    with resolved_by_us(ours, sequences) as own:
+    with resolved_by_us(ours, sequences, {name: reading[name] for name in reading if name != "verify"}) as own:
         played = rounds([*entries, *own], sequences, frames, **reading)
         rows = [row for one in played for row in _judged(one, metrics, stops, cvvdp=cvvdp)]
         for one in played if film is not None else ():

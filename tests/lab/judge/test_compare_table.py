@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from cltaa.commands.compare import print_entries
 from cltaa.io.exr_write import write_frame, write_image
 from cltaa.lab.judge.entries import means_of
 from cltaa.lab.judge.metrics import parse_metrics
+from tests.inputs.foreign import frames as foreign_frames
+from tests.inputs.foreign import side_text, write_blender, write_own
 from tests.lab.judge.test_compare_command import refusal, run_json
 from tests.sequence_factory import make_frame, write_sequence
 
@@ -55,6 +58,23 @@ def test_each_row_is_what_compare_says_of_it_alone(
     assert rows["a", "Mine"]["mean"] == alone["mean"]
     assert rows["a", "Mine"]["video"] == alone["video"]
     assert rows["a", "basic"]["mean"] != rows["a", "Mine"]["mean"]
+
+
+def test_our_presets_read_a_sequence_as_asked(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """The same frames, as cltaa and as another tool writes them, have the same scores."""
+    made = foreign_frames(FRAMES)
+    scores = {}
+    for name, write in (("own", write_own), ("shot", write_blender)):
+        folder = tmp_path / name
+        write(folder, made)
+        write(folder / "reference", [replace(frame, colour=frame.colour * np.float32(0.8)) for frame in made])
+        camera = tmp_path / "camera.txt"
+        camera.write_text(side_text(made))
+        asked = ("--ours", "default", *METRICS, "--camera", str(camera))
+        assert main(["compare", "--table", str(folder), "--json", *asked]) == 0
+        (row,) = json.loads(capsys.readouterr().out)["table"]
+        scores[name] = row["mean"], row["video"]
+    assert scores["shot"] == scores["own"]
 
 
 @pytest.mark.parametrize("sample_alpha", [False, True])
