@@ -129,16 +129,19 @@ DEFAULT_READING = Reading()  # cltaa's own files as they are, other tools' files
 
 
 def readings(folders: Iterable[Path], asked: Reading) -> dict[Path, Reading]:
-    """Return how to read each of several folders when ``asked`` applies to all but cltaa's own beside others; raises
-    UsageError if one side file would apply to several sequences."""
+    """Return how to read each of several folders as ``asked``; profile, assignments and side file leave out cltaa's own
+    beside others. Raises UsageError if one side file would apply to several sequences."""
     folders = list(dict.fromkeys(folders))
     spoken_of = [folder for folder in folders if not is_own(folder)] or folders
     if len(spoken_of) > 1 and asked.side_file is not None and PLACE not in asked.side_file:
         cure = f"write {PLACE} for the folder of each: --camera '{PLACE}/{Path(asked.side_file).name}'"
         what = "--camera is of one sequence"
         raise UsageError(what, path=asked.side_file, found=counted(len(spoken_of), "sequence"), cure=cure)
-    own = Reading(step=asked.step)
-    return {folder: asked.within(folder) if folder in spoken_of else own for folder in folders}
+    usual = {"profile": "auto", "assignments": (), "side_file": None}
+    placed = {folder: asked.within(folder) for folder in folders}
+    return {
+        folder: how if folder in spoken_of else msgspec.structs.replace(how, **usual) for folder, how in placed.items()
+    }
 
 
 def is_own(named: Named) -> bool:

@@ -128,6 +128,8 @@ def test_what_is_asked_for_speaks_of_other_tools_files(own: Path, shot: Path, tm
     asked = Reading(profile="{}/shot.toml", assignments=("motion.scale=1,1",), side_file="{}/camera.txt", step=2)
     theirs = Reading(profile=f"{shot}/shot.toml", assignments=asked.assignments, side_file=f"{shot}/camera.txt", step=2)
     assert readings([own, shot], asked) == {own: Reading(step=2), shot: theirs}
+    judged_by = Reading(effects="none", truth="{}/truth")  # which is said of all
+    assert readings([own, shot], judged_by)[own] == Reading(effects="none", truth=f"{own}/truth")
     assert readings([own], Reading(profile="{}.toml")) == {
         own: Reading(profile=f"{own}.toml")
     }  # where there is no other
