@@ -33,12 +33,14 @@ RESTART_CURE = "use --restart to begin anew, or another folder"
 
 
 class Entry(NamedTuple):
-    """The entry of a finished file in the manifest: its hash, those of its input, and the frame that it continues."""
+    """The entry of a finished file in the manifest: its hash, those of its inputs, and the frame that it continues."""
 
     sha256: str
     input_sha256: str
     after: int | None  # None: the first frame
     beside_sha256: str | None = None  # of other files of the input, and of what a side file declares
+    made_from: str | None = None  # hash of all inputs that decide its bits; None: of an earlier version
+    ahead: int = 0  # how many frames after it are among those
 
 
 def file_sha256(path: Path) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import zipfile
 import zlib
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,15 +28,17 @@ _DAMAGED = (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZip
 
 
 class _Facts(msgspec.Struct, frozen=True):
-    """What a slot holds besides planes of pixels: the key of its state, and the last frame."""
+    """What a slot holds besides planes of pixels: the key of its state, the last frame, and the hash of its inputs."""
 
     key: str
     past: Past
+    made_from: str
 
 
 class _Slot(NamedTuple):
     path: Path
     past: Past
+    made_from: str
 
 
 class Checkpoints:
@@ -44,12 +47,13 @@ class Checkpoints:
     def __init__(self, folder: Path, key: str) -> None:
         self._paths, self._key = [folder / name for name in SLOTS], key
 
-    def save(self, resolver: Resolver) -> None:
-        """Write the state after the last frame over the older slot; raises OutputError and StorageError."""
+    def save(self, resolver: Resolver, made_from: str) -> None:
+        """Write the state after the last frame, and what it is ``made_from``, over the older slot; raises OutputError
+        and StorageError."""
         past, buffers = resolver.recurrent()
         newest = self._slots()[:1]
         path = next(path for path in self._paths if path not in [slot.path for slot in newest])
-        facts = msgspec.json.encode(_Facts(self._key, past), enc_hook=_encoded)
+        facts = msgspec.json.encode(_Facts(self._key, past, made_from), enc_hook=_encoded)
         with ExitStack() as stack, atomic_path(path) as temporary:
             planes: dict[str, Any] = {
                 name: stack.enter_context(buffer.mapped(write=False)) for name, buffer in buffers.items()
@@ -57,10 +61,16 @@ class Checkpoints:
             with temporary.open("wb") as stream:
                 np.savez(stream, **planes, facts=np.frombuffer(facts, np.uint8))
 
-    def restore(self, resolver: Resolver, before: int) -> int | None:
-        """Restore the latest saved frame below ``before`` into ``resolver``; returns its number, None without one."""
+    def restore(self, resolver: Resolver, finished: Mapping[int, str]) -> int | None:
+        """Restore the latest state into ``resolver``; returns the number of its frame, None without one.
+
+        Its frame must be ``finished``, and the state made from the inputs that have the hash there. Others are deleted:
+        they would keep the place of states that are saved before them.
+        """
         for slot in self._slots():
-            if slot.past.index < before and self._restored(slot, resolver):
+            if finished.get(slot.past.index) != slot.made_from:
+                slot.path.unlink(missing_ok=True)
+            elif self._restored(slot, resolver):
                 return slot.past.index
         resolver.reset()
         return None
@@ -80,7 +90,7 @@ class Checkpoints:
             except _DAMAGED:
                 continue
             if facts.key == self._key:
-                found.append(_Slot(path, facts.past))
+                found.append(_Slot(path, facts.past, facts.made_from))
         return sorted(found, key=lambda slot: slot.past.index, reverse=True)
 
     def _restored(self, slot: _Slot, resolver: Resolver) -> bool:

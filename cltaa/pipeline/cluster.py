@@ -31,7 +31,7 @@ from cltaa.io.manifest import Manifest
 from cltaa.pipeline.debug import DebugViews
 from cltaa.pipeline.folder import devices_of, resolver_for
 from cltaa.pipeline.output import CODE, ResolvedFiles, Written, carried_kinds
-from cltaa.pipeline.part import Parts, gathered_from
+from cltaa.pipeline.part import Parts, gathered_from, lineage_of
 from cltaa.pipeline.run import Order, Result
 from cltaa.process import Stop, is_own
 from cltaa.reference.launcher import NumpyLauncher
@@ -255,5 +255,6 @@ def _resolve_part(order: Order, tool: Tool, at: int, worker: str, tell: Any) -> 
     files = ResolvedFiles(output, resolver, DebugViews(resolver, ()), undeclared=sequence.undeclared)
     parts = Parts(files, order.how, Stop())
     with BLOCK_POOL, resolver:
-        parts.resolve(resolver, gathered_from(sequence, wanted, tool.preset, order.how), None, wanted)
+        part = gathered_from(sequence, wanted, tool.preset, order.how)
+        parts.resolve(resolver, part, None, lineage_of(tool.preset, part, order.how), wanted)
     return Done(output.results, dict(parts.seconds))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
@@ -30,6 +30,7 @@ from cltaa.io.sequence import RESOLVED, FrameSequence
 from cltaa.io.streams import Writer
 from cltaa.pipeline.debug import DebugViews
 from cltaa.pipeline.denoise import Denoise
+from cltaa.pipeline.lineage import Lineage, input_of
 from cltaa.printable import written
 from cltaa.progress import track
 
@@ -151,11 +152,16 @@ def sequence_settings(sequence: FrameSequence) -> dict[str, Any]:
 
 
 class Source(NamedTuple):
-    """The inputs of a frame: its file's SHA-256, the frame that it continues (None: the first), all others' SHA-256."""
+    """The inputs of a frame: its file's SHA-256, the frame that it continues (None: the first), all others' SHA-256.
+
+    Of a result also the hash of all that it is made from (``Lineage``), and how many frames ahead that includes.
+    """
 
     sha256: str
     after: int | None
     beside_sha256: str | None = None
+    made_from: str | None = None
+    ahead: int = 0
 
 
 class Written(msgspec.Struct, frozen=True, kw_only=True):
@@ -214,6 +220,7 @@ class OutputFolder:
             self.manifest.begin(asked)
         else:
             self._refuse_difference(begun, asked, preset)
+        self.inputs: dict[int, str] = {}  # of each frame up to the last finished one, once ``missing`` was called
         self.key = hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 
     def _refuse_difference(self, begun: Mapping[str, Any], asked: Mapping[str, Any], preset: str) -> None:
@@ -238,18 +245,27 @@ class OutputFolder:
         except (CltaaError, ValueError):  # nothing is finished, or its file is missing or damaged
             return ""
 
-    def missing(self, sequence: FrameSequence, look_ahead: int, *, shown: bool = False) -> list[int]:
-        """Return the unfinished frames, and with ``look_ahead`` as many before each, since their results depend on it.
+    def missing(self, sequence: FrameSequence, lineage: Lineage, *, shown: bool = False) -> list[int]:
+        """Return the frames without a result of the inputs that are there now; ``lineage`` is one without frames.
 
-        Checks every finished file; raises DataError where the input of one has changed.
+        An unfinished frame may have been rendered anew: what was made from its earlier content is missing, too. Checks
+        every finished file; raises DataError where the input of one has changed.
         """
-        if not self.manifest.entries:
-            return list(sequence.numbers)
         numbers = sequence.numbers
+        if not self.manifest.entries:
+            return list(numbers)
+        entries = [self.manifest.entries.get(sequence.path(number).name) for number in numbers]
+        reach = max((at + 1 + entry.ahead for at, entry in enumerate(entries) if entry), default=0)
         pairs = zip((None, *numbers), numbers, strict=False)
         looked_at = track(pairs, len(numbers), "checking", shown=shown)
         done = [self._finished(sequence, number, before) for before, number in looked_at]
-        return [number for at, number in enumerate(numbers) if not all(done[at : at + 1 + look_ahead])]
+        inputs = [_input_now(sequence, *each) for each in zip(numbers[:reach], entries, strict=False)]
+        self.inputs = dict(zip(numbers, inputs, strict=False))
+        for at, entry in enumerate(entries[:reach]):
+            lineage.add(inputs[at])
+            if entry and entry.made_from != lineage.digest(inputs[at + 1 : at + 1 + entry.ahead]):
+                done[at] = False
+        return [number for number, finished in zip(numbers, done, strict=True) if not finished]
 
     def _finished(self, sequence: FrameSequence, number: int, before: int | None) -> bool:
         source = sequence.path(number)
@@ -269,6 +285,12 @@ class OutputFolder:
     def finish(self, written: Written) -> None:
         """Record a frame whose file has its final name; raises StorageError."""
         self.manifest.append(written.name, Entry(written.sha256, *written.source))
+
+
+def _input_now(sequence: FrameSequence, number: int, checked: Entry | None) -> str:
+    """Return the input of a frame as it is now: that of its entry, which was ``checked``, or else from its files."""
+    sha256 = file_sha256(sequence.path(number)) if checked is None else checked.input_sha256
+    return input_of(number, sha256, sequence.beside_sha256(number))
 
 
 def _said(setting: object) -> str:
@@ -310,6 +332,16 @@ class Read(NamedTuple):
     missing: Missing | None
     opaque: bool
     carried: CarriedOver
+
+    @property
+    def input(self) -> str:
+        """What identifies the input of the frame."""
+        return input_of(self.frame.index, self.source.sha256, self.source.beside_sha256)
+
+    def made_from(self, lineage: Lineage, ahead: Iterable[Read]) -> Read:
+        """Return the same, with what its result is made from: the ``lineage`` and the frames ``ahead``."""
+        inputs = [read.input for read in ahead]
+        return self._replace(source=self.source._replace(made_from=lineage.digest(inputs), ahead=len(inputs)))
 
 
 def reads(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 
 import msgspec
@@ -17,9 +17,10 @@ from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Asked, Effect, Frame, outline
 from cltaa.io.sequence import FrameSequence
-from cltaa.io.streams import InTurn, ReadAhead, Writer
+from cltaa.io.streams import BEHIND, InTurn, ReadAhead, Writer
 from cltaa.pipeline.checkpoint import Checkpoints
 from cltaa.pipeline.denoise import denoiser
+from cltaa.pipeline.lineage import Lineage
 from cltaa.pipeline.output import Read, ResolvedFiles, reads
 from cltaa.process import Stop
 
@@ -49,6 +50,11 @@ def gathered_from(sequence: FrameSequence, wanted: Sequence[int], preset: Preset
     return sequence.select(numbers[begin], numbers[min(last + ahead, len(numbers) - 1)])
 
 
+def lineage_of(preset: Preset, sequence: FrameSequence, how: How, inputs: Iterable[str] = ()) -> Lineage:
+    """Return the lineage of results of ``sequence`` behind the frames of these ``inputs``."""
+    return Lineage(preset.settings.history_frames if from_ring_alone(preset, sequence, how) else None, inputs)
+
+
 def in_parts(wanted: list[int], count: int) -> list[list[int]]:
     """Split the ``wanted`` frames into up to ``count`` runs of about equal length."""
     begins = [len(wanted) * at // count for at in range(count + 1)]
@@ -75,12 +81,15 @@ class Parts:
         resolver: Resolver,
         part: FrameSequence,
         after: int | None,
+        lineage: Lineage,
         wanted: Sequence[int],
         shown: Shown = iter,
         checkpoints: Checkpoints | None = None,
         every: int = 0,
     ) -> None:
         """Resolve ``part``, whose history continues after frame ``after``, and write the ``wanted`` frames.
+
+        ``lineage`` holds the inputs of the frames before, and takes those of ``part``.
 
         Frames before those are only kept, where the wanted ones are gathered from them. ``shown`` passes numbers of
         frames on as they are resolved. The state is saved in ``checkpoints`` after ``every`` frames; 0 is never.
@@ -99,19 +108,23 @@ class Parts:
                 resolver.reserve(part.width, part.height, alpha=alpha, half=self._how.half)
             waiting = deque[Read]()
             given = self._given(frames, len(part), waiting, outlines=resolver.look_ahead > 0)
-            self._keep(resolver, numbers[:lead], given, waiting)
+            self._keep(resolver, numbers[:lead], given, waiting, lineage)
             images = resolver.images(given, half=self._how.half, planar=not in_turn)
             going = self._going(shown(numbers[lead:]))
             for done, (number, image) in enumerate(zip(going, images, strict=False), start=1):
                 read = waiting.popleft()
+                lineage.add(read.input)
                 if number in asked:
+                    read = read.made_from(lineage, waiting)
                     self._files.write(writer, read, image)
                     self.look(self._files.sizes)
                 resolver.release()
                 for stage, seconds in resolver.times._asdict().items():
                     self.seconds[stage].append(seconds)
                 if checkpoints and every and (self._stop.requested or done % every == 0):
-                    checkpoints.save(resolver)
+                    if self._stop.requested or every <= BEHIND:  # else both slots may lie behind an unwritten frame
+                        writer.flush()
+                    checkpoints.save(resolver, lineage.digest())
                 if self._stop.requested:
                     raise KeyboardInterrupt
                 if in_turn:
@@ -122,11 +135,13 @@ class Parts:
             self.seconds["write"] += writer.seconds
         self.seconds["whole"].append((time.perf_counter() - started) / len(numbers))
 
-    def _keep(self, resolver: Resolver, numbers: list[int], given: Iterator[Frame], waiting: deque[Read]) -> None:
+    def _keep(
+        self, resolver: Resolver, numbers: list[int], given: Iterator[Frame], waiting: deque[Read], lineage: Lineage
+    ) -> None:
         """Let ``resolver`` keep the next of the ``given`` frames, those of ``numbers``."""
         for _, frame in zip(self._going(iter(numbers)), given, strict=False):
             resolver.keep(frame)
-            waiting.popleft()
+            lineage.add(waiting.popleft().input)
             if self._stop.requested:
                 raise KeyboardInterrupt
 

@@ -40,8 +40,9 @@ from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.pipeline.debug import DebugViews
 from cltaa.pipeline.denoise import denoiser
 from cltaa.pipeline.follow import Arrivals
+from cltaa.pipeline.lineage import Lineage
 from cltaa.pipeline.output import OutputFolder, ResolvedFiles, Written, check_layers, sequence_settings
-from cltaa.pipeline.part import How, Parts, from_ring_alone, gathered_from, in_parts
+from cltaa.pipeline.part import How, Parts, from_ring_alone, gathered_from, in_parts, lineage_of
 from cltaa.printable import bytes_of, counted, printable
 from cltaa.process import Stop
 from cltaa.progress import shown_progress, track
@@ -331,10 +332,11 @@ class _Run:
         """Begin without frames."""
         self.parts, self.frames, self.cuts = Parts(self.files, self.how, self.stop), len(self.sequence), set[int]()
         self.resolver = self.resolvers[0]
+        self.lineage = self._lineage()  # of the frames that the resolver holds
 
     def resolve(self, checkpoint_every: int) -> None:
         """Resolve the frames that are missing, after those that their history needs."""
-        missing = self.folder.missing(self.sequence, self.resolver.look_ahead, shown=self.progress)
+        missing = self.folder.missing(self.sequence, self._lineage(), shown=self.progress)
         if not missing:
             return
         self.parts.look = DiskSpace(self.folder.folder, len(self.files.sizes) + len(missing)).look
@@ -349,9 +351,10 @@ class _Run:
             return
         if self.resolver.look_ahead:
             checkpoint_every = 0
-        after, part = self._given(missing)
+        after, part, self.lineage = self._given(missing)
         shown = (lambda numbers: track(numbers, len(numbers), "resolving", shown=True)) if self.progress else iter
-        self.parts.resolve(self.resolver, part, after, missing, shown, self.checkpoints, checkpoint_every)
+        slots, every = self.checkpoints, checkpoint_every
+        self.parts.resolve(self.resolver, part, after, self.lineage, missing, shown, slots, every)
 
     def _beside(self, missing: list[int]) -> None:
         """Resolve the ``missing`` frames in as many runs of them as there are resolvers, at the same time.
@@ -374,7 +377,7 @@ class _Run:
         def resolve(resolver: Resolver, wanted: list[int]) -> None:
             try:
                 part = gathered_from(self.sequence, wanted, resolver.preset, self.how)
-                self.parts.resolve(resolver, part, None, wanted, shown)
+                self.parts.resolve(resolver, part, None, self._lineage(), wanted, shown)
             except BaseException as failure:
                 failures.append(failure)
                 self.parts.halted.set()
@@ -434,14 +437,15 @@ class _Run:
                 before, self.frames = self.sequence.last, self.frames + len(part)
                 if self._stands_behind(before):
                     every = checkpoint_every
-                    self.parts.resolve(self.resolver, part, before, part.numbers, iter, self.checkpoints, every)
+                    slots, lineage = self.checkpoints, self.lineage
+                    self.parts.resolve(self.resolver, part, before, lineage, part.numbers, iter, slots, every)
                     self.sequence = part
                 else:  # no frame was missing, so the resolver has no history
                     self.sequence = arrivals.whole()
                     self.resolve(checkpoint_every)
                 advance(self.frames, arrivals.count or self.frames)
         if not arrivals.ended and self._stands_behind(self.sequence.last):
-            self.checkpoints.save(self.resolver)
+            self.checkpoints.save(self.resolver, self.lineage.digest())
         if self.stop.requested:
             raise KeyboardInterrupt
 
@@ -452,14 +456,23 @@ class _Run:
         except ValueError:
             return False
 
-    def _given(self, missing: list[int]) -> tuple[int | None, FrameSequence]:
-        """Return the frame after which the resolver continues, and the frames that it needs for the ``missing``."""
-        preset = self.resolver.preset
-        after = None if preset.settings.look_ahead else self.checkpoints.restore(self.resolver, before=missing[0])
+    def _given(self, missing: list[int]) -> tuple[int | None, FrameSequence, Lineage]:
+        """Return the frame after which the resolver continues, the frames that it needs for the ``missing``, and the
+        lineage of those before."""
+        preset, lineage, digests = self.resolver.preset, self._lineage(), dict[int, str]()
+        for number in self.sequence.numbers[: self.sequence.numbers.index(missing[0])]:
+            lineage.add(self.folder.inputs[number])
+            digests[number] = lineage.digest()
+        after = None if preset.settings.look_ahead else self.checkpoints.restore(self.resolver, digests)
         if after is None:
-            return None, gathered_from(self.sequence, missing, preset, self.how)
+            return None, gathered_from(self.sequence, missing, preset, self.how), self._lineage()
+        before = [self.folder.inputs[number] for number in digests if number <= after]
         given = [number for number in self.sequence.numbers if after < number <= missing[-1]]
-        return after, self.sequence.select(given[0], given[-1])
+        return after, self.sequence.select(given[0], given[-1]), self._lineage(before)
+
+    def _lineage(self, inputs: Iterable[str] = ()) -> Lineage:
+        """Return the lineage of results behind the frames of these ``inputs``."""
+        return lineage_of(self.resolver.preset, self.sequence, self.how, inputs)
 
     @property
     def _splits(self) -> bool:

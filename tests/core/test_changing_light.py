@@ -255,8 +255,8 @@ def test_a_resolver_that_was_put_back_knows_whether_counts_hold_changes(tmp_path
         resolver, other, checkpoints = Resolver(), Resolver(), Checkpoints(tmp_path, str(effects))
         for index in range(3):
             resolver.resolve(textured(index, 1.0, effects))
-        checkpoints.save(resolver)
-        assert checkpoints.restore(other, before=9) == 2
+        checkpoints.save(resolver, "inputs")
+        assert checkpoints.restore(other, dict.fromkeys(range(9), "inputs")) == 2
         after = textured(3, 1.2)
         assert (resolver.resolve(after) == other.resolve(after)).all()
         assert (changes_read(resolver) == changes_read(other)).all()

@@ -86,7 +86,7 @@ def test_it_is_found_after_a_run_was_cut_short_too(tmp_path: Path) -> None:
     with Resolver(device="numpy") as first, Resolver(device="numpy") as second:
         for frame in frames[:CUT]:
             first.resolve(frame)
-        Checkpoints(tmp_path, "key").save(first)
-        assert Checkpoints(tmp_path, "key").restore(second, before=CUT) == CUT - 1
+        Checkpoints(tmp_path, "key").save(first, "inputs")
+        assert Checkpoints(tmp_path, "key").restore(second, dict.fromkeys(range(CUT), "inputs")) == CUT - 1
         np.testing.assert_array_equal(second.resolve(frames[CUT]), whole[CUT])
         assert list(second.cuts_found) == [CUT]

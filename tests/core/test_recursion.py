@@ -222,8 +222,8 @@ def test_a_checkpoint_goes_on_to_the_same_bits(period: int, tmp_path: Path) -> N
         expected = whole.resolve(jittered(index, period))
     for index in range(10):
         begun.resolve(jittered(index, period))
-    checkpoints.save(begun)
-    assert checkpoints.restore(goes_on, before=10) == 9
+    checkpoints.save(begun, "inputs")
+    assert checkpoints.restore(goes_on, dict.fromkeys(range(10), "inputs")) == 9
     *_, image = goes_on.images(jittered(index, period) for index in (10, 11))
     assert np.array_equal(bits(image), bits(expected))
 

@@ -13,7 +13,7 @@ from cltaa.frame import Frame, Image
 from cltaa.pipeline.checkpoint import SLOTS, Checkpoints
 from tests.sequence_factory import bits, make_frame
 
-KEY = "of these settings"
+KEY, MADE = "of these settings", "of these inputs"
 
 
 def frames(count: int, *, alpha: bool = False) -> list[Frame]:
@@ -36,9 +36,9 @@ def test_restored_resolver_gives_the_same_bits(tmp_path: Path, options: dict[str
     sequence = frames(6, alpha=alpha)
     _, whole = resolved(sequence, **options)
     resolver, _ = resolved(sequence[:3], **options)
-    Checkpoints(tmp_path, KEY).save(resolver)
+    Checkpoints(tmp_path, KEY).save(resolver, MADE)
     other = Resolver(**options)  # type: ignore[arg-type]
-    assert Checkpoints(tmp_path, KEY).restore(other, before=6) == 2
+    assert Checkpoints(tmp_path, KEY).restore(other, dict.fromkeys(range(6), MADE)) == 2
     for frame, expected in zip(sequence[3:], whole[3:], strict=True):
         assert np.array_equal(bits(other.resolve(frame)), bits(expected))
 
@@ -47,18 +47,20 @@ def test_latest_slot_below_the_wanted_frame_is_taken(tmp_path: Path) -> None:
     checkpoints, resolver = Checkpoints(tmp_path, KEY), Resolver(device="numpy")
     for frame in frames(5):
         resolver.resolve(frame)
-        checkpoints.save(resolver)
+        checkpoints.save(resolver, MADE)
     # Saved after each of 0 to 4: the slots hold the last two.
     for before, expected in ((9, 4), (5, 4), (4, 3), (3, None)):
-        assert Checkpoints(tmp_path, KEY).restore(Resolver(device="numpy"), before) == expected
-    assert Checkpoints(tmp_path, "of others").restore(Resolver(device="numpy"), 9) is None
+        assert (
+            Checkpoints(tmp_path, KEY).restore(Resolver(device="numpy"), dict.fromkeys(range(before), MADE)) == expected
+        )
+    assert Checkpoints(tmp_path, "of others").restore(Resolver(device="numpy"), dict.fromkeys(range(9), MADE)) is None
     checkpoints.clear()
     assert list(tmp_path.iterdir()) == []
 
 
 def test_nothing_to_save_before_the_first_frame(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no history"):
-        Checkpoints(tmp_path, KEY).save(Resolver())
+        Checkpoints(tmp_path, KEY).save(Resolver(), MADE)
 
 
 def test_damaged_slot_never_gives_other_bits(tmp_path: Path) -> None:
@@ -66,7 +68,7 @@ def test_damaged_slot_never_gives_other_bits(tmp_path: Path) -> None:
     checkpoints, resolver = Checkpoints(tmp_path, KEY), Resolver(device="numpy")
     for frame in frames(2):
         resolver.resolve(frame)
-        checkpoints.save(resolver)
+        checkpoints.save(resolver, MADE)
     newest = max((tmp_path / name for name in SLOTS), key=lambda path: path.stat().st_mtime_ns)
     _, buffers = resolver.recurrent()
     expected = {name: bits(np.array(_content(buffer))) for name, buffer in buffers.items()}
@@ -82,7 +84,7 @@ def test_damaged_slot_never_gives_other_bits(tmp_path: Path) -> None:
             del damaged[position:]
         newest.write_bytes(damaged)
         other = Resolver(device="numpy")
-        restored = checkpoints.restore(other, before=9)
+        restored = checkpoints.restore(other, dict.fromkeys(range(9), MADE))
         outcomes.add(restored)
         if restored == 1:
             _, again = other.recurrent()

@@ -32,7 +32,9 @@ def test_the_state_is_saved_after_every_so_many_frames(
     every: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     saved: list[int] = []
-    monkeypatch.setattr(Checkpoints, "save", lambda _, resolver: saved.append(resolver.recurrent()[0].index))
+    monkeypatch.setattr(
+        Checkpoints, "save", lambda _, resolver, *_made_from: saved.append(resolver.recurrent()[0].index)
+    )
     sequence = open_sequence(write_sequence(tmp_path / "in", FRAMES, width=9, height=7))
     resolve_sequence(sequence, tmp_path / "out", Resolver(device="numpy"), checkpoint_every=every)
     assert saved == [*range(every - 1, FRAMES, every)]
