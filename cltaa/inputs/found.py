@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -18,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.camera import displacement, inverse_depth, is_still, reprojected
-from cltaa.errors import CltaaError
+from cltaa.errors import CltaaError, UsageError
 from cltaa.frame import Camera, Effect, Frame, Image, format_effects, outline
 from cltaa.io.display import LUMA
 from cltaa.io.exr_frame import MATRICES
+from cltaa.io.manifest import RESTART_CURE
 from cltaa.io.sequence import FrameSequence
 from cltaa.io.streams import ReadAhead
 from cltaa.printable import counted
@@ -144,6 +146,14 @@ def by_headers(sequence: FrameSequence, outlines: Sequence[Frame] | None = None)
     for effect, part in ((Effect.ALPHA, "alpha"), (Effect.REACTIVE, "reactive")):
         said[effect] = (part in sequence.holds, "there is a channel" if part in sequence.holds else "no channel")
     return said
+
+
+def check_headers(sequence: FrameSequence, begun: frozenset[Effect], *, path: Path) -> None:
+    """Raise UsageError, about ``path``, where headers show effects beyond those that a run was ``begun`` with."""
+    shown = {effect for effect, (there, _) in by_headers(sequence).items() if there}
+    if new := shown - begun - {Effect.CUT}:  # a cut starts a new history, whatever the plan
+        what, expected = "headers show effects that the run was not begun with", format_effects(begun)
+        raise UsageError(what, path=path, expected=expected, found=format_effects(new), cure=RESTART_CURE)
 
 
 def _cut(sequence: FrameSequence, outlines: Sequence[Frame], cameras: Mapping[int, Camera] | None) -> tuple[bool, str]:

@@ -77,24 +77,36 @@ def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) 
     """Return the sorted frame ``numbers`` that are asked for; raises UsageError unless both ends exist."""
     if frames is None:
         return list(numbers)
+    first, last = checked_range(frames, folder)
+    for end in frames:
+        if end not in numbers:
+            raise no_such_frame(folder, end, numbers)
+    return [number for number in numbers if first <= number <= last]
+
+
+def checked_range(frames: FrameRange, folder: Path) -> FrameRange:
+    """Return ``frames``; raises UsageError unless they are a first and a last number in their order."""
     if not (isinstance(frames, tuple | list) and len(frames) == 2):
         expected = "the first and the last of them, as (8, 47)"
         raise UsageError("invalid range of frames", path=folder, expected=expected, found=repr(frames))
     first, last = frames
-    for end in frames:
-        if end not in numbers:
-            raise no_such_frame(folder, end, numbers)
     if first > last:
         raise UsageError("the range of frames is empty", path=folder, found=f"{first}-{last}")
-    return [number for number in numbers if first <= number <= last]
+    return first, last
+
+
+def checked_step(step: object) -> int:
+    """Return ``step``; raises UsageError unless it is a whole number from 1 on."""
+    if not isinstance(step, Integral) or step < 1:
+        raise UsageError("the step between frames is wrong", expected="a whole number from 1 on", found=step)
+    return int(step)
 
 
 def check_steps(paths: Mapping[int, Path], frames: FrameRange, step: int, gaps: OnBreak) -> None:
     """Raise DataError for a number between two steps, InputMissing for a missing one unless ``gaps`` allows that,
     UsageError for a step below 1."""
     first, last = frames
-    if not isinstance(step, Integral) or step < 1:
-        raise UsageError("the step between frames is wrong", expected="a whole number from 1 on", found=step)
+    checked_step(step)
     numbers = [number for number in sorted(paths) if first <= number <= last]
     for number in numbers:
         if (number - first) % step:

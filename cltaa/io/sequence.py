@@ -224,9 +224,7 @@ class FrameSequence(NumberedFiles):
             what, cure = "the file name and attribute cltaa:frame disagree", "give the file its own number again"
             raise DataError(what, path=frame.path, expected=number, found=frame.index, cure=cure)
         if frame.effects != self.effects:
-            expected, found = name_effects(self.effects), name_effects(frame.effects)
-            what = "declares other effects than the first frame"
-            raise DataError(what, path=frame.path, frame=number, expected=expected, found=found)
+            raise other_effects(self.path(number), number, self.effects, frame.effects)
         if self.step != 1 or self.found is not None:
             frame = replace(frame, step=self.step, found=self.found)
         return frame, FrameFile(header)
@@ -234,6 +232,14 @@ class FrameSequence(NumberedFiles):
     def __iter__(self) -> Iterator[Frame]:
         """Read the frames one after another."""
         return (self.frame(number) for number in self.numbers)
+
+
+def other_effects(path: Path, number: int, first: frozenset[Effect] | None, its: frozenset[Effect] | None) -> DataError:
+    """Return the error for a frame that does not declare the effects of the first one."""
+    expected, found = name_effects(first), name_effects(its)
+    return DataError(
+        "declares other effects than the first frame", path=path, frame=number, expected=expected, found=found
+    )
 
 
 def open_sequence(

@@ -23,11 +23,11 @@ from cltaa.core.resolver import Resolver
 from cltaa.errors import ResourceError, UsageError, known
 from cltaa.frame import Asked, Effect, format_effects
 from cltaa.inputs.foreign import ForeignSequence
-from cltaa.inputs.found import Evidence, Found, by_headers, find_effects, with_found
+from cltaa.inputs.found import Evidence, Found, check_headers, find_effects, with_found
 from cltaa.inputs.open import check_declared, looked_for, open_input
 from cltaa.io.atomic import check_ownable
 from cltaa.io.content import memory_limit
-from cltaa.io.manifest import RESTART_CURE, Manifest
+from cltaa.io.manifest import Manifest
 from cltaa.io.names import Named
 from cltaa.io.preset_file import read_preset
 from cltaa.io.sequence import FrameSequence, open_sequence
@@ -275,12 +275,8 @@ def with_known_effects(
         found, line = None, ""
         if names is not None:
             found = found_before(output, frozenset(map(Effect, names)))
-            known = format_effects(found.effects)
-            shown = {effect for effect, (there, _) in by_headers(sequence).items() if there}
-            if new := shown - found.effects - {Effect.CUT}:  # a cut starts a new history, whatever the plan
-                what = "headers show effects that the run was not begun with"
-                raise UsageError(what, path=output, expected=known, found=format_effects(new), cure=RESTART_CURE)
-            line = f"effects found: {known} (as the run began)"
+            check_headers(sequence, found.effects, path=output)
+            line = f"effects found: {format_effects(found.effects)} (as the run began)"
     elif looks:
         check_ownable(output)  # before a user without access waits for an error
         with shown_progress("finding effects", shown=progress) as advance:

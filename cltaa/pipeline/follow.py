@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.frame import Effect
 from cltaa.inputs.foreign import ForeignSequence
+from cltaa.inputs.found import check_headers
 from cltaa.inputs.open import open_input
 from cltaa.io.content import open_regular
 from cltaa.io.exr_header import checked_outline
 from cltaa.io.names import Selection, renumbered, selection_of
-from cltaa.io.numbered import FrameRange, OnBreak, files_in, frame_missing
-from cltaa.io.sequence import FrameSequence
+from cltaa.io.numbered import FrameRange, OnBreak, checked_range, checked_step, files_in, frame_missing
+from cltaa.io.sequence import FrameSequence, other_effects
 from cltaa.process import Stop
 
 POLL = 0.2  # seconds between two checks of a folder
+WITHOUT = "resolve the finished folder without --follow"
 
 
 def check_whole(path: Path) -> None:
@@ -44,13 +46,18 @@ class Arrivals:
         *,
         guided: bool = False,
     ) -> None:
-        """Store the arguments; nothing is read yet."""
+        """Store the arguments; nothing is read yet. Raises UsageError for a wrong range or step."""
         self._source, self._idle, self._reading, self._guided = Path(source), idle, reading, guided
-        self._first: int | None = None if frames is None else frames[0]
-        self._end: int | None = None if frames is None else frames[1]
-        self._step, self._gaps = int(reading.get("step", 1)), OnBreak(reading.get("gaps", OnBreak.ERROR))
+        self._step, self._gaps = checked_step(reading.get("step", 1)), OnBreak(reading.get("gaps", OnBreak.ERROR))
+        self._first: int | None = None
+        self._end: int | None = None
+        if frames is not None:
+            self._first, last = checked_range(frames, self._source)
+            self._end = last - (last - self._first) % self._step  # the last number that can come
         self._last: int | None = None  # the last number that was taken
-        self._taken: list[Path] = []
+        self._taken: list[list[Path]] = []  # the files of each frame
+        self._begun: FrameSequence | None = None  # with the first frame
+        self._latest: FrameSequence | None = None  # with the last one
         self.ended = False  # after the last of the requested frames
         self.found: frozenset[Effect] | None = None  # as the run began
 
@@ -81,30 +88,62 @@ class Arrivals:
 
     def whole(self) -> FrameSequence:
         """Return all frames that were taken, as one sequence."""
-        return self._opened(self._taken)
+        return self._made(self._opened(self._taken))
 
     def _wait(self, stop: Stop) -> FrameSequence | None:
         since = time.monotonic()
         while not stop.requested:
             late = self._idle is not None and time.monotonic() - since >= self._idle
-            if numbers := self._ready(skip=late and self._gaps is OnBreak.RESET):
-                files = [path for number in numbers for path in self._files()[number]]
-                self._taken += files
-                self._last, self.ended = numbers[-1], numbers[-1] == self._end
-                return self._opened(files)
+            if ready := self._ready(skip=late and self._gaps is OnBreak.RESET):
+                opened = self._next(ready)
+                self._taken += ready.values()
+                self._last = max(ready)
+                self.ended = self._last == self._end
+                return opened
             if late:
                 break
             time.sleep(POLL)
         return None
 
-    def _opened(self, files: list[Path]) -> FrameSequence:
-        place = self._place()
-        opened = open_input(Selection(place.folder, tuple(files), place.words, place.numbers), **self._reading)
-        if isinstance(opened, ForeignSequence) and opened.intake.profile.jitter.source == "projection":
-            cure = "resolve the finished folder without --follow"
-            raise UsageError("--follow: jitter in the projection shows over a whole shot", path=self._source, cure=cure)
+    def _next(self, ready: Mapping[int, list[Path]]) -> FrameSequence:
+        """Open the frames that are ``ready``; later ones beside the first frame and the last one that was taken, as in
+        a finished folder."""
+        if self._begun is None or self._latest is None:
+            self._begun = self._latest = self._made(self._opened(ready.values()))
+            return self._begun
+        known = {self._begun.first: self._begun, self._latest.last: self._latest}
+        # Between the first frame and the last are others, so that these have no gap.
+        opened = self._opened([self._taken[0], self._taken[-1], *ready.values()], gaps=OnBreak.RESET)
+        part = opened.select(min(ready), max(ready))
+        for number, earlier in known.items():
+            if opened.layouts[number].region != earlier.layouts[number].region:
+                what = "--follow: the data windows differ, which decides about earlier results"
+                raise DataError(what, path=part.path(part.first), frame=part.first, cure=WITHOUT)
+        if part.effects != opened.effects:
+            raise other_effects(part.path(part.first), part.first, opened.effects, part.effects)
+        if self.found is not None:
+            check_headers(opened, self.found, path=self._source)
+        self._latest = self._made(part)
+        return self._latest
+
+    def _made(self, opened: FrameSequence) -> FrameSequence:
+        """Return what was opened with the effects and the guides to use."""
         opened.found = self.found
         return opened.with_guides()[0] if self._guided else opened
+
+    def _opened(self, frames: Iterable[list[Path]], **reading: Any) -> FrameSequence:
+        place, files = self._place(), tuple(dict.fromkeys(path for files in frames for path in files))
+        named = Selection(place.folder, files, place.words, place.numbers)
+        opened = open_input(named, **{**self._reading, **reading})
+        if isinstance(opened, ForeignSequence):
+            profile = opened.intake.profile
+            if profile.jitter.source == "projection":
+                what = "--follow: jitter in the projection shows over a whole shot"
+                raise UsageError(what, path=self._source, cure=WITHOUT)
+            if profile.jitter.delay or profile.camera.delay:
+                what = "--follow: a delay of jitter or camera needs frames that are not there yet"
+                raise UsageError(what, path=self._source, cure=WITHOUT)
+        return opened
 
     def _place(self) -> Selection:
         try:
@@ -132,15 +171,15 @@ class Arrivals:
         last, end = self._last, self._end
         return [n for n in files if (last is None or n > last) and (end is None or n <= end)]
 
-    def _ready(self, *, skip: bool) -> list[int]:
-        """Return the numbers of the next whole frames in a row; with ``skip`` the row may begin later."""
+    def _ready(self, *, skip: bool) -> dict[int, list[Path]]:
+        """Return the files of the next whole frames in a row; with ``skip`` the row may begin later."""
         files = self._files()
         ahead = self._ahead(files)
-        due, ready = self._due(ahead), list[int]()
+        due, ready, among = self._due(ahead), dict[int, list[Path]](), frozenset(ahead)
         if skip and due not in files and ahead:
             due = ahead[0]
-        while due in ahead and self._fault(files[due]) is None:
-            ready.append(due)
+        while due in among and self._fault(files[due]) is None:
+            ready[due] = files[due]
             due += self._step
         return ready
 
@@ -160,5 +199,5 @@ class Arrivals:
         if due in files and (fault := self._fault(files[due])):
             raise fault
         if due is not None and due not in files and (ahead or self._end is not None):
-            there = self._taken[-1] if self._taken else next(iter(files.values()), [self._source])[0]
+            there = self._taken[-1][0] if self._taken else next(iter(files.values()), [self._source])[0]
             raise frame_missing(renumbered(there, due), due)

@@ -7,11 +7,12 @@ import shutil
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple, Protocol
@@ -265,12 +266,7 @@ def resolve_sequence(
         views = DebugViews(resolver, debug, len(sequence))
         files = ResolvedFiles(folder, resolver, views, undeclared=sequence.undeclared)
         run = _Run(sequence, folder, files, checkpoints, resolvers, how, stop, elsewhere, progress)
-        try:
-            run.resolve(checkpoint_every)
-        except DeviceLost:
-            for each in resolvers:
-                each.reopen()
-            run.resolve(checkpoint_every)
+        run.once_more(lambda: run.resolve(checkpoint_every))
         if arrivals is not None:
             run.follow(arrivals, checkpoint_every)
         report = msgspec.structs.replace(run.report(), found=found)
@@ -332,6 +328,7 @@ class _Run:
         """Begin without frames."""
         self.parts, self.frames, self.cuts = Parts(self.files, self.how, self.stop), len(self.sequence), set[int]()
         self.resolver = self.resolvers[0]
+        self.reopened = False  # after a loss of the device
         self.lineage = self._lineage()  # of the frames that the resolver holds
 
     def resolve(self, checkpoint_every: int) -> None:
@@ -355,6 +352,18 @@ class _Run:
         shown = (lambda numbers: track(numbers, len(numbers), "resolving", shown=True)) if self.progress else iter
         slots, every = self.checkpoints, checkpoint_every
         self.parts.resolve(self.resolver, part, after, self.lineage, missing, shown, slots, every)
+
+    def once_more(self, work: Callable[[], None]) -> None:
+        """Do ``work``, and again where that loses the device, which is opened again once in a run."""
+        try:
+            work()
+        except DeviceLost:
+            if self.reopened:
+                raise
+            self.reopened = True
+            for each in self.resolvers:
+                each.reopen()
+            work()
 
     def _beside(self, missing: list[int]) -> None:
         """Resolve the ``missing`` frames in as many runs of them as there are resolvers, at the same time.
@@ -435,19 +444,22 @@ class _Run:
             advance(self.frames, arrivals.count or self.frames + 1)
             for part in arrivals.behind(self.stop):
                 before, self.frames = self.sequence.last, self.frames + len(part)
-                if self._stands_behind(before):
-                    every = checkpoint_every
-                    slots, lineage = self.checkpoints, self.lineage
-                    self.parts.resolve(self.resolver, part, before, lineage, part.numbers, iter, slots, every)
-                    self.sequence = part
-                else:  # no frame was missing, so the resolver has no history
-                    self.sequence = arrivals.whole()
-                    self.resolve(checkpoint_every)
+                self.once_more(partial(self._go_on, part, before, arrivals, checkpoint_every))
                 advance(self.frames, arrivals.count or self.frames)
         if not arrivals.ended and self._stands_behind(self.sequence.last):
             self.checkpoints.save(self.resolver, self.lineage.digest())
         if self.stop.requested:
             raise KeyboardInterrupt
+
+    def _go_on(self, part: FrameSequence, before: int, arrivals: Arrivals, every: int) -> None:
+        """Resolve the next ``part`` of the ``arrivals``, which comes after frame ``before``."""
+        if self._stands_behind(before):
+            slots, lineage = self.checkpoints, self.lineage
+            self.parts.resolve(self.resolver, part, before, lineage, part.numbers, iter, slots, every)
+            self.sequence = part
+        else:  # no frame was missing, or the device was lost, so the resolver has no history
+            self.sequence = arrivals.whole()
+            self.resolve(every)
 
     def _stands_behind(self, number: int) -> bool:
         """True where the resolver holds the history after frame ``number``."""
