@@ -73,6 +73,8 @@ def check_channels(frames: Sequence[Frame], *, has_camera: bool, has_depth: bool
         if len(finite) and np.ptp(finite) == 0.0 and len(finite) > 0.5 * depth.size:
             is_distance = finite[0] > 0.0 or frames[0].camera.orthographic
             yield _channel("depth-constant", not is_distance, f"every depth is {finite[0]:g}", "depth")
+        elif np.isinf(depth).all():
+            yield _channel("depth-constant", False, "every depth is infinite", "depth")
     vectors = [frame.motion for frame in frames[1:] if frame.motion is not None]
     if vectors:
         every = np.concatenate([v.reshape(-1, 2) for v in vectors])

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.frame import Frame
+from cltaa.frame import Frame, Image
 from cltaa.inputs.convert import device_planes, planes_of, ray_length
 from cltaa.inputs.profile import Depth, DepthKind
 from cltaa.lab.check.camera import (
@@ -32,6 +32,7 @@ Plane = NDArray[np.float64]
 ROUNDING = 16  # tolerance in rounding steps: second difference of three numbers, doubled for the rasteriser
 FINEST, COARSE = 2.0**-23, 2.0**-11.5  # step of float32; the least of halves is 2^-11
 COARSEST = 2.0**-8  # the greatest step of halves is 2^-10, and some halves may not occur
+MOSTLY = 0.9  # share of negative depths, above which the sign is wrong
 CLEARLY_MORE = 0.8  # share of the pixels that distinguish two readings
 LEAST_PIXELS = 200
 MOST_FRAMES = 3  # all frames have the same kind of depth; more only cost time
@@ -51,13 +52,11 @@ def check_depth(frames: Sequence[Frame], rule: Depth = AS_DECLARED) -> list[Find
     """
     frames = frames[:MOST_FRAMES]
     depth = [_stored(frame, frame.depth.astype(np.float64), rule) for frame in frames]
-    finite = np.concatenate([plane[np.isfinite(plane)] for plane in depth])
+    finite = _finite(depth)
     if not len(finite):
         return []
-    if (finite < 0).mean() > 0.9:
-        evidence = f"{(finite < 0).mean():.0%} of the depths are negative"
-        what = "depth is negative in front of the camera"
-        return [mistake("depth-negative", what, evidence, 0.99, {"scale": -1.0})]
+    if negative := check_sign(depth):
+        return negative
     read = READ_AS.get(rule.kind, "reciprocal")
     shares = {kind: share for kind, share in _flat_shares(frames, depth, read).items() if share > CLEARLY_MORE}
     for kind in sorted(shares, key=lambda kind: -shares[kind])[:1]:
@@ -72,6 +71,20 @@ def check_depth(frames: Sequence[Frame], rule: Depth = AS_DECLARED) -> list[Find
         evidence = f"all values within {finite.min():.4g} and {finite.max():.4g}, their middle {np.median(finite):.4g}"
         return [mistake("depth-device", DEVICE, evidence, 0.85, {"kind": "device"})]
     return []
+
+
+def check_sign(depth: Sequence[Plane | Image]) -> list[Finding]:
+    """Find depth that is negative nearly everywhere, which needs no matrices."""
+    finite = _finite(depth)
+    negative = float((finite < 0).mean()) if len(finite) else 0.0
+    if negative <= MOSTLY:
+        return []
+    evidence, what = f"{negative:.0%} of the depths are negative", "depth is negative in front of the camera"
+    return [mistake("depth-negative", what, evidence, 0.99, {"scale": -1.0})]
+
+
+def _finite(depth: Sequence[Plane | Image]) -> Vector:
+    return np.concatenate([plane[np.isfinite(plane)].astype(np.float64) for plane in depth])
 
 
 def _stored(frame: Frame, planar: Plane, rule: Depth) -> Plane:

@@ -51,11 +51,19 @@ def test_channels_that_carry_nothing(name: str, spoil: Callable[[Frame], Frame])
     [
         ("colour-constant", lambda f: picture(f, 0.0)),  # a black leader
         ("depth-constant", lambda f: replace(f, depth=np.full_like(f.depth, 3.0))),  # a wall before the camera
+        ("depth-constant", lambda f: replace(f, depth=np.full_like(f.depth, np.inf))),  # nothing but sky
     ],
 )
 def test_what_may_be_all_one_is_a_question(name: str, changed: Callable[[Frame], Frame]) -> None:
     found = [*check_channels([changed(frame) for frame in frames()], has_camera=True, has_depth=True)]
     assert [(finding.name, finding.mistake, finding.question) for finding in found] == [(name, False, True)]
+
+
+def test_depth_of_the_other_sign_is_found_without_matrices() -> None:
+    spoilt = [replace(frame, depth=-frame.depth) for frame in frames()]
+    found = [one for one in check_frames(spoilt, has_camera=False, has_jitter=False) if one.name == "depth-negative"]
+    assert [(one.mistake, one.fix) for one in found] == [(True, {"depth": {"scale": -1.0}})]
+    assert not names(check_frames(frames(), has_camera=False, has_jitter=False))
 
 
 @pytest.mark.parametrize(("value", "found"), [(0.5, "motion-centred-on-half"), (0.25, "motion-constant")])

@@ -22,7 +22,7 @@ from cltaa.lab.check.hypotheses import Finding
 from cltaa.lab.check.report import Report, check_folder
 from tests.inputs.foreign import side_text, write_own
 from tests.lab.check.conftest import Scene
-from tests.lab.check.mistakes import MISTAKES, full_motion
+from tests.lab.check.mistakes import MISTAKES, full_motion, motion
 from tests.sequence_factory import write_sequence
 
 # Mistakes that no way of reading mends: the numbers are lost, or were never there.
@@ -90,6 +90,26 @@ def test_a_jitter_from_the_corner_and_otherwise_wrong_is_read_right(mistake: str
     _, mending = check_folder(write_own(tmp_path, spoilt))
     again = open_input(tmp_path, profile=mending)
     np.testing.assert_allclose([frame.jitter_px for frame in again], [frame.jitter_px for frame in right], atol=1e-12)
+
+
+def test_vectors_that_are_still_too_long_once_halved_are_halved_again(scene: Scene, tmp_path: Path) -> None:
+    spoilt = motion(4 * np.eye(2))(full_motion(scene("pan")))
+    report, mending = check_folder(write_own(tmp_path, spoilt))
+    assert [finding.option for finding in report.mistakes] == [
+        "--input motion.scale=0.5,0.5",
+        "--input motion.scale=0.25,0.25",
+    ]
+    assert mending.motion.scale == (0.25, 0.25)
+    assert check_folder(tmp_path, profile=mending)[0].mistakes == []
+
+
+def test_findings_that_undo_each_other_come_to_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second would lead back to the first reading, which has been tried."""
+    turned = finding("camera-y-flipped", True, fix={"camera": {"flip_y": True}})
+    monkeypatch.setattr("cltaa.lab.check.report.check_frames", lambda *_, **__: [turned])
+    report, mending = check_folder(write_sequence(tmp_path, 2))
+    assert [found.name for found in report.mistakes] == ["camera-y-flipped"]
+    assert mending.camera.flip_y
 
 
 def test_what_a_wrong_depth_hides_is_found_too(scene: Scene, tmp_path: Path) -> None:
