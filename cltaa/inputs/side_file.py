@@ -79,7 +79,15 @@ def _csv(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
         text = text.replace(",", ".")
     blank = " " if delimiter == "\t" else " \t"
     lines = re.sub(f"[{blank}]*{delimiter}[{blank}]*", delimiter, text).splitlines()
-    for line, row in enumerate(csv.DictReader(map(str.strip, lines), delimiter=delimiter), start=2):
+    table = csv.DictReader(map(str.strip, lines), delimiter=delimiter)
+    headings = [*filter(None, table.fieldnames or ())]
+    if twice := sorted({name for name in headings if headings.count(name) > 1}):
+        raise DataError(f"a heading stands twice: {', '.join(twice)}", path=path, cure="leave one of the two")
+    for line, row in enumerate(table, start=2):
+        if any(row.get(None, ())):
+            what, many = f"line {line}: more cells than headings", len(headings) + len(row[None])
+            cure = "numbers with decimal commas need semicolons between them"
+            raise DataError(what, path=path, expected=str(len(headings)), found=many, cure=cure)
         try:
             names = {re.sub(r"\.[0-9]+$", "", column) for column in row if column} - {"frame"}
             values = {name: _columns(row, name) if name in KEYS else () for name in sorted(names)}

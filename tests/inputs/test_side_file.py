@@ -99,6 +99,26 @@ def test_semicolons_stand_between_columns_where_commas_stand_in_decimals(row: st
     assert read_side_file(path)[1].jitter_px == (0.25, -0.5)
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("frame,exposure\n1,1\n2,1,25\n", r"line 3: more cells than headings \(expected 2, found 3\).*semicolons"),
+        ("frame,jitter_px.0,jitter_px.1\n1,0,25,0,125\n", r"line 2: more cells than headings"),
+        ("frame,exposure,exposure\n1,1,2\n", "a heading stands twice: exposure; leave one"),
+    ],
+)
+def test_cells_that_would_be_dropped_are_reported(text: str, message: str, tmp_path: Path) -> None:
+    """As of decimal commas between commas, where the second half of each number would go astray."""
+    (tmp_path / "camera.csv").write_text(text)
+    with pytest.raises(DataError, match=rf"camera\.csv: {message}"):
+        read_side_file(tmp_path / "camera.csv")
+
+
+def test_empty_cells_at_the_end_are_none(tmp_path: Path) -> None:
+    (tmp_path / "camera.csv").write_text("frame,exposure,,\n1,2,,,,\n")
+    assert read_side_file(tmp_path / "camera.csv")[1].exposure == 2
+
+
 @pytest.mark.parametrize("between", ["\t", ", ", " ,\t"])
 def test_columns_may_be_parted_by_tabs_or_have_spaces_before_them(between: str, tmp_path: Path) -> None:
     path = tmp_path / "camera.csv"
