@@ -95,8 +95,11 @@ def is_opaque(alpha: Image | None) -> bool:
     return alpha is not None and bool((alpha == 1.0).all())
 
 
-def pixel_problems(statistics: dict[str, ChannelStatistics]) -> list[str]:
-    """Return sentences about values that a resolve has to repair or cannot use."""
+def pixel_problems(statistics: dict[str, ChannelStatistics], *, orthographic: bool) -> list[str]:
+    """Return sentences about values that a resolve has to repair or cannot use.
+
+    An ``orthographic`` camera may have surfaces on both sides of it.
+    """
     problems = []
     for name, channel in statistics.items():
         not_finite = channel.nan + (0 if name == "Z" else channel.infinite)
@@ -106,7 +109,7 @@ def pixel_problems(statistics: dict[str, ChannelStatistics]) -> list[str]:
         if not_finite:
             problems.append(f"channel {name}: {not_finite} of {channel.count} values are not finite")
     depth = statistics.get("Z")
-    if depth is not None and depth.lowest <= 0:
+    if depth is not None and depth.lowest <= 0 and not orthographic:
         problems.append(f"channel Z: depth {depth.lowest:g} is not in front of the camera")
     alpha = statistics.get("A")
     if alpha is not None and (alpha.lowest < 0 or alpha.highest > 1) and alpha.lowest <= alpha.highest:

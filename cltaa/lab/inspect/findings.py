@@ -323,7 +323,8 @@ def inspect_folder(
     if headers:
         describe_headers(result, headers)
     describe_reference(result, folder, paths)
-    result.problems += missing_lines(missing) + pixel_problems(result.statistics) + needless_channels(result.statistics)
+    result.problems += missing_lines(missing) + pixel_problems(result.statistics, orthographic=result.orthographic)
+    result.problems += needless_channels(result.statistics)
     if pixels and headers and not result.resolved_by:
         declared, shown = next(iter(headers.values())).effects, result.statistics
         if declared is not None and shown:
@@ -412,7 +413,9 @@ def describe_input(
         if found.statistics.get("A", ChannelStatistics()).is_one:
             found.notes = [*found.notes, OPAQUE]
     missing = [f"frames missing: {ranges(intake.missing)}"] if intake.missing else []
-    found.problems = [*missing, *wrong.lines, *missing_lines(lost), *pixel_problems(found.statistics)]
+    orthographic = any(known.camera is not None and known.camera.orthographic for known in intake.declared.values())
+    of_pixels = pixel_problems(found.statistics, orthographic=orthographic)
+    found.problems = [*missing, *wrong.lines, *missing_lines(lost), *of_pixels]
     return found
 
 

@@ -14,6 +14,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.frame import Camera, Effect, Frame
 from cltaa.io.exr_write import write_frame
+from tests.inputs.foreign import side_text, write_blender
 from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame, write_images, write_sequence
 
 OFFSETS = ((0.25, 0.125), (-0.25, 0.25), (0.0, -0.375))  # mean (0, 0)
@@ -122,6 +123,19 @@ def test_bad_pixels(
     getattr(frame, channel)[3, 3] = value
     found = findings(capsys, write(tmp_path, [frame]), "--pixels")["problems"]
     assert any(message in problem for problem in found)
+
+
+def test_an_orthographic_camera_may_have_surfaces_behind_it(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    flat = Camera(np.eye(4), np.diag([0.5, 0.5, -0.01, 1.0]))
+    frame = make_frame(camera=flat, jitter_px=(0.0, 0.0))
+    frame.depth[3, 3] = -1.0
+    own, other = tmp_path / "own", tmp_path / "other"
+    own.mkdir()
+    assert findings(capsys, write(own, [frame]), "--pixels", code=0)["problems"] == []
+    write_blender(other, [frame])
+    (tmp_path / "camera.txt").write_text(side_text([frame]))
+    assert main(["inspect", str(other), "--camera", str(tmp_path / "camera.txt"), "--pixels"]) == 0
+    assert "no problem found" in capsys.readouterr().out
 
 
 def test_motion_that_is_never_needed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
