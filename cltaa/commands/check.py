@@ -105,7 +105,7 @@ def _write_jitter(
 
 
 def _resolve(words: tuple[str, ...], options: str) -> str:
-    return f"cltaa resolve {shlex.join(words)} {options}"
+    return f"cltaa resolve {shlex.join(words)} {options} -o OUT"
 
 
 def _print(report: Report, words: tuple[str, ...], options: str) -> None:

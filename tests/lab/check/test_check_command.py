@@ -146,7 +146,9 @@ def test_what_is_printed(scene: Scene, tmp_path: Path) -> None:
     assert "of the pixels that tell" in done.stdout
 
 
-def test_names_that_a_shell_takes_apart_come_out_whole(scene: Scene, tmp_path: Path) -> None:
+def test_names_that_a_shell_takes_apart_come_out_whole(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     frames = MISTAKES["jitter-negated"].plant(scene("still"))
     folder, side, profile, fix = (tmp_path / name for name in ("in", "my camera.txt", "my own.toml", "to mend.toml"))
     write_own(folder, frames)
@@ -166,7 +168,10 @@ def test_names_that_a_shell_takes_apart_come_out_whole(scene: Scene, tmp_path: P
     ]
     (last,) = CliRunner().invoke(root, [*words, "--fix", str(fix)]).stdout.splitlines()[-1:]
     told = shlex.split(last.removeprefix("to read it right: "))  # the side file is no part of the profile of --fix
-    assert told == ["cltaa", "resolve", str(folder), "--profile", str(fix), "--camera", str(side)]
+    assert told == ["cltaa", "resolve", str(folder), "--profile", str(fix), "--camera", str(side), "-o", "OUT"]
+    monkeypatch.chdir(tmp_path)
+    assert main([*told[1:], "--frames", "2", "--device", "numpy"]) == 0
+    assert len([*(tmp_path / "OUT").glob("*.exr")]) == 2
 
 
 @pytest.mark.parametrize(("pixels", "name"), [(np.float16, "depth-half"), (np.float32, None)])
@@ -222,11 +227,11 @@ def test_each_finding_is_said_with_its_sign_its_confidence_and_what_mends_it(
         "· note (76%): it is wrong",
         "    seen",
         "? cannot tell the motion",
-        "to read it right: cltaa resolve 'my shot' --profile nuke",
+        "to read it right: cltaa resolve 'my shot' --profile nuke -o OUT",
     ]
     # The profile of --fix says all but what no profile does.
     fixed = said_of(report, monkeypatch, capsys, "--fix", "mended.toml", "--step", "3", "--camera", "c.txt")
-    assert fixed[-1] == "to read it right: cltaa resolve 'my shot' --profile mended.toml --step 3 --camera c.txt"
+    assert fixed[-1] == "to read it right: cltaa resolve 'my shot' --profile mended.toml --step 3 --camera c.txt -o OUT"
 
 
 def test_what_no_way_of_reading_mends_is_not_said_to_be_mended(

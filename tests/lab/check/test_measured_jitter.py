@@ -57,7 +57,7 @@ def test_a_capture_without_its_jitter(
     true = np.array([frame.jitter_px for frame in frames])
     apart = np.abs(np.array([found[number].jitter_px for number in found]) - true)
     assert apart.max() <= 0.1  # px, as much as shifts of one picture may disagree; the worst seen is 0.070
-    pasted = resolved(stripped, tmp_path / "measured", *shlex.split(said)[3:])
+    pasted = resolved(stripped, tmp_path / "measured", *shlex.split(said)[3:-2])
     right = resolved(write_own(tmp_path / "true", frames), tmp_path / "right")
     none = resolved(stripped, tmp_path / "none", "--profile", "cltaa", "--input", "jitter.source=none")
     # A result is a mean of samples. One placed wrong by e pixels changes its share of it by at most e_x + e_y of the
@@ -83,7 +83,7 @@ def test_the_rest_of_a_side_file_is_kept_and_frames_are_those_asked_for(
         assert str(values._replace(jitter_px=None)) == str(given[number]._replace(jitter_px=None))
         assert values.jitter_px != given[number].jitter_px
     said = capsys.readouterr().out.split("to resolve with it: ")[1].splitlines()[0]
-    assert said == f"cltaa resolve {folder} --profile {tmp_path / 'fix.toml'} --camera {file} --frames 4-15"
+    assert said == f"cltaa resolve {folder} --profile {tmp_path / 'fix.toml'} --camera {file} --frames 4-15 -o OUT"
 
 
 def resting(frames: list[Frame]) -> list[Frame]:
