@@ -18,9 +18,12 @@ from cltaa.core.frame_checks import check_numbers
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.frame import Camera, Matrix
 from cltaa.inputs.convert import Offset, jitter_px, mended_camera, standard_camera, without_jitter
-from cltaa.inputs.profile import Cameras, Profile, channels_option, load_profile, option_text, override
+from cltaa.inputs.profile import Cameras, Profile, channels_option, load_profile, option_text, override, profile_names
 from cltaa.inputs.roles import (
+    DEPTH_NAME,
     KEYS,
+    MOTION_NAME,
+    NO_LIGHT,
     ONE_VIEW,
     Place,
     Roles,
@@ -380,10 +383,14 @@ def _assigned(
     faults: Many[DataError],
 ) -> Roles:
     """Return the channels of each role; UsageError where those asked for by name are missing."""
-    roles = assign_view(profile, channels, views)
+    asked = {assignment.partition("=")[0].strip() for assignment in assignments}
+    # By an option, or by a profile of the user's own.
+    names_depth = "depth.channels" in asked or profile.depth.channels not in [
+        load_profile(name).depth.channels for name in profile_names()
+    ]
+    roles = assign_view(profile, channels, views, any_depth=names_depth)
     if "colour" not in roles:
         raise faults[0] if faults else no_colour(folder, profile, channels, views)
-    asked = {assignment.partition("=")[0].strip() for assignment in assignments}
     for role, key in KEYS.items():
         wanted = attrgetter(key)(profile) if key in asked and role not in roles else ()
         lists = [[one] if isinstance(one, str) else one for one in wanted]
@@ -446,13 +453,6 @@ def intake_lines(intake: Intake) -> Iterator[str]:
     yield from intake.notes
 
 
-# Names that tools give to vectors and depth, in a channel or its file.
-MOTION_NAME = re.compile(r"mot(ion|vec)|veloc|vector|flow|(^|[._])mvs?($|[._])", re.IGNORECASE)
-DEPTH_NAME = re.compile(r"depth|(^|[._])(dist(ance)?|pz)($|[._])|(linear|view|eye|scene)_?z($|[._])", re.IGNORECASE)
-# Auxiliary layers that are not a picture.
-NO_LIGHT = re.compile(
-    r"albedo|base_?colou?r|diff(use)?_?col|matte|mask|crypto|normal|position|(^|[._])(uv|id|n|p)[._]", re.I
-)
 SHOWN = "; if the pixels are jittered, cltaa check shows by how much"
 # A resolve spends time on an opaque alpha for nothing (docs/decisions/11-conventions-from-pixels.md).
 OPAQUE = "alpha is 1 everywhere: --input colour.alpha=none gives the same colours, a tenth to a fifth faster"

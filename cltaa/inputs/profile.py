@@ -153,11 +153,15 @@ class Cameras(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Profile(msgspec.Struct, frozen=True, kw_only=True):
-    """One tool's conventions. ``recognise`` maps a header attribute to a word in its text."""
+    """One tool's conventions. ``recognise`` maps a header attribute to a word in its text.
+
+    Without such an attribute, one of ``telling`` must match a channel, if there are any.
+    """
 
     name: str = ""
     description: str = ""
     recognise: dict[str, str] = {}
+    telling: Names = ()
     colour: Colour = Colour()
     depth: Depth = Depth()
     motion: Motion = Motion()
@@ -181,21 +185,27 @@ def load_profile(name: str | Path | Profile) -> Profile:
     DataError."""
     if isinstance(name, Profile):
         return name
-    name = str(name)
+    return _load(str(name), ())
+
+
+def _load(name: str, above: Names) -> Profile:
+    """Load a profile that those ``above`` extend."""
     if name in profile_names():
-        return _parse(name, (_FOLDER / f"{name}.toml").read_text(encoding="utf-8"), name)
+        return _parse(name, (_FOLDER / f"{name}.toml").read_text(encoding="utf-8"), name, above)
     if not name.endswith(".toml"):
         cure = known(name, ["auto", *profile_names(), "FILE.toml"], "profiles")
         raise UsageError(f"unknown profile {name}", cure=cure)
-    return _parse(Path(name).stem, read_text(Path(name), "a profile", LARGEST), name)
+    if name in above:
+        raise DataError("the profile extends itself", path=name, cure="name another profile in its first line")
+    return _parse(Path(name).stem, read_text(Path(name), "a profile", LARGEST), name, above)
 
 
-def _parse(name: str, text: str, origin: str) -> Profile:
+def _parse(name: str, text: str, origin: str, above: Names) -> Profile:
     try:
         values = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise DataError(f"not TOML: {error}", path=origin) from None
-    base = load_profile(str(values.pop("profile"))) if "profile" in values else Profile()
+    base = _load(str(values.pop("profile")), (*above, origin)) if "profile" in values else Profile()
     merged = msgspec.to_builtins(base) | {"name": name}
     for section, keys in values.items():
         if section not in merged:
@@ -324,7 +334,8 @@ def toml_text(profile: Profile) -> str:
         for name, keys in values.items()
         if isinstance(keys, dict) and keys
     }
-    return tomli_w.dumps({"description": profile.description, **sections})
+    telling = {"telling": profile.telling} if profile.telling else {}
+    return tomli_w.dumps({"description": profile.description, **telling, **sections})
 
 
 def _array(text: str) -> object:
@@ -362,4 +373,4 @@ def _text(value: object) -> str:
         return ",".join(texts)
     if isinstance(value, bool):
         return str(value).lower()
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return repr(float(value)).removesuffix(".0") if isinstance(value, float) else str(value)  # every digit

@@ -86,9 +86,12 @@ def _is_input(folder: Path) -> bool:
     return not folder.name.startswith((REFERENCE, ".")) and not (folder / MANIFEST).exists()
 
 
-def assign(profile: Profile, channels: Mapping[str, Iterable[str]]) -> dict[str, tuple[Place, ...]]:
+def assign(
+    profile: Profile, channels: Mapping[str, Iterable[str]], *, any_depth: bool = False
+) -> dict[str, tuple[Place, ...]]:
     """Find the channels of each role in each set of files; the result holds only filled roles.
 
+    With ``any_depth`` the third component of a vector may be the depth, as a last choice.
     It lacks the colour if several sets match and none of the profile's other names matches just one: the user chooses.
     """
     colours = (equal_matches([names], channels) for names in profile.colour.channels)
@@ -96,11 +99,13 @@ def assign(profile: Profile, channels: Mapping[str, Iterable[str]]) -> dict[str,
     own = {label: names for label, names in channels.items() if colour and label == colour[0].files}
     alpha = [(name,) for name in profile.colour.alpha]
     named = [names for names in alpha if "." in names[0]]  # names with a layer or a set of files
+    depth = [(name,) for name in profile.depth.channels]
     found = {
         "colour": colour,
         "alpha": _nearest(colour, alpha, own) or _nearest(colour, named, channels),
         "reactive": _nearest(colour, [(name,) for name in profile.colour.reactive], channels),
-        "depth": _nearest(colour, [(name,) for name in profile.depth.channels], _without_vectors(channels)),
+        "depth": _nearest(colour, depth, _without_vectors(channels))
+        or (_nearest(colour, depth, channels) if any_depth else ()),
         "motion": _nearest(colour, profile.motion.channels, channels),
     }
     return {role: places for role, places in found.items() if places}
@@ -290,15 +295,15 @@ def views_of(attributes: Mapping[str, object], channels: Channels, stated: Itera
     return Views(tuple(dict.fromkeys([*(view for view in USUAL if view in names), *names])), of_parts)
 
 
-def assign_view(profile: Profile, channels: Channels, views: Views) -> Roles:
+def assign_view(profile: Profile, channels: Channels, views: Views, *, any_depth: bool = False) -> Roles:
     """Return the channels of each role, all of one view: the profile's (UsageError where it is missing), else that of
-    the found colour."""
+    the found colour. ``any_depth`` is that of ``assign``."""
     view = profile.colour.view
     if view and view not in views.names:
         what, expected = f"--input colour.view={view}: no such view", ", ".join(views.names)
         raise UsageError(what, expected=expected or "none: the picture has one view, or its names do not tell them")
     if not views.names:
-        return assign(profile, channels)
+        return assign(profile, channels, any_depth=any_depth)
     if not view:
         found = assign(profile, channels)
         if "colour" not in found and len(views.names) > 1:  # the user must choose
@@ -306,7 +311,7 @@ def assign_view(profile: Profile, channels: Channels, views: Views) -> Roles:
         view = views.of(place.channel for place in found.get("colour", ()))
     asked = _asked_for(profile)
     own = {label: _of_view(names, view, views, asked) for label, names in channels.items()}
-    roles = assign(profile, {label: tuple(named) for label, named in own.items()})
+    roles = assign(profile, {label: tuple(named) for label, named in own.items()}, any_depth=any_depth)
     return {
         role: tuple(Place(its.files, own[its.files][its.channel]) for its in places) for role, places in roles.items()
     }
@@ -354,6 +359,19 @@ def with_usual_names(profile: Profile, channels: Channels, views: Views) -> Prof
     return extended(section for section in sections if section in found)
 
 
+# Names that tools give to vectors and depth, in a channel or its file.
+MOTION_NAME = re.compile(r"mot(ion|vec)|veloc|vector|flow|(^|[._])mvs?($|[._])", re.IGNORECASE)
+DEPTH_NAME = re.compile(r"depth|(^|[._])(dist(ance)?|pz)($|[._])|(linear|view|eye|scene)_?z($|[._])", re.IGNORECASE)
+# Auxiliary layers that are not a picture.
+NO_LIGHT = re.compile(
+    r"albedo|base_?colou?r|diff(use)?_?col|matte|mask|crypto|normal|position|(^|[._])(uv|id|n|p)[._]", re.I
+)
+
+
+def _is_auxiliary(name: str) -> bool:
+    return any(pattern.search(name) for pattern in (DEPTH_NAME, MOTION_NAME, NO_LIGHT))
+
+
 OF_NO_TOOL = {"parts": 1, "cltaa": 2}  # profiles of no tool; the greater number wins
 LUMINANCE, CHROMA = "Y", {"RY", "BY"}  # OpenEXR's names; a grey picture has only the first
 
@@ -369,7 +387,7 @@ def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]],
         return DataError("the picture has several views", path=folder, found=", ".join(views.names), cure=cure)
     several = equal_matches(profile.colour.channels, channels)
     if several:
-        several.sort(key=lambda places: guided_role(places[0].files.rpartition("/")[2]) is not None)
+        several.sort(key=lambda places: _is_auxiliary(shown_name(places[0], channels)))
         option = channels_option("colour.channels", [shown_name(place, channels) for place in several[0]])
         what, found = "several sets of files may be the colour", ", ".join(places[0].files for places in several)
         cure = f"name the folder of one sequence, or the channels, as {option}"
@@ -408,7 +426,11 @@ def guessed_profile(attributes: dict[str, object], channels: dict[str, tuple[str
             if name in attributes and word in str(attributes[name]):
                 shown = str(attributes[name])[:40] if word else "there"
                 return profile, f"header attribute {name} is {shown}"
-    scores = {profile.name: len(assign(profile, channels)) for profile in profiles}
+    told = {
+        profile.name: not profile.telling or bool(equal_matches([(name,) for name in profile.telling], channels))
+        for profile in profiles
+    }
+    scores = {profile.name: len(assign(profile, channels)) if told[profile.name] else 0 for profile in profiles}
     # Among equal fits a profile of no tool wins: a tool would name itself in the header, and has units of its own.
     best = max(profiles, key=lambda profile: (scores[profile.name], OF_NO_TOOL.get(profile.name, 0)))
     return best, f"no header names the writer; its channel names fit best ({counted(scores[best.name], 'role')})"

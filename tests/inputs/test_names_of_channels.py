@@ -138,6 +138,21 @@ def test_the_option_that_is_printed_takes_the_other_layer(
     assert "Combined.A" in found
 
 
+def test_the_third_component_of_a_vector_is_a_depth_only_where_it_is_asked_for(tmp_path: Path) -> None:
+    folder, profile = tmp_path / "in", tmp_path / "mine.toml"
+    folder.mkdir()
+    write_image(
+        folder / "x.0001.exr", {name: np.ones((4, 4), np.float32) for name in ("R", "G", "B", "Px", "Py", "Pz")}
+    )
+    intake = open_intake(folder)
+    assert "depth" not in intake.roles
+    (note,) = [note for note in intake.notes if note.startswith("no depth")]
+    pasted = shlex.split(note[note.index("--input") : note.index(", which cltaa check")])[1]
+    profile.write_text('[depth]\nchannels = ["Pz"]\n')
+    for asked in ({"assignments": [pasted]}, {"profile": profile}):
+        assert [place.channel for place in open_intake(folder, **asked).roles["depth"]] == ["Pz"]
+
+
 @pytest.mark.parametrize("layer", ["Main Layer", "one, two", "[x]*", "all", "*"])
 def test_a_channel_is_kept_by_its_name(layer: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_layers(tmp_path / "in", "Z", layer)

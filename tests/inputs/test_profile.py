@@ -10,7 +10,7 @@ import pytest
 
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.inputs.convert import correct
-from cltaa.inputs.profile import load_profile, override, profile_names, toml_text
+from cltaa.inputs.profile import assignments_of, load_profile, override, profile_names, toml_text
 
 
 def test_profiles_survive_toml(tmp_path: Path) -> None:
@@ -80,6 +80,23 @@ def test_wrong_profiles(tmp_path: Path) -> None:
         (tmp_path / "a.toml").write_text(text)
         with pytest.raises(DataError, match=told):
             load_profile(str(tmp_path / "a.toml"))
+
+
+@pytest.mark.parametrize("value", [1234567.0, 0.123456789, -1.0, 1e-9, 1e22])
+def test_an_option_keeps_every_digit(value: float) -> None:
+    made = override(load_profile("cltaa"), assignments_of({"depth": {"scale": value, "sky": value}}))
+    assert (made.depth.scale, made.depth.sky) == (value, value)
+
+
+@pytest.mark.parametrize("bases", [("a.toml",), ("b.toml", "a.toml")])
+def test_profiles_that_extend_each_other_in_a_circle_are_refused(
+    bases: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, base in zip(("a.toml", "b.toml"), bases, strict=False):
+        Path(name).write_text(f'profile = "{base}"')
+    with pytest.raises(DataError, match=r"\.toml: the profile extends itself; name another profile"):
+        load_profile("a.toml")
 
 
 def refusal(assignment: str) -> str:

@@ -95,6 +95,14 @@ def test_of_several_pictures_none_is_taken_for_the_colour(tmp_path: Path) -> Non
     read(tmp_path / "takes", "colour.channels=take2.R take2.G take2.B")
 
 
+@pytest.mark.parametrize("other", ["depth", "MotionVectors", "crypto_object", "albedo"])
+def test_the_option_for_one_of_several_sets_takes_no_depth_vectors_or_masks(other: str, tmp_path: Path) -> None:
+    for name in (other, "render"):
+        write_colour(tmp_path, frames(1), name)
+    with pytest.raises(DataError, match=r"several sets of files.*--input colour.channels='render.R render.G render.B'"):
+        open_intake(tmp_path)
+
+
 def write_layers(folder: Path, layers: dict[str, float], **attributes: str) -> None:
     """One file of 4 x 4 pixels: each channel by its name, with its value."""
     planes = {name: np.full((4, 4), value, np.float32) for name, value in layers.items()}
@@ -197,6 +205,19 @@ def test_the_option_for_another_layer_is_printed(tmp_path: Path) -> None:
             {"Color": "RGBA", "Depth": "R", "MotionVectors": "RGBA", "Normals": "RGB"},
             {"colour": "Color", "alpha": "Color", "depth": "Depth"},
         ),
+        (  # its longer names, as the tool writes them; FinalImage is in each
+            {
+                "s.FinalImage": "RGBA",
+                "s.FinalImageMovieRenderQueue_WorldDepth": "RGBA",
+                "s.FinalImageMovieRenderQueue_MotionVectors": "RGBA",
+            },
+            {
+                "colour": "s.FinalImage",
+                "alpha": "s.FinalImage",
+                "depth": "s.FinalImageMovieRenderQueue_WorldDepth",
+                "motion": "s.FinalImageMovieRenderQueue_MotionVectors",
+            },
+        ),
         (  # Unreal's Movie Render Queue, a file a pass
             {"Seq.FinalImage": "RGBA", "Seq.WorldDepth": "RGB", "Seq.MotionVectors": "RGB"},
             {
@@ -215,6 +236,14 @@ def test_files_of_passes_are_distinguished_by_their_names(
         write_image(tmp_path / f"{name}.0001.exr", dict.fromkeys(channels, np.ones((4, 4), np.float32)))
     found = open_intake(tmp_path).roles
     assert {role: places[0].files for role, places in found.items()} == roles
+
+
+def test_vectors_alone_are_not_taken_for_unreals(tmp_path: Path) -> None:
+    """Other renderers call theirs MotionVectors too, and mean pixels."""
+    write_layers(tmp_path, dict.fromkeys((*"RGBA", "MotionVectors.R", "MotionVectors.G", "MotionVectors.B"), 0.5))
+    intake = open_intake(tmp_path)
+    assert intake.profile.name == "cltaa"
+    assert "motion" not in intake.roles
 
 
 def test_frames_of_ours_that_another_tool_has_changed_are_read(tmp_path: Path) -> None:

@@ -255,7 +255,9 @@ def tell_device(shot: Shot, found: Finding, rule: Depth) -> Finding:
         return _reversed(found, f"{seen}residual {changed.mean():.3f} as near / Z, {plain.mean():.3f} as 1/Z")
     evidence = f"{found.evidence}; {seen}residual {changed.mean():.3f} with a clip space from 0, "
     evidence += f"{plain.mean():.3f} from -1"
-    return mistake(found.name, found.what, evidence, found.confidence, {"kind": "device", "near": 1.0 / other})
+    return mistake(
+        found.name, found.what, evidence, found.confidence, {"kind": "device", "near": float(f"{1.0 / other:.6g}")}
+    )
 
 
 def _reversed(found: Finding, evidence: str) -> Finding:
