@@ -99,6 +99,9 @@ def _threads() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(THREADS, "pack EXR")
 
 
+os.register_at_fork(after_in_child=_threads.cache_clear)  # a fork has none of its parent's threads
+
+
 def _header(
     path: Path, header: Mapping[str, Any], channels: Mapping[str, NDArray[Any]], first: Any, last: Any
 ) -> bytes:

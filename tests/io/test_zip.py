@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 import zlib
 from io import BytesIO
@@ -124,3 +126,25 @@ def test_packed_rows_wait_in_bounded_number(monkeypatch: pytest.MonkeyPatch) -> 
         time.sleep(0.002)
         assert len(begun) <= row + 4
     assert list(packed) == []
+
+
+FORKS = """
+import os, sys, threading
+import numpy as np
+from pathlib import Path
+from cltaa.io.exr_write import write_image
+folder, planes = Path(sys.argv[1]), {"R": np.zeros((40, 30), np.float32)}
+write_image(folder / "before.exr", planes)
+child = os.fork()
+if not child:
+    write_image(folder / "in fork.exr", planes)
+    os._exit(0)
+threading.Timer(20.0, os.kill, (child, 9)).start()
+os._exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) != 0)
+"""
+
+
+def test_a_fork_of_a_program_packs_with_threads_of_its_own(tmp_path: Path) -> None:
+    """It has none of its parent's, so that a file would wait for them for ever."""
+    subprocess.run([sys.executable, "-W", "ignore", "-c", FORKS, str(tmp_path)], check=True)
+    assert (tmp_path / "in fork.exr").read_bytes() == (tmp_path / "before.exr").read_bytes()
