@@ -365,7 +365,7 @@ class ForeignSequence(FrameSequence):
         # Outside the data window of depth and vectors lies the sky, which moves with the camera.
         nowhere = {place.channel for role in ("depth", "motion") for place in self._roles.get(role, ())}
         outside = dict.fromkeys(nowhere, np.nan)
-        return read_planes(path, names, sha256=self.recorded(path), picture=picture.data_window, outside=outside)
+        return read_planes(path, names, sha256=self.recorded(path), picture=picture, outside=outside)
 
 
 def _no_channel(place: Place, role: str, count: int, path: Path) -> DataError:

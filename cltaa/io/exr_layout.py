@@ -56,6 +56,7 @@ class Layout:
     part: str | None = None  # name of the part, None in a file of one image
     windows: Mapping[str, Window] = field(default_factory=dict)  # data windows of channels, in a file of several parts
     tile: tuple[int, int] | None = None  # columns and rows of a tile, None for chunks of scan lines
+    in_file: Window | None = field(default=None, compare=False)  # the file's data window, where another was chosen
 
     @property
     def width(self) -> int:
@@ -91,17 +92,33 @@ class Layout:
     def shown_by(self, channels: Iterable[str]) -> Layout:
         """Return the layout of the picture of some channels: their data window if they share one, or the display's."""
         windows = {self.windows.get(name, self.data_window) for name in channels}
-        return replace(self, data_window=windows.pop() if len(windows) == 1 else self.display_window)
+        return self.showing(windows.pop() if len(windows) == 1 else self.display_window)
 
     def whole(self) -> Layout:
         """Return the layout of the whole display window."""
-        return replace(self, data_window=self.display_window)
+        return self.showing(self.display_window)
 
     def cropped(self, region: Window) -> Layout:
         """Return the layout of a region of the picture alone."""
         left, top, *_ = self.display_window
         data = region[0] + left, region[1] + top, region[2] + left, region[3] + top
-        return replace(self, data_window=data)
+        return self.showing(data)
+
+    def showing(self, window: Window) -> Layout:
+        """Return the layout of another picture of the same file."""
+        return replace(self, data_window=window, in_file=self.file_window)
+
+    @property
+    def file_window(self) -> Window:
+        """The data window of the file, whatever the picture is."""
+        return self.in_file or self.data_window
+
+    def check_unchanged(self, now: Layout) -> None:
+        """Raise DataError where the file has other windows ``now``: it would be cropped or padded to this picture."""
+        found, expected = (replace(each, data_window=each.file_window) for each in (now, self))
+        if (found.data_window, found.display_window) != (expected.data_window, expected.display_window):
+            what, cure = "the file changed after the sequence was opened", "run again"
+            raise DataError(what, path=self.path, expected=expected.size, found=found.size, cure=cure)
 
     @property
     def size(self) -> str:

@@ -59,13 +59,14 @@ class FrameFile(NamedTuple):
 
 
 def read_frame_and_header(
-    path: Path, *, sha256: str | None = None, picture: Window | None = None
+    path: Path, *, sha256: str | None = None, picture: Layout | None = None
 ) -> tuple[Frame, ImageHeader]:
     """Read one frame and its header; channels [H, W, 3] and others are views of planes with a halo.
 
     Half-precision channels are widened exactly, but half depth is refused. Channels with other names are ignored.
-    ``sha256`` is the required hash of the file's content, in hexadecimal; ``picture`` replaces the data window. Raises
-    InputMissing, DataError, StorageError and ResourceError.
+    ``sha256`` is the required hash of the file's content, in hexadecimal; ``picture`` is the layout found on
+    opening, whose data window replaces that of the file. Raises InputMissing, DataError, StorageError and
+    ResourceError.
     """
     layout, pixels, attributes = _read(path, sha256, picture, check_frame_channels)
     size = (layout.height, layout.width)
@@ -89,7 +90,7 @@ def read_frame_and_header(
 
 
 def read_image(
-    path: Path, *, sha256: str | None = None, picture: Window | None = None
+    path: Path, *, sha256: str | None = None, picture: Layout | None = None
 ) -> tuple[dict[str, Pixels], dict[str, object]]:
     """Read every channel ``[H, W]`` in its own type, and the attributes that describe the picture; errors as above."""
     _, pixels, attributes = _read(path, sha256, picture)
@@ -141,7 +142,7 @@ def _described(outline: Outline, content: BinaryIO | FileCopy) -> ImageHeader:
     return ImageHeader(layout, attributes_of(found[0]), views, outline.faults)
 
 
-def read_colour(path: Path, *, sha256: str | None = None, picture: Window | None = None, alpha: bool = False) -> Image:
+def read_colour(path: Path, *, sha256: str | None = None, picture: Layout | None = None, alpha: bool = False) -> Image:
     """Read R G B, and with ``alpha`` A where it exists, as a [H, W, 3 or 4] float32 view of a planar block; errors and
     other options as ``read_frame_and_header``."""
     layout, pixels, _ = _read(path, sha256, picture, lambda layout: check_float_channels(layout, COLOUR))
@@ -168,7 +169,7 @@ def loaded_parts(path: Path, sha256: str | None, *, one: bool = False) -> Iterat
 
 
 def _read(
-    path: Path, sha256: str | None, picture: Window | None, check: Callable[[Layout], object] = lambda _: None
+    path: Path, sha256: str | None, picture: Layout | None, check: Callable[[Layout], object] = lambda _: None
 ) -> tuple[Layout, dict[str, Pixels], dict[str, object]]:
     """Return layout, channels and attributes of the ``picture`` of a file of one part that passes ``check``."""
     with loaded_parts(path, sha256, one=True) as (outline, content):
@@ -179,7 +180,9 @@ def _read(
         check(layout)
         if picture is None:
             layout.refuse_outside()
-        shown = layout if picture is None else replace(layout, data_window=picture)
+        else:
+            picture.check_unchanged(layout)
+        shown = layout if picture is None else layout.showing(picture.data_window)
         if shown != layout:
             check_memory(path, layout.decoded_bytes + content.size + shown.decoded_bytes)
         (pixels,), attributes = _decoded(path, [layout], content)
@@ -241,17 +244,21 @@ def read_planes(
     wanted: Container[str] | None = None,
     *,
     sha256: str | None = None,
-    picture: Window | None = None,
+    picture: Layout | None = None,
     outside: Mapping[str, float] = NOTHING_ASKED,
 ) -> dict[str, Pixels]:
-    """Read the ``wanted`` channels [H, W], or all, each in its own type, in the window ``picture``.
+    """Read the ``wanted`` channels [H, W], or all, each in its own type, in the data window of ``picture``.
 
     By default the picture is the data window of all parts, or the display window where they have several. Outside of
     its part's data window a channel is 0, or its value in ``outside``. Names that no channel has are ignored. Raises
     InputMissing, DataError, StorageError and ResourceError.
     """
     with loaded_parts(path, sha256) as (outline, content):
-        parts, window = outline.parts, picture or shared_window(outline.parts)
+        parts, window = outline.parts, shared_window(outline.parts)
+        if picture is not None:
+            if path == picture.path:
+                picture.check_unchanged(replace(parts[0], data_window=window))
+            window = picture.data_window
         if wanted is None:
             outline.refuse_faults()
         places = {

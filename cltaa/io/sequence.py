@@ -41,8 +41,8 @@ class ImageSequence(NumberedFiles):
 
     def image(self, number: int, *, alpha: bool = False) -> Image:
         """Read one frame number, [H, W, 3] linear float32; ``alpha`` appends A where the file has it."""
-        path, window = self.path(number), self.layouts[number].data_window
-        return read_colour(path, sha256=self.sha256(number), picture=window, alpha=alpha)
+        path, picture = self.path(number), self.layouts[number]
+        return read_colour(path, sha256=self.sha256(number), picture=picture, alpha=alpha)
 
     def __iter__(self) -> Iterator[Image]:
         """Read the frames one after another."""
@@ -203,7 +203,7 @@ class FrameSequence(NumberedFiles):
         layout = self.layouts[number]
         guides = guides_of(layout.channels)
         names = {name for triple in guides.values() for name in triple}
-        planes = read_planes(layout.path, names, picture=layout.data_window) if names else {}
+        planes = read_planes(layout.path, names, picture=layout) if names else {}
         stacked = {role: [planes[name] for name in triple] for role, triple in guides.items()}
         return {role: np.stack(its, -1).astype(np.float32) for role, its in stacked.items()}
 
@@ -216,8 +216,8 @@ class FrameSequence(NumberedFiles):
 
     def frame_and_file(self, number: int, kept: Collection[str] = ()) -> tuple[Frame, FrameFile]:
         """As ``frame``, with the header of its file, and the ``kept`` channels that are decoded with the frame."""
-        window = self.layouts[number].data_window
-        frame, header = read_frame_and_header(self.path(number), sha256=self.sha256(number), picture=window)
+        path, picture = self.path(number), self.layouts[number]
+        frame, header = read_frame_and_header(path, sha256=self.sha256(number), picture=picture)
         if "cltaa:frame" not in header.attributes:  # then its folder decides whether shot-003 is 3 or -3
             frame = replace(frame, index=number)
         if frame.index != number:

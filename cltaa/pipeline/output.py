@@ -110,7 +110,7 @@ def carried_over(path: Path, kept: frozenset[str], file: FrameFile) -> CarriedOv
     the errors of reading channels that were not decoded with the frame."""
     layout, planes = file.header.layout, file.planes
     if planes is None:
-        planes = read_planes(path, kept, picture=layout.data_window) if kept else {}
+        planes = read_planes(path, kept, picture=layout) if kept else {}
     channels = {name: plane for name, plane in planes.items() if name in kept}
     attributes = {name: value for name, value in file.header.attributes.items() if name not in _OF_THE_FILE}
     return CarriedOver(channels, attributes, (layout.data_window, layout.display_window))

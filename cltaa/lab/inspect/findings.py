@@ -306,7 +306,7 @@ def inspect_folder(
             if not result.resolved_by or "cltaa:jitterPx" in header.attributes:
                 headers[number] = frame_outline(path, header.attributes, layout)
             if pixels:
-                channels = read_image(path, sha256=recorded[path.parent].get(path.name), picture=layout.data_window)[0]
+                channels = read_image(path, sha256=recorded[path.parent].get(path.name), picture=layout)[0]
                 for channel, plane in channels.items():
                     result.statistics.setdefault(channel, ChannelStatistics()).add(plane)
                 colour = np.stack([np.asarray(channels[name], np.float32) for name in COLOUR], axis=-1)
