@@ -27,6 +27,9 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
         find_subpixel_feature(&s, &l, ring, past, frames, x, y, frame, settings);
         path_t near = begin_path(s, l, NEARER, p, current, inverse_depth, motion, x, y, frame, settings);
         path_t far = begin_path(s, l, FARTHER, p, current, inverse_depth, motion, x, y, frame, settings);
+        resolved held = { 0 };
+        if (RECURSION == RECURSION_STANDING)
+            held = recursive_result(recursive, recursive_count, x, y, frame);
 
         // Sample the history window by window: each adds older frames to the samples of the one before.
         resolved out;
@@ -42,7 +45,7 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
             }
             if (RECURSION == RECURSION_STANDING && window == ALL_FRAMES) {
                 // A recursive history does not weight samples by their reactivity, as gathering does.
-                out = longer_history(out, p.most_reactive <= SPLAT(0.0), recursive, recursive_count, x, y, frame);
+                out = longer_history(out, p.most_reactive <= SPLAT(0.0), held);
                 error = window_error(near.sums, p, out, settings);
             }
             if (!repeats_previous(window, frames, static_frames))
@@ -58,7 +61,7 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
             sample_sums unmoved_sums;
             resolved unmoved = resolve_unmoved(&unmoved_sums, ring, past, static_frames, p, x, y, frame, settings);
             if (RECURSION == RECURSION_STANDING)
-                unmoved = longer_history(unmoved, at_rest(m), recursive, recursive_count, x, y, frame);
+                unmoved = longer_history(unmoved, at_rest(m), held);
             const mask valid = unmoved_sums.recent_count >= SPLAT(SHORT_WINDOW);
             out.rgb = choose_colour(valid, unmoved.rgb, out.rgb);
             out.alpha = valid ? unmoved.alpha : out.alpha;
@@ -67,13 +70,16 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
             store_window(windows, UNMOVED, out, error, x, y, frame);
         }
 
-        // The window of this frame alone. Where it is not valid, it repeats the one before.
+        // The window of this frame alone, which repeats the one before where it is not valid, and the recursive result.
         if (RECURSION == RECURSION_STANDING) {
-            const mask refuted = history_is_refuted(m, p, recursive_count, before, texel_offset(frame, x, y));
+            const mask refuted = history_is_refuted(m, p, held, before);
             out.rgb = choose_colour(refuted, storable_colour(from_range(p.filtered), p.own), out.rgb);
             out.alpha = refuted ? p.alpha : out.alpha;
             out.count = refuted ? SPLAT(1.0) : out.count;
             store_window(windows, PRESENT, out, present_error(near.sums, p, refuted, frame, settings), x, y, frame);
+            // It lags behind later frames, so beside them it has no share.
+            held.count = LOOK_AHEAD ? SPLAT(0.0) : held.count;
+            store_window(windows, RECURSIVE, held, recursive_error(near.sums, p, m, held, settings), x, y, frame);
         }
     }
     extend_stored(0, 0, windows, WINDOWS * WINDOW_PLANES, stored_block(column), frame);

@@ -2,6 +2,8 @@
 #include "gather/drift.h"
 #include "schedule/window.h"
 
+STAGE colour darker(colour a, colour b) { return (colour) { lesser(a.r, b.r), lesser(a.g, b.g), lesser(a.b, b.b) }; }
+
 // The pixel of row `turn` of a round, from its windows; `rows` holds the sums of the rows around it.
 STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, int x, int y, int frames,
     int static_frames, frame_t frame, settings_t settings)
@@ -12,7 +14,8 @@ STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, i
     for (int window = 0; window < WINDOWS; ++window) {
         error[window]
             = repeats_previous(window, frames, static_frames) ? error[window - 1] : error_around(rows, window, turn);
-        least = window == 0 ? error[window] : lesser(least, error[window]);
+        if (window != RECURSIVE)
+            least = window == 0 ? error[window] : lesser(least, error[window]);
     }
 
     // Sums of differences from the shortest window, so that windows that agree keep their bits.
@@ -24,7 +27,7 @@ STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, i
     window_drift drift = { 0 };
     plane_in q = p;
     UNROLL
-    for (int window = 1; window < WINDOWS; ++window) {
+    for (int window = 1; window < RIVALS; ++window) {
         const real w = window_weight(error[window], least);
         if (!repeats_previous(window, frames, static_frames))
             q = window_plane(p, window, 0, frame);
@@ -34,18 +37,28 @@ STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, i
             drift = (window_drift) { 0 };
         const colour v = load_colour(q, plane);
         sum = plus_scaled(sum, w, minus(plus(v, drift.light), first));
-        darkest.r = lesser(darkest.r, v.r);
-        darkest.g = lesser(darkest.g, v.g);
-        darkest.b = lesser(darkest.b, v.b);
+        darkest = darker(darkest, v);
         count_sum += w * (load(q + 4 * plane) - count);
         if (ALPHA)
             alpha_sum += w * ((load(q + 5 * plane) + drift.alpha) - alpha);
         weight += w;
     }
     resolved out;
-    out.rgb = storable_colour(plus(first, quotients(sum, weight)), darkest);
-    out.alpha = limit(alpha + quotient(alpha_sum, weight), zero, SPLAT(1.0));
+    out.rgb = plus(first, quotients(sum, weight));
+    out.alpha = alpha + quotient(alpha_sum, weight);
     out.count = count + quotient(count_sum, weight);
+    if (RECURSION == RECURSION_STANDING) {
+        q = window_plane(p, RECURSIVE, 0, frame);
+        const colour v = load_colour(q, plane);
+        const real held = load(q + 4 * plane), share = recursive_share(held, out.count, error[RECURSIVE], least);
+        out.rgb = plus_scaled(out.rgb, share, minus(v, out.rgb));
+        darkest = darker(darkest, v);
+        out.count += share * (held - out.count);
+        if (ALPHA)
+            out.alpha += share * (load(q + 5 * plane) - out.alpha);
+    }
+    out.rgb = storable_colour(out.rgb, darkest);
+    out.alpha = limit(out.alpha, zero, SPLAT(1.0));
     return out;
 }
 

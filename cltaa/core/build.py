@@ -96,8 +96,8 @@ def ring_planes(steps: Steps) -> int:
 
 
 def window_count(choices: Choices) -> int:
-    """Return the number of temporal windows of a pixel: one more beside a recursive resolve (WINDOWS)."""
-    return UNMOVED + 1 + (choices.recursion is Recursion.STANDING)
+    """Return the number of temporal windows of a pixel: two more beside a recursive resolve (WINDOWS)."""
+    return UNMOVED + 1 + 2 * (choices.recursion is Recursion.STANDING)
 
 
 def window_planes(steps: Steps) -> int:

@@ -127,13 +127,13 @@ def gather_windows(
     stride]; the latest ``static_frames`` of them share the current camera."""
     gathering = Gathering.begin(build, layout, locals())
     own, planes, begun = gathering.pixel, window_planes(build.steps), 0
-    count = window_count(build.choices)
+    count, held = window_count(build.choices), recursive_result(recursive, recursive_count, layout, own.alpha)
     target = layout.inside(windows)[: count * planes].reshape(count, planes, layout.height, layout.width)
     for window, end in enumerate(window_ends(frames)):
         gathering.add(past[begun:end], build, layout, frame, settings, before=begun, recent=SHORT_WINDOW - begun)
         out = gathering.resolved(build, layout, settings)
         if build.choices.recursion is Recursion.STANDING and window == UNMOVED - 1:
-            out = longer_history(out, own.most_reactive <= 0, recursive, recursive_count, layout)
+            out = longer_history(out, own.most_reactive <= 0, held)
         error = window_error(gathering.near, own, out, build, settings)
         if not repeats_previous(window, frames, static_frames, build):
             _store(target[window], out, error)
@@ -146,20 +146,24 @@ def gather_windows(
     if not repeats_previous(UNMOVED, frames, static_frames, build):
         unmoved, sums = resolve_unmoved(gathering.slots, past[:static_frames], own, build, layout, settings)
         if build.choices.recursion is Recursion.STANDING:
-            unmoved = longer_history(unmoved, at_rest, recursive, recursive_count, layout)
+            unmoved = longer_history(unmoved, at_rest, held)
         valid = sums.recent_count >= number(SHORT_WINDOW, error)
         out = _chosen(valid, unmoved, out)
         error = np.where(valid, window_error(sums, own, unmoved, build, settings), error)
         _store(target[UNMOVED], out, error)
     if build.choices.recursion is Recursion.STANDING:
-        refuted = history_is_refuted(at_rest, own, layout.inside(recursive_count[0]).astype(error.dtype))
+        refuted = history_is_refuted(at_rest, own, held.count)
         refuted &= frames_before(past[:static_frames], build) >= value("REFUTED_SAMPLES")
         if own.missing is not None:
             refuted &= ~own.missing
         filtered = storable(from_range(own.filtered, build), own.own, build)
         present = Resolved(filtered, own.alpha, np.ones_like(error))
         beyond = present_error(gathering.near, own, refuted, build, frame, settings)
-        _store(target[-1], _chosen(refuted, present, out), beyond)
+        _store(target[-2], _chosen(refuted, present, out), beyond)
+        if build.steps.look_ahead:  # it lags behind later frames, so beside them it has no share
+            held = Resolved(held.rgb, held.alpha, np.zeros_like(error))
+        held_error = window_error(gathering.near, own, held, build, settings)
+        _store(target[-1], held, np.where(at_rest, held_error, held_error * constant("BLUR_PARDON", error)))
     extend_stored(build, layout, windows[: count * planes])
 
 
@@ -188,12 +192,15 @@ def present_error(g: SampleSums, p: Pixel, valid: Mask, build: Build, frame: Rec
     return np.where(valid & (others > constant("LEAST_NEIGHBOUR_SHARE", one)), error, beyond)
 
 
-def longer_history(window: Resolved, where: Mask, recursive: Array, recursive_count: Array, layout: Layout) -> Resolved:
-    """A window, or, ``where`` the recursive resolve holds more samples, its history, which contains all frames
-    before."""
-    count, held = (layout.inside(planes).astype(window.count.dtype) for planes in (recursive_count[0], recursive))
-    longer = (count > window.count) & where
-    return _chosen(longer, Resolved(held[:3], held[3] if len(held) > 3 else window.alpha, count), window)
+def recursive_result(recursive: Array, recursive_count: Array, layout: Layout, alpha: Array) -> Resolved:
+    """The result of the recursive resolve, which contains all frames before; its alpha where it has one."""
+    count, held = (layout.inside(planes).astype(alpha.dtype) for planes in (recursive_count[0], recursive))
+    return Resolved(held[:3], held[3] if len(held) > 3 else np.ones_like(count), count)
+
+
+def longer_history(window: Resolved, where: Mask, recursive: Resolved) -> Resolved:
+    """A window, or, ``where`` the recursive resolve holds more samples, its result."""
+    return _chosen((recursive.count > window.count) & where, recursive, window)
 
 
 def _chosen(where: Mask, one: Resolved, other: Resolved) -> Resolved:
@@ -237,6 +244,14 @@ def window_weight(error: Array, least: Array) -> Array:
     fourth = second * second
     eighth = fourth * fourth
     return eighth * eighth
+
+
+def recursive_share(count: Array, others: Array, error: Array, least: Array) -> Array:
+    """Share of the recursive result in its mean with the other windows."""
+    tiny, one = constant("TINY", error), number(1.0, error)
+    ratio = lesser((least + tiny) / (error + tiny), one)
+    second = ratio * ratio
+    return (count / greater(count + others, one)) * (second * second)
 
 
 class Drift(NamedTuple):
@@ -329,14 +344,15 @@ def mix_windows(
     stored = [window for window in range(len(parts)) if not repeats_previous(window, frames, static_frames, build)]
     sources = [max(k for k in stored if k <= window) for window in range(len(parts))]
     errors = [sum_around(parts[k][3], layout) for k in sources]
-    least: Array = errors[0]
-    for error in errors[1:]:
+    recursion = build.choices.recursion is Recursion.STANDING
+    rivals, least = len(parts) - recursion, errors[0]
+    for error in errors[1:rivals]:
         least = lesser(least, error)
     zero, first, weight = np.zeros_like(least), layout.inside(parts[0]), window_weight(errors[0], least)
     alpha, darkest = first[5] if build.steps.alpha else np.ones_like(least), first[:3]
     sums, alphas, counts = np.zeros_like(darkest), zero, zero
     light, opacity = sums, zero  # their drift
-    for window, (k, error) in enumerate(zip(sources[1:], errors[1:], strict=True), start=1):
+    for window, (k, error) in enumerate(zip(sources[1:rivals], errors[1:rivals], strict=True), start=1):
         w, own = window_weight(error, least), layout.inside(parts[k])
         if window > UNMOVED:
             light, opacity = np.zeros_like(sums), zero
@@ -347,7 +363,14 @@ def mix_windows(
         if build.steps.alpha:
             alphas = alphas + w * ((own[5] + opacity) - alpha)
         weight = weight + w
-    rgb = storable(first[:3] + sums / weight, darkest, build)
-    alpha = limit(alpha + alphas / weight, zero, np.ones_like(zero))
-    resolved = Resolved(rgb, alpha, first[4] + counts / weight)
+    rgb, alpha, count = first[:3] + sums / weight, alpha + alphas / weight, first[4] + counts / weight
+    if recursion:
+        held = layout.inside(parts[-1])
+        share = recursive_share(held[4], count, errors[-1], least)
+        rgb, count = rgb + share * (held[:3] - rgb), count + share * (held[4] - count)
+        darkest = lesser(darkest, held[:3])
+        if build.steps.alpha:
+            alpha = alpha + share * (held[5] - alpha)
+    alpha = limit(alpha, zero, np.ones_like(zero))
+    resolved = Resolved(storable(rgb, darkest, build), alpha, count)
     store_resolved(resolved, build, layout, frame, output, output_count)

@@ -170,6 +170,15 @@ STAGE real window_weight(real error, real least)
     return eighth * eighth;
 }
 
+// Share of the recursive result in its mean with the other windows: by the samples of both, less where it errs more
+// than the best of them.
+STAGE real recursive_share(real count, real others, real error, real least)
+{
+    const real one = SPLAT(1.0), ratio = lesser(quotient(least + K(TINY), error + K(TINY)), one);
+    const real second = ratio * ratio;
+    return quotient(count, greater(count + others, one)) * (second * second);
+}
+
 // Student's t of a mean difference. DRIFT_FLOOR of the light's mean is added to the standard error, so that an
 // invisible difference counts for little.
 STAGE real students_t_of_drift(real mean, real squares, real level, real weight)

@@ -2,15 +2,19 @@
 // of its past, and each has an error: the distance of the latest samples from its result. A window that is too short
 // errs by their noise, one that is too long by what has changed since. The errors summed over the texels around weight
 // the windows, and the texels' mean difference from the shortest shifts the longer ones. Changes without a motion
-// vector, such as water's, happen within the shortest: the current filtered sample is a window too.
+// vector, such as water's, happen within the shortest: the current filtered sample is a window too. The recursive
+// resolve errs in other ways than all these; its mean with them errs less than either.
 #include "gather/samples.h"
 
 // Planes of a window: r, g, b, error, count, alpha. The windows in order: the latest frames, a few more, all, all at
-// the pixel's own position since the camera stopped (UNMOVED), and beside a recursive resolve the current frame alone.
+// the pixel's own position since the camera stopped (UNMOVED), and beside a recursive resolve the current frame alone
+// (PRESENT) and that resolve itself (RECURSIVE), which competes with no other.
 #define WINDOW_PLANES (5 + ALPHA)
 #define ALL_FRAMES (UNMOVED - 1)
 #define PRESENT (UNMOVED + 1)
-#define WINDOWS (PRESENT + (RECURSION == RECURSION_STANDING))
+#define RECURSIVE (PRESENT + 1)
+#define RIVALS (PRESENT + (RECURSION == RECURSION_STANDING)) // windows weighted by their errors
+#define WINDOWS (RIVALS + (RECURSION == RECURSION_STANDING))
 
 // Number of frames of the ring in a window.
 STAGE int window_end(int window, int frames)
@@ -81,22 +85,35 @@ STAGE resolved resolve_unmoved(sample_sums* sums, plane_in ring, frame_records p
 
 STAGE mask at_rest(motion_t m) { return (m.u == SPLAT(0.0)) & (m.v == SPLAT(0.0)); }
 
-// Returns a window, or, `where` the recursive resolve holds more samples, its history, which contains all frames
-// before.
-STAGE resolved longer_history(
-    resolved window, mask where, history_in recursive, plane_in recursive_count, int x, int y, frame_t frame)
+// The result of the recursive resolve, which contains all frames before.
+STAGE resolved recursive_result(history_in recursive, plane_in recursive_count, int x, int y, frame_t frame)
 {
+    const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
-    const real count = load(recursive_count + at);
-    const mask longer = where & (count > window.count);
-    if (!any_of(longer))
-        return window;
-    resolved out = window;
-    out.rgb = choose_colour(longer, load_history_colour(recursive + at, plane_size(frame)), window.rgb);
-    out.count = longer ? count : window.count;
-    if (ALPHA)
-        out.alpha = longer ? load_history(recursive + 3 * plane_size(frame) + at) : window.alpha;
+    resolved r;
+    r.rgb = load_history_colour(recursive + at, plane);
+    r.count = load(recursive_count + at);
+    r.alpha = ALPHA ? load_history(recursive + 3 * plane + at) : SPLAT(1.0);
+    return r;
+}
+
+// Returns a window, or, `where` the recursive resolve holds more samples, its result.
+STAGE resolved longer_history(resolved window, mask where, resolved recursive)
+{
+    const mask longer = where & (recursive.count > window.count);
+    resolved out;
+    out.rgb = choose_colour(longer, recursive.rgb, window.rgb);
+    out.count = longer ? recursive.count : window.count;
+    out.alpha = longer ? recursive.alpha : window.alpha;
     return out;
+}
+
+// Error of the recursive resolve. Where the surface moves, its blur is a part of it, which a mean with sharper windows
+// lessens: hence BLUR_PARDON.
+STAGE real recursive_error(sample_sums g, pixel_t p, motion_t m, resolved recursive, settings_t settings)
+{
+    const real error = window_error(g, p, recursive, settings);
+    return at_rest(m) ? error : error * K(BLUR_PARDON);
 }
 
 // Number of earlier frames among the nearest `static_frames` frames in the ring.
@@ -110,11 +127,11 @@ STAGE int frames_before(frame_records past, int static_frames)
 
 // True where the tests have refuted the history: the camera and the surface were at rest for `before` frames, but the
 // recursive resolve holds too few of their samples. A reactive mask marks such pixels by itself.
-STAGE mask history_is_refuted(motion_t m, pixel_t p, plane_in recursive_count, int before, uint at)
+STAGE mask history_is_refuted(motion_t m, pixel_t p, resolved recursive, int before)
 {
     if (K(before) < K(REFUTED_SAMPLES))
         return (mask)(0);
-    const mask few = load(recursive_count + at) < SPLAT(REFUTED_SAMPLES);
+    const mask few = recursive.count < SPLAT(REFUTED_SAMPLES);
     const mask refuted = at_rest(m) & few & (p.most_reactive <= SPLAT(0.0));
     return p.missing ? (mask)(0) : refuted;
 }

@@ -87,7 +87,7 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
     errors = mean * random.choice([1.0, 1.0, 1.001, 0.1, 1e8], shape)
     windows = [
         plane
-        for _ in range(UNMOVED + 2)
+        for _ in range(UNMOVED + 3)
         for plane in (
             *storable(strew(near_mean(3), random, 0.01)),
             *(errors * (1 + 0.1 * random.random((1, *shape)))).astype(np.float32),

@@ -163,10 +163,15 @@ def test_a_stage_gives_the_bits_of_its_twin_for_every_choice(kernel: str, name: 
     assert compared(kernel, variants(kernel, strict())[name]) == 0
 
 
-@pytest.mark.parametrize(("lanes", "storage"), [(1, Storage.FLOAT), (8, Storage.FLOAT), (8, Storage.HALF)])
-def test_the_windows_beside_a_recursive_resolve_have_the_bits_of_their_twin(lanes: int, storage: Storage) -> None:
+@pytest.mark.parametrize(
+    ("lanes", "storage", "ahead"),
+    [(1, Storage.FLOAT, False), (8, Storage.FLOAT, False), (8, Storage.HALF, False), (8, Storage.FLOAT, True)],
+)
+def test_the_windows_beside_a_recursive_resolve_have_the_bits_of_their_twin(
+    lanes: int, storage: Storage, ahead: bool
+) -> None:
     # Every pixel stands; of every second there are more samples than lie in the ring, of the others next to none.
-    steps = replace(ALL_STEPS, camera_motion=False, own_motion=False, reactive=False)
+    steps = replace(ALL_STEPS, camera_motion=False, own_motion=False, reactive=False, look_ahead=ahead)
     choices = Choices(
         recursion=Recursion.STANDING,
         illumination=Illumination.WINDOW,
@@ -177,14 +182,16 @@ def test_the_windows_beside_a_recursive_resolve_have_the_bits_of_their_twin(lane
     few = chain_work()
     past = np.tile(few.past, 3)  # more frames than make a history refuted
     past["slot"] = np.arange(len(past))
+    past["ahead"] = 0  # all of them earlier
     work = dataclasses.replace(few, past=past, planes={**few.planes, "ring": np.tile(few.planes["ring"], (3, 1, 1))})
     many = np.indices((work.layout.rows, work.layout.stride)).sum(0) % 2 == 0
     work.planes["history_count"] = np.where(many, 40.0, 1.0).astype(np.float32)[None]
     ours, theirs = (run_stage("gather_windows", build, work, on) for on in (device(), NumpyLauncher()))
     assert differing(work, ours, theirs) == 0
-    parts = work.layout.inside(theirs["windows"]).reshape(UNMOVED + 2, -1, work.layout.height, work.layout.width)
+    parts = work.layout.inside(theirs["windows"]).reshape(UNMOVED + 3, -1, work.layout.height, work.layout.width)
     for window in (UNMOVED - 1, UNMOVED):
         assert (parts[window, 4] == 40.0).mean() == pytest.approx(0.5, abs=0.01)
+    assert (parts[UNMOVED + 2, 4] == 0.0).all() == ahead  # the recursive result lags behind later frames
     judged = parts[UNMOVED + 1, 3] < value_of("DOMAIN_LIMIT")
     missing = sample_is_missing(work.planes["current"], work.layout)
     assert not (judged & (work.layout.inside(many) | missing)).any()

@@ -206,7 +206,7 @@ def squared(work: Work) -> Values:
 def of_windows(work: Work) -> Values:
     """Largest magnitude of any window's colour in the 5x5."""
     windows = work.planes["windows"]
-    planes = windows.reshape(UNMOVED + 2, -1, *windows.shape[1:])[:, :3].reshape(-1, *windows.shape[1:])
+    planes = windows.reshape(UNMOVED + 3, -1, *windows.shape[1:])[:, :3].reshape(-1, *windows.shape[1:])
     side = 2 * WINDOW_REACH + 1
     around = np.lib.stride_tricks.sliding_window_view(np.abs(planes).max(0), (side, side)).max((-1, -2))
     top, left = PAD_Y - WINDOW_REACH, PAD_X - WINDOW_REACH
@@ -215,7 +215,7 @@ def of_windows(work: Work) -> Values:
 
 def counted(work: Work) -> Values:
     """1 + the largest count of a window."""
-    planes = work.planes["windows"].reshape(UNMOVED + 2, -1, *work.planes["windows"].shape[1:])[:, 4]
+    planes = work.planes["windows"].reshape(UNMOVED + 3, -1, *work.planes["windows"].shape[1:])[:, 4]
     return 1 + np.max([work.layout.inside(plane) for plane in planes], axis=0)
 
 
