@@ -60,8 +60,17 @@ def read_side_file(path: Path) -> dict[int, Side]:
 
 def _json(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
     """``{"frames": {"12": {"world_to_view": [[...] x 4], "view_to_clip": [[...]], "jitter_px": [x, y]}}}``."""
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        made = dict(pairs)
+        if len(made) < len(pairs):
+            names = [name for name, _ in pairs]
+            twice = next(name for name in names if names.count(name) > 1)
+            raise DataError(f"a key is given twice: {twice}", path=path, cure="leave one of the two")
+        return made
+
     try:
-        frames = json.loads(text)["frames"]
+        frames = json.loads(text, object_pairs_hook=once)["frames"]
         yield from ((int(number), dict(values)) for number, values in frames.items())
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         said = f": {error}" if isinstance(error, json.JSONDecodeError) else ""
@@ -110,6 +119,8 @@ def _text(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
             if number is not None:
                 yield number, values
             number, values = int(words[1]), {}
+        elif number is not None and words[0] in values:
+            raise DataError(f"line {line}: {words[0]} is given twice", path=path, cure="leave one of the two")
         elif number is not None and words[0] in KEYS:
             values[words[0]] = words[1:]
         else:

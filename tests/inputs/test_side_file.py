@@ -114,6 +114,20 @@ def test_cells_that_would_be_dropped_are_reported(text: str, message: str, tmp_p
         read_side_file(tmp_path / "camera.csv")
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("a.txt", "frame 1\nexposure 1\nexposure 2\n", "line 3: exposure is given twice"),
+        ("a.json", '{"frames": {"1": {"exposure": 1, "exposure": 2}}}', "a key is given twice: exposure"),
+        ("a.json", '{"frames": {"1": {"exposure": 1}, "1": {"exposure": 2}}}', "a key is given twice: 1"),
+    ],
+)
+def test_two_values_of_one_key_are_reported(name: str, text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(DataError, match=rf"{re.escape(name)}: {message}"):
+        read_side_file(tmp_path / name)
+
+
 def test_empty_cells_at_the_end_are_none(tmp_path: Path) -> None:
     (tmp_path / "camera.csv").write_text("frame,exposure,,\n1,2,,,,\n")
     assert read_side_file(tmp_path / "camera.csv")[1].exposure == 2
