@@ -76,10 +76,20 @@ def name_effects(effects: frozenset[Effect] | None) -> str:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Camera:
-    """Un-jittered camera, float64, row-major, column vectors: ``clip = view_to_clip @ world_to_view @ p``."""
+    """Un-jittered camera, float64, row-major, column vectors: ``clip = view_to_clip @ world_to_view @ p``.
+
+    It copies both matrices: a program may change its own in place for the next frame.
+    """
 
     world_to_view: Matrix  # [4, 4]
     view_to_clip: Matrix  # [4, 4], OpenGL clip space: x right, y up, z in [-1, 1]
+
+    def __post_init__(self) -> None:
+        """Copy the matrices; what is no array stays as it is, for the check of a frame."""
+        for name in ("world_to_view", "view_to_clip"):
+            given: Any = getattr(self, name)
+            if isinstance(given, np.ndarray):
+                object.__setattr__(self, name, given.copy())
 
     @property
     def orthographic(self) -> bool:

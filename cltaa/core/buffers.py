@@ -196,12 +196,12 @@ class Buffers:
         """Add a plane for illumination changes to the counts, unless they have one."""
         if self._counts == 2:
             return
-        self._counts = 2
         with self.history_count.mapped(write=False) as counts:
             count = counts[0].copy()
         self.output_count, self.history_count = self._planes(2), self._planes(2, layout=self.whole)
         with self.history_count.mapped(write=True) as counts:
             counts[0] = count
+        self._counts = 2  # last: no memory may be left for them
 
     def arguments(self, frame: Record, settings: Record, steps: Steps) -> dict[str, Any]:
         """Return the arguments of every kernel that resolves, without the recurrent memory."""

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from cltaa.core.buffers import Buffers
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
+from cltaa.errors import ResourceError
 from cltaa.frame import Camera, Effect
 from tests.core.standing import STILL, panned, still_frame
 from tests.numerics.exact_cameras import orthographic
@@ -170,3 +173,34 @@ def test_a_resolver_closes_at_the_end_of_its_block_and_starts_anew_after_it() ->
     with pytest.raises(ValueError, match="no history"):
         resolver.recurrent()
     assert all(np.array_equal(resolver.resolve(frame), image) for frame, image in zip(frames, first, strict=True))
+
+
+def test_planes_that_found_no_memory_are_allocated_at_the_next_try(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A frame with nothing declared needs a second plane of counts; kernels read it wherever it is said to exist."""
+    resolver, undisturbed = Resolver(device="numpy"), Resolver(device="numpy")
+    allocate = Buffers._planes
+
+    def fail(buffers: Buffers, count: int, *rest: Any, **named: Any) -> Any:
+        if count == 2:
+            raise ResourceError("not enough memory")
+        return allocate(buffers, count, *rest, **named)
+
+    frames = [make_frame(index, effects=None) for index in range(2)]
+    with monkeypatch.context() as patch:
+        patch.setattr(Buffers, "_planes", fail)
+        with pytest.raises(ResourceError):
+            resolver.resolve(frames[0])
+    for frame in frames:
+        assert np.array_equal(bits(resolver.resolve(frame)), bits(undisturbed.resolve(frame)))
+
+
+def test_a_camera_is_as_it_was_when_its_frame_was_made() -> None:
+    """A program may keep one view matrix and change it in place."""
+    view, own, shared = np.eye(4), Resolver(device="numpy"), Resolver(device="numpy")
+    for index in range(3):
+        view[0, 3] = -0.3 * index
+        frame = make_frame(index, effects=None)
+        clip = frame.camera.view_to_clip
+        moved = own.resolve(replace(frame, camera=Camera(view.copy(), clip)))
+        assert np.array_equal(bits(shared.resolve(replace(frame, camera=Camera(view, clip)))), bits(moved))
+    assert own.plan == shared.plan
