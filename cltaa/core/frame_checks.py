@@ -36,6 +36,7 @@ MATRIX_ARGUMENTS = "camera.world_to_view", "camera.view_to_clip"
 NUMBERS = "attribute cltaa:jitterPx", "attribute cltaa:exposure"
 NUMBER_ARGUMENTS = "jitter_px", "exposure"
 LOOKED_AT = 100  # most rows and columns that are searched for meaningless numbers
+READ_ON_DEVICE = np.dtype(np.float32), np.dtype(np.float16)  # types that kernels read
 _EFFECTS = frozenset(Effect)
 
 
@@ -156,6 +157,9 @@ def _check_floats(frame: Frame) -> None:
             found = array.dtype if is_array else "one number" if single else type(array).__name__
             cure = "bytes of a picture are no linear light: decode them first" if name == "colour" else None
             raise _error(frame, f"{name} is no array of floats", "float32", found, cure)
+        if on_device(array) and array.dtype not in READ_ON_DEVICE:
+            cure = "convert it there: array.astype(np.float32)"
+            raise _error(frame, f"{name} on the device cannot be read", "float32 or float16", array.dtype, cure)
 
 
 def _check_effects(frame: Frame) -> None:

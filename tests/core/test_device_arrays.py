@@ -16,7 +16,7 @@ import pytest
 from cltaa.core import planes
 from cltaa.core.presets import Preset, load_preset
 from cltaa.core.resolver import Resolver
-from cltaa.errors import ResourceError, UsageError
+from cltaa.errors import DataError, ResourceError, UsageError
 from cltaa.frame import Frame
 from cltaa.opencl import exchange
 from cltaa.opencl.device import Memory, choose_device
@@ -235,6 +235,15 @@ def test_what_is_elsewhere_is_refused(queue: cl.CommandQueue) -> None:
         Resolver().resolve(given)
     with pytest.raises(UsageError, match="cannot be resolved by NumPy"):
         Resolver(device="numpy").resolve(given)
+
+
+@pytest.mark.parametrize("name", ["colour", "depth", "motion", "alpha", "reactive"])
+def test_doubles_on_the_device_are_refused(queue: cl.CommandQueue, name: str) -> None:
+    frame = frame_of(0)
+    given = replace(frame, **{name: cl_array.to_device(queue, getattr(frame, name).astype(np.float64))})
+    said = f"{name} on the device cannot be read .expected float32 or float16, found float64.*; convert it there"
+    with pytest.raises(DataError, match=said):
+        Resolver(device=queue).resolve(given)
 
 
 def test_results_lie_in_what_a_program_let_go_of(monkeypatch: pytest.MonkeyPatch) -> None:
