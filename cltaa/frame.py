@@ -256,9 +256,12 @@ def outline(frame: Frame) -> Frame:
 
 
 def _pair(numbers: Any) -> Any:
-    """Return a list or array of two as a tuple, anything else unchanged, for the check of a frame."""
+    """Return a list or array of two as a tuple, and arrays in it of one number as that number; anything else unchanged,
+    for the check of a frame."""
     with suppress(ValueError, TypeError, RuntimeError):  # ragged, or on another device
-        if not isinstance(numbers, tuple) and np.shape(numbers) == (2,):
+        if isinstance(numbers, tuple):
+            return tuple(number.item() if getattr(number, "shape", None) == () else number for number in numbers)
+        if np.shape(numbers) == (2,):
             return tuple(np.asarray(shared("jitter_px", numbers)).tolist())
     return numbers
 

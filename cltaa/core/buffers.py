@@ -247,7 +247,7 @@ class FrameRing:
 
     def build(self, build: Build, frame: Frame) -> Build:
         """Return ``build`` with camera motion where the camera differs from that of any frame of the ring."""
-        told = self._told(frame) if self._ahead else self.past
+        told = [past for past, _ in self._told(frame)] if self._ahead else self.past
         moved = any(not is_still(frame.camera, past.camera) for past in told)
         steps = replace(build.steps, camera_motion=build.steps.camera_motion or moved, look_ahead=self._ahead > 0)
         return replace(build, steps=steps)
@@ -264,42 +264,47 @@ class FrameRing:
     def static_frames(self, frame: Frame) -> int:
         """Return how many of the nearest frames in the ring were seen by the camera of ``frame``."""
         told = self._told(frame)
-        return next((place for place, past in enumerate(told) if not is_still(frame.camera, past.camera)), len(told))
+        moved = (place for place, (past, _) in enumerate(told) if not is_still(frame.camera, past.camera))
+        return next(moved, len(told))
 
     def describe(self, frame: Frame, plan: Plan) -> int:
         """Write a record for each frame of the ring, with the motion of ``frame`` to it; returns how many there are."""
         told = self._told(frame)
         with self.records.mapped(write=True) as records:
-            for place, past in enumerate(told):
+            for place, (past, ahead) in enumerate(told):
                 record = frame_record(frame, past, self.layout, plan)
                 record["jitter_x"], record["jitter_y"] = past.jitter_px
-                record["slot"] = past.index // frame.step % self._slots
-                record["ahead"] = (past.index - frame.index) // frame.step
+                record["slot"], record["ahead"] = past.slot, ahead
                 records[place] = record
         return len(told)
 
-    def _told(self, frame: Frame) -> list[Past]:
-        """Return the frames of the ring that ``frame`` gathers from: nearest first, earlier and later ones in turn."""
-        before = [past for past in self.past if past.index < frame.index]
-        later = [past for past in reversed(self.past) if past.index > frame.index]
-        in_turn = zip_longest(before[: self._count], later[: self._ahead])
-        return [past for pair in in_turn for past in pair if past is not None]
+    def _told(self, frame: Frame) -> list[tuple[Past, int]]:
+        """Return the frames of the ring that ``frame`` gathers from, each with how many frames it is ahead: nearest
+        first, earlier and later ones in turn."""
+        before = [past for past in self.past if past.index < frame.index][: self._count]
+        later = [past for past in reversed(self.past) if past.index > frame.index][: self._ahead]
+        in_turn = zip_longest(
+            ((past, -ago) for ago, past in enumerate(before, 1)), ((past, ahead) for ahead, past in enumerate(later, 1))
+        )
+        return [told for pair in in_turn for told in pair if told is not None]
 
     def keep(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
         """Copy the uploaded channels of ``frame`` into the ring, over the oldest frame."""
-        for name, _, at in self._channels_of(frame, steps):
+        slot = (self.past[0].slot + 1) % self._slots if self.past else 0
+        for name, _, at in self._channels_of(slot, steps):
             source = buffers.inverse_depth if name == "inverse_depth" else buffers.channels[name]
             self._launcher.copy(source, self.planes, at)
-        self.past = (Past.of(frame), *self.past)[: self._slots]
+        self.past = (replace(Past.of(frame), slot=slot), *self.past)[: self._slots]
 
     def bring(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
         """Copy a frame of the ring to the current frame's place in ``buffers``."""
-        for name, planes, at in self._channels_of(frame, steps):
+        slot = next(past.slot for past in self.past if past.index == frame.index)
+        for name, planes, at in self._channels_of(slot, steps):
             self._launcher.copy(self.planes, buffers.copied(name, planes), 0, at)
 
-    def _channels_of(self, frame: Frame, steps: Steps) -> Iterator[tuple[str, int, int]]:
-        """Yield name, planes and first element of each channel of ``frame`` in the ring."""
-        at = (frame.index // frame.step % self._slots) * self._planes * self.layout.plane
+    def _channels_of(self, slot: int, steps: Steps) -> Iterator[tuple[str, int, int]]:
+        """Yield name, planes and first element of each channel of the frame in that slot of the ring."""
+        at = slot * self._planes * self.layout.plane
         kept = (steps.own_motion, "motion", 2), (steps.alpha, "alpha", 1), (steps.reactive, "reactive", 1)
         for held, name, planes in ((True, "current", 3), (True, "inverse_depth", 1), *kept):
             if held:

@@ -366,15 +366,15 @@ class JittersBefore:
 
     def of(self, frame: Frame, *, goes_on: bool) -> list[tuple[float, float]]:
         """Return those before ``frame``, none unless the history ``goes_on``; then add its own."""
-        first = frame.index - self._places * frame.step
-        self._of = {index: jitter for index, jitter in self._of.items() if goes_on and first <= index < frame.index}
-        before = list(self._of.values())
+        before = [(index, jitter) for index, jitter in self._of.items() if goes_on and index < frame.index]
+        self._of = dict(before[-self._places :])
+        jitters = list(self._of.values())
         self._of[frame.index] = frame.jitter_px
-        return before
+        return jitters
 
     def restore(self, before: Iterable[tuple[int, tuple[float, float]]]) -> None:
         """Continue after frames of these numbers and jitters."""
-        self._of = dict(before)
+        self._of = dict(sorted(before))
 
 
 def _known(declared: frozenset[Effect] | None, found: frozenset[Effect] | None) -> tuple[frozenset[Effect] | None, str]:

@@ -18,6 +18,7 @@ from cltaa.core.build import FRAME_DTYPE, Record
 from cltaa.core.parameters import Choices, CurrentFilter, Neighbourhood, OnCameraMove, RayThrough, Settings
 from cltaa.core.plan import Plan
 from cltaa.core.planes import Layout
+from cltaa.errors import UsageError
 from cltaa.frame import Camera, Frame, on_device
 
 Coarse = tuple[float, ...]  # as ``coarse_colours`` gives it
@@ -60,6 +61,7 @@ class Past(msgspec.Struct, frozen=True):
     holds_changes: bool = False  # whether its counts hold illumination changes
     coarse: Coarse = ()  # for finding a cut, where none is declared
     earlier: tuple[Past, ...] = ()  # the previous frames whose samples are kept, the latest first
+    slot: int = 0  # its place in the ring, where it is kept there
 
     @classmethod
     def of(cls, frame: Frame, coarse: Coarse = ()) -> Past:
@@ -68,6 +70,12 @@ class Past(msgspec.Struct, frozen=True):
         there = frame.has_depth, frame.has_camera
         facts = frame.index, frame.camera, frame.exposure, frame.colour.shape, *channels, frame.jitter_px, *there
         return cls(*facts, coarse=coarse)
+
+    def refuse_again(self, frame: Frame) -> None:
+        """Raise UsageError where ``frame`` has this number again and is no cut."""
+        if frame.index == self.index and not frame.cut:
+            cure = f"number frames one after the other, {frame.step} apart; before another sequence call reset()"
+            raise UsageError(f"index is {frame.index} twice in a row, so no history could go on", cure=cure)
 
     def continues_in(self, frame: Frame, choices: Choices) -> bool:
         """True where the history continues in ``frame``: no cut, no gap, the same size and inputs, the same kind of

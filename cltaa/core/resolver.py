@@ -180,7 +180,7 @@ class Resolver:
         """Free the device memory and end the copying threads. The resolver stays usable: the next frame starts a new
         history."""
         self._free()
-        self._frame_ring, self.last = None, None
+        self._frame_ring = None
         self._forget()
 
     @one_thread
@@ -311,7 +311,8 @@ class Resolver:
         """Take the next frame; returns the images that are now ready, in the order of their frames.
 
         An image is ready when ``look_ahead`` more frames have come, or one that starts a new history; without
-        ``look_ahead`` at once. Raises the errors of ``resolve``, and then forgets the waiting frames.
+        ``look_ahead`` at once. Raises the errors of ``resolve``: a frame that is wrong leaves the waiting ones, and
+        other errors forget them.
         """
         return list(self._fed(frame, half=half)) if self.look_ahead else [self.resolve(frame, half=half)]
 
@@ -357,6 +358,8 @@ class Resolver:
 
     def _fed(self, frame: Frame, *, half: bool, planar: bool = False) -> Iterator[NDArray[Any]]:
         check_frame(frame)
+        if self._latest is not None:
+            self._latest.refuse_again(frame)
         coarse = coarse_colours(frame)
         if self._latest is not None and self._goes_on(frame) and self._is_cut(self._latest, frame, coarse):
             frame = replace(frame, cut=True)
@@ -382,7 +385,7 @@ class Resolver:
     def _take(self, frame: Frame, coarse: Coarse) -> None:
         """Copy a frame into the ring, ahead of those that wait."""
         started, goes_on, steps = perf_counter(), self._goes_on(frame), self._channel_steps(frame)
-        latest, waiting = self._latest, self._waiting
+        latest, waiting, self.last = self._latest, self._waiting, None
         self._forget_ahead()  # an interrupt from here on leaves no waiting frames, rather than some of them
         buffers = self._fitting(Layout(frame.width, frame.height), steps.alpha)
         upload(frame, buffers, steps, self.preset)
@@ -431,7 +434,7 @@ class Resolver:
         """Return what was decided at each pixel of the frame resolved last, by the names of docs/debug-views.md.
 
         ``reject`` and ``count`` [H, W], ``motion`` [H, W, 2] in pixels, ``clip`` [H, W]. Raises UsageError for other
-        names, and before the first frame.
+        names, before the first image, and with look-ahead where another frame came after the image.
         """
         if self.last is None:
             raise UsageError("nothing was resolved yet", cure="call resolve() first")
@@ -509,10 +512,9 @@ class Resolver:
     def _begin(self, frame: Frame) -> tuple[Past | None, Build]:
         """Plan ``frame``; returns the past that it continues, and the build of its kernels."""
         previous = self._previous
-        if previous is not None and frame.index == previous.index and not frame.cut:
-            cure = f"number frames one after the other, {frame.step} apart; before another sequence call reset()"
-            raise UsageError(f"index is {frame.index} twice in a row, so no history could go on", cure=cure)
-        self._coarse = coarse_colours(frame)
+        if previous is not None:
+            previous.refuse_again(frame)
+        self._coarse, self.last = coarse_colours(frame), None  # the frame's channels overwrite those of the last one
         if previous is not None:
             goes_on = previous.continues_in(frame, self.preset.choices)
             if not goes_on or self._is_cut(previous, frame, self._coarse):
@@ -551,6 +553,8 @@ class Resolver:
                 frame_ring.keep(frame, buffers, build.steps)
         else:
             self.last = passes.resolve()
+            if self._frame_ring is not None and not self.look_ahead:
+                self._frame_ring.go_back(None)  # it lacks this frame, so none before may be gathered later
         passes.extend_edges()
         output: Buffer = self.last.arguments["output"]
         return output
@@ -570,7 +574,7 @@ class Resolver:
         """Free the planes on the device, and end the threads that copy to them."""
         if self._buffers is not None:
             self._buffers.close()
-        self._buffers = None
+        self._buffers = self.last = None
 
     def _new_buffers(self, layout: Layout, alpha: bool) -> Buffers:
         return Buffers(self.launcher, layout, alpha, storage_dtype(self._asked))

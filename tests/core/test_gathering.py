@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import prod
+from typing import Any
+from weakref import finalize
 
 import numpy as np
 import pytest
@@ -12,8 +15,9 @@ from cltaa.core.plan import plan_frame
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame
+from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.test_resolve import differing, hard_frames
-from tests.sequence_factory import bits, make_camera, make_frame
+from tests.sequence_factory import WIDTH, bits, make_camera, make_frame
 
 KEPT = 5
 
@@ -139,3 +143,58 @@ def test_a_thin_thing_that_speeds_up_leaves_no_trace() -> None:
         motion[:, x] = (places[max(index - 1, 0)] - x, 0.0)
         drawn = replace(frame, colour=colour, depth=depth, motion=motion, jitter_px=(0.0, 0.0))
         assert (resolver.resolve(drawn) == colour).all(), index
+
+
+def test_frames_before_one_that_was_not_kept_are_not_gathered() -> None:
+    """A shot in which nothing changes accumulates; when its light changes, no sample from before it is there."""
+    light, nothing = frozenset({Effect.CAMERA, Effect.ILLUMINATION}), frozenset[Effect]()
+    camera = make_camera()
+
+    def grey(index: int, level: float, effects: frozenset[Effect], *, cut: bool = False) -> Frame:
+        frame = make_frame(index, camera=camera, effects=effects, cut=cut)
+        return replace(frame, colour=np.full_like(frame.colour, level), depth=np.full_like(frame.depth, 5.0))
+
+    resolver = Resolver("gather-8", "numpy")
+    for index in range(5):
+        resolver.resolve(grey(index, 9.0, light))
+    shot = grey(5, 1.0, nothing, cut=True), grey(6, 1.0, nothing), grey(7, 1.0, light)
+    assert all((resolver.resolve(frame) == 1.0).all() for frame in shot)
+
+
+def test_a_ring_of_changed_steps_can_be_restored() -> None:
+    frames = [
+        make_frame(0),
+        replace(make_frame(2), step=2),
+        make_frame(3),
+        make_frame(4),
+        replace(make_frame(6), step=2),
+    ]
+    first, second = Resolver("gather-8", "numpy"), Resolver("gather-8", "numpy")
+    for frame in frames[:4]:
+        first.resolve(frame)
+    past, buffers = first.recurrent()
+    for name, target in second.restore(past).items():
+        with target.mapped(write=True) as to, buffers[name].mapped(write=False) as source:
+            to[...] = source
+    assert np.array_equal(bits(second.resolve(frames[4])), bits(first.resolve(frames[4])))
+
+
+@pytest.mark.parametrize("motion", [False, True])
+def test_old_memory_is_free_when_new_is_allocated(motion: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the size changes, or with another channel the ring."""
+    held, most = [0], [0]
+    allocate = NumpyLauncher.allocate
+
+    def counted(launcher: NumpyLauncher, shape: tuple[int, ...], dtype: Any = np.float32) -> Any:
+        buffer, size = allocate(launcher, shape, dtype), prod(shape) * np.dtype(dtype).itemsize
+        held[0] += size
+        most[0] = max(most[0], held[0])
+        finalize(buffer, lambda: held.append(held.pop() - size))
+        return buffer
+
+    monkeypatch.setattr(NumpyLauncher, "allocate", counted)
+    resolver = Resolver("gather-8", "numpy")
+    resolver.resolve(make_frame(0, motion=True))
+    first, most[0] = held[0], 0
+    resolver.resolve(make_frame(1, motion=motion, width=WIDTH - 4 * motion))
+    assert most[0] <= first

@@ -245,3 +245,34 @@ def test_without_it_feed_is_resolve() -> None:
     frames = [make_frame(index) for index in range(3)]
     assert same([fed.feed(frame)[0] for frame in frames], [resolved.resolve(frame) for frame in frames])
     assert fed.flush() == []
+
+
+def test_a_number_that_comes_twice_is_refused_at_once() -> None:
+    frames, resolver = [make_frame(index) for index in range(6)], Resolver(looking(), "numpy")
+    ready = [image for frame in frames[:2] for image in resolver.feed(frame)]
+    with pytest.raises(UsageError, match="index is 1 twice in a row"):
+        resolver.feed(frames[1])
+    ready += [image for frame in frames[2:] for image in resolver.feed(frame)]
+    assert same([*ready, *resolver.flush()], images(frames, looking(), "numpy"))
+
+
+def test_nothing_is_shown_of_an_image_after_another_frame_came() -> None:
+    """The other frame's channels lie where those of the image were."""
+    resolver = Resolver(looking(look_ahead=1), "numpy")
+    for index in range(2):
+        resolver.feed(make_frame(index))
+    assert resolver.debug("motion")
+    resolver.feed(make_frame(2, cut=True))
+    with pytest.raises(UsageError, match="nothing was resolved yet"):
+        resolver.debug("motion")
+
+
+def test_a_ring_does_not_mind_that_the_step_changes() -> None:
+    """A frame that is missing, and said to be, leaves those before where they are."""
+    frames, preset = [make_frame(index) for index in range(10)], looking(look_ahead=2)
+    numbered = [replace(frame, index=frame.index + (frame.index > 4)) for frame in frames]
+    numbered[5] = replace(numbered[5], step=2)
+    assert same(images(numbered, preset, "numpy"), images(frames, preset, "numpy"))
+    gathered, expected = (Resolver("gather-8", "numpy") for _ in range(2))
+    for one, other in zip(numbered, frames, strict=True):
+        assert np.array_equal(bits(gathered.resolve(one)), bits(expected.resolve(other)))

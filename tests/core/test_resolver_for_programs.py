@@ -457,6 +457,15 @@ def test_numbers_of_numpy_number_frames() -> None:
     assert resolver.debug("count")["count"].max() > 2
 
 
+def test_a_jitter_may_be_two_arrays_of_one_number() -> None:
+    plain, arrays = Resolver(device="numpy"), Resolver(device="numpy")
+    for index in range(3):
+        jitter = 0.1 * index, 0.2
+        frame = make_frame(index, jitter_px=jitter)
+        given = replace(frame, jitter_px=tuple(np.array(number) for number in jitter))
+        assert np.array_equal(arrays.resolve(given), plain.resolve(frame))
+
+
 def test_what_is_masked_is_missing() -> None:
     frame, mask = make_frame(0), np.zeros((23, 37, 3), bool)
     mask[3, 4] = True
