@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.planes import Layout
 from cltaa.errors import DataError, known
-from cltaa.frame import Camera, Effect, Frame, on_device
+from cltaa.frame import PLANES, Camera, Effect, Frame, on_device
 
 # Kernels count the texels of a plane in 32 bits, and steps from one to another in 31.
 MOST_TEXELS = 2**31 - 1
@@ -53,6 +53,17 @@ def check_frame(frame: Frame) -> None:
         raise _wrong(frame, "step", WHOLE)
     _check_depth(frame)
     _warn_of_motion(frame)
+
+
+def check_fields(frame: Frame) -> None:
+    """Raise DataError for a frame that cannot be written: fields of wrong types, no pixel, unknown effects."""
+    _check_types(frame)
+    _check_effects(frame)
+    for name in PLANES:
+        array = getattr(frame, name)
+        if array is not None and not isinstance(array, np.ndarray):
+            raise _error(frame, f"{name} is no array", "one of the host", type(array).__name__)
+    _check_colour(frame)
 
 
 def _looked_at(array: Any) -> NDArray[Any]:

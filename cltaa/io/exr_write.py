@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cltaa.core.frame_checks import check_fields
 from cltaa.errors import DataError, StorageError, UsageError
 from cltaa.frame import Frame
 from cltaa.io.atomic import atomic_path
@@ -164,6 +165,7 @@ def write_frame(path: str | Path, frame: Frame, *, compression: str = "zip") -> 
     if path.suffix.lower() != ".exr":
         expected, found = "a name that ends in .exr", path.suffix or "no suffix"
         raise UsageError("frames are written as EXR", path=path, expected=expected, found=found)
+    check_fields(frame)
     write_image(path, frame_planes(frame, path), frame_attributes(frame), compression=compression)
 
 

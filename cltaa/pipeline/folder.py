@@ -318,6 +318,8 @@ def arrivals_of(
     """Return the arrivals to follow; raises UsageError for options that need a finished sequence."""
     if not isinstance(source, str | Path):
         raise UsageError("only a folder or a pattern of files can be followed", found=type(source).__name__)
+    if idle is not None and not (isinstance(idle, int | float) and idle >= 0):
+        raise UsageError("idle is no time to wait", expected="seconds, 0 or more", found=repr(idle))
     if preset.settings.look_ahead:
         cure = "take one that does not, or resolve the finished folder without --follow"
         raise UsageError(f"preset {preset.name} looks ahead, so it cannot follow", cure=cure)

@@ -13,6 +13,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
+from numbers import Integral
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple, Protocol
@@ -133,8 +134,8 @@ def stage_rows(seconds: StageTimes) -> Iterable[tuple[str, float]]:
 
 def check_jobs(jobs: int, preset: Preset, *, follow: bool, debug: bool, dask: bool) -> None:
     """Raise UsageError where so many parts of a sequence cannot be resolved at once, here or by workers of ``dask``."""
-    if jobs < 1:
-        raise UsageError("invalid number of parts", expected="1 or more", found=jobs)
+    if not isinstance(jobs, Integral) or jobs < 1:
+        raise UsageError("invalid number of parts", expected="a whole number, 1 or more", found=repr(jobs))
     if jobs == 1 and not dask:
         return
     parted = "--dask" if dask else "--jobs"

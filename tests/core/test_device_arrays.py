@@ -240,7 +240,8 @@ def test_what_is_elsewhere_is_refused(queue: cl.CommandQueue) -> None:
 @pytest.mark.parametrize("name", ["colour", "depth", "motion", "alpha", "reactive"])
 def test_doubles_on_the_device_are_refused(queue: cl.CommandQueue, name: str) -> None:
     frame = frame_of(0)
-    given = replace(frame, **{name: cl_array.to_device(queue, getattr(frame, name).astype(np.float64))})
+    doubles: dict[str, Any] = {name: cl_array.to_device(queue, getattr(frame, name).astype(np.float64))}
+    given = replace(frame, **doubles)
     said = f"{name} on the device cannot be read .expected float32 or float16, found float64.*; convert it there"
     with pytest.raises(DataError, match=said):
         Resolver(device=queue).resolve(given)

@@ -462,7 +462,8 @@ def test_a_jitter_may_be_two_arrays_of_one_number() -> None:
     for index in range(3):
         jitter = 0.1 * index, 0.2
         frame = make_frame(index, jitter_px=jitter)
-        given = replace(frame, jitter_px=tuple(np.array(number) for number in jitter))
+        numbers: Any = tuple(map(np.array, jitter))
+        given = replace(frame, jitter_px=numbers)
         assert np.array_equal(arrays.resolve(given), plain.resolve(frame))
 
 

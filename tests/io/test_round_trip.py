@@ -211,6 +211,11 @@ def test_lossy_or_unknown_compression_is_refused(tmp_path: Path, compression: st
             r"backward.u: array is wrong .*found float32 \[23, 37, 3\]",
         ),
         ({"object_id": np.full((HEIGHT, WIDTH), 0.5, np.float32)}, "channel id: array is wrong"),
+        ({"index": 1.5}, "index is wrong .*a whole number"),
+        ({"effects": ["nonsense"]}, "effects are no set"),
+        ({"effects": {"nonsense"}}, "unknown effect nonsense"),
+        ({"colour": np.ones((0, WIDTH, 3), np.float32)}, "colour has the wrong shape .*at least one pixel"),
+        ({"colour": [[1.0]]}, "colour is no array .expected one of the host, found list"),
     ],
 )
 def test_wrong_arrays_are_not_written(tmp_path: Path, change: dict[str, Any], message: str) -> None:

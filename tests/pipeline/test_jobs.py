@@ -211,6 +211,10 @@ def test_what_cannot_be_parted_is_refused(shot: Path, tmp_path: Path) -> None:
         ("gather-8", {"debug": ("count",)}, "which --debug needs"),
         ("gather-8", {"follow": True}, "which --follow needs"),
         ("gather-8", {"jobs": 0}, "invalid number of parts"),
+        ("gather-8", {"jobs": 2.0}, "invalid number of parts"),
+        ("gather-8", {"jobs": "2"}, "invalid number of parts"),
+        ("gather-8", {"jobs": 1, "follow": True, "idle": "1"}, "idle is no time to wait"),
+        ("gather-8", {"jobs": 1, "follow": True, "idle": float("nan")}, "idle is no time to wait"),
     )
     for preset, options, told in cases:
         with pytest.raises(UsageError, match=told):
