@@ -24,6 +24,7 @@ from cltaa.inputs.intake import Intake, intake_lines, open_intake
 from cltaa.inputs.profile import Encoding, Profile, load_profile, override
 from cltaa.inputs.roles import (
     Place,
+    assign,
     channel_missing,
     describe,
     guide_places,
@@ -42,6 +43,8 @@ from cltaa.io.sequence import ChangedImages, FrameSequence, ImageSequence, open_
 SUFFIX = ".png"
 HEADER = struct.Struct(">8s4x4sIIB")  # signature, length, type of the first chunk, columns, rows, bits per channel
 SIGNATURE, FIRST = b"\x89PNG\r\n\x1a\n", b"IHDR"
+# What a picture is not asked for, because its files need not have it.
+COLOUR_ALONE = "depth.channels=none", "motion.channels=none none", "colour.reactive=none"
 DEEPEST = 8  # bits per channel: Pillow drops the lower 8 of 16
 
 
@@ -413,27 +416,63 @@ def open_pictures(
 ) -> ImageSequence:
     """Open cltaa's images as ``open_images`` does, another tool's files by a profile, or PNGs.
 
-    A missing frame of another tool is no error until it is read. For plain channels R, G and B that cltaa did not
-    write, a profile sets only the encoding. Raises what ``open_images`` and ``open_intake`` raise.
+    A missing frame of another tool is no error until it is read. Plain channels R, G, B and A are read unless the
+    profile or an assignment names others that the files have, and cltaa did not write them. Depth, motion and reactive
+    mask are not looked for. Raises what ``open_images`` and ``open_intake`` raise.
     """
     place = selection_of(named)
     if is_png(place):
         files = numbered_files(place, SUFFIX)
         return PngImages(*files, verify=False, gaps=gaps, frames=frames, step=even_step(sorted(files[2])))
     asked = override(Profile() if profile == "auto" else load_profile(profile), assignments)
-    if not _of_another(place) and not asked.colour.view:
+    if not _of_another(place) and not asked.colour.view and not _names_others(place, asked, profile, assignments):
         images = open_images(place, verify=verify, gaps=gaps, frames=frames)
         if asked.colour.encoding is Encoding.LINEAR:
             return images
-        own = any(name.startswith("cltaa:") for name in read_any_header(images.path(images.first)).attributes)
+        own = _by_cltaa(read_any_header(images.path(images.first)))
         return images if own else ChangedImages(images, _linear, ["colour.encoding srgb, as asked"])
-    intake = open_intake(place, profile=profile, assignments=assignments, gaps=OnBreak.RESET, frames=frames)
+    told = (*assignments, *COLOUR_ALONE)
+    intake = open_intake(place, profile=profile, assignments=told, gaps=OnBreak.RESET, frames=frames)
     return ForeignImages(ForeignSequence(place.folder, intake, sorted(intake.declared), strict=False, verify=verify))
 
 
 def _linear(image: Image) -> Image:
     """Decode an image [H, W, 3 or 4] from sRGB to linear light; keeps alpha as it is."""
     return np.concatenate([linear_colour(image[..., :3], Encoding.SRGB), image[..., 3:]], -1)
+
+
+def check_named(places: Many[Named], opened: Many[ImageSequence], assignments: Many[str] = (), **reading: Any) -> None:
+    """Raise what ``open_intake`` raises where assignments name colour or alpha that none of the ``opened`` has."""
+    if _naming(assignments) and not any(isinstance(images, ForeignImages) for images in opened):
+        for place, images in zip(places, opened, strict=True):
+            first = images.path(images.first)
+            if not is_png(first) and not _by_cltaa(read_any_header(first)):
+                open_intake(place, assignments=(*assignments, *COLOUR_ALONE), gaps=OnBreak.RESET, **reading)
+
+
+def _naming(assignments: Many[str]) -> set[str]:
+    """Return the keys of ``assignments`` that name channels of a picture."""
+    return {text.partition("=")[0].strip() for text in assignments} & {"colour.channels", "colour.alpha"}
+
+
+def _by_cltaa(header: ImageHeader) -> bool:
+    return any(name.startswith("cltaa:") for name in header.attributes)
+
+
+def _names_others(place: Selection, asked: Profile, profile: str | Path | Profile, assignments: Many[str]) -> bool:
+    """Return True if other channels than R, G, B and A are asked for and there, in files that cltaa did not write."""
+    naming = _naming(assignments)
+    files = files_in(place) if naming or profile != "auto" else []
+    if not files or not files[0].exists():
+        return False
+    header = read_any_header(files[0])
+    if _by_cltaa(header):
+        return False
+    there = header.layout.channels
+    roles = assign(asked, {name_of(files[0]): tuple(there)})
+    wanted = "colour" in roles and ("alpha" in roles or "colour.alpha" not in naming or "none" in asked.colour.alpha)
+    found = [place.channel for role in ("colour", "alpha") for place in roles.get(role, ())]
+    return wanted and found != [*COLOUR, *(["A"] if "A" in there else [])]
 
 
 def stated(path: Path) -> dict[str, object]:

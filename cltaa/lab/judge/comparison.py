@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from cltaa.errors import DataError, InputMissing, UsageError
-from cltaa.inputs.foreign import open_pictures, stated
+from cltaa.inputs.foreign import check_named, open_pictures, stated
 from cltaa.inputs.open import is_own, open_input
 from cltaa.io.exr_layout import Part, Window
 from cltaa.io.manifest import CAPTURE, Entry, Manifest, file_sha256, recorded_hashes
@@ -131,6 +131,7 @@ def pair_up(
             cure = "name the reference: cltaa compare TEST REFERENCE"
             raise UsageError("nothing to compare with: no folder reference/ in it", path=str(against), cure=cure)
         truth = open_pictures(against, verify=verify, gaps=OnBreak.RESET, **reading)
+        check_named([*tests, against], [*images, truth], **reading)
     yardsticks = {} if capture is None else open_yardsticks(capture)
     comparisons = [Comparison(test, truth, capture, yardsticks) for test in images]
     for comparison in comparisons:

@@ -76,6 +76,48 @@ def test_pictures_whose_channels_must_be_named(capsys: pytest.CaptureFixture[str
     assert run_json(capsys, plain, tmp_path / "shot", *named)["mean_one_sample"]["mse"] == 0
 
 
+def test_channels_that_are_named_are_read_beside_plain_ones(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Where the files have them; a result of cltaa keeps such channels as layers, and is judged by its own colour."""
+    grey = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)
+    for folder, light, alpha in (("a", 0.5, 0.25), ("b", 1.0, 0.25), ("plain", 0.5, 0.25)):
+        (tmp_path / folder).mkdir()
+        layers = {} if folder == "plain" else {f"diffuse.{name}": light * grey for name in "RGB"}
+        plain = dict.fromkeys("RGB", 0.5 * grey) | {"A": np.full_like(grey, alpha)}
+        for number in (1, 2):
+            write_image(tmp_path / folder / f"x.{number:04d}.exr", plain | layers)
+    named = ("--metrics", "mse", "--input", "colour.channels=diffuse.R diffuse.G diffuse.B")
+    a, b, plain_one = (tmp_path / name for name in ("a", "b", "plain"))
+    assert run_json(capsys, a, b, "--metrics", "mse")["mean"]["mse"] == 0
+    expected = pytest.approx(np.square(0.5 * grey, dtype=np.float64).mean(), rel=1e-12)  # sums in another order
+    assert run_json(capsys, a, b, *named)["mean"]["mse"] == expected
+    assert run_json(capsys, plain_one, b, *named)["mean"]["mse"] == expected
+    (tmp_path / "own.toml").write_text('[colour]\nchannels = [["diffuse.R", "diffuse.G", "diffuse.B"]]\n')
+    by_profile = ("--metrics", "mse", "--profile", str(tmp_path / "own.toml"))
+    assert run_json(capsys, a, b, *by_profile)["mean"]["mse"] == expected
+    assert run_json(capsys, plain_one, plain_one, *by_profile)["mean"]["mse"] == 0
+    assert "alpha" in run_json(capsys, a, b, "--metrics", "mse")
+    assert "alpha" not in run_json(capsys, a, b, "--metrics", "mse", "--input", "colour.alpha=none")
+    nowhere = ("--input", "colour.channels=nope.R nope.G nope.B")
+    assert "no colour channels" in refusal(capsys, 65, a, b, *nowhere)
+    assert "nope.A: no such channels" in refusal(capsys, 64, a, b, "--input", "colour.alpha=nope.A")
+
+
+def test_a_truth_needs_only_the_colour(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Also where options name the depth, the vectors or the mask of the frames."""
+    grey = np.full((3, 4), 0.5, np.float32)
+    combined = {f"ViewLayer.Combined.{name}": grey for name in "RGB"}
+    others = {"MyZ": grey, "MyU": grey, "MyV": grey, "MyMask": grey}
+    for folder, channels in (("shot", combined | others), ("shot/reference", combined)):
+        (tmp_path / folder).mkdir()
+        for number in (1, 2):
+            write_image(tmp_path / folder / f"x.{number:04d}.exr", channels, {"Software": "Blender"})
+    plain = write_images(tmp_path / "plain", [np.stack([grey] * 3, -1)] * 2, first=1)
+    named = [("depth.channels", "MyZ"), ("motion.channels", "MyU MyV"), ("colour.reactive", "MyMask")]
+    options = [word for key, value in named for word in ("--input", f"{key}={value}")]
+    for truth in (tmp_path / "shot", tmp_path / "shot" / "reference"):
+        assert run_json(capsys, plain, truth, "--metrics", "mse", *options)["mean"]["mse"] == 0
+
+
 def refusal_behind_notes(capsys: pytest.CaptureFixture[str], *arguments: Path) -> str:
     assert main(["compare", *map(str, arguments)]) == 66
     return capsys.readouterr().err
