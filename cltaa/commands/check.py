@@ -65,7 +65,7 @@ def check(
     named = one_sequence(ctx, sequence)
     report, mended = check_folder(named, frames=FRAMES if frames is None else frames, **reading)
     words, options, side_file = selection_of(named).words, report.options, reading["side_file"]
-    only = frame_range(named, frames) if jitter_file is not None else None
+    only = frame_range(named, frames, profile=mended) if jitter_file is not None else None
     if jitter_file is not None:
         _write_jitter(jitter_file, named, mended, only, reading)
         base = mended.name if reading["profile"] == "auto" else reading["profile"]

@@ -157,7 +157,7 @@ def inspect(
     """
     _check_options(ctx, planned=planned, pixels=pixels)
     place = selection_of(one_sequence(ctx, folder))
-    reading["frames"] = frame_range(place, frames)
+    reading["frames"] = frame_range(place, frames, **reading)
     if planned:
         wanted = assigned(preset_of(preset, config, None if denoise == "none" else for_denoised), changes)
         source = open_input(place, **reading)

@@ -133,14 +133,14 @@ def _some_frames(text: str) -> int | tuple[int, int]:
     return int(match[1]), int(match[2] or match[1])
 
 
-def frame_range(named: Named, frames: int | FrameRange | None) -> FrameRange | None:
-    """Return the frame range of ``--frames``; a count N becomes the numbers of the first and the N-th frame."""
+def frame_range(named: Named, frames: int | FrameRange | None, **reading: Any) -> FrameRange | None:
+    """Return the frame range of ``--frames``; a count N becomes the numbers of the first and the N-th frame, as
+    ``reading`` (profile and assignments) opens them."""
     if not isinstance(frames, int):
         return frames
-    from cltaa.inputs.roles import file_sets
+    from cltaa.inputs.intake import first_frames
 
-    numbers = sorted({number for files in file_sets(named).values() for number in files})[:frames]
-    return numbers[0], numbers[-1]
+    return first_frames(named, frames, reading.get("profile", "auto"), reading.get("assignments", ()))
 
 
 def listed(text: str) -> tuple[str, ...]:

@@ -183,9 +183,9 @@ def resolve(
     if follow and isinstance(frames, int):
         cure = f"say which: --frames 1-{frames}"
         raise UsageError("--follow cannot tell yet which frames are the first", found=f"--frames {frames}", cure=cure)
-    chosen = frames if follow else frame_range(named, frames)
     # The remaining options go to resolve_folder unchanged.
     reading = {name: options.pop(name) for name in ("profile", "assignments", "side_file", "step", "verify")}
+    chosen = frames if follow else frame_range(named, frames, **reading)
     reading |= {"gaps": OnBreak(gaps), "on_resize": OnBreak(on_resize), "frames": chosen}
     source = sequence if follow else open_input(named, **reading)
     notes = () if isinstance(source, Path) else source.notes

@@ -275,6 +275,66 @@ class Intake:
         return all(known.jitter_px is not None for known in self.declared.values())
 
 
+class _Found(NamedTuple):
+    """What the first headers of a place tell: its files, and which channels are read by which profile."""
+
+    sets: dict[str, dict[int, Path]]
+    first: dict[str, ImageHeader]
+    profile: Profile
+    reason: str
+    views: Views
+    roles: Roles
+
+    @property
+    def main(self) -> dict[int, Path]:
+        """The files of the colour."""
+        return self.sets[self.roles["colour"][0].files]
+
+    @property
+    def read(self) -> list[dict[int, Path]]:
+        """The sets of files that a role is read from."""
+        return [self.sets[label] for label in {place.files for all_of in self.roles.values() for place in all_of}]
+
+    @property
+    def complete(self) -> list[int]:
+        """Numbers of the frames that have all of their files; raises InputMissing where none has."""
+        there = sorted(number for number in self.main if all(number in files for files in self.read))
+        if not there:
+            path = next(iter(self.main.values()))
+            raise InputMissing("no frame has all of its files", path=path, cure="render them again")
+        return there
+
+
+def _found_in(place: Selection, profile: str | Profile, assignments: Many[str], damaged: Mapping[Path, int]) -> _Found:
+    sets = file_sets(place, damaged)
+    first = {label: read_any_header(files[min(files)]) for label, files in sets.items()}
+    channels = {label: tuple(header.layout.channels) for label, header in first.items()}
+    attributes: dict[str, object] = {}
+    for header in first.values():
+        attributes = header.attributes | attributes
+    chosen, reason = (load_profile(profile), "as asked") if profile != "auto" else guessed_profile(attributes, channels)
+    views = views_of(attributes, channels, [header.views for header in first.values()])
+    if profile == "auto" and not may_be_colour(chosen, channels, views):
+        chosen = with_usual_names(chosen, channels, views)
+    chosen = override(chosen, assignments)
+    faults = [fault for header in first.values() for fault in header.faults.values()]
+    roles = _assigned(place.folder, chosen, assignments, channels, views, faults)
+    return _Found(sets, first, chosen, reason, views, roles)
+
+
+def first_frames(
+    named: Named, count: int, profile: str | Path | Profile = "auto", assignments: Many[str] = ()
+) -> FrameRange:
+    """Return the first and the last number of ``count`` frames that have all files that would be read; where opening
+    them will raise, of those that have any. Raises InputMissing for no frames."""
+    place, profile = selection_of(named), str(profile) if isinstance(profile, Path) else profile
+    try:
+        numbers = _found_in(place, profile, assignments, {}).complete[:count]
+    except CltaaError:
+        numbers = sorted({number for files in file_sets(place).values() for number in files})[:count]
+    return numbers[0], numbers[-1]
+
+
 def open_intake(
     named: Named,
     *,
@@ -293,28 +353,12 @@ def open_intake(
     may differ. ``frames`` are the first and the last number to read, both included. ``step`` is the difference of
     consecutive frame numbers. ``damaged`` maps files to leave out to their frame numbers.
     """
-    place, profile = selection_of(named), str(profile) if isinstance(profile, Path) else profile
-    folder = place.folder
-    gaps, on_resize, sets = OnBreak(gaps), OnBreak(on_resize), file_sets(place, damaged)
-    first = {label: read_any_header(files[min(files)]) for label, files in sets.items()}
-    channels = {label: tuple(header.layout.channels) for label, header in first.items()}
-    attributes: dict[str, object] = {}
-    for header in first.values():
-        attributes = header.attributes | attributes
-    chosen, reason = (load_profile(profile), "as asked") if profile != "auto" else guessed_profile(attributes, channels)
-    views = views_of(attributes, channels, [header.views for header in first.values()])
-    if profile == "auto" and not may_be_colour(chosen, channels, views):
-        chosen = with_usual_names(chosen, channels, views)
-    chosen = override(chosen, assignments)
-    faults = [fault for header in first.values() for fault in header.faults.values()]
-    roles = _assigned(folder, chosen, assignments, channels, views, faults)
-    main = sets[roles["colour"][0].files]
-    read = [sets[label] for label in {place.files for all_of in roles.values() for place in all_of}]
-    there = sorted(number for number in main if all(number in files for files in read))
-    if not there:
-        raise InputMissing("no frame has all of its files", path=next(iter(main.values())), cure="render them again")
+    place, gaps, on_resize = selection_of(named), OnBreak(gaps), OnBreak(on_resize)
+    folder, profile = place.folder, str(profile) if isinstance(profile, Path) else profile
+    sets, first, chosen, reason, views, roles = found = _found_in(place, profile, assignments, damaged)
+    main, there = found.main, found.complete
     numbers = chosen_numbers(there, frames, folder)
-    for files in read:
+    for files in found.read:
         check_steps(files, frames or (min(main), max(main)), step, gaps)
     # Delayed jitter or matrices are in frames just outside the requested range.
     late = step * max(abs(chosen.jitter.delay), abs(chosen.camera.delay))

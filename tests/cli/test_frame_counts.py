@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cltaa.cli import main
+from cltaa.inputs.intake import first_frames
+from cltaa.io.exr_write import write_image
 from cltaa.lab.check.jitter import MOST_FRAMES
 from cltaa.lab.check.report import FRAMES
-from tests.sequence_factory import write_sequence
+from tests.sequence_factory import make_frame, write_sequence
 
 MOST = max(FRAMES, MOST_FRAMES) + 1
 
@@ -67,3 +70,36 @@ def test_resolve_and_compare(
     frames = answer(capsys, "compare", output, sequence, "--metrics", "mse", "--video")["frames"]
     assert isinstance(frames, list)
     assert [row["frame"] for row in frames] == [*range(count)]
+
+
+@pytest.fixture
+def passes(tmp_path: Path) -> Path:
+    """Passes in files of their own, of which the depth begins a frame early, as a simulation's does."""
+    folder = tmp_path / "passes"
+    folder.mkdir()
+    for index in range(4):
+        frame = make_frame(index)
+        write_image(folder / f"depth.{index:04d}.exr", {"Z": frame.depth})
+        if index:
+            write_image(
+                folder / f"beauty.{index:04d}.exr",
+                {name: np.ascontiguousarray(frame.colour[..., place]) for place, name in enumerate("RGB")},
+            )
+    return folder
+
+
+def test_a_count_is_of_frames_that_can_be_read(
+    passes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not of the numbers that any file has."""
+    asked, output = (str(passes), "--frames", "2"), tmp_path / "out"
+    assert answer(capsys, "inspect", *asked)["frames"] == 2
+    assert answer(capsys, "resolve", *asked, "-o", str(output), "--device", "numpy", "--preset", "basic")["frames"] == 2
+    assert [path.name for path in sorted(output.glob("*.exr"))] == ["beauty.0001.exr", "beauty.0002.exr"]
+    colour_alone = ("--input", "depth.channels=none")
+    assert answer(capsys, "inspect", *asked, *colour_alone)["frames"] == 2
+    (passes / "beauty.0000.exr").write_bytes((passes / "beauty.0001.exr").read_bytes())
+    (passes / "depth.0000.exr").unlink()
+    assert answer(capsys, "inspect", *asked)["frames"] == 2
+    assert first_frames(passes, 2) == (1, 2)
+    assert first_frames(passes, 2, assignments=colour_alone[1:]) == (0, 1)
