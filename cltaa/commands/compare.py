@@ -13,6 +13,7 @@ import click
 from cltaa.commands.options import FILE_PATH, SOME_FRAMES, STOPS, input_options, json_option, listed, verify_option
 from cltaa.commands.printing import figures, print_line, print_table, three_digits
 from cltaa.errors import LONGEST_VALUE, UsageError
+from cltaa.inputs.foreign import first_pictures
 from cltaa.io.atomic import make_folder
 from cltaa.io.names import name_of, number_of, selection_of
 from cltaa.io.numbered import even_step, named_frames, ranges
@@ -243,8 +244,7 @@ def compare(
     tests, reference = (*by_word.values(),), places[-1] if len(places) > 1 else None
     chosen = frames
     if isinstance(chosen, int):
-        numbers = pair_up(tests[:1], reference, None, verify=False, **reading)[0].test.numbers[:chosen]
-        chosen = numbers[0], numbers[-1]
+        chosen = first_pictures(tests[0], chosen, reading["profile"], reading["assignments"])
     comparisons = pair_up(tests, reference, chosen, verify=verify, **reading)
     named = dict(zip(by_word if len(tests) > 1 else ["A"], comparisons, strict=True))
     _check_alike(named, heatmap)

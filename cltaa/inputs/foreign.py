@@ -20,7 +20,7 @@ from cltaa.core.planes import haloed
 from cltaa.errors import CltaaError, DataError
 from cltaa.frame import Effect, Frame, Image, format_effects
 from cltaa.inputs.convert import check_depth, linear_colour, motion_px, planar_depth, still_camera
-from cltaa.inputs.intake import Intake, intake_lines, open_intake
+from cltaa.inputs.intake import Intake, first_frames, intake_lines, open_intake
 from cltaa.inputs.profile import Encoding, Profile, load_profile, override
 from cltaa.inputs.roles import (
     Place,
@@ -425,7 +425,7 @@ def open_pictures(
         files = numbered_files(place, SUFFIX)
         return PngImages(*files, verify=False, gaps=gaps, frames=frames, step=even_step(sorted(files[2])))
     asked = override(Profile() if profile == "auto" else load_profile(profile), assignments)
-    if not _of_another(place) and not asked.colour.view and not _names_others(place, asked, profile, assignments):
+    if _is_plain(place, asked, profile, assignments):
         images = open_images(place, verify=verify, gaps=gaps, frames=frames)
         if asked.colour.encoding is Encoding.LINEAR:
             return images
@@ -439,6 +439,19 @@ def open_pictures(
 def _linear(image: Image) -> Image:
     """Decode an image [H, W, 3 or 4] from sRGB to linear light; keeps alpha as it is."""
     return np.concatenate([linear_colour(image[..., :3], Encoding.SRGB), image[..., 3:]], -1)
+
+
+def first_pictures(
+    named: Named, count: int, profile: str | Path | Profile = "auto", assignments: Many[str] = ()
+) -> FrameRange:
+    """Return the first and the last number of ``count`` pictures, as ``open_pictures`` reads them; looks at no others,
+    which may be damaged. Raises what ``open_pictures`` raises."""
+    place = selection_of(named)
+    asked = override(Profile() if profile == "auto" else load_profile(profile), assignments)
+    if is_png(place) or _is_plain(place, asked, profile, assignments):
+        numbers = sorted(numbered_files(place, SUFFIX if is_png(place) else ".exr")[2])[:count]
+        return numbers[0], numbers[-1]
+    return first_frames(place, count, profile, (*assignments, *COLOUR_ALONE))
 
 
 def check_named(places: Many[Named], opened: Many[ImageSequence], assignments: Many[str] = (), **reading: Any) -> None:
@@ -457,6 +470,11 @@ def _naming(assignments: Many[str]) -> set[str]:
 
 def _by_cltaa(header: ImageHeader) -> bool:
     return any(name.startswith("cltaa:") for name in header.attributes)
+
+
+def _is_plain(place: Selection, asked: Profile, profile: str | Path | Profile, assignments: Many[str]) -> bool:
+    """Return True if R, G, B and A are read as they are."""
+    return not (_of_another(place) or asked.colour.view or _names_others(place, asked, profile, assignments))
 
 
 def _names_others(place: Selection, asked: Profile, profile: str | Path | Profile, assignments: Many[str]) -> bool:

@@ -9,7 +9,7 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.errors import InputMissing
-from cltaa.io.display import to_display
+from cltaa.io.display import to_display, to_picture, write_png
 from cltaa.io.exr_write import write_image
 from cltaa.io.sequence import open_sequence
 from tests.lab.judge.test_compare_command import refusal, run_json
@@ -29,6 +29,29 @@ def test_frames_that_have_a_truth_are_judged_where_others_have_none(
     assert judged["equal_quality_samples"]["method"] == "n^-1.5 law"
     with pytest.raises(InputMissing, match=r"the reference of this frame is missing \(found .*\); capture it again"):
         _ = open_sequence(capture).reference
+
+
+@pytest.mark.parametrize("name", ["plain", "passes", "png"])
+def test_a_count_is_judged_like_the_range_that_it_means(
+    name: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Where later frames lack a truth, or are lost."""
+    images = [make_frame(number).colour for number in range(5)]
+    truth = write_images(tmp_path / "truth", images[:2], name="x", first=3)
+    folder = tmp_path / name
+    folder.mkdir()
+    for number, image in enumerate(images, 3):
+        layer = "beauty." if name == "passes" else ""
+        channels = {f"{layer}{c}": np.ascontiguousarray(image[..., place]) for place, c in enumerate("RGB")}
+        if name == "png":
+            write_png(folder / f"x.{number:04d}.png", to_picture(image))
+        else:
+            write_image(folder / f"x.{number:04d}.exr", channels)
+    sorted(folder.iterdir())[3].unlink()
+    counted, ranged = (run_json(capsys, folder, truth, "--metrics", "mse", "--frames", n) for n in ("2", "3-4"))
+    assert counted == ranged
+    assert [row["frame"] for row in counted["frames"]] == [3, 4]
+    assert "frame 5: no reference for this frame" in refusal(capsys, 66, folder, truth, "--frames", "3")
 
 
 def cut_short(resolved: Path, kept: int) -> None:
