@@ -29,7 +29,7 @@ from cltaa.io.sequence import FrameSequence
 from cltaa.lab.timing import Clock, Interval, Job, Samples, measure, resolve_job
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.denoise import denoises
-from cltaa.pipeline.folder import band_rows_for, find_for, for_denoised, has_bands, of_whole
+from cltaa.pipeline.folder import band_rows_for, find_for, for_denoised, has_bands, of_whole, with_fireflies
 from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence, program_bytes
 from cltaa.pipeline.output import carried_kinds, check_layers, chosen_layers
 from cltaa.pipeline.run import check_jobs
@@ -104,6 +104,7 @@ def plan(
     check_declared(sequence, effects)
     layers = chosen_layers(layers, sequence)
     check_layers(sequence, layers)
+    preset = with_fireflies(preset, sequence, None)
     resolver = Resolver(preset, device, storage=storage, every_step=True)
     free = resolver.preset.published is Published.NO  # a transcription runs the same steps on every scene
     found = find_for(sequence, denoised=denoised) if free and looked_for(sequence, effects) else None

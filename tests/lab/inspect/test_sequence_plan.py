@@ -13,11 +13,15 @@ import cltaa
 from cltaa.cli import main
 from cltaa.core.parameters import Illumination, ReactiveMask, Reproject
 from cltaa.core.plan import CHOICE_OF_STEP, LIGHT, STEP_NAMES, plan_frame, toggled
-from cltaa.core.presets import load_preset
+from cltaa.core.presets import Preset, load_preset
+from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect
 from cltaa.io.exr_write import write_frame
 from cltaa.lab.inspect import plan as sequence_plan
 from cltaa.lab.inspect.plan import SequencePlan
+from cltaa.pipeline import folder
+from tests.inputs.foreign import frames as foreign_frames
+from tests.inputs.foreign import write_blender
 from tests.sequence_factory import make_camera, make_frame
 
 WALK = (0, 1, 2, 2, 2, 3, 4)  # steps of the camera: it stands on frames 3 and 4; frame 5 is a cut
@@ -51,6 +55,25 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def running(plan: SequencePlan) -> list[tuple[int, int, bool, set[str]]]:
     return [(s.first, s.last, s.starts, {step.name for step in s.steps if step.on}) for s in plan.sections]
+
+
+@pytest.mark.parametrize("asked", ["keep", "clamp"])
+def test_the_kernel_is_the_one_that_a_resolve_runs(asked: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the fireflies of the profile."""
+    built = list[str]()
+
+    class Recorded(Resolver):
+        def __init__(self, preset: Preset, *given: Any, **named: Any) -> None:
+            built.append(str(preset.choices.fireflies))
+            super().__init__(preset, *given, **named)
+
+    write_blender(tmp_path, foreign_frames(2))
+    sequence = cltaa.open(tmp_path, assignments=[f"colour.fireflies={asked}"])
+    monkeypatch.setattr(sequence_plan, "Resolver", Recorded)
+    monkeypatch.setattr(folder, "Resolver", Recorded)
+    cltaa.plan(sequence, device="numpy", rounds=0)
+    cltaa.resolve(sequence, tmp_path / "out", device="numpy")
+    assert built == [asked, asked]
 
 
 def test_a_camera_that_stops_and_a_cut_make_spans(walk: Path) -> None:
