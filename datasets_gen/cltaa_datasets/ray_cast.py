@@ -6,6 +6,7 @@ tuned on rasterised scenes as another tool's frames would.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -443,9 +444,9 @@ def _before(family: Family, index: int, hit: Hit, ways: Array) -> Array:
 
 
 def truth_of(family: Family, index: int, size: tuple[int, int], samples: int, seed: int) -> Array:
-    """Draw the mean [H, W, 3] of ``samples`` stratified samples a pixel."""
+    """Draw the mean [H, W, 3] of ``samples`` stratified samples a pixel, a square number."""
     width, height = size
-    side = max(1, round(samples**0.5))
+    side = math.isqrt(samples)
     rng = np.random.default_rng((seed, index, 2))
     pose = family.eye(index)
     y, x = np.mgrid[0:height, 0:width].reshape(2, -1)
@@ -460,8 +461,12 @@ def truth_of(family: Family, index: int, size: tuple[int, int], samples: int, se
 def draw(family: str, output: Path, frames: int, size: tuple[int, int], period: int, reference: int, seed: int) -> None:
     """Write ``frames`` frames [H, W] of a family, and with ``reference`` samples their truth into ``reference/``.
 
-    Raises UsageError for a folder with EXR files in it, which would be taken for frames or the truth of this sequence.
+    Raises UsageError for a folder with EXR files in it, which would be taken for frames or the truth of this sequence,
+    and for samples that fill no square grid.
     """
+    if (side := math.isqrt(reference)) ** 2 != reference:
+        what, expected = "--reference: samples lie on a square grid", f"{side**2} or {(side + 1) ** 2}"
+        raise UsageError(what, expected=expected, found=reference)
     if any([*output.glob("*.exr"), *output.glob("reference/*.exr")]):
         raise UsageError("holds EXR files already", path=output, cure="choose an empty folder")
     scene = FAMILIES[family](seed)
@@ -484,7 +489,10 @@ def draw(family: str, output: Path, frames: int, size: tuple[int, int], period: 
 @click.option("--size", type=SIZE, default="320x180", help="Size of a frame in pixels.")
 @click.option("--period", type=click.IntRange(1), default=64, help="Period of the Halton jitter.")
 @click.option(
-    "--reference", type=COUNT_OR_0, default=0, help="Also draw the truth, N samples a pixel, into reference/."
+    "--reference",
+    type=COUNT_OR_0,
+    default=0,
+    help="Also draw the truth, N samples a pixel, a square, into reference/.",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, help="Seed of colours, placement and phase.")
 @json_option

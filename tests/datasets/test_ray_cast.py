@@ -78,3 +78,14 @@ def test_the_command_writes_a_sequence_with_its_truth(tmp_path: Path, capsys: py
         path.unlink()
     assert main(["raycast", "rolling", "-o", str(folder), "--seed", "1"]) == 64  # the truth is another seed's
     assert "balls: holds EXR files already; choose an empty folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("samples", [2, 3, 8, 60])
+def test_a_truth_has_the_samples_that_are_asked_for(
+    samples: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Those of a square grid: other numbers would be recorded, and a square near them drawn."""
+    command = ["raycast", "rolling", "-o", str(tmp_path / "balls"), "--frames", "1", "--size", "4x3"]
+    assert main([*command, "--reference", str(samples)]) == 64
+    assert "--reference: samples lie on a square grid (expected " in capsys.readouterr().err
+    assert not (tmp_path / "balls").exists()
