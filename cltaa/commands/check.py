@@ -77,10 +77,10 @@ def check(
         with atomic_path(fix) as temporary:
             temporary.write_text(toml_text(told), encoding="utf-8")
         options = profile_options(str(fix), side_file, reading["step"])
+    options += "" if only is None else f" --frames {only[0]}-{only[1]}"
     if as_json:
-        click.echo(json_of(report))
+        click.echo(json_of(msgspec.structs.replace(report, options=options)))
     else:
-        options += "" if only is None else f" --frames {only[0]}-{only[1]}"
         _print(report, words, options)
         if jitter_file is not None:
             print_line(f"the jitter is measured; to resolve with it: {shown(_resolve(words, options))}")

@@ -146,12 +146,12 @@ def print_several(results: Sequence[dict[str, Any]], metrics: tuple[Metric, ...]
 
 def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bool) -> None:
     """Print the rows of ``--table`` by sequence, and their means over all sequences."""
-    timed, several = any("milliseconds" in row for row in rows), len({row["sequence"] for row in rows}) > 1
+    timed = any("milliseconds" in row for row in rows)
     kinds = {"moving": True, "samples": True, "alpha": any("alpha" in row for row in rows)}
     heads = [*score_heads(metrics, **kinds), *(["cvvdp ↑"] * cvvdp), *(["ms ↓"] * timed)]
     table = figures(None, "", "", *heads, named=True)
     table.columns[1].justify = "left"
-    for name, of_it in groupby([*rows, *(means_of(rows) if several else [])], lambda row: str(row["sequence"])):
+    for name, of_it in groupby([*rows, *means_of(rows)], lambda row: str(row["sequence"])):
         table.add_section()
         for place, row in enumerate(of_it):
             cells = score_cells(row, metrics, **kinds)
@@ -233,7 +233,7 @@ def compare(
             click.echo(f"cltaa: warning: {warning}", err=True)
         if as_json:
             facts = {"stops": stops, "versions": versions_of(metrics), "warnings": doubted}
-            click.echo(json_of({"table": rows} | facts))
+            click.echo(json_of({"table": rows, "means": means_of(rows)} | facts))
         else:
             print_entries(rows, asked, cvvdp=cvvdp)
         return

@@ -263,9 +263,11 @@ def _judged(one: Round, metrics: tuple[Metric, ...], stops: float, *, cvvdp: boo
 
 
 def means_of(rows: Sequence[Row]) -> list[Row]:
-    """Return the means over all sequences, for the entries that have all of them."""
+    """Return the means over all of several sequences, for the entries that have all of them; none of one sequence."""
     count = len({row["sequence"] for row in rows})
-    means = []
+    means: list[Row] = []
+    if count < 2:
+        return means
     for name in dict.fromkeys(row["entry"] for row in rows):
         of_it = [row for row in rows if row["entry"] == name]
         if len(of_it) == count:

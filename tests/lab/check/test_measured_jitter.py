@@ -84,6 +84,8 @@ def test_the_rest_of_a_side_file_is_kept_and_frames_are_those_asked_for(
         assert values.jitter_px != given[number].jitter_px
     said = capsys.readouterr().out.split("to resolve with it: ")[1].splitlines()[0]
     assert said == f"cltaa resolve {folder} --profile {tmp_path / 'fix.toml'} --camera {file} --frames 4-15 -o OUT"
+    main(["check", str(folder), *asked, "--json"])
+    assert f"cltaa resolve {folder} {json.loads(capsys.readouterr().out)['options']} -o OUT" == said
 
 
 def resting(frames: list[Frame]) -> list[Frame]:

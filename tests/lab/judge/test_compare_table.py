@@ -51,7 +51,14 @@ def test_each_row_is_what_compare_says_of_it_alone(
     capsys: pytest.CaptureFixture[str], sequences: list[Path], entry: Path
 ) -> None:
     assert main(["compare", "--table", *words(entry, *sequences, "--json", "--ours", "basic", *METRICS)]) == 0
-    rows = {(row["sequence"], row["entry"]): row for row in json.loads(capsys.readouterr().out)["table"]}
+    told = json.loads(capsys.readouterr().out)
+    assert [(row["sequence"], row["entry"]) for row in told["means"]] == [
+        ("mean of 2 sequences", "Mine"),
+        ("mean of 2 sequences", "basic"),
+    ]
+    rows = {(row["sequence"], row["entry"]): row for row in told["table"]}
+    mses = [rows[name, "Mine"]["mean"]["mse"] for name in "ab"]
+    assert told["means"][0]["mean"]["mse"] == pytest.approx(sum(mses) / 2, rel=1e-15)
     assert list(rows) == [("a", "Mine"), ("a", "basic"), ("b", "Mine"), ("b", "basic")]
     assert rows["a", "Mine"]["milliseconds"] == 1.5
     alone = run_json(capsys, entry / "a", sequences[0], "--video", *METRICS)
@@ -113,6 +120,7 @@ def test_means_of_alpha_are_those_of_its_squared_error_and_its_worst() -> None:
     (mean,) = means_of(rows)
     assert mean["alpha"] == {"mse": 0.2, "worst": 0.9, "psnr-white": pytest.approx(20.0)}
     assert "alpha" not in means_of([rows[0], {"sequence": "b", "entry": "e"}])[0]
+    assert means_of(rows[:1]) == []  # one sequence is its own mean
 
 
 @pytest.mark.parametrize("asked", [False, True])
