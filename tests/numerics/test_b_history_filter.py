@@ -38,6 +38,7 @@ def sampled(launcher: Launcher, history: Plane, u: Any, v: Any, kind: HistoryFil
     planes = {
         "motion_out": padded(np.array([*moved, one, zero, one, one, one, one, zero, zero]), layout),
         "current": padded(np.array([history] * 3), layout),
+        "alpha": padded(one[None], layout),
         "history": padded(np.array([history] * 3), layout),
         "history_count": padded(one[None], layout),
         "previous_inverse_depth": padded(one[None], layout),
