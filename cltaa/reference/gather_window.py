@@ -163,7 +163,7 @@ def gather_windows(
         if build.steps.look_ahead:  # it lags behind later frames, so beside them it has no share
             held = Resolved(held.rgb, held.alpha, np.zeros_like(error))
         held_error = window_error(gathering.near, own, held, build, settings)
-        _store(target[-1], held, np.where(at_rest, held_error, held_error * constant("BLUR_PARDON", error)))
+        _store(target[-1], held, np.where(at_rest, held_error, held_error * constant("MOVING_ERROR", error)))
     extend_stored(build, layout, windows[: count * planes])
 
 

@@ -109,11 +109,11 @@ STAGE resolved longer_history(resolved window, mask where, resolved recursive)
 }
 
 // Error of the recursive resolve. Where the surface moves, its blur is a part of it, which a mean with sharper windows
-// lessens: hence BLUR_PARDON.
+// lessens: hence MOVING_ERROR.
 STAGE real recursive_error(sample_sums g, pixel_t p, motion_t m, resolved recursive, settings_t settings)
 {
     const real error = window_error(g, p, recursive, settings);
-    return at_rest(m) ? error : error * K(BLUR_PARDON);
+    return at_rest(m) ? error : error * K(MOVING_ERROR);
 }
 
 // Number of earlier frames among the nearest `static_frames` frames in the ring.
