@@ -115,8 +115,14 @@ def planar_depth(stored: Image, rule: Depth, camera: Camera, jitter: Offset) -> 
     # Zero and negative depths stay: the resolve treats them as sky, and cltaa check must see them.
     sky = np.isnan(planar)
     if rule.sky is not None:
-        sky |= wide >= rule.sky
+        sky |= _is_sky(wide, rule, np.float32(rule.sky))
     return np.where(sky, np.inf, planar).astype(np.float32)
+
+
+def _is_sky(stored: NDArray[np.float64], rule: Depth, sky: np.float32) -> NDArray[np.bool_]:
+    if rule.kind in (DepthKind.INVERSE, DepthKind.DEVICE_REVERSED):  # all surfaces are above the value of the sky
+        return np.asarray(stored == sky)
+    return np.asarray(stored <= sky if rule.scale < 0.0 and sky < 0.0 else stored >= sky)
 
 
 def mended_camera(view: Matrix, projection: Matrix, rule: Cameras, jitter: Offset, width: int, height: int) -> Camera:

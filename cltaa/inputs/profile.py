@@ -88,7 +88,8 @@ class Colour(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Depth(msgspec.Struct, frozen=True, kw_only=True):
-    """Depth: planar = ``scale`` x the channel converted by ``kind``; stored values from ``sky`` on are the sky.
+    """Depth: planar = ``scale`` x the channel converted by ``kind``; stored values from ``sky`` on are the sky, of
+    kinds that fall with distance those that equal it.
 
     ``near`` and ``far`` are the planes of device depth; 0 takes a plane from the projection.
     """

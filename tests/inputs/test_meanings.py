@@ -42,6 +42,27 @@ def test_kinds_of_depth(kind: str, stored: Callable[[np.ndarray, Frame], np.ndar
         np.testing.assert_allclose(theirs.depth[finite], ours.depth[finite], rtol=worst)
 
 
+@pytest.mark.parametrize(
+    ("asked", "stored"),
+    [
+        ("kind=planar sky=1e10", [1e10, 2e10, 7.0]),
+        ("kind=device sky=0.7 near=0.1 far=100", [0.7, 1.0, 0.5]),  # whose float is less than the double
+        ("scale=-1 sky=-1e4", [-1e4, -2e4, -7.0]),
+        ("scale=-1 sky=1e10", [1e10, 2e10, -7.0]),
+        ("kind=inverse sky=0.01", [0.01, 0.01, 0.5]),
+        ("kind=inverse sky=1e10", [0.0, 0.0, 0.5]),  # as a profile has it for planar depth
+        ("kind=device-reversed sky=0 near=0.1 far=100", [0.0, 0.0, 0.5]),
+    ],
+)
+def test_the_sky_lies_behind_the_surfaces_whatever_the_kind(asked: str, stored: list[float], tmp_path: Path) -> None:
+    write_own(
+        tmp_path,
+        [replace(frame, depth=np.resize(np.array(stored, np.float32), frame.depth.shape)) for frame in frames(1)],
+    )
+    (frame,) = read(tmp_path, *(f"depth.{each}" for each in asked.split()))
+    assert np.isinf(frame.depth.ravel()[:3]).tolist() == [True, True, False]
+
+
 @pytest.mark.parametrize("kind", ["device", "device-reversed"])
 def test_device_depth_of_an_orthographic_camera_is_refused(kind: str, tmp_path: Path) -> None:
     camera = Camera(np.eye(4), orthographic(2.0, 1.5))
