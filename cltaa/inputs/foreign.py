@@ -33,7 +33,7 @@ from cltaa.inputs.roles import (
 )
 from cltaa.io.content import open_regular
 from cltaa.io.exr_frame import CHANNEL_OF, COLOUR, GROUPS, MATRICES, NO_PIXELS, Pixels
-from cltaa.io.exr_layout import Layout, covers, of_region, placed
+from cltaa.io.exr_layout import Layout, of_region, placed
 from cltaa.io.exr_read import FrameFile, ImageHeader, read_any_header, read_planes
 from cltaa.io.manifest import file_sha256
 from cltaa.io.names import Named, Selection, name_of, number_of, renumbered, selection_of
@@ -355,9 +355,10 @@ class ForeignSequence(FrameSequence):
     def _beside(self, path: Path, number: int) -> Layout:
         """Return the layout of one of a frame's files; raises DataError if its picture differs from the colour's."""
         picture, other = self.layouts[number], read_any_header(path).layout
-        if other.display_window != picture.display_window and not covers(other.region, picture.region):
+        expected, found = picture.display_window, other.display_window
+        if found != expected:
             what, cure = "shows another picture than the colour", "write all channels with one display window"
-            raise DataError(what, path=path, frame=number, expected=picture.size, found=other.size, cure=cure)
+            raise DataError(what, path=path, frame=number, expected=expected, found=found, cure=cure)
         return other
 
     def _read(self, label: str, number: int, names: Collection[str]) -> dict[str, Pixels]:
@@ -366,8 +367,8 @@ class ForeignSequence(FrameSequence):
         if path != self.path(number):
             self._beside(path, number)
         # Outside the data window of depth and vectors lies the sky, which moves with the camera.
-        nowhere = {place.channel for role in ("depth", "motion") for place in self._roles.get(role, ())}
-        outside = dict.fromkeys(nowhere, np.nan)
+        places = (place for role in ("depth", "motion") for place in self._roles.get(role, ()))
+        outside = {place.channel: np.nan for place in places if place.files == label}
         return read_planes(path, names, sha256=self.recorded(path), picture=picture, outside=outside)
 
 

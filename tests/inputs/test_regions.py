@@ -283,5 +283,21 @@ def test_a_set_of_files_may_hold_more_than_the_picture_or_less(tmp_path: Path) -
     assert np.isinf(found[:, : 20 - LEFT]).all()
     half = (0, 0, WIDTH // 2 - 1, HEIGHT // 2 - 1)
     write_image(depth, {"Z": frame.depth[::2, ::2]}, windows=(half, half))
-    with pytest.raises(DataError, match=r"another picture than the colour .*of 48 x 36.*24 x 18.*one display window"):
+    with pytest.raises(DataError, match=r"another picture than the colour .*47, 35.*23, 17.*one display window"):
         open_input(tmp_path / "in").frame(0)
+    double = (0, 0, 2 * WIDTH - 1, 2 * HEIGHT - 1)
+    write_image(depth, {"Z": frame.depth.repeat(2, 0).repeat(2, 1)}, windows=(double, double))
+    with pytest.raises(DataError, match=r"another picture than the colour .*95, 71"):
+        open_input(tmp_path / "in").frame(0)
+
+
+def test_a_channel_called_as_the_depth_of_other_files_is_0_outside_of_its_window(tmp_path: Path) -> None:
+    for name, channels in (("beauty", "RGB"), ("depth", "R")):
+        (tmp_path / name).mkdir()
+        planes = dict.fromkeys(channels, np.ones((ROWS, COLUMNS), np.float32))
+        for index, across in enumerate((0, 1)):  # data windows that differ are shown in the display window
+            window = (LEFT + across, TOP, LEFT + across + COLUMNS - 1, TOP + ROWS - 1)
+            write_image(tmp_path / name / f"a.{index:04d}.exr", planes, windows=(window, WHOLE))
+    frame = open_input(tmp_path).frame(0)
+    assert frame.colour[0, 0].tolist() == [0.0, 0.0, 0.0]
+    assert frame.depth[0, 0] == np.inf
