@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from collections.abc import Sequence as Many
+from os.path import relpath
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -74,7 +75,8 @@ def file_sets(named: Named, without: Container[Path] = ()) -> dict[str, dict[int
     sets: dict[str, dict[int, Path]] = {}
     for folder, its in _by_folder(files).items():
         for name, numbers in place.by_name(its).items():
-            label = name if folder == place.folder else f"{folder.name}/{name}"
+            within = relpath(folder, place.folder).replace("/", ".")
+            label = name if within == "." else f"{within}/{name}"
             if left := {number: path for number, path in numbers.items() if path not in without}:
                 sets[label] = left
     if not sets:

@@ -41,14 +41,20 @@ NOTHING_ASKED: Mapping[str, float] = MappingProxyType({})
 class ImageHeader:
     """A file's layout and its attributes by name, as from ``attributes_of``, read without its pixels.
 
-    ``views`` are those of channels by the attribute ``view`` of their part, ``faults`` the errors of unreadable parts
-    by name.
+    Of several parts ``attributes`` are those of all, the first part's before the others'. ``views`` are those of
+    channels by the attribute ``view`` of their part, ``faults`` the errors of unreadable parts by name, ``own`` the
+    attributes of the part of each channel.
     """
 
     layout: Layout
     attributes: dict[str, object]
     views: Mapping[str, str] = field(default_factory=dict)
     faults: Mapping[str, DataError] = field(default_factory=dict)
+    own: Mapping[str, dict[str, object]] = field(default_factory=dict)
+
+    def of_channel(self, name: str) -> dict[str, object]:
+        """Return the attributes of a channel's part, such as the camera of its view, before those of other parts."""
+        return self.attributes | self.own.get(name, {})
 
 
 class FrameFile(NamedTuple):
@@ -103,7 +109,7 @@ def read_header(path: Path) -> ImageHeader:
 
 
 def read_any_header(path: Path, *, chunks: bool = True, one: bool = False) -> ImageHeader:
-    """As ``read_header``, of one part or several: layout over all of them, attributes of the first.
+    """As ``read_header``, of one part or several: layout and attributes over all of them.
 
     Checks that every chunk lies inside the file, unless ``chunks`` is False. Parts of an unsupported kind are left out,
     and listed in ``faults``. Raises InputMissing or DataError.
@@ -122,9 +128,9 @@ def read_any_header(path: Path, *, chunks: bool = True, one: bool = False) -> Im
 
 
 def _described(outline: Outline, content: BinaryIO | FileCopy) -> ImageHeader:
-    """Return the layout over all readable parts, and the attributes of the first."""
+    """Return the layout and the attributes over all readable parts."""
     parts, layout = outline.parts, outline.parts[0]
-    found = open_content(outline.path, content, len(parts), header_only=True)
+    found = [*map(attributes_of, open_content(outline.path, content, len(parts), header_only=True))]
     if layout.part is not None:
         channels, windows = dict[str, str](), dict[str, Window]()
         for part in parts:
@@ -133,13 +139,11 @@ def _described(outline: Outline, content: BinaryIO | FileCopy) -> ImageHeader:
             windows |= dict.fromkeys(names.values(), part.data_window)
         window = shared_window(parts)
         layout = Layout(layout.path, channels, window, layout.display_window, layout.compression, windows=windows)
-    views = {
-        full_name(part.part or "", name): view
-        for part, there in zip(parts, found, strict=True)
-        if isinstance(view := there.header.get("view"), str) and view
-        for name in part.channels
-    }
-    return ImageHeader(layout, attributes_of(found[0]), views, outline.faults)
+    pairs = [*zip(parts, found, strict=True)]
+    own = {full_name(part.part or "", name): its for part, its in pairs for name in part.channels}
+    views = {name: view for name, its in own.items() if isinstance(view := its.get("view"), str) and view}
+    attributes = {name: value for its in reversed(found) for name, value in its.items()}
+    return ImageHeader(layout, attributes, views, outline.faults, own)
 
 
 def read_colour(path: Path, *, sha256: str | None = None, picture: Layout | None = None, alpha: bool = False) -> Image:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.errors import DataError, InputMissing
+from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.frame import Frame
 from cltaa.inputs.intake import intake_lines, open_intake
 from cltaa.inputs.open import open_input
@@ -63,7 +63,10 @@ def test_without_matrices_and_jitter_it_says_so(tmp_path: Path) -> None:
     np.testing.assert_array_equal(frame.camera.world_to_view, np.eye(4))
 
 
-@pytest.mark.parametrize("jitter", ["no numbers", 0.25, [0.25]])
+BOX = np.array([0.1, 0.2], np.float32), np.array([0.3, 0.4], np.float32)
+
+
+@pytest.mark.parametrize("jitter", ["no numbers", 0.25, [0.25], np.eye(3) / 4, np.eye(4, dtype=np.float32) / 4, BOX])
 def test_an_invalid_jitter_is_reported(jitter: object, tmp_path: Path) -> None:
     folder = write_own(tmp_path, frames(), **{"cltaa:jitterPx": jitter})
     with pytest.raises(DataError, match=r"own.0000.exr frame 0: attribute cltaa:jitterPx is no jitter"):
@@ -184,6 +187,36 @@ def test_a_folder_for_each_channel_set(tmp_path: Path) -> None:
         path.rename(path.with_name(path.name.replace("shot.000", "shot.001")))
     with pytest.raises(InputMissing, match=r"shot\.0000\.exr: no frame has all of its files; render them again"):
         open_intake(tmp_path)
+
+
+def test_folders_of_one_name_hold_different_files(tmp_path: Path) -> None:
+    for light, shot in enumerate(("a", "b"), start=1):
+        (tmp_path / shot / "beauty").mkdir(parents=True)
+        write_image(tmp_path / shot / "beauty" / "x.0001.exr", dict.fromkeys("RGB", np.full((4, 4), light, np.float32)))
+    pattern = tmp_path / "*" / "beauty" / "x.####.exr"
+    with pytest.raises(DataError, match=r"several sets .*found a\.beauty/x, b\.beauty/x") as error:
+        open_input(pattern)
+    option = shlex.split(str(error.value).partition("--input ")[2])[0]
+    assert option == "colour.channels=a.beauty.R a.beauty.G a.beauty.B"
+    for light, shot in enumerate(("a", "b"), start=1):
+        found = open_input(pattern, assignments=[option.replace("a.beauty", f"{shot}.beauty")])
+        assert found.frame(1).colour[0, 0, 0] == light
+
+
+@pytest.mark.parametrize("first", ["damaged", "other names", "no depth"])
+def test_a_frame_that_is_not_asked_for_decides_nothing(first: str, tmp_path: Path) -> None:
+    for number in range(3):
+        write_image(tmp_path / f"a.{number:04d}.exr", dict.fromkeys("RGBZ", np.full((4, 4), 2.0, np.float32)))
+    path = tmp_path / "a.0000.exr"
+    if first == "damaged":
+        path.write_bytes(path.read_bytes()[:100])
+    else:
+        names = "RGB" if first == "no depth" else ("foo.R", "foo.G", "foo.B")
+        write_image(path, dict.fromkeys(names, np.full((4, 4), 2.0, np.float32)))
+    found = open_input(tmp_path, frames=(1, 2))
+    assert [(frame.index, frame.depth[0, 0]) for frame in found] == [(1, 2.0), (2, 2.0)]
+    with pytest.raises(UsageError, match="invalid range of frames"):
+        open_input(tmp_path, frames=(1,))
 
 
 def test_passes_that_share_a_folder_are_called_by_their_names(tmp_path: Path) -> None:

@@ -11,11 +11,13 @@ from cltaa.cli import main
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.foreign import open_pictures
 from cltaa.inputs.intake import intake_lines, open_intake
+from cltaa.inputs.open import open_input
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.exr_read import read_image
 from cltaa.io.exr_write import write_image
 from cltaa.io.openexr import OpenEXR
 from tests.inputs.foreign import write_parts
+from tests.sequence_factory import make_camera
 
 BLENDER = {"Software": "Blender 5.0.1"}
 PASSES = (
@@ -28,6 +30,7 @@ PASSES = (
     "Vector.{}.Y",
 )
 EYES = ("left", "right")
+HEADER = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
 
 
 def flat(value: float) -> Pixels:
@@ -137,8 +140,7 @@ def of_parts(folder: Path, views: dict[str, str | None]) -> Path:
     parts = []
     for name, view in views.items():
         planes = {channel: flat(view == "right") for channel in channels[name.split("_")[0]]}
-        header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
-        parts.append(OpenEXR.Part(header | ({"view": view} if view else {}), planes, name))
+        parts.append(OpenEXR.Part(HEADER | ({"view": view} if view else {}), planes, name))
     OpenEXR.File(parts).write(str(folder / "a.0001.exr"))
     return folder
 
@@ -163,6 +165,20 @@ def test_a_view_that_an_attribute_of_parts_names_is_one(eye: str, tmp_path: Path
     assert open_pictures(folder, assignments=[f"colour.view={eye}"]).image(1)[0, 0, 0] == EYES.index(eye)
     with pytest.raises(UsageError, match=r"colour\.view=middle: no such view \(expected left, right\)"):
         open_intake(folder, assignments=["colour.view=middle"])
+
+
+@pytest.mark.parametrize("eye", EYES)
+def test_the_camera_is_that_of_the_view(eye: str, tmp_path: Path) -> None:
+    """Each part has its own; a part without one, such as a matte of no view, changes nothing."""
+    parts = [OpenEXR.Part(HEADER, {"mask": flat(1.0)}, "matte")]
+    for view in EYES:
+        moved = np.eye(4)
+        moved[3, 0] = EYES.index(view)  # Imath's layout
+        matrices = {"cltaa:worldToView": moved, "cltaa:viewToClip": np.ascontiguousarray(make_camera().view_to_clip.T)}
+        parts.append(OpenEXR.Part(HEADER | matrices | {"view": view}, dict.fromkeys("RGB", flat(0.5)), f"rgba_{view}"))
+    OpenEXR.File(parts).write(str(tmp_path / "a.0001.exr"))
+    frame = open_input(tmp_path, assignments=[f"colour.view={eye}"]).frame(1)
+    assert frame.camera.world_to_view[0, 3] == EYES.index(eye)
 
 
 def test_the_one_view_of_all_parts_may_be_asked_for(tmp_path: Path) -> None:
