@@ -40,6 +40,20 @@ FILL_BYTES = 2**30
 # by their size, and would warn of a collision once one is renamed.
 TYPES = {"int": np.int32, "float": np.float32, "frame_t": np.void, "settings_t": np.void}
 
+_opened_in: int | None = None  # the process that opened the first device; its forks inherit this
+
+
+def refuse_fork() -> None:
+    """Raise UsageError in a fork of a process that opened a device: without the driver's threads, it would wait for
+    ever."""
+    global _opened_in
+    _opened_in = _opened_in or os.getpid()
+    if _opened_in != os.getpid():
+        raise UsageError(
+            "OpenCL cannot be used in a fork of a process that has opened a device",
+            cure="start it anew: multiprocessing.get_context('spawn'), or open devices only in the forks",
+        )
+
 
 def devices() -> list[cl.Device]:
     """Return every OpenCL device: GPUs first, then CPUs by ``PREFERENCE``, PoCL's newest version first."""
@@ -183,6 +197,7 @@ class Device(OneProcess):
     """One OpenCL device with its context, its queue and its shape of kernels."""
 
     def __init__(self, requested: str | Queue | None = None) -> None:
+        refuse_fork()
         if requested is not None and not isinstance(requested, str):
             self._take(cast(cl.CommandQueue, requested))
             return
@@ -380,6 +395,7 @@ def measured_on(device: cl.Device) -> dict[str, str]:
 
 @contextmanager
 def _memory_errors(needed: int, device: Device) -> Iterator[None]:
+    refuse_fork()
     try:
         yield
     except (MemoryError, cl.MemoryError, cl.RuntimeError, cl.LogicError) as error:
@@ -404,7 +420,8 @@ class DriverErrors:
         self._device = device
 
     def __enter__(self) -> None:
-        """Do nothing."""
+        """Raise UsageError in a fork."""
+        refuse_fork()
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """Raise the error that replaces the driver's."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import pickle
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -41,3 +43,34 @@ def test_a_resolver_on_numpy_is_copied_with_its_history() -> None:
         copy.copy(resolver)
     for other in (copy.deepcopy(resolver), pickle.loads(pickle.dumps(resolver))):
         assert (bits(other.resolve(make_frame(1))) == bits(copy.deepcopy(resolver).resolve(make_frame(1)))).all()
+
+
+FORKS = """
+import os, threading
+from cltaa.core.resolver import Resolver
+from tests.sequence_factory import make_frame
+first = Resolver()
+first.resolve(make_frame(0))
+for work in (lambda: first.resolve(make_frame(1)), Resolver, first.close):
+    child = os.fork()
+    if not child:
+        try:
+            work()
+        except Exception as error:
+            print(error, flush=True)
+        os._exit(0)
+    limit = threading.Timer(20.0, os.kill, (child, 9))
+    limit.start()
+    assert os.waitpid(child, 0)[1] == 0
+    limit.cancel()
+first.resolve(make_frame(1))
+"""
+
+
+def test_a_fork_of_a_process_with_a_device_is_refused_one() -> None:
+    """It lacks the driver's threads, for which it would wait for ever."""
+    child = subprocess.run([sys.executable, "-c", FORKS], capture_output=True, text=True, check=False)
+    assert (child.returncode, child.stderr) == (0, "")
+    told = child.stdout.splitlines()
+    assert told == [told[0]] * 2
+    assert "a fork of a process that has opened a device; start it anew: multiprocessing.get_context('spawn')" in told[0]
