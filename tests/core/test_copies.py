@@ -73,4 +73,4 @@ def test_a_fork_of_a_process_with_a_device_is_refused_one() -> None:
     assert (child.returncode, child.stderr) == (0, "")
     told = child.stdout.splitlines()
     assert told == [told[0]] * 2
-    assert "a fork of a process that has opened a device; start it anew: multiprocessing.get_context('spawn')" in told[0]
+    assert "a fork of a process that has opened a device; start it anew: multiprocessing" in told[0]
