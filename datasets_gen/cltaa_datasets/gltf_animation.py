@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cltaa.errors import DataError
 from cltaa.printable import counted
-from cltaa_datasets.gltf_file import MALFORMED, GltfFile
+from cltaa_datasets.gltf_file import MALFORMED, GltfFile, picked
 from cltaa_datasets.scene import Matrix
 
 Floats = NDArray[np.float64]
@@ -92,18 +92,33 @@ class NodeTree:
         """Read nodes and channels; raises DataError for an animation that cannot be played."""
         self._nodes = file.items("nodes")
         self._parents = {child: i for i, node in enumerate(self._nodes) for child in node.get("children", ())}
+        self._order = self._parents_first()
         self._channels: dict[tuple[int, str], Channel] = {}
         animations = file.items("animations") if played else []
         try:
             for channel in animations[0]["channels"] if animations else ():
-                self._add(file, channel["target"], animations[0]["samplers"][channel["sampler"]])
+                self._add(file, channel["target"], picked(animations[0]["samplers"], channel["sampler"], "samplers"))
         except MALFORMED as error:
             raise DataError(f"its animation cannot be read ({error!r})", path=file.path) from error
         self.duration = max((float(c.times[-1]) for c in self._channels.values()), default=0.0)
 
+    def _parents_first(self) -> list[int]:
+        """Return every node, parents before children."""
+        children = [child for node in self._nodes for child in node.get("children", ())]
+        for child in children:
+            picked(self._nodes, child, "nodes")
+        order = [index for index in range(len(self._nodes)) if index not in self._parents]
+        if len(self._parents) == len(children):  # otherwise a node has two parents
+            for index in order:
+                order += self._nodes[index].get("children", ())
+        if len(order) != len(self._nodes):
+            raise ValueError("its nodes form no trees")
+        return order
+
     def _add(self, file: GltfFile, target: dict[str, Any], sampler: dict[str, Any]) -> None:
         if "node" not in target:
             return  # the target of an extension
+        picked(self._nodes, target["node"], "nodes")
         times = np.asarray(file.array(sampler["input"]), np.float64)
         interpolation = sampler.get("interpolation", "LINEAR")
         values = np.asarray(file.array(sampler["output"]), np.float64)
@@ -130,23 +145,20 @@ class NodeTree:
     def shown(self, scene: dict[str, Any] | None) -> list[int]:
         """Return the nodes of a scene with all their descendants, in order; all nodes without a scene."""
         roots = range(len(self._nodes)) if scene is None else scene.get("nodes", ())
-
-        def in_scene(index: int) -> bool:
-            return index in roots or (index in self._parents and in_scene(self._parents[index]))
-
-        return [index for index in range(len(self._nodes)) if in_scene(index)]
+        for root in roots:
+            picked(self._nodes, root, "nodes")
+        found = set(roots)
+        for index in self._order:
+            if self._parents.get(index) in found:
+                found.add(index)
+        return sorted(found)
 
     def poses(self, time: float) -> list[Matrix]:
         """Return the matrix from node to world [4, 4] of every node."""
-        done: dict[int, Matrix] = {}
-
-        def pose(index: int) -> Matrix:
-            if index not in done:
-                above = pose(self._parents[index]) if index in self._parents else np.eye(4)
-                done[index] = above @ self._local(index, time)
-            return done[index]
-
-        return [pose(index) for index in range(len(self._nodes))]
+        done: dict[int | None, Matrix] = {None: np.eye(4)}
+        for index in self._order:
+            done[index] = done[self._parents.get(index)] @ self._local(index, time)
+        return [done[index] for index in range(len(self._nodes))]
 
     def _local(self, index: int, time: float) -> Matrix:
         node = self._nodes[index]

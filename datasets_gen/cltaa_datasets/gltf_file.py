@@ -10,14 +10,17 @@ import io
 import json
 import struct
 import urllib.parse
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
 from cltaa.errors import DataError, InputMissing
+
+Entry = TypeVar("Entry")
 
 MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
 # Exceptions of files whose JSON has other types or numbers than the specification allows.
@@ -47,7 +50,9 @@ class GltfFile:
             needed = [name for name in self.json.get("extensionsRequired", ()) if not name.startswith(HARMLESS)]
             if needed:
                 raise DataError(f"needs the extension {needed[0]}", path=path, cure="export without compression")
-            self._buffers = [self._bytes(buffer.get("uri"), binary) for buffer in self.items("buffers")]
+            # Only the first buffer may be the binary chunk.
+            chunks = (binary, *[b""] * len(self.items("buffers")))
+            self._buffers = [self._bytes(b.get("uri"), c) for b, c in zip(self.items("buffers"), chunks, strict=False)]
         except (*MALFORMED, struct.error) as error:
             reason = f"is no glTF 2.0 file ({type(error).__name__}: {error})"
             raise DataError(reason, path=path, cure="export the model again") from error
@@ -56,6 +61,10 @@ class GltfFile:
         """Return a top-level list, empty if the file has none."""
         found: list[dict[str, Any]] = self.json.get(name, [])
         return found
+
+    def item(self, name: str, index: int) -> dict[str, Any]:
+        """Return an entry of a top-level list; raises ValueError for a number that has none."""
+        return picked(self.items(name), index, name)
 
     def _bytes(self, uri: str | None, binary: bytes) -> bytes:
         if uri is None:
@@ -72,9 +81,9 @@ class GltfFile:
 
     def _view(self, index: int) -> tuple[bytes, int]:
         """Return the bytes of a buffer view, and its stride (0: packed)."""
-        view = self.items("bufferViews")[index]
+        view = self.item("bufferViews", index)
         start, length = view.get("byteOffset", 0), view["byteLength"]
-        content = self._buffers[view["buffer"]][start : start + length]
+        content = picked(self._buffers, view["buffer"], "buffers")[max(start, 0) : start + length]
         if len(content) != length:
             raise DataError(f"buffer view {index} is cut short", path=self.path, expected=length, found=len(content))
         return content, int(view.get("byteStride", 0))
@@ -82,7 +91,7 @@ class GltfFile:
     def array(self, index: int) -> NDArray[Any]:
         """Return an accessor as [count] or [count, width]; normalised integers become float64 in [-1, 1]."""
         try:
-            accessor = self.items("accessors")[index]
+            accessor = self.item("accessors", index)
             dtype, width = np.dtype(COMPONENTS[accessor["componentType"]]), WIDTHS[accessor["type"]]
             count = int(accessor["count"])
             if count > sum(map(len, self._buffers)):  # checked before allocating
@@ -115,25 +124,35 @@ class GltfFile:
 
     def image(self, index: int) -> NDArray[np.uint8]:
         """Return an image as RGBA texels [H, W, 4]."""
-        entry = self.items("images")[index]
-        content = self._view(entry["bufferView"])[0] if "bufferView" in entry else self._bytes(entry.get("uri"), b"")
+        found = self.item("images", index)
+        content = self._view(found["bufferView"])[0] if "bufferView" in found else self._bytes(found.get("uri"), b"")
         try:
             return np.asarray(Image.open(io.BytesIO(content)).convert("RGBA"), np.uint8)
         except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
             raise DataError(f"image {index} cannot be read ({error})", path=self.path) from error
 
 
+def picked(found: Sequence[Entry], index: int, name: str) -> Entry:
+    """Return an entry of a list; raises ValueError for an index outside it. (Python counts a negative from the end.)"""
+    if not 0 <= index < len(found):
+        raise ValueError(f"it refers to {name} {index} of {len(found)}")
+    return found[index]
+
+
 def _chunks(content: bytes) -> tuple[dict[str, Any], bytes]:
     """Split GLB into its JSON and binary chunk; a .gltf file has only JSON."""
-    if not content.startswith(MAGIC):
-        text = json.loads(content)
-        if not isinstance(text, dict) or "asset" not in text:
-            raise ValueError("no asset in it")
-        return text, b""
     found: dict[int, bytes] = {}
+    if not content.startswith(MAGIC):
+        found[JSON_CHUNK] = content
     place = 12
-    while place + 8 <= len(content):
+    while content.startswith(MAGIC) and place + 8 <= len(content):
         length, kind = struct.unpack_from("<II", content, place)
         found.setdefault(kind, content[place + 8 : place + 8 + length])
         place += 8 + length
-    return json.loads(found[JSON_CHUNK]), found.get(BIN_CHUNK, b"")
+    text = json.loads(found.get(JSON_CHUNK, b""))
+    if not isinstance(text, dict) or "asset" not in text:
+        raise ValueError("no asset in it")
+    version = str(text["asset"].get("version", "2.0"))
+    if not version.startswith("2."):
+        raise ValueError(f"its version is {version}")
+    return text, found.get(BIN_CHUNK, b"")

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from cltaa.errors import DataError
 from cltaa_datasets import GLTF, deform, meshes
 from cltaa_datasets.gltf_animation import NodeTree
-from cltaa_datasets.gltf_file import MALFORMED, GltfFile
+from cltaa_datasets.gltf_file import MALFORMED, GltfFile, picked
 from cltaa_datasets.scene import AlphaMode, Colour, Material, Matrix, Part, Shape, Texture
 
 TRIANGLES, STRIP, FAN = 4, 5, 6  # modes of a primitive
-WIDTHS = {"POSITION": (3,), "NORMAL": (3,), "TEXCOORD_0": (2,), "COLOR_0": (3, 4), "JOINTS_0": (4,), "WEIGHTS_0": (4,)}
+WIDTHS = {"POSITION": (3,), "NORMAL": (3,), "TEXCOORD": (2,), "COLOR": (3, 4), "JOINTS": (4,), "WEIGHTS": (4,)}
 LARGEST_COLOUR = 65504.0  # largest half
 COMPRESSED = "KHR_draco_mesh_compression"
 Floats = NDArray[np.float64]
@@ -27,7 +27,7 @@ Faces = NDArray[np.int64]  # [F, 3]
 class Vertices:
     """Attributes of a primitive [V, width] in float64, and its ``faces`` [F, 3].
 
-    Without normals each face gets three vertices of its own, for flat normals.
+    If a corner has no normal, each face gets three vertices of its own, for flat normals there.
     """
 
     def __init__(self, file: GltfFile, primitive: dict[str, Any]) -> None:
@@ -41,7 +41,8 @@ class Vertices:
         if self.faces.size and not 0 <= self.faces.min() <= self.faces.max() < self._count:
             raise ValueError(f"a face has vertex {self.faces.max()} of {self._count}")
         self._taken: Faces | slice = slice(None)
-        if "NORMAL" not in self.attributes:
+        self._smooth = "NORMAL" in self.attributes and bool(self.read("NORMAL")[self.faces].any(axis=-1).all())
+        if not self._smooth:
             self._taken = self.faces.ravel()
             self.faces = np.arange(self.faces.size).reshape(-1, 3)
 
@@ -50,20 +51,22 @@ class Vertices:
         values = np.asarray(self._array((attributes or self.attributes)[name]), np.float64)
         if len(values) != self._count:
             raise ValueError(f"{name} of {len(values)} vertices, POSITION of {self._count}")
-        if values.shape[-1] not in WIDTHS[name] or values.ndim != 2:
+        kind = name.partition("_")[0]
+        if values.shape[-1] not in WIDTHS[kind] or values.ndim != 2:
             raise ValueError(f"{name} of {values.shape[-1] if values.ndim == 2 else 1} numbers a vertex")
         if not np.isfinite(values).all():
             raise ValueError(f"{name} is not finite")
-        if name == "COLOR_0" and (values.min(initial=0.0) < 0.0 or values.max(initial=0.0) > LARGEST_COLOUR):
-            raise ValueError(f"{name} is no light")
+        if kind == "TEXCOORD" and np.abs(values).max(initial=0.0) > meshes.MOST_REPEATS:
+            raise ValueError(f"{name} is beyond {meshes.MOST_REPEATS:g}")
         return np.asarray(values[self._taken])
 
     def normals(self, positions: Floats) -> Floats:
-        """Return the normals, or without them those of the faces; of any length."""
-        if "NORMAL" in self.attributes:
-            return self.read("NORMAL")
+        """Return the normals, where there are none those of the faces; of any length."""
+        given = self.read("NORMAL") if "NORMAL" in self.attributes else np.zeros_like(positions)
+        if self._smooth:
+            return given
         a, b, c = (positions[self.faces[:, corner]] for corner in range(3))
-        return np.repeat(np.cross(b - a, c - a), 3, axis=0)
+        return np.where(given.any(axis=1, keepdims=True), given, np.repeat(np.cross(b - a, c - a), 3, axis=0))
 
 
 def triangles(mode: int, corners: NDArray[np.int64]) -> Faces:
@@ -127,35 +130,44 @@ class AnimatedModel:
         nodes = self.tree.poses(time)
         poses, shapes = [], {}
         for piece in self.pieces:
-            # The joints place a skin; its node's own pose is ignored (section 3.7.3.3).
-            poses.append(np.eye(4) if piece.skin is not None else nodes[piece.node])
+            pose, shape = self._placed(piece, nodes, time)
+            poses.append(pose)
             if piece.part.deforms:
-                shapes[piece.part.name] = self._shape(piece, nodes, time)
+                shapes[piece.part.name] = shape
         return poses, shapes
 
-    def _shape(self, piece: Piece, nodes: list[Matrix], time: float) -> Shape:
+    def _placed(self, piece: Piece, nodes: list[Matrix], time: float) -> tuple[Matrix, Shape]:
+        """Return the pose of a piece, and its shape in it."""
         shape = piece.rest
         if piece.targets:
             played = self.tree.property(piece.node, "weights", time)
             shape = deform.morphed(shape, piece.targets, piece.weights if played is None else played.tolist())
-        if piece.skin is not None:
-            joints, bindings = self._skins[piece.skin]
-            matrices = [nodes[joint] @ binding for joint, binding in zip(joints, bindings, strict=True)]
-            shape = deform.skinned(shape, piece.joints, piece.shares, matrices)
-        return shape
+        if piece.skin is None:
+            return nodes[piece.node], shape
+        # The joints place a skin; its node's own pose is ignored (section 3.7.3.3). Joints that mirror also reverse the
+        # winding of its triangles, which the renderer learns from a pose that mirrors back.
+        joints, bindings = picked(self._skins, piece.skin, "skins")
+        matrices = np.stack([nodes[joint] @ binding for joint, binding in zip(joints, bindings, strict=True)])
+        mirrored = np.sign(np.linalg.det(matrices[:, :3, :3])).sum() < 0.0
+        pose = np.diag([-1.0 if mirrored else 1.0, 1.0, 1.0, 1.0])
+        return pose, deform.skinned(shape, piece.joints, piece.shares, pose @ matrices)
 
     def _read_skin(self, skin: dict[str, Any]) -> tuple[list[int], Floats]:
         joints = skin["joints"]
+        for joint in joints:
+            self._file.item("nodes", joint)
         if "inverseBindMatrices" not in skin:
             return joints, np.tile(np.eye(4), (len(joints), 1, 1))
         columns = np.asarray(self._file.array(skin["inverseBindMatrices"]), np.float64)
-        return joints, columns.reshape(-1, 4, 4).transpose(0, 2, 1)
+        if len(columns) < len(joints):
+            raise ValueError(f"{len(columns)} inverse bind matrices for {len(joints)} joints")
+        return joints, columns[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
 
     def _pieces(self) -> list[Piece]:
         pieces, scenes = [], self._file.items("scenes")
-        for index in self.tree.shown(scenes[self._file.json.get("scene", 0)] if scenes else None):
+        for index in self.tree.shown(self._file.item("scenes", self._file.json.get("scene", 0)) if scenes else None):
             node = self._file.items("nodes")[index]
-            mesh = self._file.items("meshes")[node["mesh"]] if "mesh" in node else {"primitives": []}
+            mesh = self._file.item("meshes", node["mesh"]) if "mesh" in node else {"primitives": []}
             for number, primitive in enumerate(mesh["primitives"]):
                 if primitive.get("mode", TRIANGLES) in (TRIANGLES, STRIP, FAN):
                     name = f"{index} {node.get('name', mesh.get('name', 'node'))} {number}"
@@ -177,8 +189,7 @@ class AnimatedModel:
         targets = tuple(_target(target, vertices, count) for target in primitive.get("targets", ()))
         joints, shares = np.zeros((count, 1), np.int64), np.ones((count, 1))
         if skin is not None:
-            joints, shares = vertices.read("JOINTS_0").astype(np.int64), vertices.read("WEIGHTS_0")
-            shares = shares / np.maximum(shares.sum(axis=1, keepdims=True), np.finfo(np.float32).tiny)
+            joints, shares = _influences(vertices)
         part = Part(
             name,
             meshes.make_mesh(positions, vertices.faces, rest.normals, uv),
@@ -191,7 +202,7 @@ class AnimatedModel:
 
     def _material(self, index: int | None) -> Material:
         if index not in self._materials:
-            entry = {} if index is None else self._file.items("materials")[index]
+            entry = {} if index is None else self._file.item("materials", index)
             pbr = _shiny(entry) or entry.get("pbrMetallicRoughness", {})
             base = pbr.get("baseColorFactor", (1.0, 1.0, 1.0, 1.0))
             self._materials[index] = Material(
@@ -211,7 +222,7 @@ class AnimatedModel:
     def _texture(self, reference: dict[str, int] | None, *, srgb: bool = True) -> Texture | None:
         if reference is None:
             return None
-        texture = self._file.items("textures")[reference["index"]]
+        texture = self._file.item("textures", reference["index"])
         source = texture.get("source", texture.get("extensions", {}).get("EXT_texture_webp", {}).get("source"))
         if source is None:  # only in a format that Pillow does not read
             return None
@@ -257,10 +268,18 @@ def _target(target: dict[str, int], vertices: Vertices, count: int) -> Shape:
     return Shape(*(vertices.read(name, target) if name in target else none for name in ("POSITION", "NORMAL")))
 
 
+def _influences(vertices: Vertices) -> tuple[NDArray[np.int64], Floats]:
+    """Return the joints of every vertex and their shares, of all sets; a vertex without weights follows its first."""
+    sets = sorted(name.removeprefix("JOINTS") for name in vertices.attributes if name.startswith("JOINTS_"))
+    joints, shares = (np.hstack([vertices.read(kind + of) for of in sets]) for kind in ("JOINTS", "WEIGHTS"))
+    shares[shares.sum(axis=1) <= 0.0] = np.eye(1, shares.shape[1])
+    return joints.astype(np.int64), shares / shares.sum(axis=1, keepdims=True)
+
+
 def _colours(vertices: Vertices, count: int) -> NDArray[np.float32] | None:
     if "COLOR_0" not in vertices.attributes:
         return None
-    found = vertices.read("COLOR_0").astype(np.float32)  # linear (section 3.7.2.1)
+    found = vertices.read("COLOR_0").clip(0.0, 1.0).astype(np.float32)  # linear (section 3.7.2.1)
     return np.ascontiguousarray(np.concatenate([found, np.ones((count, 1), np.float32)], 1)[:, :4])
 
 

@@ -21,6 +21,9 @@ TANGENT_STEP = 1e-5
 # Distance from the ends of the parameter, where a tangent may vanish (the pole of a sphere).
 POLE_MARGIN = 1e-4
 
+# Most repeats of a texture before coordinates have no fractions in float32.
+MOST_REPEATS = 2.0**24
+
 
 def make_mesh(vertices: Floats, faces: NDArray[np.int64], normals: Floats, uv: Floats) -> trimesh.Trimesh:
     """Build a mesh without merging vertices: [V, 3], [F, 3], [V, 3], [V, 2]."""

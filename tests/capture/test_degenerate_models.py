@@ -56,6 +56,7 @@ def material(**keys: Any) -> Callable[[Path], None]:
     return gltf(materials=[keys])
 
 
+GLASS = {"alphaMode": "BLEND"}
 DRACO = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {}}}
 NAN, HUGE = float("nan"), 1e38
 HALF = "2 corners of triangles, which have 3 each"
@@ -84,7 +85,12 @@ MODELS: dict[str, tuple[Any, str | None]] = {
     "opposite-normals.glb": (gltf(with_attribute("NORMAL", [(0, 0, 1), (0, 0, -1)] * 2)), None),
     "nan-tangents.glb": (gltf(with_attribute("TANGENT", np.full((4, 4), NAN))), None),  # which nothing reads
     "flat-positions.glb": (gltf(with_attribute("POSITION", SQUARE[:, :2])), "POSITION of 2 numbers a vertex"),
-    "huge-colour.glb": (gltf(with_attribute("COLOR_0", np.full((4, 4), HUGE))), "COLOR_0 is no light"),
+    "huge-colour.glb": (gltf(with_attribute("COLOR_0", np.full((4, 4), HUGE)), materials=[GLASS]), None),
+    "negative-colour.glb": (gltf(with_attribute("COLOR_0", np.full((4, 4), -1.0)), materials=[GLASS]), None),
+    "endless-texture.glb": (
+        gltf(with_attribute("TEXCOORD_0", SQUARE[:, :2] * HUGE)),
+        "TEXCOORD_0 is beyond 1.67",
+    ),
     "tiny.glb": (gltf(with_attribute("POSITION", SQUARE * 1e-38)), "no size that can be shown"),
     "no-faces.glb": (gltf(lambda w, p: p | {"indices": w.add(np.zeros(0), SHORT)}), "no triangles in it"),
     "half-a-face.glb": (gltf(lambda w, p: p | {"indices": w.add([0, 1], SHORT)}), HALF),
@@ -104,6 +110,12 @@ MODELS: dict[str, tuple[Any, str | None]] = {
     "rough.glb": (material(pbrMetallicRoughness={"roughnessFactor": 1e20, "metallicFactor": -5}), None),
     "emissive-word.glb": (material(emissiveFactor="red"), "cannot be read"),
     "nodes-by-name.glb": (gltf(nodes={"a": {"mesh": 0}}), "cannot be read"),
+    "no-material.glb": (gltf(lambda _, p: p | {"material": 7}), "it refers to materials 7 of 1"),
+    "material-before-the-first.glb": (gltf(lambda _, p: p | {"material": -1}), "it refers to materials -1 of 1"),
+    "no-child.glb": (standing(children=[9]), "it refers to nodes 9 of 1"),
+    "its-own-child.glb": (standing(children=[0]), "its nodes form no trees"),
+    "two-parents.glb": (gltf(nodes=[{"children": [2]}, {"children": [2]}, {"mesh": 0}]), "its nodes form no trees"),
+    "next-version.gltf": ('{"asset": {"version": "3.0"}}', r"is no glTF 2.0 file .*its version is 3\.0"),
     "endless.gltf": ('{"asset": {"version": "2.0"}, "buffers": [{"byteLength": 1e400}], "nodes": 5}', "cannot be read"),
 }
 
@@ -134,6 +146,8 @@ def test_what_is_drawn_is_finite_and_what_is_not_is_named(name: str, tmp_path: P
         assert not np.isnan(frame.depth).any()
         assert (frame.depth > 0.0).all()
         assert frame.motion is None or not np.isinf(frame.motion).any()
+        assert frame.reactive is None or (frame.reactive.min() >= 0.0 and frame.reactive.max() <= 1.0)
+        assert frame.colour.min() >= 0.0
 
 
 def test_a_texture_beyond_opengl_is_named(tmp_path: Path) -> None:

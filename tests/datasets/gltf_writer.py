@@ -54,16 +54,21 @@ class Writer:
         return path
 
 
-def skinned_square(path: Path) -> Path:
-    writer = Writer(nodes=[{"mesh": 0, "skin": 0, "translation": [9, 9, 9]}, {}, {"translation": [0, 1, 0]}])
-    skin = {
-        "JOINTS_0": writer.add([(0, 0, 0, 0)] * 2 + [(1, 0, 0, 0)] * 2, BYTE),
-        "WEIGHTS_0": writer.add([(255, 0, 0, 0)] * 4, BYTE, normalized=True),
-    }
-    bindings = np.tile(np.eye(4, dtype=np.float32), (2, 1, 1))
-    bindings[1, 1, 3] = -1.0
+JOINTS, WHOLE = [(0, 0, 0, 0)] * 2 + [(1, 0, 0, 0)] * 2, [(255, 0, 0, 0)] * 4
+
+
+def skinned_square(
+    path: Path, *, joints: Any = (JOINTS,), weights: Any = (WHOLE,), bound: int = 2, above: Any = None
+) -> Path:
+    """A square whose upper side follows a joint; ``above`` is a node over everything."""
+    nodes = [{"mesh": 0, "skin": 0, "translation": [9, 9, 9]}, {}, {"translation": [0, 1, 0]}]
+    writer = Writer(nodes=nodes + ([{"children": [0, 1, 2], **above}] if above else []))
+    skin = {f"JOINTS_{place}": writer.add(numbers, BYTE) for place, numbers in enumerate(joints)}
+    skin |= {f"WEIGHTS_{place}": writer.add(shares, BYTE, normalized=True) for place, shares in enumerate(weights)}
+    bindings = np.tile(np.eye(4, dtype=np.float32), (bound, 1, 1))
+    bindings[1:2, 1, 3] = -1.0
     writer.json["meshes"] = [{"primitives": [writer.square(attributes=skin)]}]
-    matrices = writer.add(bindings.transpose(0, 2, 1).reshape(2, 16))
+    matrices = writer.add(bindings.transpose(0, 2, 1).reshape(bound, 16))
     writer.json["skins"] = [{"joints": [1, 2], "inverseBindMatrices": matrices}]
     writer.animate(2, "translation", [0.0, 1.0], [(0, 1, 0), (1, 1, 0)])
     return writer.write(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,17 @@ def test_without_normals_faces_are_flat(tmp_path: Path) -> None:
     assert np.asarray(part.mesh.vertex_normals).tolist() == [[0, 0, 1]] * 3 + [[0, 1, 0]] * 3
 
 
+def test_a_corner_without_a_normal_has_that_of_its_face(tmp_path: Path) -> None:
+    writer = Writer(nodes=[{"mesh": 0}])
+    folded = {"POSITION": writer.add([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])}
+    folded["NORMAL"] = writer.add([(1, 0, 0), (0, 0, 0), (1, 0, 0), (1, 0, 0)])
+    faces = writer.add([0, 1, 2, 0, 3, 1], SHORT)
+    writer.json["meshes"] = [{"primitives": [{"attributes": folded, "indices": faces}]}]
+    (part,) = shown(writer, tmp_path)
+    kept = [1, 0, 0]
+    assert np.asarray(part.mesh.vertex_normals).tolist() == [kept, [0, 0, 1], kept, kept, kept, [0, 1, 0]]
+
+
 def test_a_material_of_diffuse_and_gloss_is_one_without_metal(tmp_path: Path) -> None:
     shiny = {"diffuseFactor": [0.5, 0.25, 0.125, 1.0], "glossinessFactor": 0.75}
     writer = Writer(nodes=[{"mesh": 0}], materials=[{"extensions": {"KHR_materials_pbrSpecularGlossiness": shiny}}])
@@ -104,5 +116,14 @@ def test_invalid_vertices_are_reported(spoil: Any, says: str, tmp_path: Path) ->
 def test_cyclic_nodes_are_reported(tmp_path: Path) -> None:
     writer = Writer(nodes=[{"mesh": 0, "children": [1]}, {"children": [0]}])
     writer.json["meshes"] = [{"primitives": [writer.square()]}]
-    with pytest.raises(DataError, match="RecursionError"):
+    with pytest.raises(DataError, match="its nodes form no trees"):
         shown(writer, tmp_path)
+
+
+def test_a_long_chain_of_nodes_is_followed(tmp_path: Path) -> None:
+    length = 2 * sys.getrecursionlimit()
+    chain = [{"children": [index - 1], "translation": [1, 0, 0]} for index in range(1, length)]
+    writer = Writer(nodes=[{"mesh": 0}, *chain], scenes=[{"nodes": [length - 1]}])
+    writer.json["meshes"] = [{"primitives": [writer.square()]}]
+    (_,), (pose,) = at_rest(writer.write(tmp_path / "a.glb"))
+    assert pose[0, 3] == length - 1

@@ -15,7 +15,7 @@ from cltaa_datasets.gltf_file import GltfFile
 from cltaa_datasets.gltf_model import AnimatedModel
 from cltaa_datasets.scenes import build_scene
 from tests.capture.analytic_scenes import drawing
-from tests.datasets.gltf_writer import FLOAT, HALF_TURN, SHORT, SQUARE, Writer, skinned_square
+from tests.datasets.gltf_writer import FLOAT, HALF_TURN, JOINTS, SHORT, SQUARE, WHOLE, Writer, skinned_square
 
 
 def positions(model: AnimatedModel, time: float) -> np.ndarray[Any, Any]:
@@ -52,10 +52,38 @@ def test_quaternions_turn_along_the_shorter_arc() -> None:
     assert np.array_equal(slerp(a, a, 0.4), a)
 
 
-def test_a_skin_follows_its_joints_and_not_its_node(tmp_path: Path) -> None:
-    model = AnimatedModel(skinned_square(tmp_path / "skin.glb"))
+NONE = [(0, 0, 0, 0)] * 4
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {},
+        {"bound": 3},  # glTF allows more matrices than joints
+        {"weights": ([(9, 0, 0, 0)] * 4,)},
+        {"weights": (NONE,)},
+        {"joints": (NONE, JOINTS), "weights": (NONE, WHOLE)},
+    ],
+    ids=["usual", "more-matrices", "weights-of-another-sum", "no-weights", "second-set"],
+)
+def test_a_skin_follows_its_joints_and_not_its_node(told: dict[str, Any], tmp_path: Path) -> None:
+    model = AnimatedModel(skinned_square(tmp_path / "skin.glb", **told))
     moved = positions(model, 0.5) - SQUARE
     assert np.abs(moved - [[0, 0, 0], [0, 0, 0], [0.5, 0, 0], [0.5, 0, 0]]).max() <= 1e-14
+
+
+def test_a_mirrored_skin_is_seen_from_its_front(tmp_path: Path) -> None:
+    model = AnimatedModel(skinned_square(tmp_path / "skin.glb", above={"scale": [-1, 1, 1]}))
+    (pose,), shapes = model.at(0.0)
+    (shape,) = shapes.values()
+    assert np.abs(positions(model, 0.0) - SQUARE * (-1.0, 1.0, 1.0)).max() <= 1e-14
+    assert np.linalg.det(pose[:3, :3]) < 0.0  # the winding is reversed, and the renderer told
+    assert np.abs(shape.normals - (0.0, 0.0, 1.0)).max() <= 1e-14
+
+
+def test_too_few_matrices_of_a_skin_are_counted(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="1 inverse bind matrices for 2 joints"):
+        AnimatedModel(skinned_square(tmp_path / "skin.glb", bound=1))
 
 
 def test_targets_blend_by_animated_weights(tmp_path: Path) -> None:
