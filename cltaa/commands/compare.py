@@ -15,7 +15,7 @@ from cltaa.commands.printing import figures, print_line, print_table, three_digi
 from cltaa.errors import LONGEST_VALUE, UsageError
 from cltaa.inputs.foreign import first_pictures
 from cltaa.io.atomic import make_folder
-from cltaa.io.names import name_of, number_of, selection_of
+from cltaa.io.names import has_suffix, name_of, number_of, selection_of
 from cltaa.io.numbered import even_step, named_frames, ranges
 from cltaa.io.sequence import FrameSequence, ImageSequence
 from cltaa.lab.judge.comparison import Comparison, doubts, pair_up
@@ -333,7 +333,7 @@ def _warn(name: str, comparison: Comparison, lacking: list[int], in_time: bool, 
     if heatmap is not None:
         make_folder(heatmap)
         for images in (comparison.test, comparison.reference):
-            if images.path(images.first).suffix == ".png" and images.folder.samefile(heatmap):
+            if has_suffix(images.path(images.first), ".png") and images.folder.samefile(heatmap):
                 what = "--heatmap: maps have the names of the pictures there"
                 raise UsageError(what, path=heatmap, cure="name another folder")
         warnings += stale_maps(heatmap, comparison.test)

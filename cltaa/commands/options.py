@@ -19,7 +19,7 @@ from cltaa.core.frame_checks import EXPOSURE_STOPS
 from cltaa.core.presets import Preset, load_preset, override, renamed
 from cltaa.errors import UsageError, known
 from cltaa.frame import ASKED, Asked, Effect, format_effects, parse_effects
-from cltaa.io.names import SUFFIXES, Named
+from cltaa.io.names import SUFFIXES, Named, has_suffix
 from cltaa.io.preset_file import load_config
 from cltaa.printable import names_in, printable
 from cltaa.renamed import EFFECTS, current
@@ -75,7 +75,7 @@ def one_sequence(ctx: click.Context, first: Path, hint: str = "") -> Named:
     Any extra argument that is not a frame file ends the command with an error that ends in ``hint``.
     """
     words = [first, *map(Path, ctx.args)]
-    if ctx.args and not all(path.suffix in SUFFIXES for path in words):
+    if ctx.args and not all(has_suffix(path, *SUFFIXES) for path in words):
         ctx.fail(f"Got unexpected extra argument{'s' * (len(ctx.args) > 1)} ({' '.join(ctx.args)}){hint}")
     return words if ctx.args else first
 

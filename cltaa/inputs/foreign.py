@@ -36,7 +36,7 @@ from cltaa.io.exr_frame import CHANNEL_OF, COLOUR, GROUPS, MATRICES, NO_PIXELS, 
 from cltaa.io.exr_layout import Layout, of_region, placed
 from cltaa.io.exr_read import FrameFile, ImageHeader, read_any_header, read_planes
 from cltaa.io.manifest import file_sha256
-from cltaa.io.names import Named, Selection, name_of, number_of, renumbered, selection_of
+from cltaa.io.names import Named, Selection, has_suffix, name_of, number_of, renumbered, selection_of
 from cltaa.io.numbered import FrameRange, OnBreak, even_step, files_in, frame_missing, numbered_files
 from cltaa.io.sequence import ChangedImages, FrameSequence, ImageSequence, open_images
 
@@ -52,8 +52,9 @@ def is_png(named: Named) -> bool:
     """Return True for PNGs, and for a folder with PNGs and no EXR."""
     place = selection_of(named)
     if place.files is not None:
-        return all(path.suffix == SUFFIX for path in place.files)
-    return not any(place.folder.glob("*.exr")) and any(place.folder.glob(f"*{SUFFIX}"))
+        return all(has_suffix(path, SUFFIX) for path in place.files)
+    there = [*place.folder.glob("*.*")]
+    return not any(has_suffix(path, ".exr") for path in there) and any(has_suffix(path, SUFFIX) for path in there)
 
 
 class PngImages(ImageSequence):

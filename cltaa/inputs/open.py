@@ -14,7 +14,7 @@ from cltaa.frame import ASKED, Asked, Effect, format_effects, parse_effects
 from cltaa.inputs.found import find_effects, with_found
 from cltaa.io.exr_frame import MATRICES
 from cltaa.io.exr_read import read_any_header
-from cltaa.io.names import Named, selection_of
+from cltaa.io.names import Named, has_suffix, selection_of
 from cltaa.io.numbered import OnBreak, files_in
 from cltaa.io.sequence import RESOLVED, FrameSequence, open_sequence
 from cltaa.printable import counted
@@ -152,7 +152,7 @@ def is_own(named: Named) -> bool:
     place = selection_of(named)
     files = files_in(place) if place.files is not None or place.folder.is_dir() else []
     if not files:
-        return not place.folder.is_dir() or not any(place.folder.glob("*/*.exr"))
+        return not place.folder.is_dir() or not any(has_suffix(path, ".exr") for path in place.folder.glob("*/*"))
     for file in files:
         try:
             header = read_any_header(file)

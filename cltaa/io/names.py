@@ -22,14 +22,19 @@ SUFFIXES = (".exr", ".png")
 # Nine digits fit cltaa:frame, an int. At the beginning of a name ``-`` is a minus, too: ``-0001.exr``.
 _NUMBER = r"(?P<name>.*?)(?P<between>[._ ]|(?<=.)-|)(?P<number>(?:(?<![^._ -])-)?(?<![0-9])[0-9]{1,9})"
 _WORDS = r"(?:[._ -][^0-9._ ()-]+)"
-NUMBERED = re.compile(rf"{_NUMBER}(?P<tail>)\.(?:exr|png)", re.DOTALL)
-_TAILED = re.compile(rf"{_NUMBER}(?P<tail>{_WORDS}+)\.(?:exr|png)", re.DOTALL)
+NUMBERED = re.compile(rf"{_NUMBER}(?P<tail>)\.(?i:exr|png)", re.DOTALL)
+_TAILED = re.compile(rf"{_NUMBER}(?P<tail>{_WORDS}+)\.(?i:exr|png)", re.DOTALL)
 _PADDED = 4  # least digits of a frame number before words
 
 
 def real_path(path: Path) -> Path:
     """Return ``path`` without links; a loop of them, where ``Path.resolve`` fails until 3.13, fails on opening."""
     return Path(realpath(path))
+
+
+def has_suffix(path: Path, *suffixes: str) -> bool:
+    """True for a name that ends in one of these, in small letters or in capitals."""
+    return path.suffix.lower() in suffixes
 
 
 def number_of(path: Path) -> int | None:
@@ -68,7 +73,7 @@ def _with_number(path: Path, made: Callable[[int], str]) -> Path:
 
 
 _INNER = re.compile(
-    rf"(?P<name>.*?)(?P<number>[0-9]{{{_PADDED},9}})(?P<tail>[._ -][A-Za-z].*)(?P<suffix>\.(?:exr|png))"
+    rf"(?P<name>.*?)(?P<number>[0-9]{{{_PADDED},9}})(?P<tail>[._ -][A-Za-z].*)(?P<suffix>\.(?i:exr|png))"
 )
 
 
@@ -176,7 +181,7 @@ def _place(path: Path) -> Selection:
     if path.exists() or path.is_symlink():
         return Selection(path.parent, (path,), words)
     if not has_magic(str(path)) and not COUNTED.search(path.name):
-        if path.suffix in SUFFIXES:
+        if has_suffix(path, *SUFFIXES):
             raise InputMissing("the file is missing", path=path, cure="check the name")
         return Selection(path, None, words)
     folders = _folders(path.parent)
@@ -184,7 +189,7 @@ def _place(path: Path) -> Selection:
     found: dict[Path, int | None] = {}
     for folder in folders:
         there = sorted(folder.iterdir()) if folder.is_dir() else []
-        for file in (file for file in there if file.suffix in SUFFIXES and file.name[0] != "."):
+        for file in (file for file in there if has_suffix(file, *SUFFIXES) and file.name[0] != "."):
             if match := pattern.fullmatch(file.name):
                 number = int(match["number"]) if pattern.groups else None
                 if asked is None or number in asked:
@@ -193,7 +198,7 @@ def _place(path: Path) -> Selection:
         cure = f"name the folder that its frames are in: {path.parent}" if path.parent.is_dir() else "check the name"
         raise InputMissing("no file has such a name", path=path, cure=cure)
     # Pictures to look at may lie beside the frames.
-    kept = [file for file in found if file.suffix == ".exr"] or [*found]
+    kept = [file for file in found if has_suffix(file, ".exr")] or [*found]
     numbers = {file: number for file in kept if (number := found[file]) is not None}
     return Selection(_above(kept), tuple(kept), words, numbers)
 
@@ -216,11 +221,11 @@ def _above(files: Iterable[Path]) -> Path:
     return folders.pop() if len(folders) == 1 else Path(commonpath(folder.absolute() for folder in folders))
 
 
-# The number of a frame as compositors write it: ``####``, ``%04d`` or ``$F4``, and before the suffix ``@@@@``; before
-# it the requested frames, as ``1-10#`` or ``1-10x3#``.
+# The number of a frame as compositors write it: ``####``, ``%04d``, ``$F4`` or ``<F4>``, and before the suffix
+# ``@@@@``; before it the requested frames, as ``1-10#`` or ``1-10x3#``.
 COUNTED = re.compile(
     r"(?:(?P<first>-?[0-9]{1,9})-(?P<last>-?[0-9]{1,9})(?:x(?P<step>[1-9][0-9]{0,8}))?)?"
-    rf"(?P<digits>#+|%(?:0?[1-9])?d|\$F[1-9]?|\$\{{F[1-9]?\}}|@+(?={_WORDS}*\.[a-z]+$))"
+    rf"(?P<digits>#+|%(?:0?[1-9])?d|\$F[1-9]?|\$\{{F[1-9]?\}}|<F[1-9]?>|@+(?={_WORDS}*\.[A-Za-z]+$))"
 )
 _PARTS = re.compile(rf"(?P<number>{COUNTED.pattern})|(?P<any>\*+)|(?P<one>\?)|(?P<set>\[!?[^]]+\])")
 
@@ -232,7 +237,7 @@ def _pattern(path: Path) -> re.Pattern[str]:
         made += re.escape(text[place : part.start()])
         place = part.end()
         if part["number"]:
-            if not re.fullmatch(rf"{_WORDS}*\.[a-z]+", text[place:]):
+            if not re.fullmatch(rf"{_WORDS}*\.[A-Za-z]+", text[place:]):
                 words, suffix = text[place:].rpartition(".")[::2]
                 before = text[: part.start()].rstrip("._ -")
                 last = f"{before}{words if before else words.lstrip('._ -')}.{part['number']}.{suffix}"
@@ -249,7 +254,7 @@ def _pattern(path: Path) -> re.Pattern[str]:
 
 def _width(digits: str) -> int:
     """Return the least number of characters of a frame number, its sign included."""
-    return len(digits) if digits[0] in "#@" else int(digits.strip("%d$F{}") or 1)
+    return len(digits) if digits[0] in "#@" else int(digits.strip("%d$F{}<>") or 1)
 
 
 def _asked_for(name: str) -> range | None:

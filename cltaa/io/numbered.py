@@ -22,7 +22,7 @@ from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.io.exr_header import read_layout
 from cltaa.io.exr_layout import OTHER_TOOLS, Layout, Part, Window
 from cltaa.io.manifest import CAPTURE, REFERENCE, recorded_hashes
-from cltaa.io.names import Named, Selection, pattern_of, renumbered, selection_of
+from cltaa.io.names import Named, Selection, has_suffix, pattern_of, renumbered, selection_of
 from cltaa.printable import counted, printable
 
 DEEPEST = 3  # levels of folders below the named one; a project's folder can hold millions of files
@@ -43,7 +43,7 @@ def sequences_below(folder: Path) -> list[Path]:
         place = Path(name)
         if looked_at == MOST_FOLDERS:
             break
-        if place != folder and (CAPTURE in files or any(file.endswith(".exr") for file in files)):
+        if place != folder and (CAPTURE in files or any(file.lower().endswith(".exr") for file in files)):
             found.append(place)
         deep = len(place.relative_to(folder).parts) >= DEEPEST
         folders[:] = [] if deep else sorted(f for f in folders if f[0] != "." and not REFERENCE.fullmatch(f))
@@ -400,7 +400,7 @@ def files_in(place: Selection, suffix: str = ".exr", *, below: bool = False) -> 
     """Return the visible files of a place with that suffix, with ``below`` also those of its folders, in order; raises
     InputMissing where the folder is missing or unreadable."""
     if place.files is not None:
-        return [path for path in place.files if path.suffix == suffix or place.alone]
+        return [path for path in place.files if has_suffix(path, suffix) or place.alone]
     try:
         there = sorted(place.folder.iterdir())
     except FileNotFoundError as error:
@@ -408,8 +408,9 @@ def files_in(place: Selection, suffix: str = ".exr", *, below: bool = False) -> 
         raise InputMissing(what, path=place.folder, cure=cure) from error
     except OSError as error:
         raise InputMissing(f"the folder cannot be read: {error.strerror}", path=place.folder) from error
-    files = [entry for entry in there if entry.suffix == suffix and entry.name[0] != "."]
-    return files + sorted(path for path in place.folder.glob(f"*/*{suffix}") if path.name[0] != ".") if below else files
+    files = [entry for entry in there if has_suffix(entry, suffix) and entry.name[0] != "."]
+    inner = sorted(place.folder.glob("*/*.*")) if below else []
+    return files + [path for path in inner if has_suffix(path, suffix) and path.name[0] != "."]
 
 
 def numbered_files(named: Named, suffix: str = ".exr") -> tuple[Path, str, dict[int, Path]]:
@@ -443,6 +444,6 @@ def no_frames(place: Selection, files: Iterable[Path]) -> InputMissing:
             return only_below(folder, below)
         others = sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in PICTURES)
         found = f"no EXR, but {others[0]}" if others else "nothing"
-        cure = "convert the frames to OpenEXR, linear and with .exr in small letters" if others else None
+        cure = "convert the frames to OpenEXR, in linear light" if others else None
     what, expected = "no frames in the folder", f"<name>.<frame>{suffix}"
     return InputMissing(what, path=folder, expected=expected, found=found, cure=cure)

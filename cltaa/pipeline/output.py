@@ -25,6 +25,7 @@ from cltaa.io.exr_frame import MATRICES, Pixels, frame_attributes
 from cltaa.io.exr_layout import LOSSLESS, Layout, Windows
 from cltaa.io.exr_read import FrameFile, read_header, read_planes
 from cltaa.io.manifest import NAME, RESTART_CURE, Entry, Manifest, file_sha256
+from cltaa.io.names import has_suffix
 from cltaa.io.pixel_statistics import Missing, is_opaque, missing_samples
 from cltaa.io.sequence import RESOLVED, FrameSequence
 from cltaa.io.streams import Writer
@@ -212,7 +213,7 @@ class OutputFolder:
         if restart:
             _clear(folder)
         self.manifest = Manifest(folder)
-        begun, images = self.manifest.settings, any(folder.glob("*.exr"))
+        begun, images = self.manifest.settings, any(has_suffix(path, ".exr") for path in folder.glob("*"))
         if begun is None and images and not restart:
             cure = "choose an empty folder, or use --restart to replace files of the same names"
             raise UsageError("holds EXR files of another origin", path=folder, expected=NAME, cure=cure)

@@ -117,6 +117,8 @@ NAMINGS: dict[str, Callable[[Path], Named]] = {
     "at signs": lambda folder: folder / "synthetic.@@@@.exr",
     "houdini": lambda folder: folder / "synthetic.$F4.exr",
     "houdini in braces": lambda folder: folder / "synthetic.${F}.exr",
+    "in angle brackets": lambda folder: folder / "synthetic.<F4>.exr",
+    "in angle brackets without a width": lambda folder: folder / "synthetic.<F>.exr",
     "with its frames": lambda folder: folder / "synthetic.0-2#.exr",
     "glob": lambda folder: folder / "synth*.*.exr",
     "glob of digits": lambda folder: folder / "synthetic.000[0-9].exr",
@@ -139,14 +141,17 @@ def test_a_sequence_is_named_as_compositors_do(tmp_path: Path) -> None:
         assert (other.folder, other.numbers) == (folder, (0, 1, 2)), naming
 
 
-@pytest.mark.parametrize("naming", ["folder", "hashes", "glob of a folder", "list"])
+@pytest.mark.parametrize("naming", ["folder", "in capitals", "hashes", "glob of a folder", "list"])
 def test_every_command_takes_a_naming(naming: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_sequence(tmp_path / "in", 3, reference=True)
     write_images(folder, [np.zeros((23, 37, 3), np.float32)] * 2, name="beside")
-    if naming == "folder":
+    if naming in ("folder", "in capitals"):
         for path in folder.glob("beside.*"):
             path.unlink()
-    named = NAMINGS[naming](folder)
+    suffix = ".EXR" if naming == "in capitals" else ".exr"
+    for path in [*folder.glob("syn*.*"), *folder.glob("reference/*.exr")]:
+        path.rename(path.with_suffix(suffix))
+    named = NAMINGS.get(naming, str)(folder)
     words = [str(named)] if isinstance(named, str | Path) else [str(path) for path in selection_of(named).files or ()]
     words = [word for word in words if "beside" not in word]
     if naming == "glob of a folder":
@@ -155,7 +160,7 @@ def test_every_command_takes_a_naming(naming: str, tmp_path: Path, capsys: pytes
     assert json.loads(capsys.readouterr().out)["frames"] == 3
     out = tmp_path / "out"
     assert main(["resolve", *words, "-o", str(out), "--device", "numpy"]) == 0
-    assert [path.name for path in sorted(out.glob("*.exr"))] == [f"synthetic.000{n}.exr" for n in range(3)]
+    assert [path.name for path in sorted(out.glob(f"*{suffix}"))] == [f"synthetic.000{n}{suffix}" for n in range(3)]
     capsys.readouterr()
     assert main(["check", *words, "--json"]) in (0, 65)
     assert json.loads(capsys.readouterr().out)["frames"] == 3
@@ -206,6 +211,15 @@ def test_what_stands_under_a_name_goes_before_a_pattern(tmp_path: Path) -> None:
     assert len(names_of(tmp_path / "t*k**[[]1]" / "*.exr")) == 2
     write_numbers(tmp_path / "take [1]" / "beauty [x]", "y.{:04d}.exr", range(2))
     assert open_images(tmp_path / "take [1]" / "b*" / "y.####.exr").numbers == (0, 1)
+
+
+def test_a_file_in_capitals_is_a_frame_beside_others(tmp_path: Path) -> None:
+    write_images(tmp_path, [np.zeros((4, 6, 3), np.float32)] * 3)
+    for path in tmp_path.glob("*.0001.exr"):
+        path.rename(path.with_suffix(".EXR"))
+    assert open_images(tmp_path).numbers == (0, 1, 2)
+    (named,) = tmp_path.glob("*.EXR")
+    assert open_images(named).numbers == open_images(pattern_of(named)).numbers == (1,)
 
 
 def test_the_sign_and_the_width_of_a_pattern_count(tmp_path: Path) -> None:
