@@ -86,6 +86,9 @@ def damaged(path: Path) -> Iterator[None]:
     """Raise DataError for the errors of parsing bytes that are damaged or truncated."""
     try:
         yield
+    except UnicodeDecodeError as error:  # valid before OpenEXR 3; a damaged file can look so, too
+        what, cure = "a name in the EXR header is not UTF-8", "rename the channel, part or attribute, or write it again"
+        raise DataError(what, path=path, found=repr(error.object[:LONGEST_NAME])[1:], cure=cure) from error
     except (struct.error, IndexError, KeyError, ValueError) as error:
         raise DataError("the EXR header is damaged or cut off", path=path, cure="write the file again") from error
 
@@ -172,8 +175,7 @@ def _name(content: bytes, place: int) -> tuple[str, int]:
     end = content.find(b"\0", place, place + LONGEST_NAME + 1)
     if end < 0 and len(content) <= place + LONGEST_NAME:
         raise IndexError("name reaches beyond the file")
-    name = content[place:end].decode()
-    if end <= place or not _is_text(name):
+    if end <= place or not _is_text(name := content[place:end].decode()):
         raise ValueError("no name of an attribute or a channel")
     return name, end + 1
 

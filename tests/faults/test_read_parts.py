@@ -119,7 +119,7 @@ def deep_of_no_count(parts: list[Anatomy]) -> None:
 
 CASES: list[tuple[Callable[[list[Anatomy]], object], type[CltaaError], str]] = [
     (change(b"name", b"left"), DataError, "damaged"),
-    (change(b"name", b"\xff"), DataError, "damaged"),
+    (change(b"name", b"\xff"), DataError, "a name in the EXR header is not UTF-8"),
     (change(b"name", b"\x1b[2J"), DataError, "damaged"),
     (change(b"type", b"deepscanline"), DataError, "deep images are not read"),
     (change(b"type", b"tiledimage"), DataError, "damaged"),
