@@ -164,6 +164,18 @@ def test_depth_and_vectors_are_those_of_the_layer_of_the_colour(
     assert found == list(channels)
 
 
+def test_depth_and_vectors_of_another_picture_are_none_of_the_colours(tmp_path: Path) -> None:
+    """A user turns the passes of each view layer on by themselves."""
+    colours = [f"{layer}.Combined.{c}" for layer in ("Rocks", "Trees") for c in "RGBA"]
+    passes = ("Rocks.Depth.Z", "Rocks.Vector.X", "Rocks.Vector.Y")
+    write_layers(tmp_path, dict.fromkeys((*colours, *passes), 0.5), **BLENDER)
+    asked = "colour.channels=Trees.Combined.R Trees.Combined.G Trees.Combined.B"
+    assert open_intake(tmp_path, assignments=[asked]).roles.keys() == {"colour", "alpha"}
+    assert open_intake(tmp_path).roles.keys() == {"colour", "alpha", "depth", "motion"}
+    own = open_intake(tmp_path, assignments=[asked, "depth.channels=Rocks.Depth.Z"]).roles
+    assert [place.channel for place in own["depth"]] == ["Rocks.Depth.Z"]
+
+
 def test_view_layers_that_are_not_resolved_are_named(tmp_path: Path) -> None:
     layers = ("Rocks", "Trees", "Water")
     there = {
