@@ -120,15 +120,17 @@ def _without_other_pictures(
 ) -> dict[str, list[str]]:
     """Return ``channels`` without those of layers that have such a picture as ``colour`` of their own.
 
-    For Rocks.Depth.Z is no depth of Trees.Combined.R beside Rocks.Combined.R; but names ``asked`` for in full stay.
+    For Rocks.Depth.Z is no depth of Trees.Combined.R beside Rocks.Combined.R; but names ``asked`` for in full stay,
+    and Blender's Composite is made of all layers.
     """
     last = ".".join(colour.split(".")[-2:])
     pictures = [name for names in channels.values() for name in names if name.endswith(f".{last}")]
-    layers = {name.removesuffix(last) for name in pictures if not _is_auxiliary(name)} | {colour.removesuffix(last)}
+    own = colour.removesuffix(last)
+    layers = {own} if own == "Composite." else {own, *(n.removesuffix(last) for n in pictures if not _is_auxiliary(n))}
 
     def is_own(name: str) -> bool:
         layer = max((layer for layer in layers if name.startswith(layer)), key=len, default="")
-        return name in asked or layer in ("", colour.removesuffix(last))
+        return name in asked or layer in ("", own)
 
     return {label: [*filter(is_own, names)] for label, names in channels.items()}
 

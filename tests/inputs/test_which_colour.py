@@ -174,6 +174,10 @@ def test_depth_and_vectors_of_another_picture_are_none_of_the_colours(tmp_path: 
     assert open_intake(tmp_path).roles.keys() == {"colour", "alpha", "depth", "motion"}
     own = open_intake(tmp_path, assignments=[asked, "depth.channels=Rocks.Depth.Z"]).roles
     assert [place.channel for place in own["depth"]] == ["Rocks.Depth.Z"]
+    composite = dict.fromkeys([name.replace("Trees", "Composite") for name in colours] + [*passes], 0.5)
+    write_layers(tmp_path, composite, **BLENDER)
+    of_all = open_intake(tmp_path, assignments=[asked.replace("Trees", "Composite")]).roles
+    assert of_all.keys() == {"colour", "alpha", "depth", "motion"}
 
 
 def test_view_layers_that_are_not_resolved_are_named(tmp_path: Path) -> None:
