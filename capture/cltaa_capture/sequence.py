@@ -19,7 +19,7 @@ from cltaa.io.exr_header import LARGEST_SIDE
 from cltaa.io.manifest import file_sha256
 from cltaa.io.streams import Writer
 from cltaa.printable import counted
-from cltaa_capture.jitter import USUAL, jitter_sequence
+from cltaa_capture.jitter import LONGEST_PERIOD, USUAL, jitter_sequence
 from cltaa_capture.manifest import REFERENCE, Manifest, code_sha256, frame_name, versions
 from cltaa_capture.osmesa import Context, open_context
 from cltaa_datasets.scene import Instant, Scene
@@ -92,6 +92,9 @@ def capture_sequence(request: Request, progress: Callable[[int, int], None] | No
     if max(request.width, request.height) > LARGEST_SIDE:
         expected, found = f"at most {LARGEST_SIDE} pixels a side", f"{request.width} x {request.height}"
         raise UsageError("the frames are too large", expected=expected, found=found)
+    most = max(request.reference, *request.yardstick, 0)
+    if most > LONGEST_PERIOD:
+        raise UsageError("too many samples a pixel", expected=f"at most {LONGEST_PERIOD}", found=most)
     jitter_sequence(request.jitter)  # raises for a wrong name before anything is opened
     scene = build_scene(request.scene, request.seed, request.motion)
     with owned(request.output):

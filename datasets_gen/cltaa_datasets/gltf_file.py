@@ -6,7 +6,6 @@ trimesh reads the other formats (docs/decisions explain why not this one).
 from __future__ import annotations
 
 import base64
-import io
 import json
 import struct
 import urllib.parse
@@ -16,9 +15,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from cltaa.errors import DataError, InputMissing
+from cltaa_datasets.image_files import opened, texels
 
 Entry = TypeVar("Entry")
 
@@ -127,8 +126,8 @@ class GltfFile:
         found = self.item("images", index)
         content = self._view(found["bufferView"])[0] if "bufferView" in found else self._bytes(found.get("uri"), b"")
         try:
-            return np.asarray(Image.open(io.BytesIO(content)).convert("RGBA"), np.uint8)
-        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+            return texels(opened(content))
+        except ValueError as error:
             raise DataError(f"image {index} cannot be read ({error})", path=self.path) from error
 
 

@@ -22,6 +22,7 @@ from cltaa.frame import Effect
 from cltaa.io.display import decoded
 from cltaa_datasets import FORMATS, GLTF, MOTIONS, animation, deform, meshes, textures
 from cltaa_datasets.gltf_model import AnimatedModel, at_rest
+from cltaa_datasets.image_files import opened, texels
 from cltaa_datasets.scene import AlphaMode, Instant, Material, Matrix, Part, Perspective, Scene, Sky, Sun, Texture, matt
 
 DISTANCE, RISE, FIELD_OF_VIEW = 2.3, 0.6, np.radians(44.0)  # of the camera, from a model of radius 1
@@ -136,7 +137,7 @@ def _near(part: Part, pose: Matrix) -> tuple[Part, Matrix]:
 
     So a model of a town in map coordinates, or of a molecule in metres, keeps its precision in float32.
     """
-    scale = float(np.cbrt(abs(np.linalg.det(pose[:3, :3])))) or 1.0
+    scale = float(np.linalg.norm(pose[:3, :3], axis=0).max()) or 1.0
     points = _drawn(part.mesh)
     centre = (points.min(axis=0) + points.max(axis=0)) / 2.0
     vertices = (np.asarray(part.mesh.vertices) - centre) * scale
@@ -156,12 +157,16 @@ def bounds(positions: Iterable[Points], poses: Iterable[Matrix]) -> tuple[Points
 
 def _of_trimesh(path: Path) -> tuple[tuple[Part, ...], list[Matrix]]:
     """Return the parts of a file that trimesh reads, and their poses."""
+    beside = _Beside(str(path))
     try:
         with np.errstate(all="ignore"):
-            loaded = _load(path)
+            loaded = _load(path, beside)
     except Exception as error:  # each parser of trimesh has its own exceptions
-        reason = f"{type(error).__name__}: {error}"
+        # trimesh takes an STL whose length does not fit for text, and asks an optional package for its encoding.
+        reason = "it is cut short" if isinstance(error, ImportError) else f"{type(error).__name__}: {error}"
         raise DataError(f"trimesh cannot read it ({reason})", path=path, cure="export the model again") from error
+    if beside.failure is not None:
+        raise beside.failure
     shared: dict[int, Texture] = {}
     parts, poses = [], []
     scales = {name: _to_size_one(mesh) for name, mesh in loaded.geometry.items()}
@@ -191,13 +196,15 @@ def _to_size_one(mesh: Any) -> float:
     return factor
 
 
-def _load(path: Path) -> trimesh.Scene:
+def _load(path: Path, beside: _Beside) -> trimesh.Scene:
     """Load a file with trimesh; an OBJ may have any encoding, because only names and comments are not ASCII."""
     if path.suffix.lower() != ".obj":
-        return trimesh.load_scene(path, process=False)
+        return trimesh.load_scene(path, resolver=beside, process=False)
     text = _text(path.read_bytes()).replace("\r\n", "\n").replace("\r", "\n").replace("\t", " ")
     text = re.sub("^ +", "", text, flags=re.MULTILINE)  # trimesh needs keywords at the start of lines
-    return trimesh.load_scene(io.StringIO(text), file_type="obj", resolver=_Beside(str(path)), process=False)
+    if re.search(r"^f (?:.* )?0(?:[ /]|$)", text, re.MULTILINE):  # trimesh would take the last vertex
+        raise ValueError("a face has vertex 0, and the first is 1")
+    return trimesh.load_scene(io.StringIO(text), file_type="obj", resolver=beside, process=False)
 
 
 def _text(content: bytes) -> str:
@@ -211,17 +218,36 @@ def _text(content: bytes) -> str:
 
 
 class _Beside(trimesh.resolvers.FilePathResolver):
-    """Resolves files beside a model; converts material libraries to UTF-8."""
+    """Resolves files beside a model; converts material libraries to UTF-8.
+
+    trimesh draws on without a file that fails, so ``failure`` keeps the last error.
+    """
+
+    failure: CltaaError | None = None
 
     def get(self, name: str) -> bytes:
         """Return the bytes of a file."""
-        content: bytes = super().get(name)
-        return _text(content).encode() if name.lower().strip().endswith(".mtl") else content
+        try:
+            content: bytes = super().get(name.replace("\\", "/"))  # as paths are written on Windows
+        except (OSError, ValueError):
+            self.failure = InputMissing(f"there is no {name} beside the model", path=self.clean, cure="copy it there")
+            raise
+        if name.lower().strip().endswith(".mtl"):
+            return _text(content).encode()
+        try:
+            opened(content)
+        except ValueError as error:
+            self.failure = DataError(f"image {name} cannot be read ({error})", path=self.clean, cure="save it again")
+        return content
 
 
 def _part(name: str, mesh: trimesh.Trimesh, path: Path, shared: dict[int, Texture]) -> Part:
-    if mesh.faces.max() >= len(mesh.vertices):
-        reason = f"a face of mesh {name} has vertex {mesh.faces.max()} of {len(mesh.vertices)}"
+    beyond = mesh.faces[(mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))]
+    if len(beyond):
+        reason = f"a face of mesh {name} has vertex {beyond[0]} of {len(mesh.vertices)}"
+        raise DataError(reason, path=path, cure="export the model again")
+    if mesh.vertices.shape[1] != 3:
+        reason = f"vertices of mesh {name} are not three numbers"
         raise DataError(reason, path=path, cure="export the model again")
     # trimesh silently drops non-finite vertices.
     _refuse_infinite(mesh.vertices, f"vertices of mesh {name}", path)
@@ -232,7 +258,8 @@ def _part(name: str, mesh: trimesh.Trimesh, path: Path, shared: dict[int, Textur
         mesh = trimesh.graph.smooth_shade(mesh, angle=CREASE)
         visual = mesh.visual
     _refuse_infinite(mesh.vertex_normals, f"normals of mesh {name}", path)
-    _refuse_infinite(meshes.texture_coordinates(mesh), f"texture coordinates of mesh {name}", path)
+    repeats = meshes.texture_coordinates(mesh)
+    _refuse_infinite(repeats, f"texture coordinates of mesh {name}", path, meshes.MOST_REPEATS)
     if visual.kind == "face":
         flat = mesh.copy()
         flat.unmerge_vertices()
@@ -244,9 +271,10 @@ def _part(name: str, mesh: trimesh.Trimesh, path: Path, shared: dict[int, Textur
     return _with_normals(Part(name, mesh, Material(base_colour=(0.6, 0.6, 0.6, 1.0), roughness=0.5)))
 
 
-def _refuse_infinite(numbers: Points, what: str, path: Path) -> None:
-    if not np.isfinite(numbers).all():
-        raise DataError(f"{what} are not finite", path=path, cure="export the model again")
+def _refuse_infinite(numbers: Points, what: str, path: Path, largest: float = np.inf) -> None:
+    if not np.isfinite(numbers).all() or (np.abs(numbers) > largest).any():
+        reason = f"{what} are not finite" + ("" if largest == np.inf else f", or beyond {largest:g}")
+        raise DataError(reason, path=path, cure="export the model again")
 
 
 def _with_normals(part: Part) -> Part:
@@ -294,7 +322,7 @@ def _texture(image: Any, shared: dict[int, Texture]) -> Texture | None:
     if image is None:
         return None
     if id(image) not in shared:
-        shared[id(image)] = Texture(np.asarray(image.convert("RGBA"), np.uint8))
+        shared[id(image)] = Texture(texels(image))
     return shared[id(image)]
 
 
@@ -310,7 +338,12 @@ def default_motion(path: str) -> str:
 
 
 def played_scene(path: str, seed: int) -> Scene:
-    """Put an animated model on a tiled floor, scaled to a radius of 1 over its whole animation; raises DataError."""
+    """Put an animated model on a tiled floor, scaled to a radius of 1 over its whole animation.
+
+    Raises UsageError for a file without animation, InputMissing and DataError.
+    """
+    if not AnimatedModel.animates(Path(path)):
+        raise UsageError("it has no animation to play", path=path, cure="use --motion turntable or orbit")
     model = AnimatedModel(Path(path))
     rng = np.random.default_rng(seed)
     floor = tiled_floor(rng)

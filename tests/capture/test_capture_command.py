@@ -106,6 +106,7 @@ def test_explain_knows_of_the_shadow_map(capsys: pytest.CaptureFixture[str]) -> 
     [
         (["spiner", "-o", "OUT"], 64, "no such scene: spiner; did you mean spinner? (see cltaa scenes)"),
         (["spinner", "-o", "OUT", "--jitter", "grid:5"], 64, "use grid:9"),
+        (["spinner", "-o", "OUT", "--yardstick", "2,65537"], 64, "too many samples a pixel (expected at most 65536, "),
         (["spinner", "-o", "OUT", "--motion", "orbit"], 64, "--motion orbit applies to file:PATH"),
         (["file:OUT/model.blend", "-o", "OUT"], 64, "no reader for .blend"),
         (["file:OUT/broken.glb", "-o", "OUT"], 65, "broken.glb: is no glTF 2.0 file"),

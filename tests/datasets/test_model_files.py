@@ -15,6 +15,7 @@ from cltaa.frame import Effect
 from cltaa_datasets import meshes
 from cltaa_datasets.model_files import load_model, model_scene
 from cltaa_datasets.scene import AlphaMode
+from cltaa_datasets.scenes import build_scene
 
 
 def export(tmp_path: Path, name: str, mesh: Any) -> Path:
@@ -108,6 +109,60 @@ def test_missing_file(tmp_path: Path) -> None:
 def test_unknown_kind(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"no reader for \.blend \(expected \.glb"):
         load_model(tmp_path / "scene.blend")
+
+
+TEXTURED = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl red\nf 1/1 2/2 3/3\n"
+PICTURED = "ply\nformat ascii 1.0\ncomment TextureFile none.png\nelement vertex 3\nproperty float x\nproperty float y\n"
+PICTURED += "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "library", "says"),
+    [
+        ("a.obj", TEXTURED, None, r"there is no a\.mtl beside the model; copy it there"),
+        ("a.obj", TEXTURED, "newmtl red\nmap_Kd none.png\n", r"there is no none\.png beside the model"),
+        ("a.obj", TEXTURED, "newmtl red\nmap_Kd ../../etc/hostname\n", "there is no .*hostname beside the model"),
+        (
+            "a.obj",
+            TEXTURED,
+            "newmtl red\nmap_Kd cut.png\n",
+            r"image cut\.png cannot be read .*; save it again",
+        ),
+        ("a.obj", TEXTURED, "newmtl red\nmap_Kd a.mtl.txt\n", r"image a\.mtl\.txt cannot be read \(of no known format"),
+        ("a.ply", PICTURED, None, r"there is no none\.png beside the model"),
+    ],
+)
+def test_a_file_beside_a_model_that_cannot_be_read_is_named(
+    name: str, content: str, library: str | None, says: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_text(content)
+    Image.effect_noise((64, 64), 99.0).save(tmp_path / "whole.png")
+    (tmp_path / "cut.png").write_bytes((tmp_path / "whole.png").read_bytes()[:999])
+    (tmp_path / "a.mtl.txt").touch()
+    if library is not None:
+        (tmp_path / "a.mtl").write_text(library)
+    with pytest.raises((DataError, InputMissing), match=says) as caught:
+        load_model(tmp_path / name)
+    assert str(caught.value).startswith(f"{tmp_path / name}: ")
+
+
+@pytest.mark.parametrize("mode", ["I;16", "P", "L", "1"])
+def test_a_texture_of_any_depth_keeps_its_values(mode: str, tmp_path: Path) -> None:
+    greys = np.array([[0, 255], [255, 0]] if mode == "1" else [[0, 64], [128, 255]], np.uint8)
+    deep = Image.fromarray(greys.astype(np.uint16) * 257) if mode == "I;16" else Image.fromarray(greys).convert(mode)
+    deep.save(tmp_path / "a.png")
+    (tmp_path / "a.mtl").write_text("newmtl red\nmap_Kd textures\\a.png\n")  # as written on Windows
+    (tmp_path / "a.obj").write_text(TEXTURED)
+    (part,), _, _ = load_model(tmp_path / "a.obj")
+    assert part.material.base_texture is not None
+    assert part.material.base_texture.texels.tolist() == np.dstack([greys] * 3 + [np.full_like(greys, 255)]).tolist()
+
+
+@pytest.mark.parametrize("suffix", ["obj", "glb"])
+def test_what_has_no_animation_is_not_played(suffix: str, tmp_path: Path) -> None:
+    path = export(tmp_path, f"box.{suffix}", trimesh.creation.box((1.0, 1.0, 1.0)))
+    with pytest.raises(UsageError, match="it has no animation to play; use --motion turntable or orbit"):
+        build_scene(f"file:{path}", motion="play")
 
 
 @pytest.mark.parametrize("name", ["a.glb", "a.gltf", "a.obj", "a.ply", "a.stl"])
