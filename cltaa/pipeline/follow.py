@@ -12,10 +12,11 @@ from cltaa.frame import Effect
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.found import check_headers
 from cltaa.inputs.open import open_input
+from cltaa.inputs.roles import file_sets
 from cltaa.io.content import open_regular
 from cltaa.io.exr_header import checked_outline
 from cltaa.io.names import Selection, renumbered, selection_of
-from cltaa.io.numbered import FrameRange, OnBreak, checked_range, checked_step, files_in, frame_missing
+from cltaa.io.numbered import FrameRange, OnBreak, checked_range, checked_step, frame_missing
 from cltaa.io.sequence import FrameSequence, other_effects
 from cltaa.process import Stop
 
@@ -151,15 +152,23 @@ class Arrivals:
         except InputMissing:  # a pattern that matches no file yet
             return Selection(self._source.parent, (), (str(self._source),))
 
-    def _files(self) -> dict[int, list[Path]]:
-        """Return the files of each frame that has one of every name."""
+    def _sets(self) -> list[dict[int, Path]]:
+        """Return the files of each name by number, without names that the first frame is not read from."""
         place = self._place()
         try:
-            names = place.by_name(files_in(place)).values()
-        except InputMissing:  # no folder yet
-            return {}
-        numbers = sorted({number for files in names for number in files})
-        return {n: [files[n] for files in names] for n in numbers if all(n in files for files in names)}
+            sets = [*file_sets(place).values()] if place.files != () else []
+        except InputMissing:  # no folder yet, or nothing in it
+            return []
+        if self._begun is None:
+            return sets
+        read, first = self._begun.files_of(self._begun.first), self._begun.first
+        return [files for files in sets if files.get(first) in read]
+
+    def _files(self) -> dict[int, list[Path]]:
+        """Return the files of each frame that has one in each set."""
+        sets = self._sets()
+        numbers = sorted({number for files in sets for number in files})
+        return {n: [files[n] for files in sets] for n in numbers if all(n in files for files in sets)}
 
     def _due(self, ahead: list[int]) -> int | None:
         """Return the number that comes next."""
@@ -198,6 +207,11 @@ class Arrivals:
         due = self._due(ahead)
         if due in files and (fault := self._fault(files[due])):
             raise fault
-        if due is not None and due not in files and (ahead or self._end is not None):
-            there = self._taken[-1][0] if self._taken else next(iter(files.values()), [self._source])[0]
+        if due is None or due in files:
+            return
+        sets = self._sets()
+        lacking = [its for its in sets if due not in its]
+        partly = len(lacking) < len(sets) and self._gaps is OnBreak.ERROR  # another of its passes is there
+        if ahead or partly or self._end is not None:
+            there = next(iter(lacking[0].values())) if lacking else self._source
             raise frame_missing(renumbered(there, due), due)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import threading
 import time
@@ -17,6 +18,7 @@ from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.inputs.open import open_input
 from cltaa.io.content import open_regular
 from cltaa.io.exr_header import read_outline
+from cltaa.io.exr_write import write_image
 from cltaa.pipeline import follow
 from cltaa.pipeline.folder import resolve_folder
 from cltaa.pipeline.follow import check_whole
@@ -148,6 +150,36 @@ def test_a_file_that_is_never_finished_is_reported(made: Path, tmp_path: Path) -
     half.write_bytes(half.read_bytes()[:-10])
     with pytest.raises(DataError, match=r"synthetic\.0001\.exr: the file is truncated or was never finished"):
         resolve_folder(tmp_path / "in", tmp_path / "out", follow=True, idle=IDLE, **NUMPY)
+
+
+def passes(folder: Path, form: str, colours: int, depths: int, *, stray: bool = False) -> Path:
+    """A file of colour and one of depth for each of so many frames; ``form`` puts a pass in its place."""
+    there = {"beauty": (colours, "RGB"), "depth": (depths, "Z")} | ({"stray": (1, ("mask",))} if stray else {})
+    for name, (count, channels) in there.items():
+        for number in range(count):
+            path = folder / form.format(name, number)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_image(path, dict.fromkeys(channels, np.full((4, 5), 1.0 + number, np.float32)))
+    return folder
+
+
+@pytest.mark.parametrize("form", ["{}.{:04d}.exr", "{}/x.{:04d}.exr"])
+def test_passes_are_followed_in_files_and_folders_of_their_own(form: str, tmp_path: Path) -> None:
+    folder = passes(tmp_path / "in", form, 3, 3, stray=True)
+    taken = follow.Arrivals(folder, None, IDLE, {})
+    first = taken.first()
+    assert (first.numbers, first.frame(0).depth[0, 0]) == ((0,), 1.0)  # of the others it cannot know what is read
+    (part,) = taken.behind(Stop())
+    assert [(frame.index, frame.depth[0, 0]) for frame in part] == [(1, 2.0), (2, 3.0)]
+
+
+@pytest.mark.parametrize("form", ["{}.{:04d}.exr", "{}/x.{:04d}.exr"])
+def test_a_pass_that_never_arrives_is_reported(form: str, tmp_path: Path) -> None:
+    folder, name = passes(tmp_path / "in", form, 3, 1), Path(form.format("depth", 1)).name
+    with pytest.raises(InputMissing, match=f"{re.escape(name)} frame 1: the frame is missing"):
+        resolve_folder(folder, tmp_path / "out", follow=True, idle=IDLE, **NUMPY)
+    lax = {"gaps": "reset"}
+    assert resolve_folder(folder, tmp_path / "out2", follow=True, idle=IDLE, reading=lax, **NUMPY).resolved == 1
 
 
 def test_a_gap_may_be_allowed(made: Path, tmp_path: Path) -> None:
