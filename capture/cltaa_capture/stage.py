@@ -169,4 +169,6 @@ def normal_matrix(pose: Matrix) -> Matrix:
     """Return the inverse transpose of a pose's upper 3x3, up to a positive factor, by cofactors, which always exist."""
     a, b, c = pose[:3, :3]
     cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
-    return np.asarray(cofactors * np.copysign(1.0, np.linalg.det(pose[:3, :3])))
+    # Divided by a power of two, which keeps the digits: a shader squares a normal, which float32 must hold.
+    size = np.frexp(np.abs(cofactors).max())[1]
+    return np.asarray(np.ldexp(cofactors, -size) * np.copysign(1.0, np.linalg.det(pose[:3, :3])))

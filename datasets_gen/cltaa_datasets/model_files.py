@@ -8,7 +8,7 @@ from __future__ import annotations
 import codecs
 import io
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,20 @@ from cltaa.io.display import decoded
 from cltaa_datasets import FORMATS, GLTF, MOTIONS, animation, deform, meshes, textures
 from cltaa_datasets.gltf_model import AnimatedModel, at_rest
 from cltaa_datasets.image_files import opened, texels
-from cltaa_datasets.scene import AlphaMode, Instant, Material, Matrix, Part, Perspective, Scene, Sky, Sun, Texture, matt
+from cltaa_datasets.scene import (
+    AlphaMode,
+    Instant,
+    Material,
+    Matrix,
+    Part,
+    Perspective,
+    Scene,
+    Shape,
+    Sky,
+    Sun,
+    Texture,
+    matt,
+)
 
 DISTANCE, RISE, FIELD_OF_VIEW = 2.3, 0.6, np.radians(44.0)  # of the camera, from a model of radius 1
 TURNS = 0.05  # per second: 18 degrees
@@ -353,13 +366,25 @@ def played_scene(path: str, seed: int) -> Scene:
     lights = (Sun(SUN, (3.2, 3.0, 2.6)),)
     eye = (0.0, height / 2.0 + RISE, DISTANCE)
     view, lens = animation.look_at(eye, (0.0, height / 2.0, 0.0)), Perspective(FIELD_OF_VIEW)
+    # Each part lies about its own middle, so that one far from the origin keeps its precision in float32.
+    _, first = model.at(0.0)
+    middles = [(points.min(axis=0) + points.max(axis=0)) / 2.0 for points in _stood(model, first)]
+    parts = [replace(p, mesh=meshes.placed(p.mesh, -m)) for p, m in zip(model.parts, middles, strict=True)]
 
     def at(time: float) -> Instant:
-        poses, shapes = model.at(time)
-        placed = (*(stand @ pose for pose in poses), np.eye(4))
-        return Instant(view, lens, placed, lights, SKY, shapes=shapes)
+        poses, found = model.at(time)
+        placed = [stand @ pose @ animation.translation(m) for pose, m in zip(poses, middles, strict=True)]
+        named = [(part.name, m) for part, m in zip(parts, middles, strict=True) if part.deforms]
+        shapes = {name: Shape(found[name].positions - m, found[name].normals) for name, m in named}
+        return Instant(view, lens, (*placed, np.eye(4)), lights, SKY, shapes=shapes)
 
-    return Scene(scene_name(path), effects, (*model.parts, floor), at)
+    return Scene(scene_name(path), effects, (*parts, floor), at)
+
+
+def _stood(model: AnimatedModel, shapes: Mapping[str, Shape]) -> list[Points]:
+    """Return the vertices of each part that its faces use, as ``shapes`` has those that deform."""
+    stood = [(part, shapes[part.name].positions if part.deforms else part.mesh.vertices) for part in model.parts]
+    return [np.asarray(vertices[np.unique(part.mesh.faces)], np.float64) for part, vertices in stood]
 
 
 def _bounds(model: AnimatedModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -367,6 +392,5 @@ def _bounds(model: AnimatedModel) -> tuple[NDArray[np.float64], NDArray[np.float
     corners: list[NDArray[np.float64]] = []
     for time in np.linspace(0.0, model.tree.duration, LOOKS).tolist():
         poses, shapes = model.at(time)
-        stood = (shapes[p.name].positions if p.name in shapes else np.asarray(p.mesh.vertices) for p in model.parts)
-        corners += bounds(stood, poses)
+        corners += bounds(_stood(model, shapes), poses)
     return np.min(corners, axis=0), np.max(corners, axis=0)

@@ -121,6 +121,41 @@ def test_a_played_file_is_captured_with_its_motion(tmp_path: Path) -> None:
     assert 0.5 < np.abs(motion[own]).max() < 10.0
 
 
+def test_a_played_file_far_from_the_origin_keeps_its_digits(tmp_path: Path) -> None:
+    far, stood = 2.0**27, []
+    for place in (0.0, far):
+        model = skinned_square(tmp_path / "skin.glb", above={"translation": [place, 0, 0]})
+        instant = build_scene(f"file:{model}").at(0.5)
+        (shape,), pose = instant.shapes.values(), instant.poses[0]
+        assert pose is not None
+        assert np.abs(shape.positions).max() <= 2.0  # about their own middle, as float32 holds them
+        stood.append(shape.positions @ pose[:3, :3].T + pose[:3, 3])
+    assert np.abs(stood[1] - stood[0]).max() <= far * 2.0**-50  # a few roundings of float64 at that distance
+
+
+@pytest.mark.parametrize("size", [2.0**-35, 2.0**35])
+def test_a_played_file_of_any_scale_is_drawn_the_same(size: float, tmp_path: Path) -> None:
+    drawn = []
+    for scale in (1.0, size):
+        scene = build_scene(f"file:{skinned_square(tmp_path / 'skin.glb', above={'scale': [scale] * 3})}")
+        with drawing(scene, 32, 18) as renderer:
+            drawn.append(renderer.draw(scene.at(0.5), scene.at(0.4), (0.0, 0.0)))
+    np.testing.assert_array_equal(drawn[1].colour, drawn[0].colour)  # a power of two changes no digit
+    np.testing.assert_array_equal(drawn[1].motion, drawn[0].motion)
+
+
+def test_a_vertex_that_no_face_uses_does_not_shrink_a_played_file(tmp_path: Path) -> None:
+    writer = Writer(nodes=[{"mesh": 0}])
+    square = writer.square()
+    normals = writer.add(np.tile([0.0, 0.0, 1.0], (5, 1)))
+    square["attributes"] = {"POSITION": writer.add([*SQUARE, (1e6, 0, 0)]), "NORMAL": normals}
+    writer.json["meshes"] = [{"primitives": [square]}]
+    writer.animate(0, "rotation", [0.0, 1.0], [(0, 0, 0, 1), HALF_TURN])
+    instant = build_scene(f"file:{writer.write(tmp_path / 'a.glb')}").at(0.0)
+    assert instant.poses[0] is not None
+    assert np.abs(np.linalg.det(instant.poses[0][:3, :3])) > 0.1
+
+
 @pytest.mark.parametrize(
     ("name", "content", "says"),
     [
