@@ -26,6 +26,7 @@ from cltaa.io.names import Named, selection_of
 from cltaa.io.numbered import captures_below, files_in, no_frames, only_below
 from cltaa.printable import counted, written
 
+WORD = r"[^/._ -]+"  # of a file's name
 REFERENCE = "reference"  # folders whose names begin with it hold truth and no input
 
 
@@ -161,10 +162,12 @@ def _nearest(
     return ()
 
 
-def _farness(files: str, colour: tuple[Place, ...]) -> tuple[bool, bool]:
-    """Return a sort key: first the ``colour``'s set of files, then sets in its folder, then others."""
+def _farness(files: str, colour: tuple[Place, ...]) -> tuple[bool, bool, int]:
+    """Return a sort key: first the ``colour``'s set of files, then sets in its folder, then those of more of its words:
+    so ``depth.right`` is of ``beauty.right``."""
     own = colour[0].files if colour else ""
-    return files != own, files.rpartition("/")[0] != own.rpartition("/")[0]
+    shared = {*re.findall(WORD, own)} & {*re.findall(WORD, files)}
+    return files != own, files.rpartition("/")[0] != own.rpartition("/")[0], -len(shared)
 
 
 def channel_missing(place: Place, role: str, count: int, path: Path, there: Iterable[str]) -> DataError:

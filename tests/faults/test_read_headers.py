@@ -156,7 +156,11 @@ CASES: dict[str, tuple[Change, int, str]] = {
     "channel twice": (channels(*RGBZ, channel(b"Z")), 65, WRONG),
     "channel of no name": (channels(*RGBZ[:3], b"\0" + RGBZ[3]), 65, ""),
     "channel name of 1 MB": (channels(*RGBZ, channel(b"c" * 2**20)), 65, WRONG),
-    "channel name not UTF-8": (channels(*RGBZ, channel(b"\xff\xfe")), 65, r"a name in the EXR header is not UTF-8 (found '\xff\xfe'); ren"),
+    "channel name not UTF-8": (
+        channels(*RGBZ, channel(b"\xff\xfe")),
+        65,
+        r"a name in the EXR header is not UTF-8 (found '\xff\xfe'); ren",
+    ),
     "channel name clears the screen": (channels(*RGBZ, channel(b"\x1b[2J")), 65, WRONG),
     "pixel type 3": (channels(*RGBZ[:3], channel(b"Z", 3)), 65, WRONG),
     "pixel type -1": (channels(*RGBZ[:3], channel(b"Z", -1)), 65, WRONG),

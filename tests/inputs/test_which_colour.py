@@ -254,6 +254,19 @@ def test_files_of_passes_are_distinguished_by_their_names(
     assert {role: places[0].files for role, places in found.items()} == roles
 
 
+@pytest.mark.parametrize("form", ["{1}.{0}", "{0}_{1}", "{0}/{1}"])
+def test_the_depth_of_several_pictures_is_the_one_of_the_colours_name(form: str, tmp_path: Path) -> None:
+    for value, eye in enumerate(("left", "right"), start=1):
+        for name, channels in (("beauty", "RGB"), ("depth", "Z")):
+            path = tmp_path / f"{form.format(eye, name)}.0001.exr"
+            path.parent.mkdir(exist_ok=True)
+            write_image(path, dict.fromkeys(channels, np.full((4, 4), value, np.float32)))
+    for value, eye in enumerate(("left", "right"), start=1):
+        colour = form.format(eye, "beauty").replace("/", ".")
+        (frame,) = read(tmp_path, f"colour.channels={colour}.R {colour}.G {colour}.B")
+        assert (frame.colour[0, 0, 0], frame.depth[0, 0]) == (value, value)
+
+
 def test_vectors_alone_are_not_taken_for_unreals(tmp_path: Path) -> None:
     """Other renderers call theirs MotionVectors too, and mean pixels."""
     write_layers(tmp_path, dict.fromkeys((*"RGBA", "MotionVectors.R", "MotionVectors.G", "MotionVectors.B"), 0.5))
