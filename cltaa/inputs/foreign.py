@@ -205,7 +205,7 @@ class ForeignSequence(FrameSequence):
         except CltaaError as error:
             return error
         faults = (
-            whole_numbers(place, files[number]) if place.channel in kinds else _no_channel(place, "", 3, files[number])
+            (whole_numbers if place.channel in kinds else _no_channel)(place, "", 3, files[number])
             for place in places
             if kinds.get(place.channel, "uint") == "uint"
         )
@@ -295,8 +295,7 @@ class ForeignSequence(FrameSequence):
                     layout = layouts[path] = layouts.get(path) or read_any_header(path).layout
                     kind = layout.channels.get(place.channel)
                     if kind in (None, "uint"):
-                        missing = _no_channel(place, role, len(its), path)
-                        yield number, missing if kind is None else whole_numbers(place, path)
+                        yield number, (_no_channel if kind is None else whole_numbers)(place, role, len(its), path)
 
     def beside_sha256(self, number: int) -> str | None:
         """Return the SHA-256 of a frame's other files and its declared values, with the previous frame's jitter."""
@@ -339,7 +338,7 @@ class ForeignSequence(FrameSequence):
             for place in its:
                 path, plane = self.intake.sets[place.files][number], files[place.files].get(place.channel)
                 if plane is not None and plane.dtype == np.uint32:
-                    raise whole_numbers(place, path)
+                    raise whole_numbers(place, role, len(its), path)
                 if plane is None:
                     raise _no_channel(place, role, len(its), path)
             stacked[role] = np.moveaxis(haloed([files[place.files][place.channel] for place in its]), 0, -1)

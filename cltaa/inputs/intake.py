@@ -326,10 +326,10 @@ def _assigned(
 
 def _refuse_whole_numbers(headers: Mapping[str, ImageHeader], roles: Roles) -> None:
     """Raise DataError if a channel of light, depth or motion holds integers."""
-    for place in (place for places in roles.values() for place in places):
+    for role, place in ((role, place) for role, places in roles.items() for place in places):
         layout = headers[place.files].layout
         if layout.channels[place.channel] == "uint":
-            raise whole_numbers(place, layout.path)
+            raise whole_numbers(place, role, len(roles[role]), layout.path)
 
 
 def _side_of(path: Path, numbers: Many[int]) -> dict[int, Side]:

@@ -172,16 +172,18 @@ def _farness(files: str, colour: tuple[Place, ...]) -> tuple[bool, bool, int]:
 
 def channel_missing(place: Place, role: str, count: int, path: Path, there: Iterable[str]) -> DataError:
     """Return the error for a file that lacks a channel, one of the ``count`` channels of ``role``."""
-    found, none = written(sorted(there)), " ".join(["none"] * count)
-    without = f", or do without: --input {KEYS[role]}='{none}'" if role in KEYS else ""
-    cure = f"render it again{without}"
+    found, cure = written(sorted(there)), f"render it again{_or_without(role, count)}"
     return DataError("channel is missing", path=path, channel=place.channel, found=found, cure=cure)
 
 
-def whole_numbers(place: Place, path: Path) -> DataError:
-    """Return the error for a channel of light, depth or motion that holds integers."""
-    what, expected, cure = "wrong channel type", "half or float", "write it as 32-bit float"
+def whole_numbers(place: Place, role: str, count: int, path: Path) -> DataError:
+    """Return the error for a channel that holds integers, one of the ``count`` channels of ``role``."""
+    what, expected, cure = "wrong channel type", "half or float", f"write it as 32-bit float{_or_without(role, count)}"
     return DataError(what, path=path, channel=place.channel, expected=expected, found="uint", cure=cure)
+
+
+def _or_without(role: str, count: int) -> str:
+    return f", or do without: --input {KEYS[role]}='{' '.join(['none'] * count)}'" if role in KEYS else ""
 
 
 def describe(roles: Roles, sets: Collection[str]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -157,8 +158,10 @@ def test_whole_numbers_in_a_later_frame_are_no_depth(tmp_path: Path) -> None:
     OpenEXR.File(header, planes() | {"Z": planes()["id"]}).write(str(tmp_path / "a.0002.exr"))
     with pytest.raises(
         DataError, match=r"a\.0002\.exr channel Z: wrong channel type \(expected half or float, found uint"
-    ):
+    ) as error:
         open_input(tmp_path)
+    option = str(error.value).partition("do without: --input ")[2]
+    assert len(open_input(tmp_path, assignments=shlex.split(option))) == 2
     assert len(inspect_input(tmp_path).problems) == 1
 
 
