@@ -76,8 +76,8 @@ def file_sets(named: Named, without: Container[Path] = ()) -> dict[str, dict[int
     sets: dict[str, dict[int, Path]] = {}
     for folder, its in _by_folder(files).items():
         for name, numbers in place.by_name(its).items():
-            within = relpath(folder, place.folder).replace("/", ".")
-            label = name if within == "." else f"{within}/{name}"
+            within = relpath(folder, place.folder).replace("/", ".").lstrip(".")
+            label = f"{within}/{name}" if within else name
             if left := {number: path for number, path in numbers.items() if path not in without}:
                 sets[label] = left
     if not sets:

@@ -200,8 +200,10 @@ def test_files_of_several_folders_are_sets_of_one_sequence(tmp_path: Path) -> No
         (tmp_path / "depth").mkdir(exist_ok=True)
         write_image(tmp_path / "depth" / f"x.{number:04d}.exr", {"Z": np.full((4, 6), 3, np.float32)})
     write_numbers(tmp_path / "albedo", "x.{:04d}.exr", range(2))
-    read = open_input([tmp_path / "beauty" / "x.####.exr", tmp_path / "depth" / "x.####.exr"])
-    assert [frame.depth[0, 0] for frame in read] == [3, 3]
+    for depth in (tmp_path / "depth", tmp_path / "beauty" / ".." / "depth"):
+        read = open_input([tmp_path / "beauty" / "x.####.exr", depth / "x.####.exr"])
+        assert [frame.depth[0, 0] for frame in read] == [3, 3]
+        assert any(line.endswith("depth depth.Z") for line in read.notes)
 
 
 def test_what_stands_under_a_name_goes_before_a_pattern(tmp_path: Path) -> None:
