@@ -21,6 +21,7 @@ import importlib
 from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from cltaa.printable import printable
 
@@ -94,6 +95,16 @@ def known(name: str, names: Iterable[str], kind: str) -> str:
     having = [other for other in names if len(name) > 2 and name.lower() in other.lower()]
     listed = f"known {kind}: {', '.join(names)}"
     return f"did you mean {'one of ' * (len(having) > 1)}{', '.join(having)}?" if having else listed
+
+
+def several(given: object, argument: str, kind: type = str) -> list[Any]:
+    """Return a text or a ``kind`` in a list, or several as a list; raises UsageError, which names ``argument``, for
+    anything else."""
+    each = [*given] if isinstance(given, Iterable) and not isinstance(given, str) else [given]
+    for one in each:
+        if not isinstance(one, str | kind):
+            raise UsageError(f"{argument} takes names", expected="a text, or several", found=repr(one))
+    return each
 
 
 DISK_CURES = {

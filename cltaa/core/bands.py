@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
+from numbers import Integral
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -107,9 +108,9 @@ class BandedResolver(Resolver):
         if self.preset.choices.history is not HistoryKind.ACCUMULATED:
             what = f"preset {self.preset.name} keeps frames, so it resolves whole images only"
             raise UsageError(what, cure="leave --band-rows out, or take --preset default")
-        if band_rows < 1 or band_rows % 1:
-            raise UsageError("invalid number of rows in a band", expected="1 or more", found=band_rows)
-        self._rows = band_rows
+        if not isinstance(band_rows, Integral) or band_rows < 1:
+            raise UsageError("invalid number of rows in a band", expected="1 or more", found=repr(band_rows))
+        self._rows: int = band_rows
 
     @classmethod
     def beside(cls, whole: Resolver, band_rows: int, **options: Any) -> BandedResolver:

@@ -18,7 +18,7 @@ from cltaa.core.backend import Buffer, Launcher
 from cltaa.core.buffers import LastRun
 from cltaa.core.build import Build
 from cltaa.core.parameters import Rectify, Reject
-from cltaa.errors import UsageError, closest, known
+from cltaa.errors import UsageError, closest, known, several
 from cltaa.frame import Image
 
 Planes = NDArray[Any]  # [planes, H, W]
@@ -53,9 +53,10 @@ def are_views(text: str) -> bool:
     return any(closest(name, View) for name in names) and (len(names) > 1 or not Path(text).exists())
 
 
-def parse_views(text: str, origin: str = "--debug") -> tuple[View, ...]:
-    """Parse a comma-separated list of views, none for an empty text; raises UsageError for an unknown name."""
-    names = _split(text)
+def parse_views(given: str | Iterable[str], origin: str = "--debug") -> tuple[View, ...]:
+    """Parse a comma-separated list of views, or several, none for an empty text; raises UsageError for an unknown
+    name."""
+    names = _split(",".join(several(given, origin)))
     for name in names:
         if name not in [*View]:
             raise UsageError(f"{origin}: unknown view {name}", cure=known(name, View, "views"))

@@ -289,7 +289,7 @@ def check_numbers(
         sound = _is_real(jitter_px) and np.shape(jitter_px) == (2,) and np.abs(jitter_px).max() < LARGEST_JITTER
     if not sound:  # also for NaN
         name, expected = jitter_name or usual_name, f"two numbers of less than {LARGEST_JITTER:g} pixels"
-        raise DataError(f"{name} is no jitter", path=path, frame=frame, expected=expected, found=jitter_px)
+        raise DataError(f"{name} is no jitter", path=path, frame=frame, expected=expected, found=str(jitter_px))
     factor = exposure if isinstance(exposure, int) else float(exposure)  # an integer may be beyond every float
     if not 1 / LARGEST_EXPOSURE <= factor <= LARGEST_EXPOSURE:  # bounds beyond the range of a half
         expected = f"a positive factor within {EXPOSURE_STOPS:g} stops of 1"

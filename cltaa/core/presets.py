@@ -101,7 +101,7 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
             parts[part] = msgspec.convert(merged, type(current), strict=False)
         except msgspec.ValidationError as error:
             key = str(error).rpartition("`$.")[2].rstrip("`")
-            what, found = f"{origin}: {key} has no such value", values.get(key)
+            what, found = f"{origin}: {key} has no such value", str(values.get(key))
             raise UsageError(what, expected=allowed(key), found=found) from None
     return msgspec.structs.replace(preset, **parts)
 

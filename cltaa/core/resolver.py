@@ -438,7 +438,7 @@ class Resolver:
         """
         if self.last is None:
             raise UsageError("nothing was resolved yet", cure="call resolve() first")
-        return decided(self.launcher, self.last, parse_views(",".join(map(str, views)), "debug"))
+        return decided(self.launcher, self.last, parse_views(views[0] if len(views) == 1 else views, "debug"))
 
     @one_thread
     def release(self) -> None:

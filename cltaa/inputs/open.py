@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from collections.abc import Sequence as Many
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from cltaa.errors import CltaaError, UsageError
+from cltaa.errors import CltaaError, UsageError, known
 from cltaa.frame import ASKED, Asked, Effect, format_effects, parse_effects
 from cltaa.inputs.found import find_effects, with_found
 from cltaa.io.exr_frame import MATRICES
@@ -41,6 +42,8 @@ def open_input(
     declare; ``all`` and ``find`` declare none. Raises what ``open_sequence`` and ``open_intake`` raise, and UsageError
     for the output of a resolve.
     """
+    for name in options.keys() - ARGUMENTS:
+        raise UsageError(f"open takes no {name}", cure=known(name, sorted(ARGUMENTS), "arguments"))
     place, side_file = selection_of(named), None if side_file is None else Path(side_file)
     if not isinstance(profile, str | Path):
         from cltaa.inputs.profile import load_profile
@@ -64,6 +67,10 @@ def open_input(
     for _, error in sequence.unreadable():
         raise error
     return sequence
+
+
+# All but what is opened.
+ARGUMENTS = frozenset({*signature(open_input).parameters, *signature(open_sequence).parameters} - {"named", "options"})
 
 
 def check_declared(sequence: FrameSequence, effects: Asked) -> None:

@@ -24,13 +24,13 @@ from cltaa.errors import ResourceError, UsageError, known
 from cltaa.frame import Asked, Effect, format_effects
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.found import Evidence, Found, check_headers, find_effects, with_found
-from cltaa.inputs.open import check_declared, looked_for, open_input
+from cltaa.inputs.open import ARGUMENTS, check_declared, looked_for, open_input
 from cltaa.io.atomic import check_ownable
 from cltaa.io.content import memory_limit
 from cltaa.io.manifest import Manifest
 from cltaa.io.names import Named
 from cltaa.io.preset_file import read_preset
-from cltaa.io.sequence import FrameSequence, open_sequence
+from cltaa.io.sequence import FrameSequence
 from cltaa.pipeline.denoise import denoiser, denoises, guide_line
 from cltaa.pipeline.follow import Arrivals
 from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence
@@ -116,7 +116,7 @@ def with_fireflies(preset: Preset, sequence: FrameSequence, asked: str | None) -
     if gathers and asked == "clamp":
         cure = "take --preset default"
         raise UsageError(f"--fireflies clamp: preset {preset.name} gathers and keeps its fireflies", cure=cure)
-    return override(preset, {"fireflies": asked})
+    return override(preset, {"fireflies": asked}, "resolve")
 
 
 def for_denoised(preset: Preset) -> Preset:
@@ -138,9 +138,7 @@ def guided(sequence: FrameSequence, *, told: bool) -> FrameSequence:
     return sequence
 
 
-# Arguments of open_input; effects are also the resolve's.
-OPENING = {*signature(open_input).parameters, *signature(open_sequence).parameters}
-READING = frozenset(OPENING - {"named", "effects", "options"})
+READING = ARGUMENTS - {"effects"}  # those of open_input, of which one is also the resolve's
 # Arguments of resolve_sequence that a program may give.
 OWN = {"sequence", "output", "resolver", "arrivals", "others", "found", "elsewhere"}
 RESOLVING = frozenset(signature(resolve_sequence).parameters) - OWN
@@ -227,7 +225,7 @@ def resolve_folder(
         "effects": effects,
         "half": half,
         "compression": compression or carried_compression(sequence),
-        "debug": parse_views(",".join([debug] if isinstance(debug, str) else debug), "debug"),
+        "debug": parse_views(debug, "debug"),
         "layers": carried,
         "progress": progress,
         "arrivals": arrivals,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cltaa.core.constants import value
 from cltaa.core.debug import View
 from cltaa.core.resolver import Resolver
-from cltaa.errors import CltaaError, DataError, UsageError
+from cltaa.errors import CltaaError, DataError, UsageError, several
 from cltaa.frame import Frame, Image
 from cltaa.io.atomic import remove_stale_temporaries
 from cltaa.io.exr_frame import MATRICES, Pixels, frame_attributes
@@ -93,7 +93,7 @@ def chosen_layers(names: str | tuple[str, ...] | None, sequence: FrameSequence) 
     """Return the layers that ``--layers`` names: names, ``all`` or ``none``; by default all of another tool's files."""
     if names is None:
         names = ("all",) if sequence.notes else ("none",)
-    names = (names,) if isinstance(names, str) else tuple(names)
+    names = tuple(several(names, "layers"))
     return () if names == ("none",) else ALL if names == ("all",) else names
 
 

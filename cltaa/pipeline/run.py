@@ -229,13 +229,15 @@ def resolve_sequence(
     """
     follows, dask = arrivals is not None, elsewhere is not None
     check_jobs(1 + len(others), resolver.preset, follow=follows, debug=bool(debug), dask=dask)
+    if not isinstance(preview, str | Path | None):
+        raise UsageError("a film must be an MP4", expected="its name", found=repr(preview))
     output, preview = Path(output), None if preview is None else Path(preview)
     if compare not in (None, *COMPARISONS):
         raise UsageError("no such comparison", expected=", ".join(COMPARISONS), found=compare)
     if compare is not None and preview is None:
         raise UsageError(f"comparison {compare} needs a film", cure="name it: preview")
-    if checkpoint_every < 1:
-        raise UsageError("invalid checkpoint interval", expected="1 or more", found=checkpoint_every)
+    if not isinstance(checkpoint_every, Integral) or checkpoint_every < 1:
+        raise UsageError("invalid checkpoint interval", expected="1 or more", found=repr(checkpoint_every))
     refuse_place(output, sequence)
     check_lossless(compression)
     check_layers(sequence, layers)

@@ -32,6 +32,13 @@ def written(text: str) -> str:
     return "a.toml"
 
 
+def resolved(sequence: Path) -> Any:
+    """A resolver after a frame of ``sequence``."""
+    resolver = cltaa.Resolver(device="numpy")
+    resolver.resolve(cltaa.open(sequence).frame(0))
+    return resolver
+
+
 LIGHT = np.ones((8, 8, 3), np.float32)
 CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "open nothing": (lambda _: cltaa.open(None), "no sequence is named .*found None"),
@@ -62,6 +69,25 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "resolve nothing": (lambda _: cltaa.resolve(None, "out"), "no sequence is named"),
     "resolve by a preset of None": (lambda seq: cltaa.resolve(seq, "out", None), "the name of a preset must be text"),
     "a layer by text": (lambda seq: cltaa.resolve(seq, "out", layers="foo"), "no such channel .*found foo"),
+    "a layer by number": (lambda seq: cltaa.resolve(seq, "out", layers=3), "layers takes names .*found 3"),
+    "a layer among names": (lambda seq: cltaa.resolve(seq, "out", layers=["Z", 3]), "layers takes names .*found 3"),
+    "a view by number": (lambda seq: cltaa.resolve(seq, "out", debug=3), "debug takes names .*found 3"),
+    "views in a list": (lambda seq: resolved(seq).debug(["reject", "cout"]), "debug: unknown view cout; did you mean"),
+    "a metric by number": (lambda _: cltaa.measure(LIGHT, LIGHT, 3), "metrics takes names .*found 3"),
+    "a metric among names": (lambda _: cltaa.measure(LIGHT, LIGHT, ["mse", 3]), "metrics takes names .*found 3"),
+    "an option's name": (lambda seq: cltaa.open(seq, camera="x.json"), "open takes no camera; known.*side_file"),
+    "a film of a number": (lambda seq: cltaa.resolve(seq, "out", preview=3), "a film must be an MP4 .*found 3"),
+    "bands by text": (lambda seq: cltaa.resolve(seq, "out", band_rows="8"), "rows in a band .*found '8'"),
+    "when to save by text": (lambda seq: cltaa.resolve(seq, "out", checkpoint_every="8"), "interval .*found '8'"),
+    "fireflies by text": (lambda seq: cltaa.resolve(seq, "out", fireflies="yes"), "^resolve: fireflies has no such"),
+    "jitter of None": (
+        lambda _: cltaa.Resolver(device="numpy").resolve(cltaa.Frame(0, LIGHT, jitter_px=None)),
+        "jitter_px is no jitter .*found None",
+    ),
+    "a setting of None": (
+        lambda _: cltaa.load_preset().replace(history_frames=None),
+        r"history_frames has no such value .*found None",
+    ),
     "an empty name": (lambda _: cltaa.open(""), "no sequence is named .*an empty name"),
     "a profile of None": (lambda seq: cltaa.open(seq, profile=None), "unknown profile None"),
     "no profile's file": (lambda seq: cltaa.open(seq, profile=Path("x.toml")), "x.toml: the file is missing"),

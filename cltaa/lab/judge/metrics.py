@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
-from itertools import pairwise
+from itertools import chain, pairwise
 from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ import numpy as np
 
 from cltaa import __version__
 from cltaa.core.frame_checks import EXPOSURE_STOPS
-from cltaa.errors import DataError, UsageError, import_extra, known
+from cltaa.errors import DataError, UsageError, import_extra, known, several
 from cltaa.frame import Image, shared
 from cltaa.io.display import luma, shown_light, to_display
 from cltaa.printable import counted
@@ -246,9 +246,11 @@ def measure(
     if not isinstance(stops, Real) or not abs(stops) <= EXPOSURE_STOPS:
         within = f"a number from {-EXPOSURE_STOPS:g} to {EXPOSURE_STOPS:g}"
         raise UsageError("stops are out of range", expected=within, found=repr(stops))
-    wanted = [name.strip() for name in metrics.split(",")] if isinstance(metrics, str) else metrics
-    asked = DEFAULT_METRICS if wanted is None else wanted
-    chosen = [named_metrics([metric])[0] if isinstance(metric, str) else metric for metric in asked]
+    asked = several(DEFAULT_METRICS if metrics is None else metrics, "metrics", Metric)
+    names = [each.split(",") if isinstance(each, str) else [each] for each in asked]
+    chosen = [
+        named_metrics([each.strip()])[0] if isinstance(each, str) else each for each in chain.from_iterable(names)
+    ]
     return {metric.name: metric.function(test, reference, stops) for metric in chosen}
 
 
