@@ -62,7 +62,11 @@ ALL_SCENES = "all"  # all that cltaa scenes lists
 
 @click.command("quality")
 @click.option(
-    "--scene", "scenes", multiple=True, type=SCENE, help="Scene, file:PATH, or all; repeatable.  [default: all]"
+    "--scene",
+    "scenes",
+    multiple=True,
+    type=SCENE,
+    help="Scene, file:PATH, or all; repeatable.  [default: all; none with --sequence]",
 )
 @click.option(
     "--sequence",

@@ -62,6 +62,8 @@ def check(
     for output in (fix, jitter_file):
         if output is not None:
             check_creatable(output)  # fail before the work, not after it
+    if fix is not None and fix.suffix != ".toml":  # by which --profile knows a file
+        raise UsageError("--fix writes a profile", expected="FILE.toml", found=fix)
     named = one_sequence(ctx, sequence)
     report, mended = check_folder(named, frames=FRAMES if frames is None else frames, **reading)
     words, options, side_file = selection_of(named).words, report.options, reading["side_file"]

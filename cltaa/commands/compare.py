@@ -35,6 +35,7 @@ from cltaa.lab.judge.video_scores import SCORES
 from cltaa.printable import counted, json_of, printable, shown
 
 Values = Mapping[str, float]
+OURS = "default,fast,gather-8"
 BOUNDS = {None: "", "at least": "≥ ", "at most": "≤ "}
 
 
@@ -116,7 +117,7 @@ def _print_equal_quality(equal: dict[str, Any]) -> None:
 
 def _print_video(result: dict[str, Any]) -> None:
     table = figures("as moving pictures", "", *score_heads((), moving=True, samples=False), named=True)
-    for label, name in (("A", "video"), ("one sample", "video_one_sample")):
+    for label, name in ((shown(result["test"]), "video"), ("one sample", "video_one_sample")):
         if name in result:
             cells = score_cells({"mean": {}, "video": result[name]}, (), moving=True, samples=False)
             table.add_row(label, *cells, style="bold" if name == "video" else "dim")
@@ -178,9 +179,7 @@ def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bo
 @click.option("--heatmap", type=FILE_PATH, metavar="DIR", help="Write an error map of each frame as PNG.")
 @click.option("--video", "in_time", is_flag=True, help=f"Also score A over time: {', '.join(s.name for s in SCORES)}.")
 @click.option("--table", is_flag=True, help="Make one table of leaderboard entries A... on captured sequences B...")
-@click.option(
-    "--ours", default="default,fast,gather-8", metavar="LIST", help="Presets of ours in --table; may be empty."
-)
+@click.option("--ours", metavar="LIST", help=f"Presets of ours in --table; may be empty.  [default: {OURS}]")
 @click.option("--cvvdp", is_flag=True, help="Add ColorVideoVDP to --table (pip extra cltaa[vdp]).")
 @click.option("--film", type=FILE_PATH, metavar="DIR", help="Film each sequence of --table, side by side at 2x.")
 @input_options
@@ -194,7 +193,7 @@ def compare(
     heatmap: Path | None,
     in_time: bool,
     table: bool,
-    ours: str,
+    ours: str | None,
     cvvdp: bool,
     film: Path | None,
     verify: bool,
@@ -228,7 +227,9 @@ def compare(
         if heatmap is not None:
             raise UsageError("--heatmap does not go with --table", cure="draw maps of one A at a time")
         told: dict[str, Any] = {"stops": stops, "cvvdp": cvvdp, "film": film, "verify": verify}
-        rows, doubted = judged_entries(paths, listed(ours), metrics, frames, **told, **reading)
+        rows, doubted = judged_entries(
+            paths, listed(OURS if ours is None else ours), metrics, frames, **told, **reading
+        )
         for warning in doubted:
             click.echo(f"cltaa: warning: {warning}", err=True)
         if as_json:
@@ -237,8 +238,9 @@ def compare(
         else:
             print_entries(rows, asked, cvvdp=cvvdp)
         return
-    if cvvdp or film is not None:
-        raise UsageError(f"{'--cvvdp' if cvvdp else '--film'} goes with --table", cure="add --table")
+    for option, given in (("--cvvdp", cvvdp), ("--film", film is not None), ("--ours", ours is not None)):
+        if given:
+            raise UsageError(f"{option} goes with --table", cure="add --table")
     places = tuple(map(selection_of, _sequences(paths)))
     by_word = {str(place): place for place in (places[:-1] if len(places) > 1 else places)}
     tests, reference = (*by_word.values(),), places[-1] if len(places) > 1 else None

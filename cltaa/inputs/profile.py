@@ -232,7 +232,11 @@ def convert_profile(values: dict[str, Any], origin: str) -> Profile:
         found: tuple[str | Names, ...] = attrgetter(key)(profile)
         for names in ((one,) if isinstance(one, str) else one for one in found):
             if len(names) != count or not all(names):
-                cure = f"one channel may be named more than once: {written([next(iter(names), '') or 'Y'] * count)}"
+                every = [name for one in found for name in one]
+                if len(found) == len(every) == count:
+                    cure = f"spaces separate the names of one: {written(every)}"
+                else:
+                    cure = f"one channel may be named more than once: {written([next(iter(names), '') or 'Y'] * count)}"
                 raise DataError(
                     f"profile: {key} is not {counted(count, 'name')}",
                     path=origin,
