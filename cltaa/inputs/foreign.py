@@ -32,7 +32,7 @@ from cltaa.inputs.roles import (
     whole_numbers,
 )
 from cltaa.io.content import open_regular
-from cltaa.io.exr_frame import CHANNEL_OF, COLOUR, GROUPS, MATRICES, NO_PIXELS, Pixels
+from cltaa.io.exr_frame import CHANNEL_OF, COLOUR, GROUPS, MATRICES, NO_PIXELS, OF_RESULTS, Pixels
 from cltaa.io.exr_layout import Layout, of_region, placed
 from cltaa.io.exr_read import FrameFile, ImageHeader, read_any_header, read_planes
 from cltaa.io.manifest import file_sha256
@@ -119,7 +119,9 @@ class ForeignSequence(FrameSequence):
         left_out = set() if effects is None else {role for role, effect in EFFECT_OF.items() if effect not in effects}
         self._roles = {role: places for role, places in intake.roles.items() if role not in left_out}
         resolved = (*self._roles["colour"], *self._roles.get("alpha", ()))
-        self.replaced = frozenset(place.channel for place in resolved if place.files == resolved[0].files)
+        own = (place.channel for place in resolved if place.files == resolved[0].files)
+        # Of a layer: the alpha beside the result's colour would be that of another picture.
+        self.replaced = frozenset(own).union(OF_RESULTS if "." in resolved[0].channel else ())
         main = intake.sets[intake.roles["colour"][0].files]
         super().__init__(
             folder,

@@ -39,6 +39,7 @@ from cltaa.inputs.roles import (
     with_usual_names,
 )
 from cltaa.inputs.side_file import Side, read_side_file
+from cltaa.io.exr_frame import COLOUR
 from cltaa.io.exr_layout import Layout
 from cltaa.io.exr_read import ImageHeader, read_any_header
 from cltaa.io.names import Named, Selection, renumbered, selection_of
@@ -415,6 +416,11 @@ def _left_out(intake: Intake, place: Selection) -> list[str]:
         other = next(view for view in views.names if view != taken)
         option = option_text({"colour": {"view": other}})
         notes.append(f"several views: {taken} of {', '.join(views.names)} is taken; to take {other}: {option}")
+    files = intake.roles["colour"][0].files
+    if "." in intake.roles["colour"][0].channel and {*COLOUR} <= intake.first[files].channels.keys():
+        names = [shown_name(Place(files, channel), intake.sets) for channel in COLOUR]
+        option = channels_option("colour.channels", names)
+        notes.append(f"another picture: R G B left out of results, which have these names; to take it: {option}")
     if others := _like_the_colour(intake, views) or _as_nameless(intake):
         names = [f"{others[0]}.{place.channel.rpartition('.')[2]}" for place in intake.roles["colour"]]
         option = channels_option("colour.channels", names)

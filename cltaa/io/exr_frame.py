@@ -26,6 +26,7 @@ from cltaa.printable import written
 Pixels = NDArray[np.float16] | NDArray[np.float32] | NDArray[np.uint32]
 
 COLOUR = ("R", "G", "B")
+OF_RESULTS = (*COLOUR, "A")
 MOTION = ("backward.u", "backward.v")
 NORMAL = ("N.X", "N.Y", "N.Z")
 # Channels that are adjacent in a frame's memory.

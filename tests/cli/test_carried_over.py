@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import struct
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.io.exr_read import read_any_header, read_header, read_image
+from cltaa.io.exr_write import write_image
 from tests.faults.exr_surgery import dissect
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import make_frame, write_sequence
@@ -96,6 +98,19 @@ def test_what_nobody_declared_is_not_made_up(foreign: Path) -> None:
 )
 def test_layers_are_chosen(layers: str, kept: set[str], foreign: Path) -> None:
     assert set(read_image(resolve(foreign, "--layers", layers))[0]) == {"R", "G", "B"} | kept
+
+
+def test_the_alpha_of_another_picture_is_none_of_the_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names = [*"RGBA", *(f"Beauty.{c}" for c in "RGB"), "Beauty.glow"]
+    (tmp_path / "in").mkdir()
+    write_image(tmp_path / "in" / "a.0001.exr", dict.fromkeys(names, np.ones((4, 5), np.float32)))
+    asked = ["--input", "colour.channels=Beauty.R Beauty.G Beauty.B", "--input", "colour.alpha=none"]
+    assert read_header(resolve(tmp_path / "in", *asked)).layout.channels.keys() == {*"RGB", "Beauty.glow"}
+    said = capsys.readouterr().err.replace("\n", " ")
+    assert "another picture: R G B left out of results" in said
+    option = shlex.split(said.partition("to take it: --input ")[2])[0]
+    assert "Beauty.R" in read_header(resolve(tmp_path / "in", "--input", option)).layout.channels
+    assert "A" in read_header(resolve(tmp_path / "in", "--input", option, *asked[2:])).layout.channels  # its own
 
 
 def test_compression_can_be_told(foreign: Path) -> None:
