@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Record
+from cltaa.core.constants import value
 from cltaa.core.parameters import (
     Accumulate,
     AlphaFrom,
@@ -36,7 +37,6 @@ from cltaa.reference.real import (
     NEIGHBOURS,
     Array,
     Mask,
-    constant,
     greater,
     lesser,
     limit,
@@ -50,10 +50,9 @@ from cltaa.reference.sampling import count_limit_of
 
 def next_count(count: Array, blend_boost: Array, build: Build) -> Array:
     """Sample count after one more sample; with ``standing`` 1 where a pixel moves, and ten more where it does not."""
-    one = number(1.0, count)
     if build.choices.accumulate is Accumulate.STANDING:
-        return np.where(blend_boost > number(0.0, count), np.ones_like(count), count + constant("STANDING_GAIN", count))
-    return count + one
+        return np.where(blend_boost > 0.0, 1.0, count + value("STANDING_GAIN"))
+    return count + 1.0
 
 
 def capped_weight(count: Array, blend_boost: Array, settings: Record) -> Array:
@@ -62,7 +61,7 @@ def capped_weight(count: Array, blend_boost: Array, settings: Record) -> Array:
     one, least, most = (number(v, count) for v in (1.0, settings["blend_weight"], settings["moving_weight"]))
     odds = least / (one - least)
     cap = odds * (one - most) / most
-    held = lesser(count / number(settings["sample_limit"], one), one)
+    held = lesser(count / settings["sample_limit"], one)
     history = lesser(held, held + blend_boost * (cap - held))
     return odds / (odds + history)
 
@@ -78,8 +77,8 @@ def sample_weight(count: Array, blend_boost: Array, build: Build, settings: Reco
         return capped_weight(count, blend_boost, settings)
     if build.choices.accumulate is Accumulate.STANDING:
         after = next_count(count, blend_boost, build)
-        return limit(number(1.0, count) / after, least, number(settings["moving_weight"], count))
-    mean: Array = number(1.0, count) / (count + number(1.0, count))
+        return limit(1.0 / after, least, settings["moving_weight"])
+    mean: Array = 1.0 / (count + 1.0)
     if build.choices.accumulate is Accumulate.COUNT:
         return mean
     return greater(mean, least)
@@ -95,7 +94,7 @@ def samples_in_mean(count: Array, build: Build, settings: Record) -> Array:
 
 def inverse_luminance_weight(v: Colour, settings: Record) -> Array:
     """knee + Y, the inverse of a luminance weight (Karis 2014 with knee 1); the kernels have four times it."""
-    return number(settings["luminance_knee"], v[0]) + greater(luminance(v), number(0.0, v[0]))
+    return settings["luminance_knee"] + greater(luminance(v), 0.0)
 
 
 def fold_luminance_weights(weight: Array, current: Colour, history: Colour, build: Build, settings: Record) -> Array:
@@ -103,7 +102,7 @@ def fold_luminance_weights(weight: Array, current: Colour, history: Colour, buil
     if build.choices.weighting is Weighting.NONE:
         return weight
     x, h = inverse_luminance_weight(current, settings), inverse_luminance_weight(history, settings)
-    for_current, for_history = weight * h, (number(1.0, weight) - weight) * x
+    for_current, for_history = weight * h, (1.0 - weight) * x
     return for_current / (for_current + for_history)
 
 
@@ -118,31 +117,29 @@ def weight_of_sample(
 ) -> Array:
     """Weight of the current sample against a history of ``count``, before anti-flicker: in a running mean with
     luminance weights h / (h + count x), where a reactive sample gains as many samples as the history loses."""
-    one = number(1.0, count)
     in_mean = build.choices.accumulate in (Accumulate.COUNT, Accumulate.EXPONENTIAL)
     if in_mean and build.choices.weighting is not Weighting.NONE:
         now, x = inverse_luminance_weight(history, settings), inverse_luminance_weight(current, settings)
         samples = samples_in_mean(count, build, settings)
         if build.steps.reactive:
-            now, samples = (one + reactivity * samples) * now, samples * (one - reactivity)
+            now, samples = (1.0 + reactivity * samples) * now, samples * (1.0 - reactivity)
         return now / (now + samples * x)
     weight = sample_weight(count, blend_boost, build, settings)
     if build.steps.reactive:
-        weight = weight + reactivity * (one - weight)
+        weight = weight + reactivity * (1.0 - weight)
     return fold_luminance_weights(weight, current, history, build, settings)
 
 
 def luminance_weight(v: Colour, build: Build, settings: Record) -> Array:
     """Luminance weight 1 / (knee + Y) of a sample."""
-    one = number(1.0, v[0])
     if build.choices.weighting is Weighting.NONE:
-        return np.full_like(v[0], one)
-    return one / inverse_luminance_weight(v, settings)
+        return np.full_like(v[0], 1.0)
+    return 1.0 / inverse_luminance_weight(v, settings)
 
 
 def weighted_difference(v: Colour, other: Colour, build: Build, settings: Record) -> Colour:
     """Difference of two colours, each scaled by knee / (knee + Y): no highlight's luminance exceeds the knee."""
-    knee = number(1.0 if build.choices.weighting is Weighting.NONE else settings["luminance_knee"], v[0])
+    knee = 1.0 if build.choices.weighting is Weighting.NONE else settings["luminance_knee"]
     a, b = (knee * luminance_weight(c, build, settings) for c in (v, other))
     return a * v - b * other
 
@@ -151,31 +148,31 @@ def filtered_share(share: Array, filtered: Colour, build: Build, settings: Recor
     """Share of the filtered sample (``filter_use`` = few-samples); bright ones are weighted down twice."""
     if build.choices.weighting is Weighting.NONE:
         return share
-    knee = number(settings["luminance_knee"], share)
-    dim = knee / (knee + greater(luminance(filtered), number(0.0, share)))
+    knee = settings["luminance_knee"]
+    dim = knee / (knee + greater(luminance(filtered), 0.0))
     return share * (dim * dim)
 
 
 def difference_factor(current: Colour, history: Colour, settings: Record) -> Array:
     """Factor of the weight by the difference of the luminances (Lottes)."""
     x, h = luminance(current), luminance(history)
-    size = greater(greater(x, h), number(settings["difference_knee"], x))
-    u = number(1.0, x) - np.abs(x - h) / size
+    size = greater(greater(x, h), settings["difference_knee"])
+    u = 1.0 - np.abs(x - h) / size
     differing, agreeing = number(settings["differing_share"], x), number(settings["agreeing_share"], x)
     return differing + (u * u) * (agreeing - differing)
 
 
 def blend(history: Array, current: Array, weight: Array) -> Array:
     """h + w (x - h); a weight of 1 selects the sample."""
-    return np.where(weight < number(1.0, weight), history + weight * (current - history), current)
+    return np.where(weight < 1.0, history + weight * (current - history), current)
 
 
 def storable(v: Colour, current: Colour, build: Build) -> Colour:
     """Make values storable: inside the domain, no denormal, no -0, not below the lesser of 0 and the current sample."""
-    floor_value = lesser(current, number(0.0, current))
+    floor_value = lesser(current, 0.0)
     raised = greater(v, floor_value) if build.choices.negatives is Negatives.RAISE else v
-    bad = outside_domain(raised) | (np.abs(raised) < constant("TINY", v))
-    return np.where(bad, number(0.0, v), raised)
+    bad = outside_domain(raised) | (np.abs(raised) < value("TINY"))
+    return np.where(bad, 0.0, raised)
 
 
 class Pixel(NamedTuple):
@@ -235,9 +232,9 @@ def current_pixel(
 
 def reactivity_weight(r: Array, now: Pixel) -> Array:
     """Weights of samples [H, W] that were rendered with reactivity ``r``."""
-    off = greater(greater(now.least_reactive - r, r - now.most_reactive), np.zeros_like(r))
-    far = off * constant("REACTIVE_FALL", r)
-    return greater(number(1.0, r) - far * far, np.zeros_like(r))
+    off = greater(greater(now.least_reactive - r, r - now.most_reactive), 0.0)
+    far = off * value("REACTIVE_FALL")
+    return greater(1.0 - far * far, 0.0)
 
 
 def rectified_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> Array:
@@ -255,7 +252,7 @@ def rectified_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> 
 def disoccluded_colour(current: Colour, mean: Colour, build: Build, settings: Record) -> Colour:
     """Sample of a pixel without history, moved towards its neighbourhood's mean."""
     change = from_box_space(mean - to_box_space(current, build), build)
-    return current + number(settings["disocclusion_blur"], current) * change
+    return current + settings["disocclusion_blur"] * change
 
 
 def lerp_colour(own: Colour, filtered: Colour, share: Array) -> Colour:
@@ -265,35 +262,33 @@ def lerp_colour(own: Colour, filtered: Colour, share: Array) -> Colour:
 
 def effective_count(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Array:
     """Effective sample count of the rectified history, after resampling, clipping and reactivity."""
-    count, one = h.count, number(1.0, h.count)
+    count = h.count
     if build.terms.clip_penalty:
-        count = count / (one + number(settings["clip_penalty"], count) * r.clip_distance)
+        count = count / (1.0 + settings["clip_penalty"] * r.clip_distance)
     count = lesser(count, count_limit_of(h.fx, h.fy, build, settings))
-    return count * (one - p.reactivity) if build.steps.reactive else count
+    return count * (1.0 - p.reactivity) if build.steps.reactive else count
 
 
 def fading_share(of_mean: Array, settings: Record) -> Array:
     """Share of the filtered sample in the n-th of a history: 1 / n, ``of_mean``, but as 1 / n^2 from some n on."""
-    return lesser(of_mean, number(settings["filter_samples"], of_mean) * (of_mean * of_mean))
+    return lesser(of_mean, settings["filter_samples"] * (of_mean * of_mean))
 
 
 def rectified(h: History, r: Rectification, build: Build, settings: Record) -> Colour:
     """The history of a pixel after rectification."""
     change = r.change
     if build.terms.box_leak:
-        zero, one = number(0.0, h.count), number(1.0, h.count)
-        full = h.count >= number(settings["sample_limit"], one)
-        change = (one - np.where(full, number(settings["box_leak"], one), zero)) * change
+        kept = number(1.0, change) - number(settings["box_leak"], change)
+        change = np.where(h.count >= settings["sample_limit"], kept * change, change)
     return h.rgb + change
 
 
 def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Resolved:
     """Blend the pixel with its rectified history; without history the result begins anew."""
     count, current = effective_count(p, h, r, build, settings), p.filtered
-    one = number(1.0, h.count)
     past = rectified(h, r, build, settings)
     if build.choices.filter_use is FilterUse.FEW:
-        share = np.where(h.valid, fading_share(one / (count + one), settings), one)
+        share = np.where(h.valid, fading_share(1.0 / (count + 1.0), settings), 1.0)
         current = lerp_colour(p.own, current, filtered_share(share, current, build, settings))
     weight = weight_of_sample(count, current, past, p.reactivity, r.blend_boost, build, settings)
     if build.choices.anti_flicker is AntiFlicker.DIFFERENCE:
@@ -301,24 +296,24 @@ def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings
     if build.choices.anti_flicker is AntiFlicker.CLAMP_DISTANCE:
         weight = weight * r.anti_flicker_factor
     if build.choices.accumulate in (Accumulate.CONSTANT, Accumulate.ADAPTIVE):
-        weight = np.where(count > number(0.0, count), weight, one)
+        weight = np.where(count > 0.0, weight, 1.0)
     fresh = to_blend_range(disoccluded_colour(current, p.stats.mean, build, settings), build)
     mixed = blend(to_blend_range(past, build), to_blend_range(current, build), weight)
     stored = storable(from_range(np.where(h.valid, mixed, fresh), build), current, build)
     alpha = p.alpha
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = np.where(h.valid, blend(h.alpha, alpha, weight), alpha)
-    first = h.count if build.terms.first_samples else one
+    first = h.count if build.terms.first_samples else 1.0
     samples = np.where(h.valid, next_count(count, r.blend_boost, build), first)
-    return Resolved(stored, alpha, samples, np.where(h.valid, h.change, number(0.0, samples)))
+    return Resolved(stored, alpha, samples, np.where(h.valid, h.change, 0.0))
 
 
 def without_missing(
     out: Resolved, h: History, current: Array, build: Build, layout: Layout, settings: Record
 ) -> Resolved:
     """Result where samples are missing: the history unchanged if its count is at least 1, else a fill."""
-    zero, one = np.zeros_like(h.count), number(1.0, h.count)
-    missing, kept = sample_is_missing(current, layout), h.valid & (h.count >= one)
+    zero = np.zeros_like(h.count)
+    missing, kept = sample_is_missing(current, layout), h.valid & (h.count >= 1.0)
     filled = filled_colour(current, build, layout)
     past = storable(from_range(h.rgb, build), zero, build)
     rgb = np.where(missing, np.where(kept, past, storable(from_range(filled, build), filled, build)), out.rgb)

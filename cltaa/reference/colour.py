@@ -7,17 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from cltaa.core.build import Build
-from cltaa.core.constants import FILL_REACH, PAD_X, PAD_Y
+from cltaa.core.constants import FILL_REACH, PAD_X, PAD_Y, value
 from cltaa.core.parameters import AlphaFrom, BoxSpace, Tonemap
 from cltaa.core.planes import Layout
 from cltaa.reference.real import (
     NEIGHBOURS,
     Array,
     Mask,
-    constant,
     greater,
     limit,
-    number,
     outside_domain,
     quiet,
     real_type,
@@ -49,7 +47,7 @@ def to_boxed(v: Colour, build: Build) -> Colour:
     if build.choices.box_space is BoxSpace.RGB:
         return v
     r, g, b = v
-    rb, green = r + b, number(2.0, g) * g
+    rb, green = r + b, 2.0 * g
     return np.stack((rb + green, r - b, green - rb))
 
 
@@ -75,12 +73,12 @@ def from_box_space(v: Colour, build: Build) -> Colour:
 def luminance(v: Colour) -> Array:
     """R/4 + G/2 + B/4."""
     r, g, b = v
-    return number(0.25, r) * (r + b) + number(0.5, r) * g
+    return 0.25 * (r + b) + 0.5 * g
 
 
 def peak(v: Colour) -> Array:
     """max(r, g, b, 0)."""
-    return greater(greater(greater(v[0], v[1]), v[2]), number(0.0, v))
+    return greater(greater(greater(v[0], v[1]), v[2]), 0.0)
 
 
 def to_range(v: Colour, build: Build) -> Colour:
@@ -88,14 +86,13 @@ def to_range(v: Colour, build: Build) -> Colour:
     if build.choices.tonemap in (Tonemap.NONE, Tonemap.BLEND):
         return v
     if build.choices.tonemap is Tonemap.CHANNEL:
-        return v / (number(1.0, v) + greater(v, number(0.0, v)))
+        return v / (1.0 + greater(v, 0.0))
     return peak_range(v)
 
 
 def peak_range(v: Colour) -> Colour:
     """c / (1 + max(r, g, b))."""
-    one = number(1.0, v)
-    return v * (one / (one + peak(v)))
+    return v * (1.0 / (1.0 + peak(v)))
 
 
 def to_blend_range(v: Colour, build: Build) -> Colour:
@@ -107,15 +104,15 @@ def from_range(v: Colour, build: Build) -> Colour:
     """The inverse of ``to_range``, with at least LEAST_HEADROOM of headroom."""
     if build.choices.tonemap is Tonemap.NONE:
         return v
-    one, least = number(1.0, v), constant("LEAST_HEADROOM", v)
+    least = value("LEAST_HEADROOM")
     if build.choices.tonemap is Tonemap.CHANNEL:
-        return v / greater(one - greater(v, number(0.0, v)), least)
-    return v * (one / greater(one - peak(v), least))
+        return v / greater(1.0 - greater(v, 0.0), least)
+    return v * (1.0 / greater(1.0 - peak(v), least))
 
 
 def share_in_domain(v: Array, otherwise: float) -> Array:
     """Clamp alpha or reactivity to [0, 1]; outside the domain it is ``otherwise``."""
-    return np.where(outside_domain(v), number(otherwise, v), limit(v, number(0, v), number(1, v)))
+    return np.where(outside_domain(v), otherwise, limit(v, 0, 1))
 
 
 def accumulates_alpha(build: Build) -> bool:
@@ -145,8 +142,8 @@ def repaired_planes(planes: Array, layout: Layout) -> Array:
         for i, j in NEIGHBOURS:
             in_domain = ~bad[rows + j, columns + i]
             total = np.where(in_domain, total + planes[:3, rows + j, columns + i], total)
-            count = np.where(in_domain, count + number(1.0, count), count)
-        repaired[:3, rows, columns] = np.where(count > number(0.0, count), total / greater(count, 1.0), zero)
+            count = np.where(in_domain, count + 1.0, count)
+        repaired[:3, rows, columns] = np.where(count > 0.0, total / greater(count, 1.0), zero)
         layout.extend_edges(repaired)
     return repaired
 

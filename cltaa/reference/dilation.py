@@ -8,7 +8,7 @@ from cltaa.core.build import Build, Record
 from cltaa.core.parameters import Dilation
 from cltaa.core.planes import Layout
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
-from cltaa.reference.real import NEIGHBOURS, Array, Mask, limit, neighbour, number
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, limit, neighbour
 from cltaa.reference.reprojection import pixel_grid
 
 CORNERS = [(-2, 2), (2, 2), (-2, -2), (2, -2)]
@@ -33,8 +33,8 @@ def borrowed_surface(
             u, v = neighbour(motion, dx, dy, layout).astype(like.dtype)
         return s._replace(
             inverse_depth=np.where(where, inverse_depth_at(dx, dy), s.inverse_depth),
-            x=np.where(where, number(dx, like), s.x),
-            y=np.where(where, number(dy, like), s.y),
+            x=np.where(where, dx, s.x),
+            y=np.where(where, dy, s.y),
             u=np.where(where, u, s.u),
             v=np.where(where, v, s.v),
         )
@@ -51,6 +51,4 @@ def borrowed_surface(
     if kind is Dilation.BESIDE:
         return s
     x, y = pixel_grid(layout, like)
-    zero, one = number(0.0, like), number(1.0, like)
-    right, bottom = number(layout.width, like) - one, number(layout.height, like) - one
-    return s._replace(x=limit(x + s.x, zero, right) - x, y=limit(y + s.y, zero, bottom) - y)
+    return s._replace(x=limit(x + s.x, 0.0, layout.width - 1) - x, y=limit(y + s.y, 0.0, layout.height - 1) - y)

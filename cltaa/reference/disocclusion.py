@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from cltaa.core.build import Build, Record
+from cltaa.core.constants import value
 from cltaa.core.planes import Layout
 from cltaa.reference.neighbourhood import Surface, has_edge
-from cltaa.reference.real import Array, Mask, constant, greater, limit, number
+from cltaa.reference.real import Array, Mask, greater, limit
 from cltaa.reference.reprojection import Motion, motion_from_depth, pixel_grid
 from cltaa.reference.sampling import Footprint, Quad, bilinear
 
@@ -17,23 +18,21 @@ from cltaa.reference.sampling import Footprint, Quad, bilinear
 def on_screen(m: Motion, layout: Layout) -> Mask:
     """True where the reprojected position lies inside the image and nearer than MOTION_LIMIT."""
     x, y = pixel_grid(layout, m.u)
-    half, far = number(0.5, m.u), constant("MOTION_LIMIT", m.u)
-    hx, hy = x + m.u, y + m.v
-    right, bottom = number(layout.width, m.u) - half, number(layout.height, m.u) - half
-    inside = (hx >= -half) & (hy >= -half) & (hx <= right) & (hy <= bottom)
+    hx, hy, far = x + m.u, y + m.v, value("MOTION_LIMIT")
+    inside = (hx >= -0.5) & (hy >= -0.5) & (hx <= layout.width - 0.5) & (hy <= layout.height - 0.5)
     return m.visible & inside & (np.abs(m.u) < far) & (np.abs(m.v) < far)
 
 
 def surface_range(s: Surface, m: Motion, tolerance: Any) -> tuple[Array, Array]:
     """Lowest and highest inverse depth of the current 3x3, seen from the previous camera and widened."""
     near, far = s.nearest * m.scale + m.shift, s.farthest * m.scale + m.shift
-    slack = number(tolerance, near) * greater(np.abs(near), np.abs(far))
+    slack = tolerance * greater(np.abs(near), np.abs(far))
     return far - slack, near + slack
 
 
 def weighted_texels(q: Quad, f: Footprint) -> Quad:
     """Replace texels of no bilinear weight (a fraction is 0) by the neighbour that has the weight."""
-    one_column, one_row = f.fx == number(0, f.fx), f.fy == number(0, f.fy)
+    one_column, one_row = f.fx == 0, f.fy == 0
     p10, p11 = np.where(one_column, q.p00, q.p10), np.where(one_column, q.p01, q.p11)
     return Quad(q.p00, p10, np.where(one_row, q.p00, q.p01), np.where(one_row, p10, p11))
 
@@ -47,8 +46,7 @@ def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
 
 def nearer_than(q: Quad, than: Array) -> Quad:
     """1 for each texel nearer than ``than``, 0 for others."""
-    one, none = number(1, than), number(0, than)
-    return Quad(*(np.where(p > than, one, none) for p in q))
+    return Quad(*(np.where(p > than, np.ones_like(than), 0.0) for p in q))
 
 
 def any_nearer(q: Quad, than: Array) -> Mask:
@@ -73,7 +71,7 @@ def parallax_of(other: Array, s: Surface, m: Motion, build: Build, layout: Layou
 
 def has_parallax(other: Array, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
     """True where that parallax is large enough for one to have passed the other."""
-    moved: Mask = parallax_of(other, s, m, build, layout, frame) >= constant("LEAST_PARALLAX", m.u)
+    moved: Mask = parallax_of(other, s, m, build, layout, frame) >= value("LEAST_PARALLAX")
     return moved
 
 
@@ -89,7 +87,7 @@ def occluder_has_passed(
 
 def middle_inverse_depth(s: Surface, m: Motion) -> Array:
     """Middle of the nearest and the farthest inverse depth of the 3x3, seen from the previous camera."""
-    middle: Array = number(0.5, m.u) * (s.nearest + s.farthest) * m.scale + m.shift
+    middle: Array = 0.5 * (s.nearest + s.farthest) * m.scale + m.shift
     return middle
 
 
@@ -97,9 +95,9 @@ def shows_background(previous: Quad, s: Surface, m: Motion, build: Build, layout
     """True where a pixel follows a nearer surface past its own, and three of the four texels at the history position
     did not show that surface either."""
     nearer = nearer_than(previous, middle_inverse_depth(s, m))
-    shown, none = (nearer.p00 + nearer.p10) + (nearer.p01 + nearer.p11), number(0, m.u)
+    shown = (nearer.p00 + nearer.p10) + (nearer.p01 + nearer.p11)
     moved = has_parallax(s.centre, s, m, build, layout, frame)
-    return ((s.x != none) | (s.y != none)) & (shown <= number(1, m.u)) & moved
+    return ((s.x != 0) | (s.y != 0)) & (shown <= 1) & moved
 
 
 def edge_count_limit(
@@ -109,13 +107,13 @@ def edge_count_limit(
     moved the background past it."""
     middle = middle_inverse_depth(s, m)
     edge = has_edge(s, settings["edge_tolerance"]) & any_nearer(previous, middle) & any_nearer(corners, middle)
-    parallax, least = parallax_of(s.farthest, s, m, build, layout, frame), constant("LEAST_PARALLAX", m.u)
-    count_limit = number(settings["edge_samples"], m.u) / limit(parallax, least, number(1, m.u))
-    return np.where(edge & (parallax >= least), count_limit, constant("DOMAIN_LIMIT", m.u))
+    parallax, least = parallax_of(s.farthest, s, m, build, layout, frame), value("LEAST_PARALLAX")
+    count_limit = settings["edge_samples"] / limit(parallax, least, 1)
+    return np.where(edge & (parallax >= least), count_limit, value("DOMAIN_LIMIT"))
 
 
 def occluder_covered(previous: Quad, corners: Quad, high: Array, f: Footprint, covered_share: Any) -> Mask:
     """True where an occluder nearer than ``high`` covered more than ``covered_share`` of the footprint, and a corner of
     the 4x4 around it."""
     share = bilinear(nearer_than(previous, high), f)
-    return (share > number(covered_share, high)) & any_nearer(corners, high)
+    return (share > covered_share) & any_nearer(corners, high)

@@ -10,20 +10,20 @@ from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel
 from cltaa.reference.colour import Colour, repaired_planes, to_range
 from cltaa.reference.history import History
-from cltaa.reference.real import NEIGHBOURS, Array, greater, lesser, neighbour, number
+from cltaa.reference.real import NEIGHBOURS, Array, greater, lesser, neighbour
 
 
 def luminance_4(v: Colour) -> Array:
     """Four times the luminance."""
-    return (v[0] + v[2]) + number(2.0, v[0]) * v[1]
+    return (v[0] + v[2]) + 2.0 * v[1]
 
 
 def clamp_firefly(v: Colour, reference: Array, h: History, settings: Record) -> Colour:
     """Replace samples of more than ``firefly_threshold`` times the luminance ``reference`` (4 Y): by the history, or
     without it by themselves dimmed to that luminance."""
-    y, one = luminance_4(v), number(1.0, reference)
-    is_firefly = y > number(settings["firefly_threshold"], y) * reference
-    return np.where(is_firefly & h.valid, h.rgb, v * np.where(is_firefly, reference / y, one))
+    y = luminance_4(v)
+    is_firefly = y > settings["firefly_threshold"] * reference
+    return np.where(is_firefly & h.valid, h.rgb, v * np.where(is_firefly, reference / y, 1.0))
 
 
 def without_firefly(p: Pixel, current: Array, h: History, build: Build, layout: Layout, settings: Record) -> Pixel:
@@ -38,8 +38,8 @@ def without_firefly(p: Pixel, current: Array, h: History, build: Build, layout: 
         third = greater(third, lesser(second, there))
         second = greater(second, lesser(first, there))
         first = greater(first, there)
-    past = np.where(h.valid, luminance_4(h.rgb), np.zeros_like(second))
-    least = greater(past, number(4.0, past) * number(settings["firefly_floor"], past))
+    past = np.where(h.valid, luminance_4(h.rgb), 0.0)
+    least = greater(past, 4.0 * settings["firefly_floor"])
     own = clamp_firefly(p.own, greater(second, least), h, settings)
     third = greater(third, lesser(second, neighbour(y, 0, 0, layout)))
     return p._replace(own=own, filtered=clamp_firefly(p.filtered, greater(third, least), h, settings))

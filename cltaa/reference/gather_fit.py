@@ -21,7 +21,7 @@ from cltaa.reference.accumulate import (
 )
 from cltaa.reference.colour import Colour, accumulates_alpha, from_range, inner
 from cltaa.reference.gather_sides import Layers
-from cltaa.reference.real import Array, Mask, greater, limit, number
+from cltaa.reference.real import Array, Mask, greater, limit
 from cltaa.reference.rectify import box_scale_of, rectify
 from cltaa.reference.reprojection import Motion
 
@@ -66,7 +66,7 @@ def first_sample(w: Array, counted: Mask, near: Mask, build: Build, frame: Recor
     zero = np.zeros_like(w)
     g = SampleSums(zero)
     if build.choices.gather_fit is not GatherFit.MEAN:
-        x, y = (np.full_like(w, number(frame[name], w)) for name in ("jitter_x", "jitter_y"))
+        x, y = (np.full_like(w, frame[name]) for name in ("jitter_x", "jitter_y"))
         g.add(np.zeros_like(g.sum), np.where(counted, w, zero), x, y, near, build.choices.gather_fit)
     return g
 
@@ -85,9 +85,9 @@ class Fit(NamedTuple):
 
 def fit_at_centre(g: SampleSums, samples: Array, settings: Record) -> Fit:
     """Weighted least squares of a plane, its slope damped by a ridge."""
-    mean = number(1.0, samples) / g.weight
+    mean = 1.0 / g.weight
     mx, my = g.x * mean, g.y * mean
-    ridge = number(settings["fit_ridge"], samples) * (g.weight / samples)
+    ridge = settings["fit_ridge"] * (g.weight / samples)
     xx, xy, yy = (g.xx - g.x * mx) + ridge, g.xy - g.x * my, (g.yy - g.y * my) + ridge
     det = xx * yy - xy * xy
     x, y = (yy * mx - xy * my) / det, (xx * my - xy * mx) / det
@@ -96,13 +96,12 @@ def fit_at_centre(g: SampleSums, samples: Array, settings: Record) -> Fit:
 
 def gathered_change(g: SampleSums, far: SampleSums, layers: Layers, samples: Array, settings: Record) -> Colour:
     """Colour of the ``samples`` of a pixel [H, W] minus the current one."""
-    zero, one = np.zeros_like(g.count), np.ones_like(g.count)
     f = fit_at_centre(g, samples, settings)
     v = f.value(g.sum, g.along, g.down)
-    seen = one - limit(f.value(g.near, g.near_x, g.near_y), zero, one)
-    any_of = far.weight > zero
-    instead = np.where(any_of, far.weight, np.where(g.near > zero, g.near, one))
-    mean = np.where(layers.edge, seen, zero) / instead
+    seen = 1.0 - limit(f.value(g.near, g.near_x, g.near_y), 0.0, 1.0)
+    any_of = far.weight > 0.0
+    instead = np.where(any_of, far.weight, np.where(g.near > 0.0, g.near, 1.0))
+    mean = np.where(layers.edge, seen, 0.0) / instead
     return v + mean * np.where(any_of, far.sum, g.sum)
 
 
@@ -118,7 +117,7 @@ def gathered_filter_share(of_mean: Array, g: SampleSums, layers: Layers, build: 
 def own_samples(p: Pixel) -> Array:
     """Samples of each pixel in the current frame [H, W]: one, or none."""
     one = np.ones_like(p.alpha)
-    return one if p.missing is None else np.where(p.missing, number(0.0, one), one)
+    return one if p.missing is None else np.where(p.missing, 0.0, one)
 
 
 def reactive_loss(reactivity: Array, build: Build) -> Array:
@@ -132,8 +131,8 @@ def resolve_gathered(
 ) -> Resolved:
     """Resolve the pixel from its samples and the current one if not missing; a pixel without any is filled."""
     current, alpha = p.own, p.alpha
-    zero, one, samples = np.zeros_like(alpha), np.ones_like(alpha), g.count + own_samples(p)
-    any_of = g.count > zero
+    one, samples = np.ones_like(alpha), g.count + own_samples(p)
+    any_of = g.count > 0.0
     weight = np.where(any_of, g.weight, one)
     plain = build.choices.gather_fit is GatherFit.MEAN
     past = current + (g.sum / weight if plain else gathered_change(g, far, layers, samples, settings))
@@ -147,7 +146,7 @@ def resolve_gathered(
     if filters and build.choices.filter_use is FilterUse.FEW:
         filter_share = gathered_filter_share(one / (g.count + one), g, layers, build, settings)
         chosen = lerp_colour(chosen, p.filtered, filtered_share(filter_share, p.filtered, build, settings))
-    missing = own_samples(p) == zero
+    missing = own_samples(p) == 0.0
     if p.filled is not None:
         chosen = np.where(missing, np.where(any_of, past, p.filled), chosen)
     stored = storable(from_range(chosen, build), current, build)

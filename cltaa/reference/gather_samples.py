@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Record
+from cltaa.core.constants import value
 from cltaa.core.parameters import GatherFit, Illumination
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel, luminance_weight, reactivity_weight, weighted_difference
@@ -25,7 +26,7 @@ from cltaa.reference.gather_track import (
     texel_at,
 )
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
-from cltaa.reference.real import NEIGHBOURS, Array, Mask, constant, lesser, limit, number
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, lesser, limit, number
 from cltaa.reference.reprojection import Motion, motion_from_depth, pixel_grid
 from cltaa.reference.sampling import Footprint, footprint_of
 
@@ -43,14 +44,14 @@ def jacobian_of(
     s: Surface, slope: tuple[Array, Array], m: Motion, build: Build, layout: Layout, then: Record
 ) -> Jacobian:
     """The derivative of the camera's motion on a plane whose inverse depth changes by ``slope`` a pixel."""
-    zero, one = np.zeros_like(s.centre), np.ones_like(s.centre)
+    zero = np.zeros_like(s.centre)
     if not build.steps.camera_motion:
         return Jacobian(zero, zero, zero, zero)
     x, y = pixel_grid(layout, zero)
     f = {name: number(then[name], zero) for name in then.dtype.fields or ()}
     px, py, q = (x + s.x) + f["origin_x"], (y + s.y) + f["origin_y"], s.inverse_depth
     dw = ((f["wx"] * px + f["wy"] * py) + f["wq"] * q) + f["w1"]
-    w = np.where(m.visible, one + dw, one)
+    w = np.where(m.visible, 1.0 + dw, 1.0)
     wx, wy = f["wx"] + f["wq"] * slope[0], f["wy"] + f["wq"] * slope[1]
     return Jacobian(
         ((f["xx"] + f["xq"] * slope[0]) - dw - (px + m.u) * wx) / w,
@@ -74,17 +75,15 @@ class SampleGrid(NamedTuple):
 
     def offset(self, right: int, down: int) -> tuple[Array, Array]:
         """Offset from the pixel's centre of the sample ``right`` and ``down`` texels beside the nearest one."""
-        r, d = number(right, self.x), number(down, self.x)
-        return self.x + (self.xx * r + self.xy * d), self.y + (self.yx * r + self.yy * d)
+        return self.x + (self.xx * right + self.xy * down), self.y + (self.yx * right + self.yy * down)
 
 
 def sample_grid(dx: Array, dy: Array, t: Jacobian) -> SampleGrid:
     """Positions of samples of which the nearest lies at (dx, dy) in its own frame."""
-    one = number(1.0, dx)
-    xx, yy = one + t.xx, one + t.yy
+    xx, yy = 1.0 + t.xx, 1.0 + t.yy
     det = xx * yy - t.xy * t.yx
-    visible = det > constant("LEAST_W", dx)
-    share = one / np.where(visible, det, one)
+    visible = det > value("LEAST_W")
+    share = 1.0 / np.where(visible, det, 1.0)
     xx, xy, yx, yy = yy * share, -t.xy * share, -t.yx * share, xx * share
     return SampleGrid(xx * dx + xy * dy, yx * dx + yy * dy, xx, xy, yx, yy, visible)
 
@@ -97,8 +96,7 @@ def reach_of(n: int, settings: Record, like: Array) -> Array:
 
 def window(off: Array, reach: Array) -> Array:
     """Weight of a sample ``off`` the centre along an axis; samples a pixel apart have weight 1 together."""
-    zero, one = number(0.0, off), number(1.0, off)
-    return limit((reach - np.abs(off)) * (one / ((reach + reach) - one)), zero, one)
+    return limit((reach - np.abs(off)) * (1.0 / ((reach + reach) - 1.0)), 0.0, 1.0)
 
 
 class View(NamedTuple):
@@ -120,14 +118,13 @@ class View(NamedTuple):
     def neighbour_weight(self, right: int, down: int, fit: GatherFit, layout: Layout) -> tuple[Array, Array, Array]:
         """Weight of the sample beside the nearest one, and its offset from the centre."""
         dx, dy = self.grid.offset(right, down)
-        half, zero = number(0.5, dx), np.zeros_like(dx)
         if fit is GatherFit.MEAN:
-            return np.where(self.seen, np.ones_like(dx), zero), dx, dy
-        column, row = self.column + number(right, dx), self.row + number(down, dx)
-        inside = (column > -half) & (row > -half)
-        inside &= (column < number(layout.width, dx) - half) & (row < number(layout.height, dx) - half)
+            return np.where(self.seen, np.ones_like(dx), 0.0), dx, dy
+        column, row = self.column + right, self.row + down
+        inside = (column > -0.5) & (row > -0.5)
+        inside &= (column < layout.width - 0.5) & (row < layout.height - 0.5)
         share = window(dx, self.reach) * window(dy, self.reach)
-        return np.where(self.seen & self.grid.visible & inside, share, zero), dx, dy
+        return np.where(self.seen & self.grid.visible & inside, share, 0.0), dx, dy
 
 
 def gather_sample(
@@ -164,14 +161,14 @@ def gather_sample(
         near = ~layers.edge | (q > layers.cut * v.m.scale + v.m.shift)
         good = good & ~near if far_only else good
     if build.steps.exposure:
-        c = c * number(v.then["exposure_ratio"], zero)
+        c = c * v.then["exposure_ratio"]
     c = np.where(good, to_range(c, build), current)
     counted = np.where(good, share, zero)
     if build.steps.reactive and build.choices.illumination is Illumination.WINDOW:
         r = share_in_domain(texel_at(v.planes[ring_reactive(build.steps)], f, zero.dtype), 0.0)
         weight = reactivity_weight(r, now)
         if v.recent:
-            g.unlike = g.unlike + counted * (np.ones_like(weight) - weight)
+            g.unlike = g.unlike + counted * (1.0 - weight)
         counted = counted * weight
     w = counted * luminance_weight(c, build, settings)
     g.add(c - current, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near, fit)
@@ -193,7 +190,7 @@ def motion_to_frame(
     jacobian = Jacobian(zero, zero, zero, zero)
     if build.choices.gather_fit is not GatherFit.MEAN:
         jacobian = jacobian_of(s, layers.slope, m, build, layout, then)
-        ox, oy = s.x + number(frame["jitter_x"], zero), s.y + number(frame["jitter_y"], zero)
+        ox, oy = s.x + frame["jitter_x"], s.y + frame["jitter_y"]
         m = m._replace(u=m.u - (jacobian.xx * ox + jacobian.xy * oy), v=m.v - (jacobian.yx * ox + jacobian.yy * oy))
     if build.steps.own_motion:
         m = track.motion(m)

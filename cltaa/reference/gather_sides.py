@@ -9,12 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Record
+from cltaa.core.constants import value
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.gather_track import MOTION, RING_INVERSE_DEPTH, no_motion_vector, texel_at
 from cltaa.reference.neighbourhood import Row, Surface, has_edge, inverse_depth_or_sky
-from cltaa.reference.real import NEIGHBOURS, Array, Mask, constant, greater, neighbour, number
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, greater, neighbour, number
 from cltaa.reference.reprojection import motion_from_depth
 from cltaa.reference.sampling import footprint_of
 
@@ -46,11 +47,10 @@ class Side:
 def layers_of(above: Row, centre: Row, below: Row, s: Surface, settings: Record) -> Layers:
     """Where a depth edge runs through the 3x3, the inverse depth that separates its sides, and the slope where no edge
     runs."""
-    zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
     edge = has_edge(s, settings["edge_tolerance"])
-    slopes = (half * centre.rise, half * (below.inverse_depth - above.inverse_depth))
-    x, y = (np.where(edge, zero, slope) for slope in slopes)
-    return Layers(edge, half * (s.nearest + s.farthest), (x, y))
+    slopes = (0.5 * centre.rise, 0.5 * (below.inverse_depth - above.inverse_depth))
+    x, y = (np.where(edge, 0.0, slope) for slope in slopes)
+    return Layers(edge, 0.5 * (s.nearest + s.farthest), (x, y))
 
 
 def side_surface(
@@ -66,14 +66,14 @@ def side_surface(
 ) -> Surface:
     """The surface at the side's sample nearest to the pixel; of equally near ones the pixel's own row wins."""
     real: Any = s.centre.dtype
-    least = np.full_like(s.centre, constant("DOMAIN_LIMIT", s.centre))
+    least = np.full_like(s.centre, value("DOMAIN_LIMIT"))
     x, y, q, u, v = s.x, s.y, s.inverse_depth, s.u, s.v
     for dx, dy in NEIGHBOURS:
         z = inverse_depth_or_sky(neighbour(inverse_depth[0], dx, dy, layout).astype(real), frame)
-        away = number(2 * dx * dx + 3 * dy * dy, least)
+        away = 2 * dx * dx + 3 * dy * dy
         here = layers.on_side(z, far=far) & (away < least)
         least = np.where(here, away, least)
-        x, y, q = np.where(here, number(dx, x), x), np.where(here, number(dy, y), y), np.where(here, z, q)
+        x, y, q = np.where(here, dx, x), np.where(here, dy, y), np.where(here, z, q)
         if build.steps.own_motion and motion is not None:
             own_u, own_v = neighbour(motion, dx, dy, layout).astype(real)
             u, v = np.where(here, own_u, u), np.where(here, own_v, v)
@@ -97,23 +97,23 @@ def side_of(
     """One side of each pixel that an edge runs through, elsewhere ``s`` unchanged; its slope by least squares."""
     at = side_surface(s, layers, inverse_depth, motion, build, layout, frame, far=far)
     real: Any = s.centre.dtype
-    zero, one = np.zeros_like(s.centre), np.ones_like(s.centre)
-    xx = yy = np.full_like(zero, number(settings["fit_ridge"], zero))
+    zero = np.zeros_like(s.centre)
+    xx = yy = np.full_like(zero, settings["fit_ridge"])
     xy = qx = qy = count = zero
     mean = np.zeros_like(own)
     for dx, dy in NEIGHBOURS:
         z = inverse_depth_or_sky(neighbour(inverse_depth[0], dx, dy, layout).astype(real), frame)
         here = layers.on_side(z, far=far)
         rise = np.where(here, z - at.inverse_depth, zero)
-        ox = np.where(here, number(dx, zero) - at.x, zero)
-        oy = np.where(here, number(dy, zero) - at.y, zero)
+        ox = np.where(here, dx - at.x, zero)
+        oy = np.where(here, dy - at.y, zero)
         xx, xy, yy = xx + ox * ox, xy + ox * oy, yy + oy * oy
         qx, qy = qx + ox * rise, qy + oy * rise
         colour = neighbour(current[:3], dx, dy, layout).astype(real)
         in_domain = here & ~colour_outside_domain(colour)
         mean = mean + np.where(in_domain, to_range(colour, build) - own, zero)
-        count = count + np.where(in_domain, one, zero)
-    det, among = xx * yy - xy * xy, np.where(count > zero, count, one)
+        count = count + np.where(in_domain, 1.0, zero)
+    det, among = xx * yy - xy * xy, np.where(count > zero, count, 1.0)
     slope_x = np.where(layers.edge, (yy * qx - xy * qy) / det, layers.slope[0])
     slope_y = np.where(layers.edge, (xx * qy - xy * qx) / det, layers.slope[1])
     return Side(at, replace(layers, slope=(slope_x, slope_y)), own + mean / among, count)
@@ -139,15 +139,14 @@ def find_subpixel_feature(
 ) -> tuple[Surface, Layers]:
     """Make the surface that the latest frames in the ring show in front of all that the 3x3 shows now the nearer side
     of an edge, where it now lies near the pixel's centre and has no own motion."""
-    zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
     open_here = ~layers.edge & no_motion_vector(s.u, s.v) if build.steps.own_motion else ~layers.edge
     wanted = int(settings["subpixel_frames"])
     latest = past[:wanted]
     if build.steps.look_ahead:
         latest = [then for then in past if abs(int(then["ahead"])) <= wanted]
     feature = search_subpixel_feature(open_here, s, ring, latest, build, layout, settings)
-    slope_x, slope_y = (np.where(feature.found, zero, slope) for slope in layers.slope)
-    cut = np.where(feature.found, half * (feature.inverse_depth + s.nearest), layers.cut)
+    slope_x, slope_y = (np.where(feature.found, 0.0, slope) for slope in layers.slope)
+    cut = np.where(feature.found, 0.5 * (feature.inverse_depth + s.nearest), layers.cut)
     nearest = np.where(feature.found, feature.inverse_depth, s.nearest)
     edge = layers.edge | feature.found
     return s._replace(inverse_depth=feature.inverse_depth, nearest=nearest), Layers(edge, cut, (slope_x, slope_y))
@@ -160,7 +159,7 @@ def search_subpixel_feature(
     zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
     found, least, inverse_depth = (
         np.zeros(zero.shape, bool),
-        np.full_like(zero, constant("SUBPIXEL_REACH", zero)),
+        np.full_like(zero, value("SUBPIXEL_REACH")),
         s.inverse_depth,
     )
     real: Any = zero.dtype
@@ -173,7 +172,7 @@ def search_subpixel_feature(
         v = m.v + (half - number(then["jitter_y"], zero))
         f = footprint_of(m._replace(u=u, v=v), seen, layout)
         near = s.nearest * m.scale + m.shift
-        high = near + number(settings["depth_tolerance"], zero) * np.abs(near)
+        high = near + settings["depth_tolerance"] * np.abs(near)
         hits, best, thinner = zero, least, inverse_depth
         for dx, dy in NEIGHBOURS:
             there = f._replace(row=f.row + dy, column=f.column + dx)
@@ -181,15 +180,15 @@ def search_subpixel_feature(
             nearer = seen & (q > high)
             hit = s._replace(inverse_depth=(q - m.shift) / m.scale)
             hit_motion = motion_from_depth(hit, build, layout, then)
-            ox = ((half - f.fx) + number(dx, zero)) + (m.u - hit_motion.u)
-            oy = ((half - f.fy) + number(dy, zero)) + (m.v - hit_motion.v)
+            ox = ((half - f.fx) + dx) + (m.u - hit_motion.u)
+            oy = ((half - f.fy) + dy) + (m.v - hit_motion.v)
             off = greater(np.abs(ox), np.abs(oy))
-            hits = hits + np.where(nearer, number(1.0, zero), zero)
+            hits = hits + np.where(nearer, 1.0, zero)
             if own_motion:
                 nearer = nearer & no_motion_vector(*texel_at(planes[MOTION], there, real))
             here = nearer & hit_motion.visible & (off < best)
             best, thinner = np.where(here, off, best), np.where(here, hit.inverse_depth, thinner)
-        is_subpixel = (best < least) & (hits <= constant("SUBPIXEL_HITS", zero))
+        is_subpixel = (best < least) & (hits <= value("SUBPIXEL_HITS"))
         least, inverse_depth = np.where(is_subpixel, best, least), np.where(is_subpixel, thinner, inverse_depth)
         found = found | is_subpixel
     return SubpixelFeature(found, least, inverse_depth)

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from cltaa.core.build import Build, Record, Steps
-from cltaa.core.constants import AHEAD_STEPS
+from cltaa.core.constants import AHEAD_STEPS, value
 from cltaa.core.parameters import GatherFit, Reject
 from cltaa.core.planes import Layout
 from cltaa.reference.disocclusion import on_screen, same_surface
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
-from cltaa.reference.real import NEIGHBOURS, Array, Mask, constant, greater, number, outside_domain
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, greater, number, outside_domain
 from cltaa.reference.reprojection import Motion
 from cltaa.reference.sampling import Footprint, Quad, footprint_of
 
@@ -82,11 +82,10 @@ class Track:
 
     def motion(self, m: Motion) -> Motion:
         """``m`` where a surface has no own motion, the track elsewhere."""
-        one = np.ones_like(m.scale)
         return Motion(
             np.where(self.own, self.u, m.u),
             np.where(self.own, self.v, m.v),
-            np.where(self.own, one, m.scale),
+            np.where(self.own, 1.0, m.scale),
             np.where(self.own, self.shift, m.shift),
             m.visible | self.own,
         )
@@ -140,7 +139,7 @@ class Track:
             off = greater(np.abs(next_u - u), np.abs(next_v - v))
             u, v = next_u, next_v
         same = has_motion & matches_surface(z, s, Motion(u, v, one, self.shift, seen), build, settings)
-        converged = seen & (off <= constant("AHEAD_TOLERANCE", off))
+        converged = seen & (off <= value("AHEAD_TOLERANCE"))
         self.shift = np.where(converged & same, z - s.inverse_depth, self.shift)
         self.lost = self.lost | (self.own & (~converged | (has_motion & ~same)))
         self.step = u - self.u, v - self.v
@@ -151,7 +150,7 @@ def _nearest_motion(u: Array, v: Array, missing: Mask, planes: Array, there: Foo
     """``u`` and ``v``, where they are ``missing`` replaced by those of the neighbour nearest to the camera with a
     vector."""
     real: Any = u.dtype
-    best = np.full_like(u, -constant("DOMAIN_LIMIT", u))
+    best = np.full_like(u, -value("DOMAIN_LIMIT"))
     for dx, dy in NEIGHBOURS:
         at = there._replace(row=there.row + dy, column=there.column + dx)
         q = texel_at(planes[RING_INVERSE_DEPTH], at, real)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Record
+from cltaa.core.constants import value
 from cltaa.core.parameters import HistoryRange, Reject
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain, sample_is_missing
@@ -25,7 +26,7 @@ from cltaa.reference.disocclusion import (
 )
 from cltaa.reference.illumination import history_in_range, illumination_test, tests_light
 from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.real import Array, Mask, constant, greater, lesser, limit, number
+from cltaa.reference.real import Array, Mask, greater, lesser, limit, number
 from cltaa.reference.reprojection import Motion, motion_to_edge
 from cltaa.reference.sampling import (
     Footprint,
@@ -77,7 +78,7 @@ def find_occlusion(
     settings: Record,
 ) -> Occlusion:
     """Find from the previous inverse depth [rows, stride] how occluders affect each pixel's history."""
-    no, count_limit = np.zeros(m.u.shape, np.bool_), np.full_like(m.u, constant("DOMAIN_LIMIT", m.u))
+    no, count_limit = np.zeros(m.u.shape, np.bool_), np.full_like(m.u, value("DOMAIN_LIMIT"))
     steps, tolerance = build.steps, settings["depth_tolerance"]
     if build.choices.reject is not Reject.DEPTH or not (steps.camera_motion or steps.own_motion):
         return Occlusion(no, no, no, no, count_limit)
@@ -98,8 +99,8 @@ def find_occlusion(
 def illumination_threshold(o: Occlusion, settings: Record, like: Array) -> Array:
     """The |t| above which an illumination change reduces the sample count, [H, W] in the type of ``like``."""
     background = np.where(o.background, number(settings["behind_t"], like), number(settings["illumination_t"], like))
-    beside: Array = np.where(o.nearer_beside, number(settings["disocclusion_t"], like), background)
-    return np.where(o.passed, lesser(number(settings["passing_t"], like), beside), beside)
+    beside: Array = np.where(o.nearer_beside, settings["disocclusion_t"], background)
+    return np.where(o.passed, lesser(settings["passing_t"], beside), beside)
 
 
 def sample_history(
@@ -133,7 +134,7 @@ def sample_history(
     previous = sample_quad(previous_inverse_depth[0], f, real)
     o = find_occlusion(previous_inverse_depth[0], previous, f, s, m, build, layout, frame, settings)
     if build.choices.reject is Reject.DEPTH:
-        no_depth = sample_is_missing(current, layout) & (s.nearest <= number(frame["sky_inverse_depth"], s.nearest))
+        no_depth = sample_is_missing(current, layout) & (s.nearest <= frame["sky_inverse_depth"])
         read = weighted_texels(previous, f) if build.steps.own_motion and frame["own_vectors"] else previous
         valid &= (same_surface(read, s, m, settings["depth_tolerance"]) & ~o.covered) | no_depth
     change = np.zeros_like(count)
@@ -146,8 +147,8 @@ def sample_history(
     rgb = rgb if in_range else history_in_range(rgb, build, frame)
     past = np.ones_like(count)
     if build.steps.alpha:
-        past = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, rgb), number(1, rgb))
+        past = limit(sample_plane(history[3], f, wx, wy, build, real), 0, 1)
     if build.terms.first_samples:
-        first = number(settings["first_samples"] if frame["reset"] else 1.0, count)
+        first = settings["first_samples"] if frame["reset"] else 1.0
         count = np.where(valid, count, first)
     return History(rgb, past, count, f.fx, f.fy, valid, change)

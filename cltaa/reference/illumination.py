@@ -23,14 +23,14 @@ from cltaa.reference.colour import (
     to_range,
 )
 from cltaa.reference.neighbourhood import spread_of_three
-from cltaa.reference.real import NEIGHBOURS, Array, constant, greater, lesser, limit, neighbour, number
+from cltaa.reference.real import NEIGHBOURS, Array, greater, lesser, limit, neighbour
 from cltaa.reference.sampling import Footprint
 
 
 def history_in_range(colour: Colour, build: Build, frame: Record) -> Colour:
     """Scale history to the current exposure and tonemap it to the range of comparison."""
     if build.steps.exposure:
-        colour = colour * number(frame["exposure_ratio"], colour)
+        colour = colour * frame["exposure_ratio"]
     return to_range(colour, build)
 
 
@@ -44,7 +44,7 @@ class DifferenceMoments(NamedTuple):
 def difference_row(left: Array, centre: Array, right: Array) -> DifferenceMoments:
     """Three differences of a row."""
     dl, dr = left - centre, right - centre
-    return DifferenceMoments(centre + (dl + dr) * constant("ONE_THIRD", centre), spread_of_three(dl, dr))
+    return DifferenceMoments(centre + (dl + dr) * value("ONE_THIRD"), spread_of_three(dl, dr))
 
 
 def third_of_students_t(
@@ -53,9 +53,9 @@ def third_of_students_t(
     """A third of Student's t of nine differences, with the sign of their mean; ``least`` is added to their
     deviation."""
     da, db = above.mean - centre.mean, below.mean - centre.mean
-    mean = centre.mean + (da + db) * constant("ONE_THIRD", da)
-    spread = ((above.spread + centre.spread) + below.spread) + number(3.0, da) * spread_of_three(da, db)
-    return mean / (np.sqrt(spread * constant("TWO_27THS", spread)) + least)
+    mean = centre.mean + (da + db) * value("ONE_THIRD")
+    spread = ((above.spread + centre.spread) + below.spread) + 3.0 * spread_of_three(da, db)
+    return mean / (np.sqrt(spread * value("TWO_27THS")) + least)
 
 
 def illumination_difference(now: Colour, past: Colour, build: Build, frame: Record) -> Colour:
@@ -64,14 +64,13 @@ def illumination_difference(now: Colour, past: Colour, build: Build, frame: Reco
     if build.choices.box_space is not BoxSpace.YCOCG:
         return now - was
     r, g, b = was
-    rb, green = r + b, number(2.0, g) * g
+    rb, green = r + b, 2.0 * g
     return np.stack(((now[0] - rb) - green, now[1] - (r - b), (now[2] + rb) - green))
 
 
 def least_deviation(level: Array, tiny: float, settings: Record) -> Array:
     """What is added to the deviation of a channel whose nine samples have this sum of levels."""
-    floor = number(settings["illumination_floor"], level)
-    return floor * (level * constant("ONE_THIRD", level)) + number(tiny, level)
+    return settings["illumination_floor"] * (level * value("ONE_THIRD")) + tiny
 
 
 def alpha_t(
@@ -98,9 +97,9 @@ def tests_light(build: Build) -> bool:
 
 def stored_change(change: Array) -> Array:
     """Clamp the stored change to MOST_CHANGE, and flush denormals."""
-    most = constant("MOST_CHANGE", change)
+    most = value("MOST_CHANGE")
     kept = limit(change, -most, most)
-    return np.where(np.abs(kept) < constant("TINY", kept), number(0.0, kept), kept)
+    return np.where(np.abs(kept) < value("TINY"), 0.0, kept)
 
 
 class IlluminationResult(NamedTuple):
@@ -132,10 +131,9 @@ def illumination_test(
     """
     real: Any = f.fx.dtype
     colour = repaired_planes(current, layout).astype(real)
-    half, zero, one = number(0.5, f.fx), np.zeros_like(f.fx), np.ones_like(f.fx)
+    zero = np.zeros_like(f.fx)
     row, column = (
-        at + np.where(fraction >= half, one, zero).astype(np.int64)
-        for at, fraction in ((f.row, f.fy), (f.column, f.fx))
+        at + np.where(fraction >= 0.5, 1.0, zero).astype(np.int64) for at, fraction in ((f.row, f.fy), (f.column, f.fx))
     )
 
     def difference(i: int, j: int) -> tuple[Colour, Array]:
@@ -160,13 +158,13 @@ def illumination_test(
         of_alpha = alpha_t(alpha[0], history[3], row, column, layout, settings, level)
         signed_t = np.where(np.abs(of_alpha) > largest, of_alpha, ta)
         largest = greater(largest, np.abs(of_alpha))
-    t = lesser(number(3.0, level) * largest, number(settings["largest_t"], level))
+    t = lesser(3.0 * largest, settings["largest_t"])
     before = history_change[row, column].astype(real)
-    change = np.where(signed_t < number(0.0, level), -t, t) + number(settings["illumination_decay"], level) * before
-    falling_t = number(settings["falling_t"], level) * threshold
-    by = greater(np.abs(change) / np.where(change < number(0.0, level), falling_t, threshold), number(1.0, level))
+    change = np.where(signed_t < 0.0, -t, t) + settings["illumination_decay"] * before
+    falling_t = settings["falling_t"] * threshold
+    by = greater(np.abs(change) / np.where(change < 0.0, falling_t, threshold), 1.0)
     rendered = _rendered(current, layout, zero)
-    untested = sample_is_missing(current, layout) & (rendered < number(5.0, rendered))
+    untested = sample_is_missing(current, layout) & (rendered < 5.0)
     return IlluminationResult(
         np.where(untested, held, held / (by * by)), np.where(untested, zero, stored_change(change))
     )

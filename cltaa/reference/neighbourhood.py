@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Record
+from cltaa.core.constants import value
 from cltaa.core.parameters import Box, BoxSpace, CurrentFilter, Dilation, Neighbourhood, Variance
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, from_box_space, in_units, luminance, to_box_space, to_boxed, to_range
-from cltaa.reference.real import Array, Mask, constant, greater, lesser, limit, neighbour, number, outside_domain
+from cltaa.reference.real import Array, Mask, greater, lesser, limit, neighbour, number, outside_domain
 
 
 class Moments(NamedTuple):
@@ -35,7 +36,7 @@ def spread_of_three(a: Array, b: Array) -> Array:
 def row_moments(left: Array, centre: Array, right: Array) -> Moments:
     """Three texels, shifted by the centre one."""
     dl, dr = left - centre, right - centre
-    offset = (dl + dr) * constant("ONE_THIRD", centre)
+    offset = (dl + dr) * value("ONE_THIRD")
     low, high = lesser(lesser(left, right), centre), greater(greater(left, right), centre)
     return Moments(centre, offset, spread_of_three(dl, dr), low, high)
 
@@ -46,8 +47,8 @@ def window_moments(above: Moments, centre: Moments, below: Moments) -> Moments:
     db = (below.shift - centre.shift) + (below.offset - centre.offset)
     return Moments(
         centre.shift,
-        centre.offset + (da + db) * constant("ONE_THIRD", da),
-        ((above.spread + centre.spread) + below.spread) + number(3.0, da) * spread_of_three(da, db),
+        centre.offset + (da + db) * value("ONE_THIRD"),
+        ((above.spread + centre.spread) + below.spread) + 3.0 * spread_of_three(da, db),
         lesser(lesser(above.low, centre.low), below.low),
         greater(greater(above.high, centre.high), below.high),
     )
@@ -60,7 +61,7 @@ def naive_row(m: Moments, left: Array, centre: Array, right: Array) -> Moments:
 
 def naive_window(m: Moments, above: Moments, centre: Moments, below: Moments) -> Moments:
     """The mean of such rows as shift, E[x^2] - E[x]^2 as spread."""
-    share = constant("ONE_NINTH", centre.shift)
+    share = value("ONE_NINTH")
     mean = ((above.offset + below.offset) + centre.offset) * share
     squares = (above.spread + below.spread) + centre.spread
     return m._replace(shift=mean, offset=np.zeros_like(mean), spread=squares * share - mean * mean)
@@ -75,7 +76,7 @@ def chosen_row(left: Array, centre: Array, right: Array, build: Build) -> Moment
 def deviation_of(m: Moments, build: Build) -> Array:
     """The root of the variance; 0 where rounding made the naive one negative."""
     naive = build.choices.variance is Variance.NAIVE
-    variance = greater(m.spread, number(0.0, m.spread)) if naive else m.spread * constant("TWO_27THS", m.spread)
+    variance = greater(m.spread, 0.0) if naive else m.spread * value("TWO_27THS")
     return np.sqrt(variance)
 
 
@@ -89,9 +90,8 @@ def neighbourhood_moments(above: Moments, centre: Moments, below: Moments, build
 
 def _rounded(m: Moments, above: Moments, centre: Moments, below: Moments) -> Moments:
     """``m`` with the mean of the extremes of the 3x3 and of the cross."""
-    half = number(0.5, m.low)
-    low = half * (m.low + lesser(lesser(above.shift, below.shift), centre.low))
-    high = half * (m.high + greater(greater(above.shift, below.shift), centre.high))
+    low = 0.5 * (m.low + lesser(lesser(above.shift, below.shift), centre.low))
+    high = 0.5 * (m.high + greater(greater(above.shift, below.shift), centre.high))
     return m._replace(low=low, high=high)
 
 
@@ -143,8 +143,8 @@ def texel_weights(texels: Sequence[Colour], build: Build, frame: Record) -> list
         rows = number(frame["box_above"], one), one, number(frame["box_below"], one)
         return [across * down for down in rows for across in columns]
     in_ycocg = build.choices.box_space is BoxSpace.YCOCG
-    lights = [number(0.25, one) * t[0] if in_ycocg else luminance(t) for t in texels]
-    return [one / (one + greater(y, number(0.0, one))) for y in lights]
+    lights = [0.25 * t[0] if in_ycocg else luminance(t) for t in texels]
+    return [one / (one + greater(y, 0.0)) for y in lights]
 
 
 def weighted_statistics(texels: Sequence[Colour], build: Build, frame: Record) -> tuple[Colour, Colour]:
@@ -174,8 +174,7 @@ def filter_three(before: Colour, middle: Colour, after: Colour, first: Any, last
     """Weight three colours as the middle one plus weighted differences from it."""
     if build.choices.current_filter is CurrentFilter.NONE:
         return middle
-    k, n = number(first, middle), number(last, middle)
-    return middle + (k * (before - middle) + n * (after - middle))
+    return middle + (first * (before - middle) + last * (after - middle))
 
 
 def current_sample(above: Row, centre: Row, below: Row, near: Statistics, build: Build, frame: Record) -> Colour:
@@ -191,7 +190,7 @@ def current_sample(above: Row, centre: Row, below: Row, near: Statistics, build:
 
 def inverse_depth_or_sky(v: Array, frame: Record) -> Array:
     """Replace inverse depth outside the domain by the sky's."""
-    return np.where(outside_domain(v), number(frame["sky_inverse_depth"], v), v)
+    return np.where(outside_domain(v), frame["sky_inverse_depth"], v)
 
 
 def read_row(
@@ -210,7 +209,7 @@ def read_row(
     nearest = greater(zl, zc)
     to_right = zr > nearest
     nearest = greater(zr, nearest)
-    nearest_x = np.where(to_right, number(1, zc), np.where(to_left, number(-1, zc), number(0, zc)))
+    nearest_x = np.where(to_right, 1, np.where(to_left, number(-1, zc), number(0, zc)))
     zero = np.zeros_like(zc)
     u = v = centre_u = centre_v = zero
     if build.steps.own_motion and motion is not None:
@@ -236,7 +235,7 @@ def read_row(
 def has_edge(s: Surface, edge_tolerance: Any) -> Mask:
     """True where a depth edge runs through the 3x3."""
     skew = (s.nearest - s.centre) - (s.centre - s.farthest)
-    edge: Mask = np.abs(skew) > number(edge_tolerance, skew) * np.abs(s.nearest)
+    edge: Mask = np.abs(skew) > edge_tolerance * np.abs(s.nearest)
     return edge
 
 

@@ -13,21 +13,22 @@ from numpy.typing import NDArray
 
 from cltaa.camera import inverse_depth
 from cltaa.core.build import Build, Record, Storage
+from cltaa.core.constants import value
 from cltaa.core.planes import Kind, Layout
 from cltaa.reference.accumulate import Resolved
 from cltaa.reference.colour import repaired_planes
 from cltaa.reference.illumination import tests_light
 from cltaa.reference.neighbourhood import Row, read_row
-from cltaa.reference.real import Array, constant, quiet, real_type
+from cltaa.reference.real import Array, greater, quiet, real_type
 
 Words = NDArray[np.uint32]
 
 
 def half_storable(v: Array) -> Array:
     """Clamp ``v`` to the range of halves; what would round to -0 becomes +0."""
-    most, tiny = constant("HALF_LIMIT", v), constant("HALF_TINY", v)
+    most = value("HALF_LIMIT")
     limited = np.where(v > most, most, np.where(v < -most, -most, v))
-    return np.where(np.abs(limited) <= tiny, v.dtype.type(0.0), limited)
+    return np.where(np.abs(limited) <= value("HALF_TINY"), 0.0, limited)
 
 
 def hash_bits(v: Words) -> Words:
@@ -43,16 +44,16 @@ def storage_dither(layout: Layout, frame: Record) -> Array:
     row = hash_bits(y + hash_bits(np.array([frame["number"]], np.uint32)))
     bits = hash_bits(x[None, :] ^ row[:, None])
     dither = (bits >> np.uint32(8)).astype(np.float32)
-    return dither * constant("DITHER_STEP", dither)
+    return dither * value("DITHER_STEP")
 
 
 def stochastic_half(v: Array, dither: Array) -> Array:
     """One of the two halves around float32 ``v``, the upper one with the probability of the fraction between them."""
     power = (v.view(np.int32) & np.int32(0x7F800000)).view(np.float32)
-    step = np.where(power > constant("HALF_NORMAL", v), power, constant("HALF_NORMAL", v)) * constant("HALF_STEP", v)
+    step = greater(power, value("HALF_NORMAL")) * value("HALF_STEP")
     scaled = v / step
     low = np.floor(scaled)
-    return np.where(scaled - low > dither, low + v.dtype.type(1.0), low) * step
+    return np.where(scaled - low > dither, low + 1.0, low) * step
 
 
 def stored_history(v: Array, build: Build, layout: Layout, frame: Record) -> NDArray[Any]:
@@ -79,7 +80,7 @@ def pack(
     """Twin of ``arrays.cl``: write the result to an array, rounded to ``halves``, infinite from the largest half on."""
     v = layout.inside(image)[:planes].astype(np.float32)
     if halves:
-        v = np.where(np.abs(v) >= constant("HALF_LIMIT", v), v + v, v)
+        v = np.where(np.abs(v) >= value("HALF_LIMIT"), v + v, v)
     strided(target, v.shape, **places)[...] = v
 
 
@@ -147,7 +148,7 @@ def store_resolved(
     target = layout.inside(output)
     target[:3] = stored_history(resolved.rgb, build, layout, frame)
     if build.steps.alpha:
-        alpha = np.where(resolved.alpha < constant("TINY", resolved.alpha), 0, resolved.alpha)
+        alpha = np.where(resolved.alpha < value("TINY"), 0, resolved.alpha)
         target[3] = stored_history(alpha, build, layout, frame)
     layout.inside(output_count)[0] = resolved.count
 

@@ -31,7 +31,10 @@ def constant(name: str, like: Array) -> Any:
 
 
 def number(v: Any, like: Array) -> Any:
-    """A coefficient or a struct member in the precision of ``like``."""
+    """A coefficient or a struct member in the precision of ``like``, for arithmetic between two of them.
+
+    Beside an array NumPy itself gives them the precision of the array.
+    """
     return like.dtype.type(v)
 
 
@@ -58,5 +61,5 @@ def limit(v: Array, lo: Any, hi: Any) -> Array:
 
 def outside_domain(v: Array) -> Mask:
     """True where ``v`` is NaN, infinite or beyond DOMAIN_LIMIT."""
-    inside: Mask = np.abs(v) <= constant("DOMAIN_LIMIT", v)
+    inside: Mask = np.abs(v) <= value("DOMAIN_LIMIT")
     return ~inside

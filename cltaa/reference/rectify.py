@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Record
+from cltaa.core.constants import value
 from cltaa.core.parameters import Accumulate, AntiFlicker, Box, Rectify
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, a_channel, from_box_space, inner, to_box_space
 from cltaa.reference.neighbourhood import Statistics
-from cltaa.reference.real import Array, constant, greater, lesser, limit, number
+from cltaa.reference.real import Array, greater, lesser, limit, number
 from cltaa.reference.reprojection import Motion
 
 
@@ -46,18 +47,18 @@ def neighbourhood_box(s: Statistics, gamma: Array, build: Build, settings: Recor
         if build.choices.box is Box.BOTH:
             low, high = greater(s.mean - wide, low), lesser(s.mean + wide, high)
         if build.choices.box is Box.UNIT:
-            low, high = lesser(low, number(1.0, low)), greater(high, number(0.0, high))
-        extent = number(0.5, low) * (high - low)
+            low, high = lesser(low, 1.0), greater(high, 0.0)
+        extent = 0.5 * (high - low)
         centre = low + extent
         if build.choices.box is Box.EXTREMES:
-            by = (gamma - number(1.0, gamma)) * extent
+            by = (gamma - 1.0) * extent
             low, high, extent = low - by, high + by, extent + by
     if build.choices.rectify in (Rectify.CLIP, Rectify.ELLIPSOID):
         a, b, c = np.abs(centre)
         size = greater(a, greater(b, c))
-        extent = greater(extent, number(settings["box_floor"], size) * size + constant("TINY", size))
+        extent = greater(extent, settings["box_floor"] * size + value("TINY"))
     if build.choices.rectify is Rectify.CLIP_UNGUARDED:
-        extent = extent + constant("ADDED_EXTENT", extent)
+        extent = extent + value("ADDED_EXTENT")
     return BoxOf(centre, extent, low, high)
 
 
@@ -75,16 +76,16 @@ def _outside_ends(v: Colour, box: BoxOf) -> Any:
 
 def _entry(h: Colour, direction: Colour, low: Colour, high: Colour) -> Colour:
     """Share of the way from ``h`` at which each coordinate enters the box; 0 inside."""
-    parallel = direction == number(0.0, direction)
-    safe = np.where(parallel, number(1.0, direction), direction)
+    parallel = direction == 0.0
+    safe = np.where(parallel, 1.0, direction)
     to_low, to_high = (low - h) / safe, (high - h) / safe
-    return np.where(parallel, number(0.0, direction), lesser(to_low, to_high))
+    return np.where(parallel, 0.0, lesser(to_low, to_high))
 
 
 def _clip_towards(history: Colour, target: Colour, box: BoxOf) -> Colour:
     direction = target - history
     a, b, c = _entry(history, direction, box.low, box.high)
-    return history + limit(greater(greater(a, b), c), number(0.0, a), number(1.0, a)) * direction
+    return history + limit(greater(greater(a, b), c), 0.0, 1.0) * direction
 
 
 def rectify_history(history: Colour, current: Colour, box: BoxOf, build: Build) -> Colour:
@@ -97,30 +98,29 @@ def rectify_history(history: Colour, current: Colour, box: BoxOf, build: Build) 
         return _clip_towards(history, limit(current, box.low, box.high), box)
     d = history - box.centre
     t = _distance_in_extents(d, box.extent, build)
-    one = number(1.0, t)
-    out = t > one
+    out = t > 1.0
     if build.choices.rectify is Rectify.CLIP and build.choices.box is not Box.VARIANCE:
         out = out & _outside_ends(history, box)
-    return np.where(out, box.centre + d / np.where(out, t, one), history)
+    return np.where(out, box.centre + d / np.where(out, t, 1.0), history)
 
 
 def blend_boost_of(m: Motion, moved: Colour, build: Build, layout: Layout, settings: Record) -> Array:
     """0 to 1: the larger of motion in screens a frame and the distance moved in the box space; 1 in motion
     (standing)."""
     if build.choices.accumulate is Accumulate.STANDING:
-        least = constant("STATIC_MOTION", m.u)
+        least = value("STATIC_MOTION")
         is_static = (np.abs(m.u) < least) & (np.abs(m.v) < least)
-        return np.where(is_static, np.zeros_like(m.u), np.ones_like(m.u))
+        return np.where(is_static, 0.0, np.ones_like(m.u))
     if build.choices.accumulate not in (Accumulate.ADAPTIVE, Accumulate.CAPPED):
         return np.zeros_like(m.u)
-    across, down = m.u / number(layout.width, m.u), m.v / number(layout.height, m.v)
+    across, down = m.u / layout.width, m.v / layout.height
     speed = np.sqrt(across * across + down * down)
     distance = np.sqrt(inner(moved, moved))
     by_motion, by_distance = (
-        number(settings["motion_rate"], speed) * speed,
-        number(settings["clip_rate"], speed) * distance,
+        settings["motion_rate"] * speed,
+        settings["clip_rate"] * distance,
     )
-    return lesser(greater(by_motion, by_distance), number(1.0, speed))
+    return lesser(greater(by_motion, by_distance), 1.0)
 
 
 def anti_flicker_factor_of(history: Array, centre: Array, extent: Array, build: Build) -> Array:
@@ -128,7 +128,7 @@ def anti_flicker_factor_of(history: Array, centre: Array, extent: Array, build: 
     if build.choices.anti_flicker is not AntiFlicker.CLAMP_DISTANCE:
         return np.ones_like(history)
     d = lesser(np.abs(history - (centre - extent)), np.abs(history - (centre + extent)))
-    return d / ((d + (extent + extent)) + constant("TINY", d))
+    return d / ((d + (extent + extent)) + value("TINY"))
 
 
 def rectify(
@@ -152,7 +152,7 @@ def rectify(
     box = neighbourhood_box(s, gamma, build, settings)
     r = rectify_history(h, to_box_space(current, build), box, build)
     moved = r - h
-    least = number(settings["box_floor"], h[0]) * np.abs(box.centre[0]) + constant("TINY", h[0])
+    least = settings["box_floor"] * np.abs(box.centre[0]) + value("TINY")
     return Rectification(
         from_box_space(moved, build),
         np.abs(moved[0]) / greater(box.extent[0], least),
@@ -163,8 +163,7 @@ def rectify(
 
 def box_scale_of(m: Motion, settings: Record) -> Array:
     """Box scale, factor of the deviations or of the extremes: wide without motion."""
-    k = m.u.dtype.type
-    speed = greater(np.abs(m.u), np.abs(m.v)) / k(settings["motion_px"])
-    still = greater(k(1.0) - speed, k(0.0))
-    moving, static = k(settings["box_scale_moving"]), k(settings["box_scale_static"])
+    speed = greater(np.abs(m.u), np.abs(m.v)) / settings["motion_px"]
+    still = greater(1.0 - speed, 0.0)
+    moving, static = (number(settings[f"box_scale_{each}"], speed) for each in ("moving", "static"))
     return moving + still * (static - moving)

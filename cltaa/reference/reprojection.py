@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Record
+from cltaa.core.constants import value
 from cltaa.core.parameters import Dilation, OffScreen
 from cltaa.core.planes import Layout
 from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.real import Array, Mask, constant, number, outside_domain
+from cltaa.reference.real import Array, Mask, number, outside_domain
 
 
 class Motion(NamedTuple):
@@ -42,7 +43,7 @@ def motion_from_depth(s: Surface, build: Build, layout: Layout, frame: Record) -
     dy = ((f["yx"] * px + f["yy"] * py) + f["yq"] * q) + f["y1"]
     dw = ((f["wx"] * px + f["wy"] * py) + f["wq"] * q) + f["w1"]
     w = one + dw
-    visible = w > constant("LEAST_W", zero)
+    visible = w > value("LEAST_W")
     safe_w = np.where(visible, w, one)
     u, v = (dx - px * dw) / safe_w, (dy - py * dw) / safe_w
     if build.steps.orthographic:
@@ -59,21 +60,21 @@ def surface_motion(s: Surface, build: Build, layout: Layout, frame: Record) -> M
         m = Motion(
             np.where(camera_only, m.u, s.u),
             np.where(camera_only, m.v, s.v),
-            np.where(camera_only, m.scale, np.ones_like(m.scale)),
-            np.where(camera_only, m.shift, np.zeros_like(m.shift)),
+            np.where(camera_only, m.scale, 1.0),
+            np.where(camera_only, m.shift, 0.0),
             m.visible | ~camera_only,
         )
     if build.choices.dilation is Dilation.BESIDE:
-        (x, y), zero = pixel_grid(layout, m.u), number(0.0, m.u)
-        beyond = (x + s.x < zero) | (y + s.y < zero)
-        m = m._replace(u=np.where(beyond, zero, m.u), v=np.where(beyond, zero, m.v))
+        x, y = pixel_grid(layout, m.u)
+        beyond = (x + s.x < 0.0) | (y + s.y < 0.0)
+        m = m._replace(u=np.where(beyond, 0.0, m.u), v=np.where(beyond, 0.0, m.v))
     return m
 
 
 def _to_edge(position: Array, by: Array, last: Any) -> Array:
     there = position + by
     shortened = np.where(there > last, last - position, by)
-    return np.where(there < number(0.0, by), -position, shortened)
+    return np.where(there < 0.0, -position, shortened)
 
 
 def motion_to_edge(m: Motion, build: Build, layout: Layout) -> Motion:
@@ -81,8 +82,8 @@ def motion_to_edge(m: Motion, build: Build, layout: Layout) -> Motion:
     if build.choices.off_screen is OffScreen.FRESH:
         return m
     x, y = pixel_grid(layout, m.u)
-    one, far = number(1.0, m.u), constant("MOTION_LIMIT", m.u)
+    far = value("MOTION_LIMIT")
     near = (np.abs(m.u) < far) & (np.abs(m.v) < far)
-    u = np.where(near, _to_edge(x, m.u, number(layout.width, m.u) - one), m.u)
-    v = np.where(near, _to_edge(y, m.v, number(layout.height, m.v) - one), m.v)
+    u = np.where(near, _to_edge(x, m.u, layout.width - 1), m.u)
+    v = np.where(near, _to_edge(y, m.v, layout.height - 1), m.v)
     return Motion(u, v, m.scale, m.shift, m.visible)

@@ -42,14 +42,13 @@ class RowTaps(NamedTuple):
 
 def catmull_rom(t: Array, build: Build) -> Weights:
     """Catmull and Rom 1974, tension 1/2, at fraction ``t``."""
-    k = t.dtype.type
-    w3 = (t * t) * (k(-0.5) + k(0.5) * t)
+    w3 = (t * t) * (-0.5 + 0.5 * t)
     if build.choices.history_filter in FIVE_PAIRS:
-        w0 = t * (k(-0.5) + t * (k(1.0) - k(0.5) * t))
-        w2 = t * (k(0.5) + t * (k(2.0) - k(1.5) * t)) / (k(1.0) - (w0 + w3))
+        w0 = t * (-0.5 + t * (1.0 - 0.5 * t))
+        w2 = t * (0.5 + t * (2.0 - 1.5 * t)) / (1.0 - (w0 + w3))
     else:
-        w0 = t * (k(0.5) - t * (k(1.0) - k(0.5) * t))
-        w2 = t * (k(0.5) + t * (k(1.5) - t))
+        w0 = t * (0.5 - t * (1.0 - 0.5 * t))
+        w2 = t * (0.5 + t * (1.5 - t))
     zero = np.zeros_like(t)
     return Weights(zero, w0, zero, w2, w3, zero, zero)
 
@@ -57,22 +56,21 @@ def catmull_rom(t: Array, build: Build) -> Weights:
 def least_squares(t: Array) -> Weights:
     """Six taps at fraction ``t`` whose response is nearest to a displacement by ``t`` up to 0.3 cycles a texel, of all
     weights t (1 - t) (a + b t) that preserve ramps and parabolas (Laakso et al. 1996)."""
-    k = t.dtype.type
-    u = k(1.0) - t
+    u = 1.0 - t
     both = t * u
-    first, last = both * (k(0.105) - k(0.0376) * t), both * (k(0.105) - k(0.0376) * u)
-    w0, w3 = both * (k(0.3342) * t - k(0.6758)), both * (k(0.3342) * u - k(0.6758))
-    w2 = ((first + first) + w0) - ((w3 + w3) + k(3.0) * last)
+    first, last = both * (0.105 - 0.0376 * t), both * (0.105 - 0.0376 * u)
+    w0, w3 = both * (0.3342 * t - 0.6758), both * (0.3342 * u - 0.6758)
+    w2 = ((first + first) + w0) - ((w3 + w3) + 3.0 * last)
     w1 = -(((first + last) + (w0 + w3)) + w2)
     return Weights(first, w0, w1, w2, w3, last, t)
 
 
 def history_weights(t: Array, build: Build) -> Weights:
     """Weights at fraction ``t`` of the build's history filter."""
-    k, kind = t.dtype.type, build.choices.history_filter
+    kind = build.choices.history_filter
     zero = np.zeros_like(t)
     if kind is HistoryFilter.NEAREST:
-        return Weights(zero, zero, zero, np.where(t >= k(0.5), k(1.0), k(0.0)), zero, zero, zero)
+        return Weights(zero, zero, zero, np.where(t >= 0.5, np.ones_like(t), 0.0), zero, zero, zero)
     if kind is HistoryFilter.BILINEAR:
         return Weights(zero, zero, zero, t, zero, zero, zero)
     return least_squares(t) if kind is HistoryFilter.CROSS_20 else catmull_rom(t, build)
@@ -111,19 +109,18 @@ def cross_of(rows: Sequence[RowTaps], wx: Weights, wy: Weights) -> Array:
     right = lerp(r1.right, r2.right, wy.linear) + six_taps([row.right for row in rows], wy)
     low = lesser(lesser(r1.middle, r1.right), lesser(r2.middle, r2.right))
     high = greater(greater(r1.middle, r1.right), greater(r2.middle, r2.right))
-    more, along_x = number(0.25, low) * (high - low), lerp(r1.sides, r2.sides, wy.linear)
+    more, along_x = 0.25 * (high - low), lerp(r1.sides, r2.sides, wy.linear)
     return limit(lerp(left, right, wx.linear) + along_x, low - more, high + more)
 
 
 def without_corners(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Build) -> Array:
     """Five of the nine pairs of Catmull-Rom, normalised to sum to 1 (Jimenez 2016), or left raw."""
     r0, r1, r2, r3 = rows
-    one = number(1.0, wx.w0)
-    pair_x, pair_y = one - (wx.w0 + wx.w3), one - (wy.w0 + wy.w3)
+    pair_x, pair_y = 1.0 - (wx.w0 + wx.w3), 1.0 - (wy.w0 + wy.w3)
     centre = r1.middle + wy.w2 * (r2.middle - r1.middle)
     sides = r1.sides + wy.w2 * (r2.sides - r1.sides)
     ends = wy.w0 * (r0.middle - centre) + wy.w3 * (r3.middle - centre)
-    total, rest = pair_y + pair_x * (one - pair_y), pair_y * sides + pair_x * ends
+    total, rest = pair_y + pair_x * (1.0 - pair_y), pair_y * sides + pair_x * ends
     raw = build.choices.history_filter is HistoryFilter.CATMULL_ROM_5_RAW
     return total * centre + rest if raw else centre + rest / total
 
@@ -157,8 +154,7 @@ class Quad(NamedTuple):
 
 def footprint_of(m: Motion, valid: Mask, layout: Layout) -> Footprint:
     """Footprint of each valid pixel's history position; others get their own texel."""
-    zero = np.zeros_like(m.u)
-    u, v = np.where(valid, m.u, zero), np.where(valid, m.v, zero)
+    u, v = np.where(valid, m.u, 0.0), np.where(valid, m.v, 0.0)
     dx, dy = np.floor(u), np.floor(v)
     y, x = np.mgrid[: layout.height, : layout.width]
     return Footprint(y + dy.astype(np.int64) + PAD_Y, x + dx.astype(np.int64) + PAD_X, u - dx, v - dy)
@@ -195,5 +191,5 @@ def count_limit_of(fx: Array, fy: Array, build: Build, settings: Record) -> Arra
     one = number(1.0, fx)
     least = one / number(settings["sample_limit"], fx)
     if build.terms.resampling_penalty:
-        least = least + number(settings["resampling_penalty"], fx) * (fx * (one - fx) + fy * (one - fy))
+        least = least + settings["resampling_penalty"] * (fx * (one - fx) + fy * (one - fy))
     return one / least

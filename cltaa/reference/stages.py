@@ -16,7 +16,7 @@ from cltaa.reference.fireflies import without_firefly
 from cltaa.reference.history import History, sample_history
 from cltaa.reference.neighbourhood import Statistics, Surface, current_sample, nearest_surface, neighbourhood_statistics
 from cltaa.reference.planes import read_rows, store_recurrent
-from cltaa.reference.real import Array, number, quiet, real_type
+from cltaa.reference.real import Array, quiet, real_type
 from cltaa.reference.rectify import Rectification, box_scale_of, rectify
 from cltaa.reference.reprojection import Motion, surface_motion
 
@@ -62,8 +62,7 @@ def surface_motion_kernel(
     s = nearest_surface(*rows, build, settings["edge_tolerance"])
     s = borrowed_surface(s, inverse_depth, motion, build, layout, frame)
     m = surface_motion(s, build, layout, frame)
-    one = number(1.0, m.u)
-    visible = np.where(m.visible, one, number(0.0, m.u))
+    visible = np.where(m.visible, np.ones_like(m.u), 0.0)
     _store(motion_out, layout, (m.u, m.v, m.scale, m.shift, visible, s.nearest, s.farthest, s.centre, s.x, s.y))
 
 
@@ -84,12 +83,12 @@ def sample_history_kernel(
 ) -> None:
     """``history_at`` [9, rows, stride]: r, g, b, alpha, count, fx, fy, valid, illumination change."""
     u, v, scale, shift, visible, nearest, farthest, centre, at_x, at_y = _load(motion_in, build, layout)
-    m = Motion(u, v, scale, shift, visible > number(0.5, u))
+    m = Motion(u, v, scale, shift, visible > 0.5)
     s = Surface(at_x, at_y, u, u, u, centre, nearest, farthest)  # sample_history reads nothing else
     h = sample_history(
         current, alpha, history, history_count, previous_inverse_depth, m, s, build, layout, frame, settings
     )
-    valid = np.where(h.valid, number(1.0, u), number(0.0, u))
+    valid = np.where(h.valid, np.ones_like(u), 0.0)
     _store(history_at, layout, (*h.rgb, h.alpha, h.count, h.fx, h.fy, valid, h.change))
 
 
@@ -108,7 +107,7 @@ def rectify_history_kernel(
     """``change_out`` [6, rows, stride]: change of r, g, b, clip distance, blend boost, anti-flicker factor."""
     near, sample = _load_statistics(statistics_in, build, layout)
     m = _load(motion_in, build, layout)
-    moved = Motion(m[0], m[1], m[2], m[3], m[4] > number(0.5, m[4]))
+    moved = Motion(m[0], m[1], m[2], m[3], m[4] > 0.5)
     past = _load(history_at[:3], build, layout)
     change = rectify(past, sample, near, moved, box_scale_of(moved, settings), build, layout, settings)
     _store(change_out, layout, (*change.change, change.clip_distance, change.blend_boost, change.anti_flicker_factor))
@@ -135,7 +134,7 @@ def blend_kernel(
     opacity, count, fx, fy, valid, light = past[3:]
     if build.steps.alpha and alpha is not None:
         opacity = rectified_alpha(alpha, opacity, build, layout)
-    h = History(past[:3], opacity, count, fx, fy, valid > number(0.5, valid), light)
+    h = History(past[:3], opacity, count, fx, fy, valid > 0.5, light)
     change = _load(change_in, build, layout)
     near, sample = _load_statistics(statistics_in, build, layout)
     few = build.choices.filter_use is FilterUse.FEW

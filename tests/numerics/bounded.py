@@ -112,7 +112,9 @@ class Bounded(NDArrayOperatorsMixin):
 
 
 def bounded(given: Any) -> Bounded:
-    """A number of the analysis; anything else is exact."""
+    """A number of the analysis: a float is a coefficient, anything else is exact."""
+    if type(given) is float:
+        return Bounded.Coefficients.type(given)
     return given if isinstance(given, Bounded) else Bounded.exact(given)
 
 
