@@ -19,7 +19,6 @@ from cltaa.core.parameters import (
     Rectify,
     Weighting,
 )
-from cltaa.core.planes import Layout
 from cltaa.reference.colour import (
     Colour,
     filled_colour,
@@ -37,6 +36,7 @@ from cltaa.reference.real import (
     NEIGHBOURS,
     Array,
     Mask,
+    Run,
     greater,
     lesser,
     limit,
@@ -66,30 +66,30 @@ def capped_weight(count: Array, blend_boost: Array, settings: Record) -> Array:
     return odds / (odds + history)
 
 
-def sample_weight(count: Array, blend_boost: Array, build: Build, settings: Record) -> Array:
+def sample_weight(count: Array, blend_boost: Array, run: Run) -> Array:
     """Weight of the current sample against ``count`` earlier ones."""
-    least = number(settings["blend_weight"], count)
-    if build.choices.accumulate is Accumulate.CONSTANT:
+    least = number(run.settings["blend_weight"], count)
+    if run.choices.accumulate is Accumulate.CONSTANT:
         return np.full_like(count, least)
-    if build.choices.accumulate is Accumulate.ADAPTIVE:
-        return least + blend_boost * (number(settings["moving_weight"], count) - least)
-    if build.choices.accumulate is Accumulate.CAPPED:
-        return capped_weight(count, blend_boost, settings)
-    if build.choices.accumulate is Accumulate.STANDING:
-        after = next_count(count, blend_boost, build)
-        return limit(1.0 / after, least, settings["moving_weight"])
+    if run.choices.accumulate is Accumulate.ADAPTIVE:
+        return least + blend_boost * (number(run.settings["moving_weight"], count) - least)
+    if run.choices.accumulate is Accumulate.CAPPED:
+        return capped_weight(count, blend_boost, run.settings)
+    if run.choices.accumulate is Accumulate.STANDING:
+        after = next_count(count, blend_boost, run.build)
+        return limit(1.0 / after, least, run.settings["moving_weight"])
     mean: Array = 1.0 / (count + 1.0)
-    if build.choices.accumulate is Accumulate.COUNT:
+    if run.choices.accumulate is Accumulate.COUNT:
         return mean
     return greater(mean, least)
 
 
-def samples_in_mean(count: Array, build: Build, settings: Record) -> Array:
+def samples_in_mean(count: Array, run: Run) -> Array:
     """Samples that the mean counts in a history of ``count``: with the new one 1 / blend_weight at most."""
-    if build.choices.accumulate is Accumulate.COUNT:
+    if run.choices.accumulate is Accumulate.COUNT:
         return count
     one = number(1.0, count)
-    return lesser(count, one / number(settings["blend_weight"], count) - one)
+    return lesser(count, one / number(run.settings["blend_weight"], count) - one)
 
 
 def inverse_luminance_weight(v: Colour, settings: Record) -> Array:
@@ -97,58 +97,52 @@ def inverse_luminance_weight(v: Colour, settings: Record) -> Array:
     return settings["luminance_knee"] + greater(luminance(v), 0.0)
 
 
-def fold_luminance_weights(weight: Array, current: Colour, history: Colour, build: Build, settings: Record) -> Array:
+def fold_luminance_weights(weight: Array, current: Colour, history: Colour, run: Run) -> Array:
     """Fold the luminance weights 1 / (knee + Y) of both into one weight of the current sample."""
-    if build.choices.weighting is Weighting.NONE:
+    if run.choices.weighting is Weighting.NONE:
         return weight
-    x, h = inverse_luminance_weight(current, settings), inverse_luminance_weight(history, settings)
+    x, h = inverse_luminance_weight(current, run.settings), inverse_luminance_weight(history, run.settings)
     for_current, for_history = weight * h, (1.0 - weight) * x
     return for_current / (for_current + for_history)
 
 
 def weight_of_sample(
-    count: Array,
-    current: Colour,
-    history: Colour,
-    reactivity: Array,
-    blend_boost: Array,
-    build: Build,
-    settings: Record,
+    count: Array, current: Colour, history: Colour, reactivity: Array, blend_boost: Array, run: Run
 ) -> Array:
     """Weight of the current sample against a history of ``count``, before anti-flicker: in a running mean with
     luminance weights h / (h + count x), where a reactive sample gains as many samples as the history loses."""
-    in_mean = build.choices.accumulate in (Accumulate.COUNT, Accumulate.EXPONENTIAL)
-    if in_mean and build.choices.weighting is not Weighting.NONE:
-        now, x = inverse_luminance_weight(history, settings), inverse_luminance_weight(current, settings)
-        samples = samples_in_mean(count, build, settings)
-        if build.steps.reactive:
+    in_mean = run.choices.accumulate in (Accumulate.COUNT, Accumulate.EXPONENTIAL)
+    if in_mean and run.choices.weighting is not Weighting.NONE:
+        now, x = inverse_luminance_weight(history, run.settings), inverse_luminance_weight(current, run.settings)
+        samples = samples_in_mean(count, run)
+        if run.steps.reactive:
             now, samples = (1.0 + reactivity * samples) * now, samples * (1.0 - reactivity)
         return now / (now + samples * x)
-    weight = sample_weight(count, blend_boost, build, settings)
-    if build.steps.reactive:
+    weight = sample_weight(count, blend_boost, run)
+    if run.steps.reactive:
         weight = weight + reactivity * (1.0 - weight)
-    return fold_luminance_weights(weight, current, history, build, settings)
+    return fold_luminance_weights(weight, current, history, run)
 
 
-def luminance_weight(v: Colour, build: Build, settings: Record) -> Array:
+def luminance_weight(v: Colour, run: Run) -> Array:
     """Luminance weight 1 / (knee + Y) of a sample."""
-    if build.choices.weighting is Weighting.NONE:
+    if run.choices.weighting is Weighting.NONE:
         return np.full_like(v[0], 1.0)
-    return 1.0 / inverse_luminance_weight(v, settings)
+    return 1.0 / inverse_luminance_weight(v, run.settings)
 
 
-def weighted_difference(v: Colour, other: Colour, build: Build, settings: Record) -> Colour:
+def weighted_difference(v: Colour, other: Colour, run: Run) -> Colour:
     """Difference of two colours, each scaled by knee / (knee + Y): no highlight's luminance exceeds the knee."""
-    knee = 1.0 if build.choices.weighting is Weighting.NONE else settings["luminance_knee"]
-    a, b = (knee * luminance_weight(c, build, settings) for c in (v, other))
+    knee = 1.0 if run.choices.weighting is Weighting.NONE else run.settings["luminance_knee"]
+    a, b = (knee * luminance_weight(c, run) for c in (v, other))
     return a * v - b * other
 
 
-def filtered_share(share: Array, filtered: Colour, build: Build, settings: Record) -> Array:
+def filtered_share(share: Array, filtered: Colour, run: Run) -> Array:
     """Share of the filtered sample (``filter_use`` = few-samples); bright ones are weighted down twice."""
-    if build.choices.weighting is Weighting.NONE:
+    if run.choices.weighting is Weighting.NONE:
         return share
-    knee = settings["luminance_knee"]
+    knee = run.settings["luminance_knee"]
     dim = knee / (knee + greater(luminance(filtered), 0.0))
     return share * (dim * dim)
 
@@ -200,32 +194,30 @@ class Resolved:
     change: Array | None = None  # illumination change, where the build tests light
 
 
-def load_shares(
-    alpha: Array | None, reactive: Array | None, like: Array, build: Build, layout: Layout
-) -> tuple[Array, Array]:
+def load_shares(alpha: Array | None, reactive: Array | None, like: Array, run: Run) -> tuple[Array, Array]:
     """Alpha and reactivity of each pixel from padded planes [1, rows, stride]; 1 and 0 where a build has none."""
     one, zero = np.ones_like(like), np.zeros_like(like)
-    steps = build.steps
+    steps = run.steps
     return (
-        share_in_domain(layout.inside(alpha)[0].astype(like.dtype), 1.0) if steps.alpha and alpha is not None else one,
-        share_in_domain(layout.inside(reactive)[0].astype(like.dtype), 0.0)
+        share_in_domain(run.layout.inside(alpha)[0].astype(like.dtype), 1.0)
+        if steps.alpha and alpha is not None
+        else one,
+        share_in_domain(run.layout.inside(reactive)[0].astype(like.dtype), 0.0)
         if steps.reactive and reactive is not None
         else zero,
     )
 
 
-def current_pixel(
-    rows: tuple[Row, Row, Row], alpha: Array | None, reactive: Array | None, build: Build, layout: Layout, frame: Record
-) -> Pixel:
+def current_pixel(rows: tuple[Row, Row, Row], alpha: Array | None, reactive: Array | None, run: Run) -> Pixel:
     """Each pixel from the rows above, at and below it, and from padded planes [1, rows, stride] of shares."""
-    stats = neighbourhood_statistics(*rows, build, frame)
-    filtered = current_sample(*rows, stats, build, frame)
-    own = rows[1].centre if build.choices.filter_use is FilterUse.FEW else filtered
-    shares = load_shares(alpha, reactive, own[0], build, layout)
+    stats = neighbourhood_statistics(*rows, run)
+    filtered = current_sample(*rows, stats, run)
+    own = rows[1].centre if run.choices.filter_use is FilterUse.FEW else filtered
+    shares = load_shares(alpha, reactive, own[0], run)
     least = most = shares[1]
-    if build.steps.reactive and reactive is not None and build.choices.illumination is Illumination.WINDOW:
+    if run.steps.reactive and reactive is not None and run.choices.illumination is Illumination.WINDOW:
         for step in NEIGHBOURS:
-            r = share_in_domain(neighbour(reactive[0], *step, layout).astype(least.dtype), 0.0)
+            r = share_in_domain(neighbour(reactive[0], *step, run.layout).astype(least.dtype), 0.0)
             least, most = lesser(least, r), greater(most, r)
     return Pixel(own, filtered, *shares, stats, least, most)
 
@@ -237,22 +229,22 @@ def reactivity_weight(r: Array, now: Pixel) -> Array:
     return greater(1.0 - far * far, 0.0)
 
 
-def rectified_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> Array:
+def rectified_alpha(plane: Array, past: Array, run: Run) -> Array:
     """The history's alpha, clamped to the extremes of the current 3x3 of ``plane`` where colour is rectified."""
-    if build.choices.rectify is Rectify.NONE:
+    if run.choices.rectify is Rectify.NONE:
         return past
     share = share_in_domain(plane[0].astype(past.dtype), 1.0)
     low, high = np.ones_like(past), np.zeros_like(past)
     for step in NEIGHBOURS:
-        a = neighbour(share, *step, layout)
+        a = neighbour(share, *step, run.layout)
         low, high = lesser(a, low), greater(a, high)
     return limit(past, low, high)
 
 
-def disoccluded_colour(current: Colour, mean: Colour, build: Build, settings: Record) -> Colour:
+def disoccluded_colour(current: Colour, mean: Colour, run: Run) -> Colour:
     """Sample of a pixel without history, moved towards its neighbourhood's mean."""
-    change = from_box_space(mean - to_box_space(current, build), build)
-    return current + settings["disocclusion_blur"] * change
+    change = from_box_space(mean - to_box_space(current, run.build), run.build)
+    return current + run.settings["disocclusion_blur"] * change
 
 
 def lerp_colour(own: Colour, filtered: Colour, share: Array) -> Colour:
@@ -260,13 +252,13 @@ def lerp_colour(own: Colour, filtered: Colour, share: Array) -> Colour:
     return own + share * (filtered - own)
 
 
-def effective_count(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Array:
+def effective_count(p: Pixel, h: History, r: Rectification, run: Run) -> Array:
     """Effective sample count of the rectified history, after resampling, clipping and reactivity."""
     count = h.count
-    if build.terms.clip_penalty:
-        count = count / (1.0 + settings["clip_penalty"] * r.clip_distance)
-    count = lesser(count, count_limit_of(h.fx, h.fy, build, settings))
-    return count * (1.0 - p.reactivity) if build.steps.reactive else count
+    if run.build.terms.clip_penalty:
+        count = count / (1.0 + run.settings["clip_penalty"] * r.clip_distance)
+    count = lesser(count, count_limit_of(h.fx, h.fy, run))
+    return count * (1.0 - p.reactivity) if run.steps.reactive else count
 
 
 def fading_share(of_mean: Array, settings: Record) -> Array:
@@ -274,52 +266,50 @@ def fading_share(of_mean: Array, settings: Record) -> Array:
     return lesser(of_mean, settings["filter_samples"] * (of_mean * of_mean))
 
 
-def rectified(h: History, r: Rectification, build: Build, settings: Record) -> Colour:
+def rectified(h: History, r: Rectification, run: Run) -> Colour:
     """The history of a pixel after rectification."""
     change = r.change
-    if build.terms.box_leak:
-        kept = number(1.0, change) - number(settings["box_leak"], change)
-        change = np.where(h.count >= settings["sample_limit"], kept * change, change)
+    if run.build.terms.box_leak:
+        kept = number(1.0, change) - number(run.settings["box_leak"], change)
+        change = np.where(h.count >= run.settings["sample_limit"], kept * change, change)
     return h.rgb + change
 
 
-def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Resolved:
+def resolve_pixel(p: Pixel, h: History, r: Rectification, run: Run) -> Resolved:
     """Blend the pixel with its rectified history; without history the result begins anew."""
-    count, current = effective_count(p, h, r, build, settings), p.filtered
-    past = rectified(h, r, build, settings)
-    if build.choices.filter_use is FilterUse.FEW:
-        share = np.where(h.valid, fading_share(1.0 / (count + 1.0), settings), 1.0)
-        current = lerp_colour(p.own, current, filtered_share(share, current, build, settings))
-    weight = weight_of_sample(count, current, past, p.reactivity, r.blend_boost, build, settings)
-    if build.choices.anti_flicker is AntiFlicker.DIFFERENCE:
-        weight = weight * difference_factor(current, past, settings)
-    if build.choices.anti_flicker is AntiFlicker.CLAMP_DISTANCE:
+    count, current = effective_count(p, h, r, run), p.filtered
+    past = rectified(h, r, run)
+    if run.choices.filter_use is FilterUse.FEW:
+        share = np.where(h.valid, fading_share(1.0 / (count + 1.0), run.settings), 1.0)
+        current = lerp_colour(p.own, current, filtered_share(share, current, run))
+    weight = weight_of_sample(count, current, past, p.reactivity, r.blend_boost, run)
+    if run.choices.anti_flicker is AntiFlicker.DIFFERENCE:
+        weight = weight * difference_factor(current, past, run.settings)
+    if run.choices.anti_flicker is AntiFlicker.CLAMP_DISTANCE:
         weight = weight * r.anti_flicker_factor
-    if build.choices.accumulate in (Accumulate.CONSTANT, Accumulate.ADAPTIVE):
+    if run.choices.accumulate in (Accumulate.CONSTANT, Accumulate.ADAPTIVE):
         weight = np.where(count > 0.0, weight, 1.0)
-    fresh = to_blend_range(disoccluded_colour(current, p.stats.mean, build, settings), build)
-    mixed = blend(to_blend_range(past, build), to_blend_range(current, build), weight)
-    stored = storable(from_range(np.where(h.valid, mixed, fresh), build), current, build)
+    fresh = to_blend_range(disoccluded_colour(current, p.stats.mean, run), run.build)
+    mixed = blend(to_blend_range(past, run.build), to_blend_range(current, run.build), weight)
+    stored = storable(from_range(np.where(h.valid, mixed, fresh), run.build), current, run.build)
     alpha = p.alpha
-    if build.choices.alpha_from is AlphaFrom.BLEND:
+    if run.choices.alpha_from is AlphaFrom.BLEND:
         alpha = np.where(h.valid, blend(h.alpha, alpha, weight), alpha)
-    first = h.count if build.terms.first_samples else 1.0
-    samples = np.where(h.valid, next_count(count, r.blend_boost, build), first)
+    first = h.count if run.build.terms.first_samples else 1.0
+    samples = np.where(h.valid, next_count(count, r.blend_boost, run.build), first)
     return Resolved(stored, alpha, samples, np.where(h.valid, h.change, 0.0))
 
 
-def without_missing(
-    out: Resolved, h: History, current: Array, build: Build, layout: Layout, settings: Record
-) -> Resolved:
+def without_missing(out: Resolved, h: History, current: Array, run: Run) -> Resolved:
     """Result where samples are missing: the history unchanged if its count is at least 1, else a fill."""
     zero = np.zeros_like(h.count)
-    missing, kept = sample_is_missing(current, layout), h.valid & (h.count >= 1.0)
-    filled = filled_colour(current, build, layout)
-    past = storable(from_range(h.rgb, build), zero, build)
-    rgb = np.where(missing, np.where(kept, past, storable(from_range(filled, build), filled, build)), out.rgb)
+    missing, kept = sample_is_missing(current, run.layout), h.valid & (h.count >= 1.0)
+    filled = filled_colour(current, run.build, run.layout)
+    past = storable(from_range(h.rgb, run.build), zero, run.build)
+    rgb = np.where(missing, np.where(kept, past, storable(from_range(filled, run.build), filled, run.build)), out.rgb)
     alpha = out.alpha
-    if build.choices.alpha_from is AlphaFrom.BLEND:
+    if run.choices.alpha_from is AlphaFrom.BLEND:
         alpha = np.where(missing & kept, h.alpha, alpha)
-    count = np.where(kept, lesser(h.count, count_limit_of(h.fx, h.fy, build, settings)), zero)
+    count = np.where(kept, lesser(h.count, count_limit_of(h.fx, h.fy, run)), zero)
     change = np.where(missing, np.where(kept, h.change, zero), zero if out.change is None else out.change)
     return Resolved(rgb, alpha, np.where(missing, count, out.count), change)

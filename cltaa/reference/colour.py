@@ -14,6 +14,7 @@ from cltaa.reference.real import (
     NEIGHBOURS,
     Array,
     Mask,
+    Run,
     greater,
     limit,
     outside_domain,
@@ -181,6 +182,6 @@ def filled_colour(current: Array, build: Build, layout: Layout) -> Colour:
     return to_range(filled.astype(real_type(build)), build)
 
 
-def colour_in_domain(current: Array, build: Build, layout: Layout) -> Colour:
+def colour_in_domain(current: Array, run: Run) -> Colour:
     """Each pixel's own colour [H, W], repaired where necessary and tonemapped to the range of comparison."""
-    return to_range(layout.inside(repaired_planes(current, layout)[:3]).astype(real_type(build)), build)
+    return to_range(run.layout.inside(repaired_planes(current, run.layout)[:3]).astype(real_type(run.build)), run.build)

@@ -4,33 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from cltaa.core.build import Build, Record
 from cltaa.core.parameters import Dilation
-from cltaa.core.planes import Layout
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
-from cltaa.reference.real import NEIGHBOURS, Array, Mask, limit, neighbour
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, Run, limit, neighbour
 from cltaa.reference.reprojection import pixel_grid
 
 CORNERS = [(-2, 2), (2, 2), (-2, -2), (2, -2)]
 
 
-def borrowed_surface(
-    s: Surface, inverse_depth: Array, motion: Array | None, build: Build, layout: Layout, frame: Record
-) -> Surface:
+def borrowed_surface(s: Surface, inverse_depth: Array, motion: Array | None, run: Run) -> Surface:
     """The surface of each pixel itself, ``s``, or of the texel whose motion it borrows, from padded planes [1, rows,
     stride] and [2, rows, stride]."""
-    kind = build.choices.dilation
+    kind = run.choices.dilation
     if kind not in (Dilation.CORNERS, Dilation.BESIDE):
         return s
     like = s.centre
 
     def inverse_depth_at(dx: int, dy: int) -> Array:
-        return inverse_depth_or_sky(neighbour(inverse_depth[0], dx, dy, layout).astype(like.dtype), frame)
+        return inverse_depth_or_sky(neighbour(inverse_depth[0], dx, dy, run.layout).astype(like.dtype), run.frame)
 
     def take_texel(s: Surface, where: Mask, dx: int, dy: int) -> Surface:
         u, v = s.u, s.v
-        if motion is not None and build.steps.own_motion:
-            u, v = neighbour(motion, dx, dy, layout).astype(like.dtype)
+        if motion is not None and run.steps.own_motion:
+            u, v = neighbour(motion, dx, dy, run.layout).astype(like.dtype)
         return s._replace(
             inverse_depth=np.where(where, inverse_depth_at(dx, dy), s.inverse_depth),
             x=np.where(where, dx, s.x),
@@ -41,7 +37,7 @@ def borrowed_surface(
 
     nearest, by, places = s.centre, 0, CORNERS
     if kind is Dilation.BESIDE:
-        nearest, by, places = np.full_like(like, frame["sky_inverse_depth"]), -1, NEIGHBOURS
+        nearest, by, places = np.full_like(like, run.frame["sky_inverse_depth"]), -1, NEIGHBOURS
         s = take_texel(s, np.ones(like.shape, bool), -1, -1)
     for dx, dy in places:
         q = inverse_depth_at(dx, dy)
@@ -50,5 +46,5 @@ def borrowed_surface(
         s = take_texel(s, nearer, dx + by, dy + by)
     if kind is Dilation.BESIDE:
         return s
-    x, y = pixel_grid(layout, like)
-    return s._replace(x=limit(x + s.x, 0.0, layout.width - 1) - x, y=limit(y + s.y, 0.0, layout.height - 1) - y)
+    x, y = pixel_grid(run.layout, like)
+    return s._replace(x=limit(x + s.x, 0.0, run.layout.width - 1) - x, y=limit(y + s.y, 0.0, run.layout.height - 1) - y)

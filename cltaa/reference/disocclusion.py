@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.core.build import Build, Record
 from cltaa.core.constants import value
 from cltaa.core.planes import Layout
 from cltaa.reference.neighbourhood import Surface, has_edge
-from cltaa.reference.real import Array, Mask, greater, limit
+from cltaa.reference.real import Array, Mask, Run, greater, limit
 from cltaa.reference.reprojection import Motion, motion_from_depth, pixel_grid
 from cltaa.reference.sampling import Footprint, Quad, bilinear
 
@@ -59,29 +58,27 @@ def nearest_of(q: Quad) -> Array:
     return greater(greater(q.p00, q.p10), greater(q.p01, q.p11))
 
 
-def parallax_of(other: Array, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Array:
+def parallax_of(other: Array, s: Surface, m: Motion, run: Run) -> Array:
     """Parallax in pixels, by camera motion alone, between the surface and a point of inverse depth ``other``."""
     here = np.zeros_like(s.nearest)
     point = Surface(here, here, other, here, here, here, here, here)
-    its = motion_from_depth(point, build, layout, frame)
-    if build.steps.own_motion and frame["own_vectors"]:
-        m = motion_from_depth(point._replace(inverse_depth=s.nearest), build, layout, frame)
+    its = motion_from_depth(point, run.build, run.layout, run.frame)
+    if run.steps.own_motion and run.frame["own_vectors"]:
+        m = motion_from_depth(point._replace(inverse_depth=s.nearest), run.build, run.layout, run.frame)
     return greater(np.abs(its.u - m.u), np.abs(its.v - m.v))
 
 
-def has_parallax(other: Array, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
+def has_parallax(other: Array, s: Surface, m: Motion, run: Run) -> Mask:
     """True where that parallax is large enough for one to have passed the other."""
-    moved: Mask = parallax_of(other, s, m, build, layout, frame) >= value("LEAST_PARALLAX")
+    moved: Mask = parallax_of(other, s, m, run) >= value("LEAST_PARALLAX")
     return moved
 
 
-def occluder_has_passed(
-    nearest: Array, s: Surface, m: Motion, tolerance: Any, build: Build, layout: Layout, frame: Record
-) -> Mask:
+def occluder_has_passed(nearest: Array, s: Surface, m: Motion, tolerance: Any, run: Run) -> Mask:
     """True where the ``nearest`` inverse depth around the history position is nearer than the surface, and has moved
     against it since."""
     _, high = surface_range(s, m, tolerance)
-    moved = has_parallax((nearest - m.shift) / m.scale, s, m, build, layout, frame)
+    moved = has_parallax((nearest - m.shift) / m.scale, s, m, run)
     return (nearest > high) & moved
 
 
@@ -91,24 +88,22 @@ def middle_inverse_depth(s: Surface, m: Motion) -> Array:
     return middle
 
 
-def shows_background(previous: Quad, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record) -> Mask:
+def shows_background(previous: Quad, s: Surface, m: Motion, run: Run) -> Mask:
     """True where a pixel follows a nearer surface past its own, and three of the four texels at the history position
     did not show that surface either."""
     nearer = nearer_than(previous, middle_inverse_depth(s, m))
     shown = (nearer.p00 + nearer.p10) + (nearer.p01 + nearer.p11)
-    moved = has_parallax(s.centre, s, m, build, layout, frame)
+    moved = has_parallax(s.centre, s, m, run)
     return ((s.x != 0) | (s.y != 0)) & (shown <= 1) & moved
 
 
-def edge_count_limit(
-    previous: Quad, corners: Quad, s: Surface, m: Motion, build: Build, layout: Layout, frame: Record, settings: Record
-) -> Array:
+def edge_count_limit(previous: Quad, corners: Quad, s: Surface, m: Motion, run: Run) -> Array:
     """Upper limit of the sample count: low at the edge of a nearer surface, not of a wire, where camera motion has
     moved the background past it."""
     middle = middle_inverse_depth(s, m)
-    edge = has_edge(s, settings["edge_tolerance"]) & any_nearer(previous, middle) & any_nearer(corners, middle)
-    parallax, least = parallax_of(s.farthest, s, m, build, layout, frame), value("LEAST_PARALLAX")
-    count_limit = settings["edge_samples"] / limit(parallax, least, 1)
+    edge = has_edge(s, run.settings["edge_tolerance"]) & any_nearer(previous, middle) & any_nearer(corners, middle)
+    parallax, least = parallax_of(s.farthest, s, m, run), value("LEAST_PARALLAX")
+    count_limit = run.settings["edge_samples"] / limit(parallax, least, 1)
     return np.where(edge & (parallax >= least), count_limit, value("DOMAIN_LIMIT"))
 
 

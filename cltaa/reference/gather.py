@@ -17,7 +17,7 @@ from cltaa.reference.gather_sides import Layers, find_subpixel_feature, layers_o
 from cltaa.reference.gather_track import Track
 from cltaa.reference.neighbourhood import Surface, nearest_surface
 from cltaa.reference.planes import extend_stored, read_rows, store_resolved
-from cltaa.reference.real import Array, quiet
+from cltaa.reference.real import Array, Run, quiet
 from cltaa.reference.reprojection import Motion, surface_motion
 
 
@@ -34,46 +34,34 @@ class Gathering:
     far: SampleSums  # sums of the farther side; empty without edges
 
     @classmethod
-    def begin(cls, build: Build, layout: Layout, given: Mapping[str, Any]) -> Gathering:
+    def begin(cls, run: Run, given: Mapping[str, Any]) -> Gathering:
         """State before the first frame of the ring, from the arguments ``given`` to the kernel."""
-        current, inverse_depth, motion, frame, settings = (
-            given[name] for name in ("current", "inverse_depth", "motion", "frame", "settings")
+        current, inverse_depth, motion = (given[name] for name in ("current", "inverse_depth", "motion"))
+        rows = read_rows(current, inverse_depth, motion, run)
+        p = current_pixel(rows, given["alpha"], given["reactive"], run)._replace(
+            missing=sample_is_missing(current, run.layout), filled=filled_colour(current, run.build, run.layout)
         )
-        rows = read_rows(current, inverse_depth, motion, build, layout, frame)
-        p = current_pixel(rows, given["alpha"], given["reactive"], build, layout, frame)._replace(
-            missing=sample_is_missing(current, layout), filled=filled_colour(current, build, layout)
-        )
-        s = nearest_surface(*rows, build, settings["edge_tolerance"])
-        m = surface_motion(s, build, layout, frame)
-        slots = given["ring"].reshape(-1, ring_planes(build.steps), layout.rows, layout.stride)
-        layers, past = layers_of(*rows, s, settings), given["past"][: given["frames"]]
-        layered = build.choices.gather_fit is GatherFit.LAYERS
+        s = nearest_surface(*rows, run.build, run.settings["edge_tolerance"])
+        m = surface_motion(s, run)
+        slots = given["ring"].reshape(-1, ring_planes(run.steps), run.layout.rows, run.layout.stride)
+        layers, past = layers_of(*rows, s, run.settings), given["past"][: given["frames"]]
+        layered = run.choices.gather_fit is GatherFit.LAYERS
         if layered:
-            s, layers = find_subpixel_feature(s, layers, slots, past, build, layout, settings)
-        near, far = (begin_layer(s, layers, p, build, frame, settings, far=side) for side in (False, True))
+            s, layers = find_subpixel_feature(s, layers, slots, past, run)
+        near, far = (begin_layer(s, layers, p, run, far=side) for side in (False, True))
         if not layered:
-            return cls(p, m, layers, slots, [(s, layers, near, Track.of(s, build))], far)
+            return cls(p, m, layers, slots, [(s, layers, near, Track.of(s, run.build))], far)
         fronts, backs = (
-            side_of(s, layers, p.own, current, inverse_depth, motion, build, layout, frame, settings, far=side)
-            for side in (False, True)
+            side_of(s, layers, p.own, current, inverse_depth, motion, run, far=side) for side in (False, True)
         )
-        add_side(far, backs, p.own, build, settings)
+        add_side(far, backs, p.own, run)
         sides = [
-            (side.surface, side.layers, g, Track.of(side.surface, build)) for side, g in ((fronts, near), (backs, far))
+            (side.surface, side.layers, g, Track.of(side.surface, run.build))
+            for side, g in ((fronts, near), (backs, far))
         ]
         return cls(p, m, layers, slots, sides, far)
 
-    def add(
-        self,
-        past: Any,
-        build: Build,
-        layout: Layout,
-        frame: Record,
-        settings: Record,
-        *,
-        before: int = 0,
-        recent: int = 0,
-    ) -> None:
+    def add(self, past: Any, run: Run, *, before: int = 0, recent: int = 0) -> None:
         """Add the samples of further frames in the ring, which follow those gathered so far."""
         for place, (s, layers, sums, track) in enumerate(self.sides):
             gather_samples(
@@ -83,19 +71,16 @@ class Gathering:
                 self.pixel,
                 s,
                 layers,
-                build,
-                layout,
-                frame,
-                settings,
+                run,
                 far_only=place > 0,
                 track=track,
                 before=before,
                 recent=0 if place else recent,
             )
 
-    def resolved(self, build: Build, layout: Layout, settings: Record) -> Resolved:
+    def resolved(self, run: Run) -> Resolved:
         """The pixel from the samples gathered so far."""
-        return resolve_gathered(self.near, self.far, self.layers, self.pixel, self.motion, build, layout, settings)
+        return resolve_gathered(self.near, self.far, self.layers, self.pixel, self.motion, run)
 
     @property
     def near(self) -> SampleSums:
@@ -122,7 +107,8 @@ def gather(
     settings: Record,
 ) -> None:
     """Resolve one frame from padded planes and ``frames`` ring frames into ``output`` and ``output_count``."""
-    gathering = Gathering.begin(build, layout, locals())
-    gathering.add(past[:frames], build, layout, frame, settings)
-    store_resolved(gathering.resolved(build, layout, settings), build, layout, frame, output, output_count)
-    extend_stored(build, layout, output[: 3 + build.steps.alpha], output_count)
+    run = Run(build, layout, frame, settings)
+    gathering = Gathering.begin(run, locals())
+    gathering.add(past[:frames], run)
+    store_resolved(gathering.resolved(run), run, output, output_count)
+    extend_stored(run, output[: 3 + build.steps.alpha], output_count)

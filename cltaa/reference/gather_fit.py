@@ -8,7 +8,6 @@ import numpy as np
 
 from cltaa.core.build import Build, Record
 from cltaa.core.parameters import AlphaFrom, CurrentFilter, FilterUse, GatherFit, Illumination
-from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import (
     Pixel,
     Resolved,
@@ -21,7 +20,7 @@ from cltaa.reference.accumulate import (
 )
 from cltaa.reference.colour import Colour, accumulates_alpha, from_range, inner
 from cltaa.reference.gather_sides import Layers
-from cltaa.reference.real import Array, Mask, greater, limit
+from cltaa.reference.real import Array, Mask, Run, greater, limit
 from cltaa.reference.rectify import box_scale_of, rectify
 from cltaa.reference.reprojection import Motion
 
@@ -61,13 +60,13 @@ class SampleSums:
         self.recent_count = self.recent_count + counted
 
 
-def first_sample(w: Array, counted: Mask, near: Mask, build: Build, frame: Record) -> SampleSums:
+def first_sample(w: Array, counted: Mask, near: Mask, run: Run) -> SampleSums:
     """Sums of the current sample alone, where it is ``counted``; empty for a mean of the others."""
     zero = np.zeros_like(w)
     g = SampleSums(zero)
-    if build.choices.gather_fit is not GatherFit.MEAN:
-        x, y = (np.full_like(w, frame[name]) for name in ("jitter_x", "jitter_y"))
-        g.add(np.zeros_like(g.sum), np.where(counted, w, zero), x, y, near, build.choices.gather_fit)
+    if run.choices.gather_fit is not GatherFit.MEAN:
+        x, y = (np.full_like(w, run.frame[name]) for name in ("jitter_x", "jitter_y"))
+        g.add(np.zeros_like(g.sum), np.where(counted, w, zero), x, y, near, run.choices.gather_fit)
     return g
 
 
@@ -105,10 +104,10 @@ def gathered_change(g: SampleSums, far: SampleSums, layers: Layers, samples: Arr
     return v + mean * np.where(any_of, far.sum, g.sum)
 
 
-def gathered_filter_share(of_mean: Array, g: SampleSums, layers: Layers, build: Build, settings: Record) -> Array:
+def gathered_filter_share(of_mean: Array, g: SampleSums, layers: Layers, run: Run) -> Array:
     """Share of the filtered sample beside a pixel's n samples, given ``of_mean`` = 1 / n."""
-    if build.choices.illumination is Illumination.WINDOW:
-        return np.where(layers.edge, of_mean, fading_share(of_mean, settings))
+    if run.choices.illumination is Illumination.WINDOW:
+        return np.where(layers.edge, of_mean, fading_share(of_mean, run.settings))
     one = np.ones_like(of_mean)
     n = g.count + one
     return np.where(layers.edge, of_mean, one / greater(n * n - one, one))
@@ -126,30 +125,28 @@ def reactive_loss(reactivity: Array, build: Build) -> Array:
     return square * square if build.choices.illumination is Illumination.WINDOW else reactivity
 
 
-def resolve_gathered(
-    g: SampleSums, far: SampleSums, layers: Layers, p: Pixel, m: Motion, build: Build, layout: Layout, settings: Record
-) -> Resolved:
+def resolve_gathered(g: SampleSums, far: SampleSums, layers: Layers, p: Pixel, m: Motion, run: Run) -> Resolved:
     """Resolve the pixel from its samples and the current one if not missing; a pixel without any is filled."""
     current, alpha = p.own, p.alpha
     one, samples = np.ones_like(alpha), g.count + own_samples(p)
     any_of = g.count > 0.0
     weight = np.where(any_of, g.weight, one)
-    plain = build.choices.gather_fit is GatherFit.MEAN
-    past = current + (g.sum / weight if plain else gathered_change(g, far, layers, samples, settings))
-    moved = rectify(past, current, p.stats, m, box_scale_of(m, settings), build, layout, settings).change
-    share = g.weight / (luminance_weight(current, build, settings) + g.weight) if plain else one
-    if build.steps.reactive:
-        share = share * (one - reactive_loss(p.reactivity, build))
+    plain = run.choices.gather_fit is GatherFit.MEAN
+    past = current + (g.sum / weight if plain else gathered_change(g, far, layers, samples, run.settings))
+    moved = rectify(past, current, p.stats, m, box_scale_of(m, run.settings), run).change
+    share = g.weight / (luminance_weight(current, run) + g.weight) if plain else one
+    if run.steps.reactive:
+        share = share * (one - reactive_loss(p.reactivity, run.build))
     mixed = current + share * ((past - current) + moved)
-    chosen = np.where(any_of, mixed, disoccluded_colour(current, p.stats.mean, build, settings))
-    filters = build.choices.current_filter is not CurrentFilter.NONE
-    if filters and build.choices.filter_use is FilterUse.FEW:
-        filter_share = gathered_filter_share(one / (g.count + one), g, layers, build, settings)
-        chosen = lerp_colour(chosen, p.filtered, filtered_share(filter_share, p.filtered, build, settings))
+    chosen = np.where(any_of, mixed, disoccluded_colour(current, p.stats.mean, run))
+    filters = run.choices.current_filter is not CurrentFilter.NONE
+    if filters and run.choices.filter_use is FilterUse.FEW:
+        filter_share = gathered_filter_share(one / (g.count + one), g, layers, run)
+        chosen = lerp_colour(chosen, p.filtered, filtered_share(filter_share, p.filtered, run))
     missing = own_samples(p) == 0.0
     if p.filled is not None:
         chosen = np.where(missing, np.where(any_of, past, p.filled), chosen)
-    stored = storable(from_range(chosen, build), current, build)
-    if build.choices.alpha_from is AlphaFrom.BLEND:
+    stored = storable(from_range(chosen, run.build), current, run.build)
+    if run.choices.alpha_from is AlphaFrom.BLEND:
         alpha = alpha + np.where(missing, one, share) * (g.alpha / weight)
     return Resolved(stored, alpha, samples)

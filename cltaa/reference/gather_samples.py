@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.core.build import Build, Record
+from cltaa.core.build import Record
 from cltaa.core.constants import value
 from cltaa.core.parameters import GatherFit, Illumination
 from cltaa.core.planes import Layout
@@ -26,7 +26,7 @@ from cltaa.reference.gather_track import (
     texel_at,
 )
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
-from cltaa.reference.real import NEIGHBOURS, Array, Mask, lesser, limit, number
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, Run, lesser, limit, number
 from cltaa.reference.reprojection import Motion, motion_from_depth, pixel_grid
 from cltaa.reference.sampling import Footprint, footprint_of
 
@@ -40,14 +40,12 @@ class Jacobian(NamedTuple):
     yy: Array
 
 
-def jacobian_of(
-    s: Surface, slope: tuple[Array, Array], m: Motion, build: Build, layout: Layout, then: Record
-) -> Jacobian:
+def jacobian_of(s: Surface, slope: tuple[Array, Array], m: Motion, run: Run, then: Record) -> Jacobian:
     """The derivative of the camera's motion on a plane whose inverse depth changes by ``slope`` a pixel."""
     zero = np.zeros_like(s.centre)
-    if not build.steps.camera_motion:
+    if not run.steps.camera_motion:
         return Jacobian(zero, zero, zero, zero)
-    x, y = pixel_grid(layout, zero)
+    x, y = pixel_grid(run.layout, zero)
     f = {name: number(then[name], zero) for name in then.dtype.fields or ()}
     px, py, q = (x + s.x) + f["origin_x"], (y + s.y) + f["origin_y"], s.inverse_depth
     dw = ((f["wx"] * px + f["wy"] * py) + f["wq"] * q) + f["w1"]
@@ -128,23 +126,12 @@ class View(NamedTuple):
 
 
 def gather_sample(
-    g: SampleSums,
-    v: View,
-    right: int,
-    down: int,
-    now: Pixel,
-    s: Surface,
-    layers: Layers,
-    build: Build,
-    layout: Layout,
-    settings: Record,
-    *,
-    far_only: bool,
+    g: SampleSums, v: View, right: int, down: int, now: Pixel, s: Surface, layers: Layers, run: Run, *, far_only: bool
 ) -> None:
     """Add one sample of a frame of the ring, ``right`` and ``down`` texels beside the nearest one."""
-    current, fit = now.own, build.choices.gather_fit
+    current, fit = now.own, run.choices.gather_fit
     zero = np.zeros_like(current[0])
-    share, dx, dy = v.neighbour_weight(right, down, fit, layout)
+    share, dx, dy = v.neighbour_weight(right, down, fit, run.layout)
     good = share > zero
     if not good.any():
         return
@@ -152,7 +139,7 @@ def gather_sample(
     c = texel_at(v.planes[:3], f, zero.dtype)
     q = inverse_depth_or_sky(texel_at(v.planes[RING_INVERSE_DEPTH], f, zero.dtype), v.then)
     good = good & ~colour_outside_domain(c)
-    good = good & matches_surface(q, s, v.m, build, settings)
+    good = good & matches_surface(q, s, v.m, run)
     if v.static_ahead is not None:
         moves = ~no_motion_vector(*texel_at(v.planes[MOTION], f, zero.dtype))
         good = good & ~(v.static_ahead & moves)
@@ -160,39 +147,37 @@ def gather_sample(
     if fit is not GatherFit.MEAN:
         near = ~layers.edge | (q > layers.cut * v.m.scale + v.m.shift)
         good = good & ~near if far_only else good
-    if build.steps.exposure:
+    if run.steps.exposure:
         c = c * v.then["exposure_ratio"]
-    c = np.where(good, to_range(c, build), current)
+    c = np.where(good, to_range(c, run.build), current)
     counted = np.where(good, share, zero)
-    if build.steps.reactive and build.choices.illumination is Illumination.WINDOW:
-        r = share_in_domain(texel_at(v.planes[ring_reactive(build.steps)], f, zero.dtype), 0.0)
+    if run.steps.reactive and run.choices.illumination is Illumination.WINDOW:
+        r = share_in_domain(texel_at(v.planes[ring_reactive(run.steps)], f, zero.dtype), 0.0)
         weight = reactivity_weight(r, now)
         if v.recent:
             g.unlike = g.unlike + counted * (1.0 - weight)
         counted = counted * weight
-    w = counted * luminance_weight(c, build, settings)
+    w = counted * luminance_weight(c, run)
     g.add(c - current, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near, fit)
     g.count = g.count + counted
     alpha = zero
-    if build.steps.alpha:
-        alpha = share_in_domain(texel_at(v.planes[ring_alpha(build.steps)], f, zero.dtype), 1.0) - now.alpha
+    if run.steps.alpha:
+        alpha = share_in_domain(texel_at(v.planes[ring_alpha(run.steps)], f, zero.dtype), 1.0) - now.alpha
     g.alpha = g.alpha + w * alpha
     if v.recent:
-        g.add_recent(weighted_difference(c, current, build, settings), alpha, counted, build)
+        g.add_recent(weighted_difference(c, current, run), alpha, counted, run.build)
 
 
-def motion_to_frame(
-    track: Track, s: Surface, layers: Layers, build: Build, layout: Layout, frame: Record, then: Record
-) -> tuple[Motion, Jacobian]:
+def motion_to_frame(track: Track, s: Surface, layers: Layers, run: Run, then: Record) -> tuple[Motion, Jacobian]:
     """The motion of the pixel's centre to a frame of the ring, and its Jacobian."""
     zero = np.zeros_like(s.centre)
-    m = motion_from_depth(s, build, layout, then)
+    m = motion_from_depth(s, run.build, run.layout, then)
     jacobian = Jacobian(zero, zero, zero, zero)
-    if build.choices.gather_fit is not GatherFit.MEAN:
-        jacobian = jacobian_of(s, layers.slope, m, build, layout, then)
-        ox, oy = s.x + frame["jitter_x"], s.y + frame["jitter_y"]
+    if run.choices.gather_fit is not GatherFit.MEAN:
+        jacobian = jacobian_of(s, layers.slope, m, run, then)
+        ox, oy = s.x + run.frame["jitter_x"], s.y + run.frame["jitter_y"]
         m = m._replace(u=m.u - (jacobian.xx * ox + jacobian.xy * oy), v=m.v - (jacobian.yx * ox + jacobian.yy * oy))
-    if build.steps.own_motion:
+    if run.steps.own_motion:
         m = track.motion(m)
         jacobian = Jacobian(*(np.where(track.own, zero, part) for part in jacobian))
     return m, jacobian
@@ -211,25 +196,23 @@ def _view(
     return nearest, View(planes, then, m, seen, f, (x + u) - f.fx, (y + v) - f.fy, grid, reach)
 
 
-def begin_layer(
-    s: Surface, layers: Layers, p: Pixel, build: Build, frame: Record, settings: Record, *, far: bool
-) -> SampleSums:
+def begin_layer(s: Surface, layers: Layers, p: Pixel, run: Run, *, far: bool) -> SampleSums:
     """Sums of a layer before it is followed: the nearer one holds the current sample whatever that shows, the farther
     one only if it shows the farther side; neither holds a missing one."""
     front, drawn, w = (
         ~layers.edge | (s.centre > layers.cut),
         own_samples(p) > 0,
-        luminance_weight(p.own, build, settings),
+        luminance_weight(p.own, run),
     )
-    return first_sample(w, ~front & drawn if far else drawn, ~front if far else front, build, frame)
+    return first_sample(w, ~front & drawn if far else drawn, ~front if far else front, run)
 
 
-def add_side(g: SampleSums, side: Side, current: Colour, build: Build, settings: Record) -> None:
+def add_side(g: SampleSums, side: Side, current: Colour, run: Run) -> None:
     """Add the mean of a side's texels in the current 3x3 as one sample."""
     zero = np.zeros_like(side.count)
     some = side.count > zero
-    w = np.where(some, luminance_weight(side.mean, build, settings), zero)
-    g.add(side.mean - current, w, zero, zero, some, build.choices.gather_fit)
+    w = np.where(some, luminance_weight(side.mean, run), zero)
+    g.add(side.mean - current, w, zero, zero, some, run.choices.gather_fit)
 
 
 def gather_samples(
@@ -239,10 +222,7 @@ def gather_samples(
     now: Pixel,
     s: Surface,
     layers: Layers,
-    build: Build,
-    layout: Layout,
-    frame: Record,
-    settings: Record,
+    run: Run,
     *,
     far_only: bool,
     track: Track,
@@ -256,22 +236,22 @@ def gather_samples(
     ``recent`` frames are also summed separately.
     """
     zero = np.zeros_like(now.own[0])
-    fit, own_motion = build.choices.gather_fit, build.steps.own_motion
+    fit, own_motion = run.choices.gather_fit, run.steps.own_motion
     followed = range_of_side(s, layers, far=far_only) if fit is GatherFit.LAYERS else s
     steps = [(0, 0)] if fit is GatherFit.MEAN else NEIGHBOURS
-    reach = reach_of(before + len(past) + 1, settings, zero)
+    reach = reach_of(before + len(past) + 1, run.settings, zero)
     for k, then in enumerate(past):
         planes = ring[int(then["slot"])]
-        ahead = build.steps.look_ahead and then["ahead"] > 0
-        t = track.ahead_of(s, build) if ahead else track
+        ahead = run.steps.look_ahead and then["ahead"] > 0
+        t = track.ahead_of(s, run.build) if ahead else track
         if own_motion and ahead:
-            t.step_ahead(followed, planes, build, layout, then, settings)
-        m, jacobian = motion_to_frame(t, s, layers, build, layout, frame, then)
-        nearest, v = _view(planes, m, on_screen(m, layout) & ~t.lost, jacobian, reach, layout, then)
+            t.step_ahead(followed, planes, run, then)
+        m, jacobian = motion_to_frame(t, s, layers, run, then)
+        nearest, v = _view(planes, m, on_screen(m, run.layout) & ~t.lost, jacobian, reach, run.layout, then)
         v = v._replace(recent=k < recent, static_ahead=~t.own if own_motion and ahead else None)
         for right, down in steps:
-            gather_sample(g, v, right, down, now, s, layers, build, layout, settings, far_only=far_only)
+            gather_sample(g, v, right, down, now, s, layers, run, far_only=far_only)
         if own_motion and not ahead:
-            there = footprint_of(nearest._replace(u=nearest.u + s.x, v=nearest.v + s.y), v.seen, layout)
-            track.step_back(followed, m, v.planes, there, v.seen, build, then, settings)
+            there = footprint_of(nearest._replace(u=nearest.u + s.x, v=nearest.v + s.y), v.seen, run.layout)
+            track.step_back(followed, m, v.planes, there, v.seen, run, then)
     return g

@@ -8,14 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.core.build import Build, Record
+from cltaa.core.build import Record
 from cltaa.core.constants import value
-from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.gather_track import MOTION, RING_INVERSE_DEPTH, no_motion_vector, texel_at
 from cltaa.reference.neighbourhood import Row, Surface, has_edge, inverse_depth_or_sky
-from cltaa.reference.real import NEIGHBOURS, Array, Mask, greater, neighbour, number
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, Run, greater, neighbour, number
 from cltaa.reference.reprojection import motion_from_depth
 from cltaa.reference.sampling import footprint_of
 
@@ -54,28 +53,20 @@ def layers_of(above: Row, centre: Row, below: Row, s: Surface, settings: Record)
 
 
 def side_surface(
-    s: Surface,
-    layers: Layers,
-    inverse_depth: Array,
-    motion: Array | None,
-    build: Build,
-    layout: Layout,
-    frame: Record,
-    *,
-    far: bool,
+    s: Surface, layers: Layers, inverse_depth: Array, motion: Array | None, run: Run, *, far: bool
 ) -> Surface:
     """The surface at the side's sample nearest to the pixel; of equally near ones the pixel's own row wins."""
     real: Any = s.centre.dtype
     least = np.full_like(s.centre, value("DOMAIN_LIMIT"))
     x, y, q, u, v = s.x, s.y, s.inverse_depth, s.u, s.v
     for dx, dy in NEIGHBOURS:
-        z = inverse_depth_or_sky(neighbour(inverse_depth[0], dx, dy, layout).astype(real), frame)
+        z = inverse_depth_or_sky(neighbour(inverse_depth[0], dx, dy, run.layout).astype(real), run.frame)
         away = 2 * dx * dx + 3 * dy * dy
         here = layers.on_side(z, far=far) & (away < least)
         least = np.where(here, away, least)
         x, y, q = np.where(here, dx, x), np.where(here, dy, y), np.where(here, z, q)
-        if build.steps.own_motion and motion is not None:
-            own_u, own_v = neighbour(motion, dx, dy, layout).astype(real)
+        if run.steps.own_motion and motion is not None:
+            own_u, own_v = neighbour(motion, dx, dy, run.layout).astype(real)
             u, v = np.where(here, own_u, u), np.where(here, own_v, v)
     return s._replace(x=x, y=y, inverse_depth=q, u=u, v=v)
 
@@ -87,31 +78,28 @@ def side_of(
     current: Array,
     inverse_depth: Array,
     motion: Array | None,
-    build: Build,
-    layout: Layout,
-    frame: Record,
-    settings: Record,
+    run: Run,
     *,
     far: bool,
 ) -> Side:
     """One side of each pixel that an edge runs through, elsewhere ``s`` unchanged; its slope by least squares."""
-    at = side_surface(s, layers, inverse_depth, motion, build, layout, frame, far=far)
+    at = side_surface(s, layers, inverse_depth, motion, run, far=far)
     real: Any = s.centre.dtype
     zero = np.zeros_like(s.centre)
-    xx = yy = np.full_like(zero, settings["fit_ridge"])
+    xx = yy = np.full_like(zero, run.settings["fit_ridge"])
     xy = qx = qy = count = zero
     mean = np.zeros_like(own)
     for dx, dy in NEIGHBOURS:
-        z = inverse_depth_or_sky(neighbour(inverse_depth[0], dx, dy, layout).astype(real), frame)
+        z = inverse_depth_or_sky(neighbour(inverse_depth[0], dx, dy, run.layout).astype(real), run.frame)
         here = layers.on_side(z, far=far)
         rise = np.where(here, z - at.inverse_depth, zero)
         ox = np.where(here, dx - at.x, zero)
         oy = np.where(here, dy - at.y, zero)
         xx, xy, yy = xx + ox * ox, xy + ox * oy, yy + oy * oy
         qx, qy = qx + ox * rise, qy + oy * rise
-        colour = neighbour(current[:3], dx, dy, layout).astype(real)
+        colour = neighbour(current[:3], dx, dy, run.layout).astype(real)
         in_domain = here & ~colour_outside_domain(colour)
-        mean = mean + np.where(in_domain, to_range(colour, build) - own, zero)
+        mean = mean + np.where(in_domain, to_range(colour, run.build) - own, zero)
         count = count + np.where(in_domain, 1.0, zero)
     det, among = xx * yy - xy * xy, np.where(count > zero, count, 1.0)
     slope_x = np.where(layers.edge, (yy * qx - xy * qy) / det, layers.slope[0])
@@ -134,17 +122,15 @@ class SubpixelFeature(NamedTuple):
     inverse_depth: Array
 
 
-def find_subpixel_feature(
-    s: Surface, layers: Layers, ring: Array, past: Any, build: Build, layout: Layout, settings: Record
-) -> tuple[Surface, Layers]:
+def find_subpixel_feature(s: Surface, layers: Layers, ring: Array, past: Any, run: Run) -> tuple[Surface, Layers]:
     """Make the surface that the latest frames in the ring show in front of all that the 3x3 shows now the nearer side
     of an edge, where it now lies near the pixel's centre and has no own motion."""
-    open_here = ~layers.edge & no_motion_vector(s.u, s.v) if build.steps.own_motion else ~layers.edge
-    wanted = int(settings["subpixel_frames"])
+    open_here = ~layers.edge & no_motion_vector(s.u, s.v) if run.steps.own_motion else ~layers.edge
+    wanted = int(run.settings["subpixel_frames"])
     latest = past[:wanted]
-    if build.steps.look_ahead:
+    if run.steps.look_ahead:
         latest = [then for then in past if abs(int(then["ahead"])) <= wanted]
-    feature = search_subpixel_feature(open_here, s, ring, latest, build, layout, settings)
+    feature = search_subpixel_feature(open_here, s, ring, latest, run)
     slope_x, slope_y = (np.where(feature.found, 0.0, slope) for slope in layers.slope)
     cut = np.where(feature.found, 0.5 * (feature.inverse_depth + s.nearest), layers.cut)
     nearest = np.where(feature.found, feature.inverse_depth, s.nearest)
@@ -152,9 +138,7 @@ def find_subpixel_feature(
     return s._replace(inverse_depth=feature.inverse_depth, nearest=nearest), Layers(edge, cut, (slope_x, slope_y))
 
 
-def search_subpixel_feature(
-    open_here: Mask, s: Surface, ring: Array, past: Any, build: Build, layout: Layout, settings: Record
-) -> SubpixelFeature:
+def search_subpixel_feature(open_here: Mask, s: Surface, ring: Array, past: Any, run: Run) -> SubpixelFeature:
     """Search the ring frames ``past`` near the pixel for surfaces in front of all that the 3x3 now shows of ``s``."""
     zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
     found, least, inverse_depth = (
@@ -163,23 +147,23 @@ def search_subpixel_feature(
         s.inverse_depth,
     )
     real: Any = zero.dtype
-    own_motion = build.steps.own_motion
+    own_motion = run.steps.own_motion
     for then in past:
         planes = ring[int(then["slot"])]
-        m = motion_from_depth(s, build, layout, then)
-        seen = open_here & on_screen(m, layout)
+        m = motion_from_depth(s, run.build, run.layout, then)
+        seen = open_here & on_screen(m, run.layout)
         u = m.u + (half - number(then["jitter_x"], zero))
         v = m.v + (half - number(then["jitter_y"], zero))
-        f = footprint_of(m._replace(u=u, v=v), seen, layout)
+        f = footprint_of(m._replace(u=u, v=v), seen, run.layout)
         near = s.nearest * m.scale + m.shift
-        high = near + settings["depth_tolerance"] * np.abs(near)
+        high = near + run.settings["depth_tolerance"] * np.abs(near)
         hits, best, thinner = zero, least, inverse_depth
         for dx, dy in NEIGHBOURS:
             there = f._replace(row=f.row + dy, column=f.column + dx)
             q = inverse_depth_or_sky(texel_at(planes[RING_INVERSE_DEPTH], there, real), then)
             nearer = seen & (q > high)
             hit = s._replace(inverse_depth=(q - m.shift) / m.scale)
-            hit_motion = motion_from_depth(hit, build, layout, then)
+            hit_motion = motion_from_depth(hit, run.build, run.layout, then)
             ox = ((half - f.fx) + dx) + (m.u - hit_motion.u)
             oy = ((half - f.fy) + dy) + (m.v - hit_motion.v)
             off = greater(np.abs(ox), np.abs(oy))

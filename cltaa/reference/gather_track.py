@@ -10,10 +10,9 @@ import numpy as np
 from cltaa.core.build import Build, Record, Steps
 from cltaa.core.constants import AHEAD_STEPS, value
 from cltaa.core.parameters import GatherFit, Reject
-from cltaa.core.planes import Layout
 from cltaa.reference.disocclusion import on_screen, same_surface
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
-from cltaa.reference.real import NEIGHBOURS, Array, Mask, greater, number, outside_domain
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, Run, greater, number, outside_domain
 from cltaa.reference.reprojection import Motion
 from cltaa.reference.sampling import Footprint, Quad, footprint_of
 
@@ -41,13 +40,13 @@ def no_motion_vector(u: Array, v: Array) -> Mask:
     return outside_domain(u) | outside_domain(v)
 
 
-def matches_surface(inverse_depth: Array, s: Surface, m: Motion, build: Build, settings: Record) -> Mask:
+def matches_surface(inverse_depth: Array, s: Surface, m: Motion, run: Run) -> Mask:
     """True where a texel of the ring lies in the range of inverse depth of the current 3x3, reprojected to its
     frame."""
-    if build.choices.reject is Reject.NONE:
+    if run.choices.reject is Reject.NONE:
         return inverse_depth == inverse_depth
     return same_surface(
-        Quad(inverse_depth, inverse_depth, inverse_depth, inverse_depth), s, m, settings["depth_tolerance"]
+        Quad(inverse_depth, inverse_depth, inverse_depth, inverse_depth), s, m, run.settings["depth_tolerance"]
     )
 
 
@@ -91,15 +90,7 @@ class Track:
         )
 
     def step_back(
-        self,
-        s: Surface,
-        m: Motion,
-        planes: Array,
-        there: Footprint,
-        seen: Mask,
-        build: Build,
-        then: Record,
-        settings: Record,
+        self, s: Surface, m: Motion, planes: Array, there: Footprint, seen: Mask, run: Run, then: Record
     ) -> None:
         """Step back by the motion vector at the surface's position, or that of the nearest neighbour with one; the
         surface is lost without any, and where another surface, by its inverse depth, occludes it."""
@@ -107,16 +98,14 @@ class Track:
         u, v = texel_at(planes[MOTION], there, real)
         z = inverse_depth_or_sky(texel_at(planes[RING_INVERSE_DEPTH], there, real), then)
         followed, has_motion = self.own & seen, ~no_motion_vector(u, v)
-        same = has_motion & matches_surface(z, s, m, build, settings)
+        same = has_motion & matches_surface(z, s, m, run)
         self.shift = np.where(followed & same, z - s.inverse_depth, self.shift)
-        if build.choices.gather_fit is GatherFit.LAYERS:
+        if run.choices.gather_fit is GatherFit.LAYERS:
             u, v = _nearest_motion(u, v, followed & ~has_motion, planes, there)
         self.lost = self.lost | (self.own & (~seen | no_motion_vector(u, v) | (has_motion & ~same)))
         self.u, self.v = self.u + u, self.v + v
 
-    def step_ahead(
-        self, s: Surface, planes: Array, build: Build, layout: Layout, then: Record, settings: Record
-    ) -> None:
+    def step_ahead(self, s: Surface, planes: Array, run: Run, then: Record) -> None:
         """Step ahead to the position whose motion vector leads back to where the surface was; it is lost where the
         search does not converge, and as on a step back."""
         real: Any = self.u.dtype
@@ -127,18 +116,18 @@ class Track:
         one, jitter = np.ones_like(u), [number(then[name], u) for name in ("jitter_x", "jitter_y")]
         for _ in range(AHEAD_STEPS):
             place = Motion(u, v, one, self.shift, seen)
-            seen = on_screen(place, layout)
+            seen = on_screen(place, run.layout)
             nearest = place._replace(u=(u + (half - jitter[0])) + s.x, v=(v + (half - jitter[1])) + s.y)
-            there = footprint_of(nearest, seen, layout)
+            there = footprint_of(nearest, seen, run.layout)
             back_x, back_y = texel_at(planes[MOTION], there, real)
             z = inverse_depth_or_sky(texel_at(planes[RING_INVERSE_DEPTH], there, real), then)
             has_motion = ~no_motion_vector(back_x, back_y)
-            if build.choices.gather_fit is GatherFit.LAYERS:
+            if run.choices.gather_fit is GatherFit.LAYERS:
                 back_x, back_y = _nearest_motion(back_x, back_y, seen & ~has_motion, planes, there)
             next_u, next_v = self.u - back_x, self.v - back_y
             off = greater(np.abs(next_u - u), np.abs(next_v - v))
             u, v = next_u, next_v
-        same = has_motion & matches_surface(z, s, Motion(u, v, one, self.shift, seen), build, settings)
+        same = has_motion & matches_surface(z, s, Motion(u, v, one, self.shift, seen), run)
         converged = seen & (off <= value("AHEAD_TOLERANCE"))
         self.shift = np.where(converged & same, z - s.inverse_depth, self.shift)
         self.lost = self.lost | (self.own & (~converged | (has_motion & ~same)))

@@ -34,7 +34,7 @@ from cltaa.reference.gather import Gathering
 from cltaa.reference.gather_fit import SampleSums, own_samples
 from cltaa.reference.gather_track import ring_alpha, ring_reactive
 from cltaa.reference.planes import extend_stored, store_resolved
-from cltaa.reference.real import Array, Mask, constant, greater, lesser, limit, number, quiet, real_type
+from cltaa.reference.real import Array, Mask, Run, constant, greater, lesser, limit, number, quiet, real_type
 
 TEXELS = (2 * WINDOW_REACH + 1) ** 2
 
@@ -57,12 +57,12 @@ def repeats_previous(window: int, frames: int, static_frames: int, build: Build)
     return static_frames < SHORT_WINDOW if window == UNMOVED else not has_more_frames(window, frames)
 
 
-def window_error(g: SampleSums, now: Pixel, window: Resolved, build: Build, settings: Record) -> Array:
+def window_error(g: SampleSums, now: Pixel, window: Resolved, run: Run) -> Array:
     """Squared distances of the latest samples, the current one among them, from a window's result."""
     one, two = number(1.0, g.zero), number(2.0, g.zero)
-    d = weighted_difference(to_range(window.rgb, build), now.own, build, settings)
+    d = weighted_difference(to_range(window.rgb, run.build), now.own, run)
     along, square = inner(d, g.recent), inner(d, d)
-    if accumulates_alpha(build):
+    if accumulates_alpha(run.build):
         alpha = window.alpha - now.alpha
         along, square = along + alpha * g.recent_alpha, square + alpha * alpha
     squares = (g.recent_squares - two * along) + (own_samples(now) + g.recent_count) * square
@@ -70,37 +70,35 @@ def window_error(g: SampleSums, now: Pixel, window: Resolved, build: Build, sett
     return greater(squares, number(0.0, g.zero)) / (left * left)
 
 
-def resolve_unmoved(
-    slots: Array, past: Any, p: Pixel, build: Build, layout: Layout, settings: Record
-) -> tuple[Resolved, SampleSums]:
+def resolve_unmoved(slots: Array, past: Any, p: Pixel, run: Run) -> tuple[Resolved, SampleSums]:
     """Mean of the samples at each pixel's own position, and the sums of these samples."""
     one = np.ones_like(p.own[0])
     g = SampleSums(np.zeros_like(one))
     for place, then in enumerate(past):
-        planes = layout.inside(slots[int(then["slot"])]).astype(one.dtype)
+        planes = run.layout.inside(slots[int(then["slot"])]).astype(one.dtype)
         c = planes[:3]
         good = ~colour_outside_domain(c)
-        if build.steps.exposure:
+        if run.steps.exposure:
             c = c * number(then["exposure_ratio"], one)
-        c = np.where(good, to_range(c, build), p.own)
+        c = np.where(good, to_range(c, run.build), p.own)
         counted = np.where(good, one, g.zero)
-        if build.steps.reactive:
-            counted = counted * reactivity_weight(share_in_domain(planes[ring_reactive(build.steps)], 0.0), p)
-        w = counted * luminance_weight(c, build, settings)
+        if run.steps.reactive:
+            counted = counted * reactivity_weight(share_in_domain(planes[ring_reactive(run.steps)], 0.0), p)
+        w = counted * luminance_weight(c, run)
         g.sum = g.sum + w * (c - p.own)
         g.weight, g.count = g.weight + w, g.count + counted
         alpha = g.zero
-        if build.steps.alpha:
-            alpha = share_in_domain(planes[ring_alpha(build.steps)], 1.0) - p.alpha
+        if run.steps.alpha:
+            alpha = share_in_domain(planes[ring_alpha(run.steps)], 1.0) - p.alpha
         g.alpha = g.alpha + w * alpha
         if place < SHORT_WINDOW:
-            g.add_recent(weighted_difference(c, p.own, build, settings), alpha, counted, build)
+            g.add_recent(weighted_difference(c, p.own, run), alpha, counted, run.build)
     own = own_samples(p)
-    whole = np.where(own > g.zero, luminance_weight(p.own, build, settings), g.zero) + g.weight
+    whole = np.where(own > g.zero, luminance_weight(p.own, run), g.zero) + g.weight
     alpha, count = p.alpha, g.count + own
-    if build.choices.alpha_from is AlphaFrom.BLEND:
+    if run.choices.alpha_from is AlphaFrom.BLEND:
         alpha = alpha + g.alpha / whole
-    return Resolved(storable(from_range(p.own + g.sum / whole, build), p.own, build), alpha, count), g
+    return Resolved(storable(from_range(p.own + g.sum / whole, run.build), p.own, run.build), alpha, count), g
 
 
 @quiet
@@ -125,16 +123,17 @@ def gather_windows(
 ) -> None:
     """Resolve one frame from each window of ``frames`` ring frames into ``windows`` [WINDOWS * WINDOW_PLANES, rows,
     stride]; the latest ``static_frames`` of them share the current camera."""
-    gathering = Gathering.begin(build, layout, locals())
+    run = Run(build, layout, frame, settings)
+    gathering = Gathering.begin(run, locals())
     own, planes, begun = gathering.pixel, window_planes(build.steps), 0
     count, held = window_count(build.choices), recursive_result(recursive, recursive_count, layout, own.alpha)
     target = layout.inside(windows)[: count * planes].reshape(count, planes, layout.height, layout.width)
     for window, end in enumerate(window_ends(frames)):
-        gathering.add(past[begun:end], build, layout, frame, settings, before=begun, recent=SHORT_WINDOW - begun)
-        out = gathering.resolved(build, layout, settings)
+        gathering.add(past[begun:end], run, before=begun, recent=SHORT_WINDOW - begun)
+        out = gathering.resolved(run)
         if build.choices.recursion is Recursion.STANDING and window == UNMOVED - 1:
             out = longer_history(out, own.most_reactive <= 0, held)
-        error = window_error(gathering.near, own, out, build, settings)
+        error = window_error(gathering.near, own, out, run)
         if not repeats_previous(window, frames, static_frames, build):
             _store(target[window], out, error)
         begun = end
@@ -144,12 +143,12 @@ def gather_windows(
             _store(target[window], out, error, unlike)
     at_rest = (gathering.motion.u == 0) & (gathering.motion.v == 0)
     if not repeats_previous(UNMOVED, frames, static_frames, build):
-        unmoved, sums = resolve_unmoved(gathering.slots, past[:static_frames], own, build, layout, settings)
+        unmoved, sums = resolve_unmoved(gathering.slots, past[:static_frames], own, run)
         if build.choices.recursion is Recursion.STANDING:
             unmoved = longer_history(unmoved, at_rest, held)
         valid = sums.recent_count >= number(SHORT_WINDOW, error)
         out = _chosen(valid, unmoved, out)
-        error = np.where(valid, window_error(sums, own, unmoved, build, settings), error)
+        error = np.where(valid, window_error(sums, own, unmoved, run), error)
         _store(target[UNMOVED], out, error)
     if build.choices.recursion is Recursion.STANDING:
         refuted = history_is_refuted(at_rest, own, held.count)
@@ -158,13 +157,13 @@ def gather_windows(
             refuted &= ~own.missing
         filtered = storable(from_range(own.filtered, build), own.own, build)
         present = Resolved(filtered, own.alpha, np.ones_like(error))
-        beyond = present_error(gathering.near, own, refuted, build, frame, settings)
+        beyond = present_error(gathering.near, own, refuted, run)
         _store(target[-2], _chosen(refuted, present, out), beyond)
         if build.steps.look_ahead:  # it lags behind later frames, so beside them it has no share
             held = Resolved(held.rgb, held.alpha, np.zeros_like(error))
-        held_error = window_error(gathering.near, own, held, build, settings)
+        held_error = window_error(gathering.near, own, held, run)
         _store(target[-1], held, np.where(at_rest, held_error, held_error * constant("MOVING_ERROR", error)))
-    extend_stored(build, layout, windows[: count * planes])
+    extend_stored(run, windows[: count * planes])
 
 
 def frames_before(past: Any, build: Build) -> int:
@@ -178,16 +177,18 @@ def history_is_refuted(at_rest: Mask, p: Pixel, recursive_count: Array) -> Mask:
     return at_rest & few & (p.most_reactive <= number(0.0, recursive_count))
 
 
-def present_error(g: SampleSums, p: Pixel, valid: Mask, build: Build, frame: Record, settings: Record) -> Array:
+def present_error(g: SampleSums, p: Pixel, valid: Mask, run: Run) -> Array:
     """Distance of each pixel's own sample from the others in the current filter."""
     beyond = np.full_like(g.zero, constant("DOMAIN_LIMIT", g.zero))
-    choices = build.choices
+    choices = run.choices
     if choices.filter_use is not FilterUse.FEW or choices.current_filter is CurrentFilter.NONE:
         return beyond
     one = number(1.0, g.zero)
-    left, right, above, below = (number(frame[f"{side}_weight"], one) for side in ("left", "right", "above", "below"))
+    left, right, above, below = (
+        number(run.frame[f"{side}_weight"], one) for side in ("left", "right", "above", "below")
+    )
     others = one - (one - (left + right)) * (one - (above + below))
-    d = weighted_difference(p.filtered, p.own, build, settings)
+    d = weighted_difference(p.filtered, p.own, run)
     error = constant("PRESENT_PENALTY", d) * ((own_samples(p) + g.recent_count) * (inner(d, d) / (others * others)))
     return np.where(valid & (others > constant("LEAST_NEIGHBOUR_SHARE", one)), error, beyond)
 
@@ -288,9 +289,9 @@ def drift_of(then: Array, now: Array, weights: Array, layout: Layout) -> Drift:
     return Drift(middle, spread / (whole * number(TEXELS - 1, middle)), level)
 
 
-def shared_weights(window: Array, shortest: Array, build: Build, settings: Record) -> Array:
+def shared_weights(window: Array, shortest: Array, run: Run) -> Array:
     """Weight of each texel [rows, stride]: the luminance weights of both windows."""
-    return luminance_weight(window[:3], build, settings) * luminance_weight(shortest[:3], build, settings)
+    return luminance_weight(window[:3], run) * luminance_weight(shortest[:3], run)
 
 
 def students_t_of_drift(drift: Drift) -> Array:
@@ -306,20 +307,18 @@ def sure_share(t: Array, settings: Record) -> Array:
     return number(1.0, t) - chance * chance
 
 
-def drift_to_shortest(
-    window: Array, shortest: Array, build: Build, layout: Layout, settings: Record
-) -> tuple[Colour, Array]:
+def drift_to_shortest(window: Array, shortest: Array, run: Run) -> tuple[Colour, Array]:
     """Drift of light and alpha between padded planes [WINDOW_PLANES, rows, stride], as far as it is not chance.
 
     The channel of light that drifted most decides that for light, and for alpha, whose level is 1, its own t.
     """
-    weights = shared_weights(window, shortest, build, settings)
-    drift = drift_of(window[:3], shortest[:3], weights, layout)
+    weights = shared_weights(window, shortest, run)
+    drift = drift_of(window[:3], shortest[:3], weights, run.layout)
     r, g, b = students_t_of_drift(drift)
-    light, opacity = sure_share(greater(r, greater(g, b)), settings) * drift.mean, np.zeros_like(r)
-    if build.steps.alpha:
-        alpha = drift_of(window[5], shortest[5], weights, layout)._replace(level=np.ones_like(r))
-        opacity = sure_share(students_t_of_drift(alpha), settings) * alpha.mean
+    light, opacity = sure_share(greater(r, greater(g, b)), run.settings) * drift.mean, np.zeros_like(r)
+    if run.steps.alpha:
+        alpha = drift_of(window[5], shortest[5], weights, run.layout)._replace(level=np.ones_like(r))
+        opacity = sure_share(students_t_of_drift(alpha), run.settings) * alpha.mean
     return light, opacity
 
 
@@ -338,6 +337,7 @@ def mix_windows(
 ) -> None:
     """Mix each pixel from the windows of its past, padded planes [WINDOWS * WINDOW_PLANES, rows, stride], of a ring of
     ``frames``, of which the latest ``static_frames`` share the current camera."""
+    run = Run(build, layout, frame, settings)
     real: Any = real_type(build)
     shape = window_count(build.choices), window_planes(build.steps)
     parts = windows[: shape[0] * shape[1]].astype(real).reshape(*shape, layout.rows, layout.stride)
@@ -357,7 +357,7 @@ def mix_windows(
         if window > UNMOVED:
             light, opacity = np.zeros_like(sums), zero
         elif k == window and (window == UNMOVED or has_more_frames(window, frames)):
-            light, opacity = drift_to_shortest(parts[k], parts[0], build, layout, settings)
+            light, opacity = drift_to_shortest(parts[k], parts[0], run)
         sums, darkest = sums + w * ((own[:3] + light) - first[:3]), lesser(darkest, own[:3])
         counts = counts + w * (own[4] - first[4])
         if build.steps.alpha:
@@ -373,4 +373,4 @@ def mix_windows(
             alpha = alpha + share * (held[5] - alpha)
     alpha = limit(alpha, zero, np.ones_like(zero))
     resolved = Resolved(storable(rgb, darkest, build), alpha, count)
-    store_resolved(resolved, build, layout, frame, output, output_count)
+    store_resolved(resolved, run, output, output_count)

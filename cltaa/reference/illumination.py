@@ -23,15 +23,15 @@ from cltaa.reference.colour import (
     to_range,
 )
 from cltaa.reference.neighbourhood import spread_of_three
-from cltaa.reference.real import NEIGHBOURS, Array, greater, lesser, limit, neighbour
+from cltaa.reference.real import NEIGHBOURS, Array, Run, greater, lesser, limit, neighbour
 from cltaa.reference.sampling import Footprint
 
 
-def history_in_range(colour: Colour, build: Build, frame: Record) -> Colour:
+def history_in_range(colour: Colour, run: Run) -> Colour:
     """Scale history to the current exposure and tonemap it to the range of comparison."""
-    if build.steps.exposure:
-        colour = colour * frame["exposure_ratio"]
-    return to_range(colour, build)
+    if run.steps.exposure:
+        colour = colour * run.frame["exposure_ratio"]
+    return to_range(colour, run.build)
 
 
 class DifferenceMoments(NamedTuple):
@@ -58,10 +58,10 @@ def third_of_students_t(
     return mean / (np.sqrt(spread * value("TWO_27THS")) + least)
 
 
-def illumination_difference(now: Colour, past: Colour, build: Build, frame: Record) -> Colour:
+def illumination_difference(now: Colour, past: Colour, run: Run) -> Colour:
     """Current minus history in the kernels' coordinates (``to_boxed``)."""
-    was = history_in_range(past, build, frame)
-    if build.choices.box_space is not BoxSpace.YCOCG:
+    was = history_in_range(past, run)
+    if run.choices.box_space is not BoxSpace.YCOCG:
         return now - was
     r, g, b = was
     rb, green = r + b, 2.0 * g
@@ -73,20 +73,18 @@ def least_deviation(level: Array, tiny: float, settings: Record) -> Array:
     return settings["illumination_floor"] * (level * value("ONE_THIRD")) + tiny
 
 
-def alpha_t(
-    alpha: Array, history: Array, row: Array, column: Array, layout: Layout, settings: Record, like: Array
-) -> Array:
+def alpha_t(alpha: Array, history: Array, row: Array, column: Array, run: Run, like: Array) -> Array:
     """A third of Student's t of the nine differences of padded planes of alpha [rows, stride]."""
     share = share_in_domain(alpha.astype(like.dtype), 1.0)
     rows: list[DifferenceMoments] = []
     levels = []
     for j in (-1, 0, 1):
-        left, own, right = (neighbour(share, i, j, layout) for i in (-1, 0, 1))
+        left, own, right = (neighbour(share, i, j, run.layout) for i in (-1, 0, 1))
         past = (history[row + j, column + i].astype(like.dtype) for i in (-1, 0, 1))
         rows.append(difference_row(*(now - then for now, then in zip((left, own, right), past, strict=True))))
         levels.append((left + own) + right)
     above, centre, below = rows
-    least = least_deviation((levels[0] + levels[1]) + levels[2], value("TINY"), settings)
+    least = least_deviation((levels[0] + levels[1]) + levels[2], value("TINY"), run.settings)
     return third_of_students_t(above, centre, below, least)
 
 
@@ -117,10 +115,7 @@ def illumination_test(
     history: Array,
     history_change: Array,
     f: Footprint,
-    build: Build,
-    layout: Layout,
-    frame: Record,
-    settings: Record,
+    run: Run,
 ) -> IlluminationResult:
     """Divide the history's ``held`` [H, W] samples by max(1, |change| / ``threshold``)^2.
 
@@ -130,16 +125,16 @@ def illumination_test(
     ``history`` [3 or 4, ...] and ``history_change`` [rows, stride], of the previous frame, are padded planes.
     """
     real: Any = f.fx.dtype
-    colour = repaired_planes(current, layout).astype(real)
+    colour = repaired_planes(current, run.layout).astype(real)
     zero = np.zeros_like(f.fx)
     row, column = (
         at + np.where(fraction >= 0.5, 1.0, zero).astype(np.int64) for at, fraction in ((f.row, f.fy), (f.column, f.fx))
     )
 
     def difference(i: int, j: int) -> tuple[Colour, Array]:
-        now = to_boxed(to_range(neighbour(colour, i, j, layout), build), build)
+        now = to_boxed(to_range(neighbour(colour, i, j, run.layout), run.build), run.build)
         past = history[:3, row + j, column + i].astype(real)
-        return illumination_difference(now, past, build, frame), np.abs(now[0])
+        return illumination_difference(now, past, run), np.abs(now[0])
 
     rows: list[DifferenceMoments] = []
     levels = []
@@ -148,23 +143,23 @@ def illumination_test(
         rows.append(difference_row(left, own, right))
         levels.append((left_size + own_size) + right_size)
     level = (levels[0] + levels[1]) + levels[2]
-    first, *_ = units = box_units(build)
-    least = least_deviation(level, first * value("TINY"), settings)
+    first, *_ = units = box_units(run.build)
+    least = least_deviation(level, first * value("TINY"), run.settings)
     above, centre, below = rows
     ta, tb, tc = third_of_students_t(above, centre, below, a_channel([unit / first for unit in units]) * least)
     largest: Array = greater(np.abs(ta), greater(np.abs(tb), np.abs(tc)))
     signed_t = ta
-    if accumulates_alpha(build) and alpha is not None:
-        of_alpha = alpha_t(alpha[0], history[3], row, column, layout, settings, level)
+    if accumulates_alpha(run.build) and alpha is not None:
+        of_alpha = alpha_t(alpha[0], history[3], row, column, run, level)
         signed_t = np.where(np.abs(of_alpha) > largest, of_alpha, ta)
         largest = greater(largest, np.abs(of_alpha))
-    t = lesser(3.0 * largest, settings["largest_t"])
+    t = lesser(3.0 * largest, run.settings["largest_t"])
     before = history_change[row, column].astype(real)
-    change = np.where(signed_t < 0.0, -t, t) + settings["illumination_decay"] * before
-    falling_t = settings["falling_t"] * threshold
+    change = np.where(signed_t < 0.0, -t, t) + run.settings["illumination_decay"] * before
+    falling_t = run.settings["falling_t"] * threshold
     by = greater(np.abs(change) / np.where(change < 0.0, falling_t, threshold), 1.0)
-    rendered = _rendered(current, layout, zero)
-    untested = sample_is_missing(current, layout) & (rendered < 5.0)
+    rendered = _rendered(current, run.layout, zero)
+    untested = sample_is_missing(current, run.layout) & (rendered < 5.0)
     return IlluminationResult(
         np.where(untested, held, held / (by * by)), np.where(untested, zero, stored_change(change))
     )

@@ -10,9 +10,8 @@ import numpy as np
 from cltaa.core.build import Build, Record
 from cltaa.core.constants import value
 from cltaa.core.parameters import Box, BoxSpace, CurrentFilter, Dilation, Neighbourhood, Variance
-from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, from_box_space, in_units, luminance, to_box_space, to_boxed, to_range
-from cltaa.reference.real import Array, Mask, greater, lesser, limit, neighbour, number, outside_domain
+from cltaa.reference.real import Array, Mask, Run, greater, lesser, limit, neighbour, number, outside_domain
 
 
 class Moments(NamedTuple):
@@ -135,21 +134,21 @@ class Surface(NamedTuple):
     farthest: Array
 
 
-def texel_weights(texels: Sequence[Colour], build: Build, frame: Record) -> list[Any]:
+def texel_weights(texels: Sequence[Colour], run: Run) -> list[Any]:
     """Weights of nine texels: 1 / (1 + Y), or by the distance of their samples from the pixel's centre."""
     one = number(1.0, texels[0])
-    if build.choices.neighbourhood is Neighbourhood.JITTERED:
-        columns = number(frame["box_left"], one), one, number(frame["box_right"], one)
-        rows = number(frame["box_above"], one), one, number(frame["box_below"], one)
+    if run.choices.neighbourhood is Neighbourhood.JITTERED:
+        columns = number(run.frame["box_left"], one), one, number(run.frame["box_right"], one)
+        rows = number(run.frame["box_above"], one), one, number(run.frame["box_below"], one)
         return [across * down for down in rows for across in columns]
-    in_ycocg = build.choices.box_space is BoxSpace.YCOCG
+    in_ycocg = run.choices.box_space is BoxSpace.YCOCG
     lights = [0.25 * t[0] if in_ycocg else luminance(t) for t in texels]
     return [one / (one + greater(y, 0.0)) for y in lights]
 
 
-def weighted_statistics(texels: Sequence[Colour], build: Build, frame: Record) -> tuple[Colour, Colour]:
+def weighted_statistics(texels: Sequence[Colour], run: Run) -> tuple[Colour, Colour]:
     """Weighted mean and deviation of nine texels, in the kernels' coordinates."""
-    weights = texel_weights(texels, build, frame)
+    weights = texel_weights(texels, run)
     shift = spread = np.zeros_like(texels[0])
     total = shift[0]
     for w, v in zip(weights, texels, strict=True):
@@ -160,14 +159,14 @@ def weighted_statistics(texels: Sequence[Colour], build: Build, frame: Record) -
     return mean, np.sqrt(spread / total)
 
 
-def neighbourhood_statistics(above: Row, centre: Row, below: Row, build: Build, frame: Record) -> Statistics:
+def neighbourhood_statistics(above: Row, centre: Row, below: Row, run: Run) -> Statistics:
     """Mean, deviation and extremes of each channel."""
-    m = neighbourhood_moments(above.moments, centre.moments, below.moments, build)
-    mean, deviation = m.shift + m.offset, deviation_of(m, build)
-    if build.choices.neighbourhood in (Neighbourhood.LUMINANCE, Neighbourhood.JITTERED):
-        mean, deviation = weighted_statistics((*above.texels, *centre.texels, *below.texels), build, frame)
+    m = neighbourhood_moments(above.moments, centre.moments, below.moments, run.build)
+    mean, deviation = m.shift + m.offset, deviation_of(m, run.build)
+    if run.choices.neighbourhood in (Neighbourhood.LUMINANCE, Neighbourhood.JITTERED):
+        mean, deviation = weighted_statistics((*above.texels, *centre.texels, *below.texels), run)
         mean = limit(mean, m.low, m.high)
-    return Statistics(*(in_units(colour, build) for colour in (mean, deviation, m.low, m.high)))
+    return Statistics(*(in_units(colour, run.build) for colour in (mean, deviation, m.low, m.high)))
 
 
 def filter_three(before: Colour, middle: Colour, after: Colour, first: Any, last: Any, build: Build) -> Colour:
@@ -177,15 +176,17 @@ def filter_three(before: Colour, middle: Colour, after: Colour, first: Any, last
     return middle + (first * (before - middle) + last * (after - middle))
 
 
-def current_sample(above: Row, centre: Row, below: Row, near: Statistics, build: Build, frame: Record) -> Colour:
+def current_sample(above: Row, centre: Row, below: Row, near: Statistics, run: Run) -> Colour:
     """The pixel's own sample, or the one that the current filter reconstructs at its centre."""
-    if build.choices.current_filter is CurrentFilter.NONE:
+    if run.choices.current_filter is CurrentFilter.NONE:
         return centre.centre
-    v = filter_three(above.across, centre.across, below.across, frame["above_weight"], frame["below_weight"], build)
-    if build.choices.current_filter is not CurrentFilter.LANCZOS:
+    v = filter_three(
+        above.across, centre.across, below.across, run.frame["above_weight"], run.frame["below_weight"], run.build
+    )
+    if run.choices.current_filter is not CurrentFilter.LANCZOS:
         return v
-    b = to_box_space(v, build)
-    return v + from_box_space(limit(b, near.low, near.high) - b, build)
+    b = to_box_space(v, run.build)
+    return v + from_box_space(limit(b, near.low, near.high) - b, run.build)
 
 
 def inverse_depth_or_sky(v: Array, frame: Record) -> Array:
@@ -193,17 +194,15 @@ def inverse_depth_or_sky(v: Array, frame: Record) -> Array:
     return np.where(outside_domain(v), frame["sky_inverse_depth"], v)
 
 
-def read_row(
-    colour: Array, inverse_depth: Array, motion: Array | None, dy: int, build: Build, layout: Layout, frame: Record
-) -> Row:
+def read_row(colour: Array, inverse_depth: Array, motion: Array | None, dy: int, run: Run) -> Row:
     """Rows y + ``dy`` of repaired colour planes, inverse depth [1, rows, stride] and motion [2, rows, stride]."""
 
     def window(planes: Array, dx: int) -> Array:
-        return neighbour(planes, dx, dy, layout)
+        return neighbour(planes, dx, dy, run.layout)
 
-    left, centre, right = [to_range(window(colour, dx), build) for dx in (-1, 0, 1)]
-    texels = to_boxed(left, build), to_boxed(centre, build), to_boxed(right, build)
-    in_domain = inverse_depth_or_sky(inverse_depth[0], frame)
+    left, centre, right = [to_range(window(colour, dx), run.build) for dx in (-1, 0, 1)]
+    texels = to_boxed(left, run.build), to_boxed(centre, run.build), to_boxed(right, run.build)
+    in_domain = inverse_depth_or_sky(inverse_depth[0], run.frame)
     zl, zc, zr = (window(in_domain, dx) for dx in (-1, 0, 1))
     to_left = zl > zc
     nearest = greater(zl, zc)
@@ -212,14 +211,14 @@ def read_row(
     nearest_x = np.where(to_right, 1, np.where(to_left, number(-1, zc), number(0, zc)))
     zero = np.zeros_like(zc)
     u = v = centre_u = centre_v = zero
-    if build.steps.own_motion and motion is not None:
+    if run.steps.own_motion and motion is not None:
         u, v = np.where(to_right, window(motion, 1), np.where(to_left, window(motion, -1), window(motion, 0)))
         centre_u, centre_v = window(motion, 0)
     return Row(
-        chosen_row(*texels, build),
+        chosen_row(*texels, run.build),
         texels,
         centre,
-        filter_three(left, centre, right, frame["left_weight"], frame["right_weight"], build),
+        filter_three(left, centre, right, run.frame["left_weight"], run.frame["right_weight"], run.build),
         nearest,
         nearest_x,
         lesser(lesser(zl, zr), zc),

@@ -19,7 +19,7 @@ from cltaa.reference.accumulate import Resolved
 from cltaa.reference.colour import repaired_planes
 from cltaa.reference.illumination import tests_light
 from cltaa.reference.neighbourhood import Row, read_row
-from cltaa.reference.real import Array, greater, quiet, real_type
+from cltaa.reference.real import Array, Run, greater, quiet, real_type
 
 Words = NDArray[np.uint32]
 
@@ -56,13 +56,13 @@ def stochastic_half(v: Array, dither: Array) -> Array:
     return np.where(scaled - low > dither, low + 1.0, low) * step
 
 
-def stored_history(v: Array, build: Build, layout: Layout, frame: Record) -> NDArray[Any]:
+def stored_history(v: Array, run: Run) -> NDArray[Any]:
     """``v`` [..., H, W] in the storage format of the history."""
-    if build.storage in (Storage.FLOAT, Storage.DOUBLE):
+    if run.build.storage in (Storage.FLOAT, Storage.DOUBLE):
         return v
     rounded = half_storable(v.astype(np.float32))
-    if build.storage is Storage.HALF_STOCHASTIC:
-        rounded = stochastic_half(rounded, storage_dither(layout, frame)) + np.float32(0.0)  # no -0
+    if run.build.storage is Storage.HALF_STOCHASTIC:
+        rounded = stochastic_half(rounded, storage_dither(run.layout, run.frame)) + np.float32(0.0)  # no -0
     return rounded.astype(np.float16)  # to the nearest, as vstore_half_rte does
 
 
@@ -129,41 +129,35 @@ def extend_edges(
         layout.extend_edges(floats[:more])
 
 
-def read_rows(
-    current: Array, inverse_depth: Array, motion: Array | None, build: Build, layout: Layout, frame: Record
-) -> tuple[Row, Row, Row]:
+def read_rows(current: Array, inverse_depth: Array, motion: Array | None, run: Run) -> tuple[Row, Row, Row]:
     """The rows above, at and below each pixel, from padded planes in the build's real."""
-    real = real_type(build)
-    colour = repaired_planes(current, layout).astype(real)
+    real = real_type(run.build)
+    colour = repaired_planes(current, run.layout).astype(real)
     near = inverse_depth.astype(real)
     moved = None if motion is None else motion.astype(real)
-    above, centre, below = (read_row(colour, near, moved, dy, build, layout, frame) for dy in (-1, 0, 1))
+    above, centre, below = (read_row(colour, near, moved, dy, run) for dy in (-1, 0, 1))
     return above, centre, below
 
 
-def store_resolved(
-    resolved: Resolved, build: Build, layout: Layout, frame: Record, output: Array, output_count: Array
-) -> None:
+def store_resolved(resolved: Resolved, run: Run, output: Array, output_count: Array) -> None:
     """Write a resolved frame into padded planes, in the build's storage format."""
-    target = layout.inside(output)
-    target[:3] = stored_history(resolved.rgb, build, layout, frame)
-    if build.steps.alpha:
+    target = run.layout.inside(output)
+    target[:3] = stored_history(resolved.rgb, run)
+    if run.steps.alpha:
         alpha = np.where(resolved.alpha < value("TINY"), 0, resolved.alpha)
-        target[3] = stored_history(alpha, build, layout, frame)
-    layout.inside(output_count)[0] = resolved.count
+        target[3] = stored_history(alpha, run)
+    run.layout.inside(output_count)[0] = resolved.count
 
 
-def store_recurrent(
-    resolved: Resolved, build: Build, layout: Layout, frame: Record, output: Array, output_count: Array
-) -> None:
+def store_recurrent(resolved: Resolved, run: Run, output: Array, output_count: Array) -> None:
     """As ``store_resolved``; where the build tests light, also the illumination change after the count's plane."""
-    store_resolved(resolved, build, layout, frame, output, output_count)
-    if tests_light(build):
-        layout.inside(output_count)[1] = resolved.change
+    store_resolved(resolved, run, output, output_count)
+    if tests_light(run.build):
+        run.layout.inside(output_count)[1] = resolved.change
 
 
-def extend_stored(build: Build, layout: Layout, *planes: Array) -> None:
+def extend_stored(run: Run, *planes: Array) -> None:
     """Repeat the edges of what a kernel stores, where it does so itself (``kernels/schedule/edges.h``)."""
-    if build.extends:
+    if run.build.extends:
         for stored in planes:
-            layout.extend_edges(stored)
+            run.layout.extend_edges(stored)

@@ -2,19 +2,40 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.build import Build, Real
+from cltaa.core.build import Build, Real, Steps
 from cltaa.core.constants import PAD_X, PAD_Y, value
+from cltaa.core.parameters import Choices
 from cltaa.core.planes import Layout
 
 Array = NDArray[Any]  # [H, W] of the stage's real
 Mask = NDArray[np.bool_]  # [H, W]
 
 NEIGHBOURS = [(dx, dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]  # of the 3x3, row by row
+
+
+class Run(NamedTuple):
+    """What all pixels of one run of a kernel share: the build, the layout of the planes, and the kernel's structs."""
+
+    build: Build
+    layout: Layout
+    frame: Any = None  # these two of a kernel that takes them
+    settings: Any = None
+
+    @property
+    def choices(self) -> Choices:
+        """The choices of the build."""
+        return self.build.choices
+
+    @property
+    def steps(self) -> Steps:
+        """The steps of the build."""
+        return self.build.steps
+
 
 # Values that are not selected may overflow, and be divided by weights whose squares are 0, as on a device.
 quiet = np.errstate(over="ignore", invalid="ignore", divide="ignore")

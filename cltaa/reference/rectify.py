@@ -9,10 +9,9 @@ import numpy as np
 from cltaa.core.build import Build, Record
 from cltaa.core.constants import value
 from cltaa.core.parameters import Accumulate, AntiFlicker, Box, Rectify
-from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, a_channel, from_box_space, inner, to_box_space
 from cltaa.reference.neighbourhood import Statistics
-from cltaa.reference.real import Array, greater, lesser, limit, number
+from cltaa.reference.real import Array, Run, greater, lesser, limit, number
 from cltaa.reference.reprojection import Motion
 
 
@@ -35,29 +34,29 @@ class Rectification(NamedTuple):
     anti_flicker_factor: Array
 
 
-def neighbourhood_box(s: Statistics, gamma: Array, build: Build, settings: Record) -> BoxOf:
+def neighbourhood_box(s: Statistics, gamma: Array, run: Run) -> BoxOf:
     """The box of the build's kind; extents are floored where rectification divides by them."""
     wide = gamma * s.deviation
-    if build.choices.box is Box.VARIANCE:
-        if build.terms.luma_scale:
-            wide = a_channel((float(settings["luma_scale"]), 1.0, 1.0)) * wide
+    if run.choices.box is Box.VARIANCE:
+        if run.build.terms.luma_scale:
+            wide = a_channel((float(run.settings["luma_scale"]), 1.0, 1.0)) * wide
         centre, extent, low, high = s.mean, wide, s.mean - wide, s.mean + wide
     else:
         low, high = s.low, s.high
-        if build.choices.box is Box.BOTH:
+        if run.choices.box is Box.BOTH:
             low, high = greater(s.mean - wide, low), lesser(s.mean + wide, high)
-        if build.choices.box is Box.UNIT:
+        if run.choices.box is Box.UNIT:
             low, high = lesser(low, 1.0), greater(high, 0.0)
         extent = 0.5 * (high - low)
         centre = low + extent
-        if build.choices.box is Box.EXTREMES:
+        if run.choices.box is Box.EXTREMES:
             by = (gamma - 1.0) * extent
             low, high, extent = low - by, high + by, extent + by
-    if build.choices.rectify in (Rectify.CLIP, Rectify.ELLIPSOID):
+    if run.choices.rectify in (Rectify.CLIP, Rectify.ELLIPSOID):
         a, b, c = np.abs(centre)
         size = greater(a, greater(b, c))
-        extent = greater(extent, settings["box_floor"] * size + value("TINY"))
-    if build.choices.rectify is Rectify.CLIP_UNGUARDED:
+        extent = greater(extent, run.settings["box_floor"] * size + value("TINY"))
+    if run.choices.rectify is Rectify.CLIP_UNGUARDED:
         extent = extent + value("ADDED_EXTENT")
     return BoxOf(centre, extent, low, high)
 
@@ -104,21 +103,21 @@ def rectify_history(history: Colour, current: Colour, box: BoxOf, build: Build) 
     return np.where(out, box.centre + d / np.where(out, t, 1.0), history)
 
 
-def blend_boost_of(m: Motion, moved: Colour, build: Build, layout: Layout, settings: Record) -> Array:
+def blend_boost_of(m: Motion, moved: Colour, run: Run) -> Array:
     """0 to 1: the larger of motion in screens a frame and the distance moved in the box space; 1 in motion
     (standing)."""
-    if build.choices.accumulate is Accumulate.STANDING:
+    if run.choices.accumulate is Accumulate.STANDING:
         least = value("STATIC_MOTION")
         is_static = (np.abs(m.u) < least) & (np.abs(m.v) < least)
         return np.where(is_static, 0.0, np.ones_like(m.u))
-    if build.choices.accumulate not in (Accumulate.ADAPTIVE, Accumulate.CAPPED):
+    if run.choices.accumulate not in (Accumulate.ADAPTIVE, Accumulate.CAPPED):
         return np.zeros_like(m.u)
-    across, down = m.u / layout.width, m.v / layout.height
+    across, down = m.u / run.layout.width, m.v / run.layout.height
     speed = np.sqrt(across * across + down * down)
     distance = np.sqrt(inner(moved, moved))
     by_motion, by_distance = (
-        settings["motion_rate"] * speed,
-        settings["clip_rate"] * distance,
+        run.settings["motion_rate"] * speed,
+        run.settings["clip_rate"] * distance,
     )
     return lesser(greater(by_motion, by_distance), 1.0)
 
@@ -131,33 +130,24 @@ def anti_flicker_factor_of(history: Array, centre: Array, extent: Array, build: 
     return d / ((d + (extent + extent)) + value("TINY"))
 
 
-def rectify(
-    history: Colour,
-    current: Colour,
-    s: Statistics,
-    m: Motion,
-    gamma: Array,
-    build: Build,
-    layout: Layout,
-    settings: Record,
-) -> Rectification:
+def rectify(history: Colour, current: Colour, s: Statistics, m: Motion, gamma: Array, run: Run) -> Rectification:
     """The change that rectification makes, in RGB: history inside its box keeps its bits."""
-    choices = build.choices
+    choices = run.choices
     by_motion = choices.accumulate in (Accumulate.ADAPTIVE, Accumulate.CAPPED, Accumulate.STANDING)
     moves = choices.rectify is not Rectify.NONE or by_motion
     if not moves and choices.anti_flicker is not AntiFlicker.CLAMP_DISTANCE:
         zero, one = np.zeros_like(gamma), np.ones_like(gamma)
         return Rectification(np.zeros_like(history), zero, zero, one)
-    h = to_box_space(history, build)
-    box = neighbourhood_box(s, gamma, build, settings)
-    r = rectify_history(h, to_box_space(current, build), box, build)
+    h = to_box_space(history, run.build)
+    box = neighbourhood_box(s, gamma, run)
+    r = rectify_history(h, to_box_space(current, run.build), box, run.build)
     moved = r - h
-    least = settings["box_floor"] * np.abs(box.centre[0]) + value("TINY")
+    least = run.settings["box_floor"] * np.abs(box.centre[0]) + value("TINY")
     return Rectification(
-        from_box_space(moved, build),
+        from_box_space(moved, run.build),
         np.abs(moved[0]) / greater(box.extent[0], least),
-        blend_boost_of(m, moved, build, layout, settings),
-        anti_flicker_factor_of(h[0], box.centre[0], box.extent[0], build),
+        blend_boost_of(m, moved, run),
+        anti_flicker_factor_of(h[0], box.centre[0], box.extent[0], run.build),
     )
 
 

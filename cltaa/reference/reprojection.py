@@ -11,7 +11,7 @@ from cltaa.core.constants import value
 from cltaa.core.parameters import Dilation, OffScreen
 from cltaa.core.planes import Layout
 from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.real import Array, Mask, number, outside_domain
+from cltaa.reference.real import Array, Mask, Run, number, outside_domain
 
 
 class Motion(NamedTuple):
@@ -52,10 +52,10 @@ def motion_from_depth(s: Surface, build: Build, layout: Layout, frame: Record) -
     return Motion(u, v, one / safe_w, zero, visible)
 
 
-def surface_motion(s: Surface, build: Build, layout: Layout, frame: Record) -> Motion:
+def surface_motion(s: Surface, run: Run) -> Motion:
     """The vector of the motion channel where it holds one, the camera's motion elsewhere."""
-    m = motion_from_depth(s, build, layout, frame)
-    if build.steps.own_motion:
+    m = motion_from_depth(s, run.build, run.layout, run.frame)
+    if run.steps.own_motion:
         camera_only = outside_domain(s.u) | outside_domain(s.v)
         m = Motion(
             np.where(camera_only, m.u, s.u),
@@ -64,8 +64,8 @@ def surface_motion(s: Surface, build: Build, layout: Layout, frame: Record) -> M
             np.where(camera_only, m.shift, 0.0),
             m.visible | ~camera_only,
         )
-    if build.choices.dilation is Dilation.BESIDE:
-        x, y = pixel_grid(layout, m.u)
+    if run.choices.dilation is Dilation.BESIDE:
+        x, y = pixel_grid(run.layout, m.u)
         beyond = (x + s.x < 0.0) | (y + s.y < 0.0)
         m = m._replace(u=np.where(beyond, 0.0, m.u), v=np.where(beyond, 0.0, m.v))
     return m
@@ -77,13 +77,13 @@ def _to_edge(position: Array, by: Array, last: Any) -> Array:
     return np.where(there < 0.0, -position, shortened)
 
 
-def motion_to_edge(m: Motion, build: Build, layout: Layout) -> Motion:
+def motion_to_edge(m: Motion, run: Run) -> Motion:
     """Shorten displacements that end outside the image to its edge, if the build reads history at the edge there."""
-    if build.choices.off_screen is OffScreen.FRESH:
+    if run.choices.off_screen is OffScreen.FRESH:
         return m
-    x, y = pixel_grid(layout, m.u)
+    x, y = pixel_grid(run.layout, m.u)
     far = value("MOTION_LIMIT")
     near = (np.abs(m.u) < far) & (np.abs(m.v) < far)
-    u = np.where(near, _to_edge(x, m.u, layout.width - 1), m.u)
-    v = np.where(near, _to_edge(y, m.v, layout.height - 1), m.v)
+    u = np.where(near, _to_edge(x, m.u, run.layout.width - 1), m.u)
+    v = np.where(near, _to_edge(y, m.v, run.layout.height - 1), m.v)
     return Motion(u, v, m.scale, m.shift, m.visible)

@@ -13,7 +13,7 @@ from cltaa.reference.history import sample_history
 from cltaa.reference.illumination import tests_light
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import extend_stored, read_rows, store_recurrent
-from cltaa.reference.real import Array, quiet
+from cltaa.reference.real import Array, Run, quiet
 from cltaa.reference.rectify import box_scale_of, rectify
 from cltaa.reference.reprojection import surface_motion
 
@@ -37,18 +37,17 @@ def resolve(
     settings: Record,
 ) -> None:
     """Resolve one frame from padded planes into ``output`` [3 or 4, rows, stride] and ``output_count``."""
-    rows = read_rows(current, inverse_depth, motion, build, layout, frame)
-    p = current_pixel(rows, alpha, reactive, build, layout, frame)
+    run = Run(build, layout, frame, settings)
+    rows = read_rows(current, inverse_depth, motion, run)
+    p = current_pixel(rows, alpha, reactive, run)
     s = nearest_surface(*rows, build, settings["edge_tolerance"])
-    s = borrowed_surface(s, inverse_depth, motion, build, layout, frame)
-    m = surface_motion(s, build, layout, frame)
-    h = sample_history(
-        current, alpha, history, history_count, previous_inverse_depth, m, s, build, layout, frame, settings
-    )
-    r = rectify(h.rgb, p.filtered, p.stats, m, box_scale_of(m, settings), build, layout, settings)
+    s = borrowed_surface(s, inverse_depth, motion, run)
+    m = surface_motion(s, run)
+    h = sample_history(current, alpha, history, history_count, previous_inverse_depth, m, s, run)
+    r = rectify(h.rgb, p.filtered, p.stats, m, box_scale_of(m, settings), run)
     if build.steps.alpha and alpha is not None:
-        h = replace(h, alpha=rectified_alpha(alpha, h.alpha, build, layout))
-    p = without_firefly(p, current, h, build, layout, settings)
-    out = without_missing(resolve_pixel(p, h, r, build, settings), h, current, build, layout, settings)
-    store_recurrent(out, build, layout, frame, output, output_count)
-    extend_stored(build, layout, output[: 3 + build.steps.alpha], output_count[: 1 + tests_light(build)])
+        h = replace(h, alpha=rectified_alpha(alpha, h.alpha, run))
+    p = without_firefly(p, current, h, run)
+    out = without_missing(resolve_pixel(p, h, r, run), h, current, run)
+    store_recurrent(out, run, output, output_count)
+    extend_stored(run, output[: 3 + build.steps.alpha], output_count[: 1 + tests_light(build)])

@@ -8,11 +8,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.build import Build, Record
+from cltaa.core.build import Build
 from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.parameters import HistoryFilter
 from cltaa.core.planes import Layout
-from cltaa.reference.real import Array, Mask, greater, lesser, limit, number
+from cltaa.reference.real import Array, Mask, Run, greater, lesser, limit, number
 from cltaa.reference.reprojection import Motion
 
 FIVE_PAIRS: Final = (HistoryFilter.CATMULL_ROM_5, HistoryFilter.CATMULL_ROM_5_RAW)
@@ -186,10 +186,10 @@ def bilinear(q: Quad, f: Footprint) -> Array:
     return top + f.fy * (bottom - top)
 
 
-def count_limit_of(fx: Array, fy: Array, build: Build, settings: Record) -> Array:
+def count_limit_of(fx: Array, fy: Array, run: Run) -> Array:
     """Upper limit of the sample count of a history resampled at fraction ``fx``, ``fy``."""
     one = number(1.0, fx)
-    least = one / number(settings["sample_limit"], fx)
-    if build.terms.resampling_penalty:
-        least = least + settings["resampling_penalty"] * (fx * (one - fx) + fy * (one - fy))
+    least = one / number(run.settings["sample_limit"], fx)
+    if run.build.terms.resampling_penalty:
+        least = least + run.settings["resampling_penalty"] * (fx * (one - fx) + fy * (one - fy))
     return one / least

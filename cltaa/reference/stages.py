@@ -16,7 +16,7 @@ from cltaa.reference.fireflies import without_firefly
 from cltaa.reference.history import History, sample_history
 from cltaa.reference.neighbourhood import Statistics, Surface, current_sample, nearest_surface, neighbourhood_statistics
 from cltaa.reference.planes import read_rows, store_recurrent
-from cltaa.reference.real import Array, quiet, real_type
+from cltaa.reference.real import Array, Run, quiet, real_type
 from cltaa.reference.rectify import Rectification, box_scale_of, rectify
 from cltaa.reference.reprojection import Motion, surface_motion
 
@@ -38,9 +38,10 @@ def neighbourhood_statistics_kernel(
     frame: Record,
 ) -> None:
     """``statistics_out`` [15, rows, stride]: mean, deviation, low and high in the box space, and the current sample."""
-    rows = read_rows(current, inverse_depth, motion, build, layout, frame)
-    near = neighbourhood_statistics(*rows, build, frame)
-    sample = current_sample(*rows, near, build, frame)
+    run = Run(build, layout, frame)
+    rows = read_rows(current, inverse_depth, motion, run)
+    near = neighbourhood_statistics(*rows, run)
+    sample = current_sample(*rows, near, run)
     _store(statistics_out, layout, (part for colour in (*near, sample) for part in colour))
 
 
@@ -58,10 +59,11 @@ def surface_motion_kernel(
 ) -> None:
     """``motion_out`` [10, rows, stride]: u, v, scale, shift, visible, nearest, farthest and the pixel's own inverse
     depth, and the surface's offset from the pixel."""
-    rows = read_rows(current, inverse_depth, motion, build, layout, frame)
+    run = Run(build, layout, frame, settings)
+    rows = read_rows(current, inverse_depth, motion, run)
     s = nearest_surface(*rows, build, settings["edge_tolerance"])
-    s = borrowed_surface(s, inverse_depth, motion, build, layout, frame)
-    m = surface_motion(s, build, layout, frame)
+    s = borrowed_surface(s, inverse_depth, motion, run)
+    m = surface_motion(s, run)
     visible = np.where(m.visible, np.ones_like(m.u), 0.0)
     _store(motion_out, layout, (m.u, m.v, m.scale, m.shift, visible, s.nearest, s.farthest, s.centre, s.x, s.y))
 
@@ -82,12 +84,11 @@ def sample_history_kernel(
     settings: Record,
 ) -> None:
     """``history_at`` [9, rows, stride]: r, g, b, alpha, count, fx, fy, valid, illumination change."""
-    u, v, scale, shift, visible, nearest, farthest, centre, at_x, at_y = _load(motion_in, build, layout)
+    run = Run(build, layout, frame, settings)
+    u, v, scale, shift, visible, nearest, farthest, centre, at_x, at_y = _load(motion_in, run)
     m = Motion(u, v, scale, shift, visible > 0.5)
     s = Surface(at_x, at_y, u, u, u, centre, nearest, farthest)  # sample_history reads nothing else
-    h = sample_history(
-        current, alpha, history, history_count, previous_inverse_depth, m, s, build, layout, frame, settings
-    )
+    h = sample_history(current, alpha, history, history_count, previous_inverse_depth, m, s, run)
     valid = np.where(h.valid, np.ones_like(u), 0.0)
     _store(history_at, layout, (*h.rgb, h.alpha, h.count, h.fx, h.fy, valid, h.change))
 
@@ -101,15 +102,16 @@ def rectify_history_kernel(
     motion_in: Array,
     history_at: Array,
     change_out: Array,
-    frame: Record,  # noqa: ARG001
+    frame: Record,
     settings: Record,
 ) -> None:
     """``change_out`` [6, rows, stride]: change of r, g, b, clip distance, blend boost, anti-flicker factor."""
-    near, sample = _load_statistics(statistics_in, build, layout)
-    m = _load(motion_in, build, layout)
+    run = Run(build, layout, frame, settings)
+    near, sample = _load_statistics(statistics_in, run)
+    m = _load(motion_in, run)
     moved = Motion(m[0], m[1], m[2], m[3], m[4] > 0.5)
-    past = _load(history_at[:3], build, layout)
-    change = rectify(past, sample, near, moved, box_scale_of(moved, settings), build, layout, settings)
+    past = _load(history_at[:3], run)
+    change = rectify(past, sample, near, moved, box_scale_of(moved, settings), run)
     _store(change_out, layout, (*change.change, change.clip_distance, change.blend_boost, change.anti_flicker_factor))
 
 
@@ -130,30 +132,31 @@ def blend_kernel(
     settings: Record,
 ) -> None:
     """``output`` [3 or 4, rows, stride] and ``output_count``: the result of the frame."""
-    past = _load(history_at, build, layout)
+    run = Run(build, layout, frame, settings)
+    past = _load(history_at, run)
     opacity, count, fx, fy, valid, light = past[3:]
     if build.steps.alpha and alpha is not None:
-        opacity = rectified_alpha(alpha, opacity, build, layout)
+        opacity = rectified_alpha(alpha, opacity, run)
     h = History(past[:3], opacity, count, fx, fy, valid > 0.5, light)
-    change = _load(change_in, build, layout)
-    near, sample = _load_statistics(statistics_in, build, layout)
+    change = _load(change_in, run)
+    near, sample = _load_statistics(statistics_in, run)
     few = build.choices.filter_use is FilterUse.FEW
-    own = colour_in_domain(current, build, layout) if few else sample
-    shares = load_shares(alpha, reactive, count, build, layout)
+    own = colour_in_domain(current, run) if few else sample
+    shares = load_shares(alpha, reactive, count, run)
     p = Pixel(own, sample, *shares, near, shares[1], shares[1])
-    p = without_firefly(p, current, h, build, layout, settings)
+    p = without_firefly(p, current, h, run)
     r = Rectification(change[:3], *change[3:])
-    out = without_missing(resolve_pixel(p, h, r, build, settings), h, current, build, layout, settings)
-    store_recurrent(out, build, layout, frame, output, output_count)
+    out = without_missing(resolve_pixel(p, h, r, run), h, current, run)
+    store_recurrent(out, run, output, output_count)
 
 
-def _load(planes: Array, build: Build, layout: Layout) -> Array:
-    return layout.inside(planes).astype(real_type(build))
+def _load(planes: Array, run: Run) -> Array:
+    return run.layout.inside(planes).astype(real_type(run.build))
 
 
-def _load_statistics(planes: Array, build: Build, layout: Layout) -> tuple[Statistics, Colour]:
+def _load_statistics(planes: Array, run: Run) -> tuple[Statistics, Colour]:
     """The statistics of the neighbourhood, and the current sample."""
-    v = _load(planes, build, layout)
+    v = _load(planes, run)
     mean, deviation, low, high, sample = (v[i : i + 3] for i in range(0, 15, 3))
     return Statistics(mean, deviation, low, high), sample
 

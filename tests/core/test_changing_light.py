@@ -23,6 +23,7 @@ from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.checkpoint import Checkpoints
 from cltaa.pipeline.debug import DebugViews
 from cltaa.reference.illumination import IlluminationResult, illumination_test, stored_change
+from cltaa.reference.real import Run
 from cltaa.reference.sampling import Footprint
 from tests.kernels.hard_planes import padded
 from tests.sequence_factory import make_camera, make_frame
@@ -51,10 +52,7 @@ def in_light(
         padded(then, layout),
         change,
         place,
-        BUILD,
-        layout,
-        record,
-        record,
+        Run(BUILD, layout, settings=record),
     )
 
 

@@ -17,6 +17,7 @@ from cltaa.core.record import Past, frame_record
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame
 from cltaa.reference.neighbourhood import Statistics
+from cltaa.reference.real import Run
 from cltaa.reference.rectify import rectify
 from cltaa.reference.reprojection import Motion
 from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame
@@ -123,6 +124,8 @@ def test_the_box_of_extremes_is_widened_by_gamma(gamma: float, moved: float) -> 
     build = Build(choices=Choices(box_space=BoxSpace.RGB))
     still = Motion(zero, zero, one, zero, one > 0)
     history = np.stack((3 * one, zero, -3 * one))
-    found = rectify(history, 0 * history, near, still, gamma * one, build, layout, settings_record(Settings()))
+    found = rectify(
+        history, 0 * history, near, still, gamma * one, Run(build, layout, settings=settings_record(Settings()))
+    )
     assert [float(v[0, 0]) for v in found.change] == [-moved, 0.0, moved]
     assert float(found.clip_distance[0, 0]) == moved / gamma

@@ -16,6 +16,7 @@ from cltaa.frame import Effect, Frame
 from cltaa.reference.gather_sides import layers_of, side_of
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import read_rows
+from cltaa.reference.real import Run
 from tests.core.test_gather_fit import gathering
 from tests.kernels.hard_planes import padded
 from tests.sequence_factory import make_camera, make_frame
@@ -66,14 +67,15 @@ def test_a_side_of_an_edge_is_the_plane_of_its_own_samples() -> None:
     inverse_depth, current = padded(planes, layout), padded(np.repeat(planes, 3, axis=0), layout)
     settings = settings_record(Settings(fit_ridge=2.0**-10))
     frame = frame_record(make_frame(0, width=9, height=7), None, layout)
-    rows = read_rows(current, inverse_depth, None, build, layout, frame)
+    run = Run(build, layout, frame, settings)
+    rows = read_rows(current, inverse_depth, None, run)
     s = nearest_surface(*rows, build, settings["edge_tolerance"])
     layers = layers_of(*rows, s, settings)
     assert layers.edge[1:-1, 3:5].all()
     inside, none = slice(1, -1), np.zeros_like(near)
     black = np.stack((none, none, none))
     for is_far, own, beside, slope in ((False, 3, 4, (0.01, 0.02)), (True, 4, 3, (-0.004, 0.001))):
-        side = side_of(s, layers, black, current, inverse_depth, None, build, layout, frame, settings, far=is_far)
+        side = side_of(s, layers, black, current, inverse_depth, None, run, far=is_far)
         for column in (own, beside):
             # The nearest of its samples: the pixel's own, or the one beside it in its row.
             at = (inside, column)

@@ -10,6 +10,7 @@ from cltaa.core.constants import WINDOW_REACH
 from cltaa.core.parameters import Settings
 from cltaa.core.planes import Layout
 from cltaa.reference.gather_window import drift_of, mix_windows, shared_weights, students_t_of_drift, window_weight
+from cltaa.reference.real import Run
 from tests.kernels.hard_planes import padded
 
 WIDTH, HEIGHT = 40, 30
@@ -68,7 +69,7 @@ def test_a_highlight_that_appears_is_no_drift_of_the_light_around_it() -> None:
     now = then.copy()
     now[:, 12] = 1e4  # a fifth of the texels around those beside it: by a plain mean t is 2.4, and the drift 2000
     windows = padded(then, layout), padded(now, layout)
-    weights = shared_weights(*windows, Build(), settings_record(Settings()))
+    weights = shared_weights(*windows, Run(Build(), layout, settings=settings_record(Settings())))
     for was, there in zip(*windows, strict=True):
         drift = drift_of(was, there, weights, layout)
         beside = np.s_[10:12, WINDOW_REACH:-WINDOW_REACH]

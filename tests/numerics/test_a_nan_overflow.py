@@ -30,6 +30,7 @@ from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.launcher import NumpyLauncher
 from cltaa.reference.neighbourhood import Statistics
+from cltaa.reference.real import Run
 from cltaa.reference.rectify import neighbourhood_box
 from cltaa.reference.reprojection import Motion
 from cltaa.reference.sampling import footprint_of
@@ -157,7 +158,8 @@ def test_a2_no_box_is_inside_out(box: Box) -> None:
         s = work.layout.inside(written)
         near = Statistics(s[0:3], s[3:6], s[6:9], s[9:12])
         for gamma in (0.0, 1e-6, 1.0):
-            made = neighbourhood_box(near, np.full_like(s[0], gamma), build, settings_record(Settings(box_floor=0.0)))
+            run = Run(build, work.layout, settings=settings_record(Settings(box_floor=0.0)))
+            made = neighbourhood_box(near, np.full_like(s[0], gamma), run)
             assert all((extent >= 0).all() for extent in made.extent), neighbourhood
 
 

@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 
 from cltaa.core.build import Build, Storage, settings_record
 from cltaa.core.parameters import Box, Rectify, Settings
+from cltaa.core.planes import Layout
 from cltaa.core.presets import override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Image
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.reference.accumulate import blend, fold_luminance_weights
+from cltaa.reference.real import Run
 from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_of, looped, still_frame, unfiltered
 from tests.sequence_factory import bits
 
@@ -67,11 +69,11 @@ def test_e2_luminance_weights_are_exact_at_any_level(level: float) -> None:
     random = np.random.default_rng(42)
     x, h = ((level * 10.0 ** random.uniform(-2, 0, (3, 200, 200))).astype(np.float32) for _ in range(2))
     share = random.random((200, 200)).astype(np.float32)
-    build, settings = Build(), settings_record(Settings())
+    run = Run(Build(), Layout(200, 200), settings=settings_record(Settings()))
 
     def mixed(kind: Any) -> NDArray[Any]:
         now, then = x.astype(kind), h.astype(kind)
-        return blend(then, now, fold_luminance_weights(share.astype(kind), now, then, build, settings))
+        return blend(then, now, fold_luminance_weights(share.astype(kind), now, then, run))
 
     largest = np.maximum(np.abs(x), np.abs(h))
     assert (np.abs(mixed(np.float32) - mixed(np.float64)) <= 12 * UNIT_ROUNDOFF * largest).all()

@@ -20,7 +20,7 @@ from cltaa.reference.gather_sides import layers_of
 from cltaa.reference.gather_track import Track
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import read_rows
-from cltaa.reference.real import outside_domain, quiet
+from cltaa.reference.real import Run, outside_domain, quiet
 from cltaa.reference.reprojection import Motion
 from cltaa.reference.sampling import footprint_of
 from tests.kernels.stage_chain import ALL_STEPS, Work
@@ -138,8 +138,9 @@ def gathered(work: Work) -> Values:
     gathered, any channel."""
     build = Build(steps=ALL_STEPS, real=Real.DOUBLE)
     planes, layout = work.planes, work.layout
-    rows = read_rows(planes["current"], planes["inverse_depth"], planes["motion"], build, layout, work.frame)
-    p = current_pixel(rows, None, None, build, layout, work.frame)
+    run = Run(build, layout, work.frame, work.settings)
+    rows = read_rows(planes["current"], planes["inverse_depth"], planes["motion"], run)
+    p = current_pixel(rows, None, None, run)
     surface = nearest_surface(*rows, build, work.settings["edge_tolerance"])
     ring = planes["ring"].reshape(len(work.past), -1, layout.rows, layout.stride)
     layers, none = layers_of(*rows, surface, work.settings), SampleSums(np.zeros_like(p.alpha))
@@ -150,10 +151,7 @@ def gathered(work: Work) -> Values:
         p,
         surface,
         layers,
-        build,
-        layout,
-        work.frame,
-        work.settings,
+        run,
         far_only=False,
         track=Track.of(surface, build),
         before=0,
