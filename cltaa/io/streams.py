@@ -36,14 +36,13 @@ Task = Callable[[], Item]
 class ReadAhead(Iterator[Item]):
     """Items made by tasks in ``threads`` threads, up to ``depth`` of them ahead of use, in the order of the tasks.
 
-    An exception is raised in place of its item, and ends the iteration. ``seconds`` holds the time of each item.
+    With a ``depth`` of 0 each is made on demand. An exception is raised in place of its item, and ends the iteration.
+    ``seconds`` holds the time of each item.
     """
 
     def __init__(self, tasks: Iterable[Task[Item]], depth: int = AHEAD, threads: int = AHEAD) -> None:
-        if depth < 1:
-            raise ValueError(f"depth must be at least 1, not {depth}")
         self.seconds = array("d")
-        self._tasks, self._items = iter(tasks), deque[Future[Item]]()
+        self._tasks, self._items, self._depth = iter(tasks), deque[Future[Item]](), depth
         self._pool = ThreadPoolExecutor(threads, "cltaa read ahead")
         self._finalizer = weakref.finalize(self, self._pool.shutdown, cancel_futures=True)
         self._start(depth)
@@ -54,6 +53,8 @@ class ReadAhead(Iterator[Item]):
 
     def __next__(self) -> Item:
         """Return the next item, after a wait if need be."""
+        if self._depth == 0:
+            self._start(1)
         if not self._items:
             self.close()
             raise StopIteration
@@ -62,12 +63,14 @@ class ReadAhead(Iterator[Item]):
         except BaseException:
             self.close()
             raise
-        self._start(1)
+        if self._depth > 0:
+            self._start(1)
         return item
 
     def close(self) -> None:
         """Stop the threads and wait for them; unused items are dropped."""
         self._finalizer()
+        self._tasks = iter(())
         self._items.clear()
 
     def __enter__(self) -> Self:
@@ -77,24 +80,6 @@ class ReadAhead(Iterator[Item]):
     def __exit__(self, *_: object) -> None:
         """Stop the threads, whatever ended the block."""
         self.close()
-
-
-class InTurn(Iterator[Item]):
-    """Items made by tasks, each on demand; the same interface as ``ReadAhead``, without a thread."""
-
-    def __init__(self, tasks: Iterable[Task[Item]]) -> None:
-        self._tasks, self.seconds = iter(tasks), array("d")
-
-    def __next__(self) -> Item:
-        """Make the next item."""
-        return _timed(next(self._tasks), self.seconds)
-
-    def __enter__(self) -> Self:
-        """Return itself."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Do nothing: no thread runs."""
 
 
 def read_ahead(source: Iterable[Item], depth: int = AHEAD) -> ReadAhead[Item]:

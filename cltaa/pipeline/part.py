@@ -17,7 +17,7 @@ from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Asked, Effect, Frame, outline
 from cltaa.io.sequence import FrameSequence
-from cltaa.io.streams import BEHIND, InTurn, ReadAhead, Writer
+from cltaa.io.streams import AHEAD, BEHIND, ReadAhead, Writer
 from cltaa.pipeline.checkpoint import Checkpoints
 from cltaa.pipeline.denoise import denoiser
 from cltaa.pipeline.lineage import Lineage
@@ -98,8 +98,7 @@ class Parts:
         lead = numbers.index(wanted[0]) if from_ring_alone(resolver.preset, part, self._how) else 0
         asked, effects, started = frozenset(wanted), self._how.effects, time.perf_counter()
         in_turn = isinstance(resolver, BandedResolver)  # so large that no second image fits beside it
-        tasks = reads(part, after, self._how.layers, self._denoise)
-        reading = InTurn(tasks) if in_turn else ReadAhead(tasks)
+        reading = ReadAhead(reads(part, after, self._how.layers, self._denoise), 0 if in_turn else AHEAD)
         with Writer(compression=self._how.compression) as writer, reading as frames:
             if after is None:
                 resolver.reset()

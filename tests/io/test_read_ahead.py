@@ -40,6 +40,16 @@ def test_no_more_than_depth_ahead(depth: int) -> None:
             assert next(numbers) == taken
 
 
+def test_with_depth_0_items_are_made_on_demand() -> None:
+    source = Counted(5)
+    with read_ahead(source, 0) as numbers:
+        for taken in range(5):
+            assert source.made == taken
+            assert next(numbers) == taken
+        assert list(numbers) == []
+    assert list(numbers) == []
+
+
 def test_several_threads_keep_order_and_depth() -> None:
     """Three at a time, the later ones done first."""
     begun, gates = [], [threading.Event() for _ in range(20)]

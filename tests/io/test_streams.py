@@ -35,9 +35,7 @@ def test_forgotten_reader_and_writer_end_their_threads(tmp_path: Path) -> None:
     assert stream_threads() == []
 
 
-def test_depth_of_nothing() -> None:
-    with pytest.raises(ValueError, match="depth must be at least 1, not 0"):
-        read_ahead([], 0)
+def test_a_writer_needs_a_depth() -> None:
     with pytest.raises(ValueError, match="depth must be at least 1, not 0"):
         Writer(0)
 
