@@ -12,7 +12,7 @@ import math
 import os
 import platform
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from importlib.metadata import version
@@ -64,12 +64,8 @@ class Sample(NamedTuple):
     processor: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Job:
-    """A timed task. ``run`` does it once and waits for its end; returns the device's own seconds, or None."""
-
-    name: str
-    run: Callable[[], float | None]
+# A timed task: does it once and waits for its end; returns the device's own seconds, or None.
+Job = Callable[[], float | None]
 
 
 class Interval(msgspec.Struct, frozen=True, kw_only=True):
@@ -166,7 +162,7 @@ def sign_test(ratios: NDArray[np.float64]) -> float:
 
 
 def measure(
-    jobs: Sequence[Job],
+    jobs: Mapping[str, Job],
     rounds: int,
     *,
     warm_up: int = 5,
@@ -175,20 +171,20 @@ def measure(
     patience: float = 0.0,
     action: str | None = None,
 ) -> Samples:
-    """Time ``jobs`` in ``rounds`` rounds after ``warm_up`` untimed runs of each.
+    """Time ``jobs``, by name, in ``rounds`` rounds after ``warm_up`` untimed runs of each.
 
     A turn is one run, or with ``turn`` as many as fill that many seconds, from FEWEST_RUNS to MOST_RUNS; a job as long
     as LONG turns runs once, also to warm up. Until ``enough`` accepts the samples, more rounds follow for at most
     ``patience`` seconds. With an ``action``, shows progress under that name (``cltaa.progress.track``).
     """
-    runs = {job.name: _runs(job, warm_up, turn) for job in jobs}
-    random = np.random.default_rng(0)
+    runs = {name: _runs(job, warm_up, turn) for name, job in jobs.items()}
+    random, names = np.random.default_rng(0), [*jobs]
     samples = Samples()
 
     def play() -> None:
-        for place in random.permutation(len(jobs)):
-            job = jobs[place]
-            samples.add(job.name, _turn(job, runs[job.name]))
+        for place in random.permutation(len(names)):
+            name = names[place]
+            samples.add(name, _turn(jobs[name], runs[name]))
 
     numbers = range(rounds)
     for _ in numbers if action is None else track(numbers, rounds, action, unit="rounds"):
@@ -213,7 +209,7 @@ def _turn(job: Job, runs: int) -> Sample:
     walls, devices, worked = list[float](), list[float](), list[float]()
     for _ in range(runs):
         begun, asked, started = time.process_time(), time.thread_time(), time.perf_counter()
-        device = job.run()
+        device = job()
         walls.append(time.perf_counter() - started)
         host = 0.0 if device is None else time.thread_time() - asked
         worked.append(time.process_time() - begun - host)
@@ -303,7 +299,7 @@ def _frame(index: int, motion: Motion, waves: Image, depth: Image, random: np.ra
     )
 
 
-def resolve_job(name: str, resolver: Resolver, frames: list[Frame]) -> tuple[Job, Image]:
+def resolve_job(resolver: Resolver, frames: list[Frame]) -> tuple[Job, Image]:
     """Return a job that repeats the kernels of the last of two or more ``frames``, and their image [H, W, 3 or 4].
 
     The job returns device seconds, or None on NumPy. Raises what ``Resolver.resolve`` raises.
@@ -313,11 +309,7 @@ def resolve_job(name: str, resolver: Resolver, frames: list[Frame]) -> tuple[Job
     last = frames[-1]
     ahead = [replace(last, index=last.index + last.step * n) for n in range(1, resolver.look_ahead + 1)]
     image = [image for frame in (*frames, *ahead) for image in resolver.feed(frame)][-1]
-
-    def run() -> float | None:
-        return kernel_seconds(resolver.launcher, lambda: resolver.run_again(frames[-1], frames[-2]))
-
-    return Job(name, run), image
+    return lambda: kernel_seconds(resolver.launcher, lambda: resolver.run_again(last, frames[-2])), image
 
 
 def _keep_before(resolver: Resolver, frame: Frame) -> None:

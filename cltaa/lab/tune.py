@@ -163,9 +163,9 @@ class Bench:
         """Return the least kernel time of a frame, averaged over the sequences."""
         spent = []
         for pair in self._pairs:
-            job, _ = resolve_job("candidate", Resolver(preset, self._launcher), pair)
-            samples = measure([job], ROUNDS, warm_up=1)
-            spent.append(float(samples.seconds(job.name, Clock.DEVICE).min()) * 1e3)
+            job, _ = resolve_job(Resolver(preset, self._launcher), pair)
+            samples = measure({"candidate": job}, ROUNDS, warm_up=1)
+            spent.append(float(samples.seconds("candidate", Clock.DEVICE).min()) * 1e3)
         return float(np.mean(spent))
 
 

@@ -18,7 +18,6 @@ from cltaa.lab.timing import (
     Clock,
     Environment,
     Interval,
-    Job,
     Motion,
     camera_at,
     environment,
@@ -84,8 +83,7 @@ def _timed(preset: Preset, launcher: DeviceLauncher, width: int, height: int, ro
         "copies": _times(plain.run),
         "pinned_copies": _times(pinned.run),
     }
-    jobs = [Job(name, run) for name, run in runs.items()]
-    samples = measure(jobs, rounds, warm_up=1, action=f"timing {width} x {height}")
+    samples = measure(runs, rounds, warm_up=1, action=f"timing {width} x {height}")
     return ApiTimes(
         width=width,
         height=height,

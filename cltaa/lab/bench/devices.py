@@ -76,7 +76,7 @@ def bench_shapes(device: str | None) -> ShapesBench:
     make_folder(_folder())
     jobs, absent = _jobs(device, names, CPU_SIZE if is_cpu(cl_device) else GPU_SIZE)
     base = usual if usual in jobs else next(iter(jobs))
-    samples = measure([*jobs.values()], ROUNDS, warm_up=WARM_UP, action="timing")
+    samples = measure(jobs, ROUNDS, warm_up=WARM_UP, action="timing")
     clock = clock_of(samples)
     taken = fastest(samples, base, clock)
     with atomic_path(kept_path(facts)) as path:
@@ -132,7 +132,7 @@ def _jobs(device: str | None, names: list[str], size: tuple[int, int]) -> tuple[
             launcher = DeviceLauncher(device)
             launcher.device.shape = SHAPES[name]
             check_same(name, _last(Resolver(load_preset(), launcher), proof), oracle)
-            jobs[name] = _job(name, launcher, motions)
+            jobs[name] = _job(launcher, motions)
         except InternalError as error:
             absent[name] = str(error)
             if name == names[-1] and not jobs:
@@ -155,9 +155,9 @@ def _last(resolver: Resolver, frames: list[Frame]) -> Image:
     return np.where(np.isnan(image), np.float32(np.inf), image)  # NaN would compare as within any bound
 
 
-def _job(name: str, launcher: DeviceLauncher, motions: list[list[Frame]]) -> Job:
-    each = [resolve_job(name, Resolver(load_preset(), launcher), frames)[0] for frames in motions]
-    return Job(name, lambda: sum(job.run() or 0.0 for job in each))
+def _job(launcher: DeviceLauncher, motions: list[list[Frame]]) -> Job:
+    each = [resolve_job(Resolver(load_preset(), launcher), frames)[0] for frames in motions]
+    return lambda: sum(job() or 0.0 for job in each)
 
 
 def _row(name: str, base: str, samples: Samples, clock: Clock, absent: dict[str, str]) -> ShapeRow:

@@ -108,12 +108,12 @@ def copy_job(launcher: DeviceLauncher, moved: int) -> Job:
     kernel = launcher.kernel("bench/copy", Build(lanes=1, rows=1))
     given = {"from": source, "to": target}
 
-    def run() -> float:
+    def copy() -> float:
         event = kernel.enqueue(launcher.device.queue, (items,), None, given)
         launcher.finish()
         return device_seconds([(kernel.name, event)])
 
-    return Job("copy", run)
+    return copy
 
 
 def least_bytes(resolver: Resolver) -> int:
@@ -258,20 +258,19 @@ class Contenders:
 
     def __init__(self, launcher: DeviceLauncher, frames: list[Frame]) -> None:
         self._launcher, self._frames = launcher, frames
-        self.jobs: list[Job] = []
+        self.jobs: dict[str, Job] = {}
         self.moved: dict[str, int] = {}  # bytes per pixel
         self.absent: dict[str, str] = {}
         self.opengl: str | None = None
         self._shader: Shader | None = None
         self.core = self.add_preset(CORE, BASELINE)
-        self.jobs.append(Job(CONTROL, self.jobs[0].run))
+        self.jobs[CONTROL] = self.jobs[CORE]
         self.moved[CONTROL] = self.moved[CORE]
 
     def add_preset(self, name: str, preset: Preset) -> Image:
         """Add an unchanged preset, which may compute something else than the core; returns its image."""
         resolver = Resolver(preset, self._launcher)
-        job, image = resolve_job(name, resolver, self._frames)
-        self.jobs.append(job)
+        self.jobs[name], image = resolve_job(resolver, self._frames)
         self.moved[name] = least_bytes(resolver)
         return image
 
@@ -293,7 +292,7 @@ class Contenders:
             image = port.resolve(frame, frame_record(frame, past, Layout(frame.width, frame.height)))
             past = Past.of(frame)
         check_same(name, image, self.core)
-        self.jobs.append(Job(name, port.run))
+        self.jobs[name] = port.run
         self.moved[name] = self.moved[CORE]
 
     def release(self) -> None:
@@ -338,11 +337,11 @@ def bench_kernels(
 
 def _timing(contenders: Contenders, launcher: DeviceLauncher, motion: Motion, pixels: int, rounds: int) -> Timing:
     moved = contenders.moved[CORE] * pixels
-    jobs = [*contenders.jobs, copy_job(launcher, moved)]
+    jobs = contenders.jobs | {COPY: copy_job(launcher, moved)}
     samples = measure(jobs, rounds, action="timing")
     # By the device's own clock, because on a GPU the host's would add transfers.
     bandwidth = moved / samples.interval(COPY, Clock.DEVICE).median
-    rows = [_row(job.name, samples, pixels, contenders.moved.get(job.name, moved // pixels), bandwidth) for job in jobs]
+    rows = [_row(name, samples, pixels, contenders.moved.get(name, moved // pixels), bandwidth) for name in jobs]
     return Timing(
         motion=motion,
         rows=rows,

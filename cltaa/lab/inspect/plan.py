@@ -26,7 +26,7 @@ from cltaa.inputs.open import check_declared, looked_for, open_input
 from cltaa.io.names import Named
 from cltaa.io.preset_file import read_preset
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.timing import Clock, Interval, Job, Samples, measure, resolve_job
+from cltaa.lab.timing import Clock, Interval, Samples, measure, resolve_job
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.denoise import denoises
 from cltaa.pipeline.folder import band_rows_for, find_for, for_denoised, has_bands, of_whole, with_fireflies
@@ -229,8 +229,7 @@ def _time(
 
         return once
 
-    jobs = [Job(name, run(variant)) for name, variant in variants.items()]
-    samples = measure(jobs, rounds, warm_up=2)
+    samples = measure({name: run(variant) for name, variant in variants.items()}, rounds, warm_up=2)
     section.milliseconds = _milliseconds(samples, PLANNED, Clock.WALL)
     section.every_milliseconds = _milliseconds(samples, EVERY, Clock.WALL)
     for step in section.steps:
@@ -285,7 +284,7 @@ def judge_effects(sequence: FrameSequence, preset: str | Preset, launcher: Launc
     before, frame = (sequence.frame(number) for number in sequence.numbers[-2:])
     pair = replace(before, cut=True), replace(frame, cut=False)
     fast = {way: Resolver(preset, launcher, every_step=way != PLANNED) for way in WAYS}
-    jobs = [resolve_job(way, fast[way], [with_effects(one, named) for one in pair])[0] for way, named in WAYS.items()]
+    jobs = {way: resolve_job(fast[way], [with_effects(one, named) for one in pair])[0] for way, named in WAYS.items()}
     samples, chosen = measure(jobs, rounds, warm_up=3), fast[PLANNED].plan
     assert chosen is not None
     clock = Clock.DEVICE if isinstance(launcher, DeviceLauncher) and not launcher.device.is_cpu else Clock.PROCESSOR

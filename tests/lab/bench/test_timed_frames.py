@@ -19,7 +19,7 @@ from tests.sequence_factory import bits, make_frame
 def test_what_is_timed_gathers_from_as_many_frames_as_it_keeps(preset: str) -> None:
     few = override(load_preset(preset), {"history_frames": 3})
     *_, frame, last = hard_frames(24, 14, count=5)
-    _, image = resolve_job("job", Resolver(few, "numpy"), [frame, last])
+    _, image = resolve_job(Resolver(few, "numpy"), [frame, last])
     resolver = Resolver(few, "numpy")
     for ago in (3, 2, 1, 0):
         resolver.resolve(dataclasses.replace(frame, index=frame.index - ago))
@@ -33,12 +33,12 @@ def test_what_is_timed_looks_as_far_ahead_as_it_does() -> None:
     few = override(load_preset("gather-8+8"), {"history_frames": 2, "look_ahead": 2})
     *_, frame, last = hard_frames(24, 14, count=5)
     resolver = Resolver(few, "numpy")
-    job, image = resolve_job("job", resolver, [frame, last])
+    job, image = resolve_job(resolver, [frame, last])
     before = [dataclasses.replace(frame, index=frame.index - ago) for ago in (2, 1)]
     ahead = [dataclasses.replace(last, index=last.index + later) for later in (1, 2)]
     expected = [*Resolver(few, "numpy").images([*before, frame, last, *ahead])][3]
     assert (bits(image) == bits(expected)).all()
-    job.run()
+    job()
     assert resolver.last is not None
     with resolver.last.arguments["output"].mapped(write=False) as planes:
         again = np.moveaxis(resolver.last.layout.inside(planes), 0, -1)

@@ -89,7 +89,7 @@ def test_sign_test() -> None:
 
 def test_every_round_runs_every_job_once_in_an_order_of_its_own() -> None:
     ran: list[str] = []
-    jobs = [Job(name, lambda name=name: ran.append(name)) for name in "abc"]  # type: ignore[misc]
+    jobs = {name: lambda name=name: ran.append(name) for name in "abc"}
     samples = measure(jobs, 8, warm_up=3)
     assert ran[:9] == ["a"] * 3 + ["b"] * 3 + ["c"] * 3
     rounds = [tuple(ran[at : at + 3]) for at in range(9, len(ran), 3)]
@@ -110,16 +110,17 @@ def test_a_turn_is_as_many_runs_as_fill_its_time(monkeypatch: pytest.MonkeyPatch
             ran.append(name)
             now[0] += seconds
 
-        return Job(name, run)
+        return run
 
-    measure([lasting("short", 0.001), lasting("medium", 0.06), lasting("long", 0.25)], 3, warm_up=3, turn=0.05)
+    lengths = {"short": 0.001, "medium": 0.06, "long": 0.25}
+    measure({name: lasting(name, seconds) for name, seconds in lengths.items()}, 3, warm_up=3, turn=0.05)
     assert ran.count("short") == 3 + 3 * MOST_RUNS
     assert ran.count("medium") == 3 + 3 * FEWEST_RUNS
     assert ran.count("long") == 1 + 3
 
 
 def test_sleeping_takes_time_and_is_no_work() -> None:
-    samples = measure([Job("sleep", lambda: time.sleep(0.06))], 3)
+    samples = measure({"sleep": lambda: time.sleep(0.06)}, 3)
     assert samples.seconds("sleep", Clock.WALL).min() >= 0.06
     assert samples.seconds("sleep", Clock.PROCESSOR).min() < 0.03  # seen: 0.0003
 
@@ -135,7 +136,7 @@ def test_a_turn_keeps_its_least(monkeypatch: pytest.MonkeyPatch) -> None:
         worked[0] += 2 * seconds
         return seconds
 
-    (sample,) = measure([Job("a", run)], 1, warm_up=1, turn=1.0).by_job["a"]
+    (sample,) = measure({"a": run}, 1, warm_up=1, turn=1.0).by_job["a"]
     assert sample.device == 0.001
     assert sample.processor == pytest.approx(0.002)
 
@@ -158,15 +159,15 @@ def test_processor_time_beside_a_device_is_its_threads_alone(
         worked["kernels"] += 0.5
         return 0.7 if by_device else None
 
-    (sample,) = measure([Job("a", run)], 1, warm_up=1).by_job["a"]
+    (sample,) = measure({"a": run}, 1, warm_up=1).by_job["a"]
     assert sample.processor == seconds
 
 
 def test_more_rounds_follow_until_there_are_enough() -> None:
-    job = Job("a", lambda: None)
-    enough = measure([job], 3, enough=lambda found: len(found.by_job["a"]) >= 7, patience=60.0)
+    jobs: dict[str, Job] = {"a": lambda: None}
+    enough = measure(jobs, 3, enough=lambda found: len(found.by_job["a"]) >= 7, patience=60.0)
     assert len(enough.by_job["a"]) == 7
-    never = measure([job], 3, enough=lambda _: False, patience=0.0)
+    never = measure(jobs, 3, enough=lambda _: False, patience=0.0)
     assert len(never.by_job["a"]) == 3
 
 

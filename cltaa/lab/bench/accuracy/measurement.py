@@ -167,17 +167,18 @@ def enlargement(captured: FrameSequence, launcher: DeviceLauncher, pixels: int |
 
 def jobs_of(
     captured: FrameSequence, variants: Sequence[Variant], launcher: DeviceLauncher, least_pixels: int | None
-) -> tuple[list[Job], int, int, dict[str, float]]:
+) -> tuple[dict[str, Job], int, int, dict[str, float]]:
     """Return a job for each variant and a copy of the default's; pixels and least bytes of a frame; the default's
     stage times."""
     factor = enlargement(captured, launcher, least_pixels)
     frames = [enlarged(frame, factor) for frame in timed_frames(captured)]
     pixels = frames[0].width * frames[0].height
     resolvers = [variant.resolver(launcher) for variant in variants]
-    jobs = [resolve_job(each.name, resolver, frames)[0] for each, resolver in zip(variants, resolvers, strict=True)]
+    jobs = {v.name: resolve_job(resolver, frames)[0] for v, resolver in zip(variants, resolvers, strict=True)}
     moved = least_bytes(resolvers[0]) * pixels
-    copy = Job(f"{jobs[0].name} {CONTROL}", jobs[0].run)
-    return [*jobs, copy], pixels, moved, stage_seconds(variants[0], launcher, frames)
+    default = variants[0].name
+    jobs[f"{default} {CONTROL}"] = jobs[default]
+    return jobs, pixels, moved, stage_seconds(variants[0], launcher, frames)
 
 
 def ranking(samples: Samples, default: str, controls: int, *, is_cpu: bool, units: int) -> Ranking:
@@ -250,7 +251,7 @@ def measure_sequence(
         return ranking(samples, default.name, timing.together, is_cpu=launcher.device.is_cpu, units=timing.units)
 
     samples = measure_times(
-        [*jobs, copy_job(launcher, moved)],
+        jobs | {"copy": copy_job(launcher, moved)},
         timing.rounds,
         turn=TURN,
         enough=lambda samples: not ranked(samples).noisy,
