@@ -22,10 +22,10 @@ def on_screen(m: Motion, layout: Layout) -> Mask:
     return m.visible & inside & (np.abs(m.u) < far) & (np.abs(m.v) < far)
 
 
-def surface_range(s: Surface, m: Motion, tolerance: Any) -> tuple[Array, Array]:
+def surface_range(s: Surface, m: Motion, run: Run) -> tuple[Array, Array]:
     """Lowest and highest inverse depth of the current 3x3, seen from the previous camera and widened."""
     near, far = s.nearest * m.scale + m.shift, s.farthest * m.scale + m.shift
-    slack = tolerance * greater(np.abs(near), np.abs(far))
+    slack = run.settings["depth_tolerance"] * greater(np.abs(near), np.abs(far))
     return far - slack, near + slack
 
 
@@ -36,9 +36,9 @@ def weighted_texels(q: Quad, f: Footprint) -> Quad:
     return Quad(q.p00, p10, np.where(one_row, q.p00, q.p01), np.where(one_row, p10, p11))
 
 
-def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
+def same_surface(previous: Quad, s: Surface, m: Motion, run: Run) -> Mask:
     """True where one of four texels of the previous inverse depth lies in the range of the current 3x3."""
-    low, high = surface_range(s, m, tolerance)
+    low, high = surface_range(s, m, run)
     matches = [(p <= high) & (p >= low) for p in previous]
     return matches[0] | matches[1] | matches[2] | matches[3]
 
@@ -74,10 +74,10 @@ def has_parallax(other: Array, s: Surface, m: Motion, run: Run) -> Mask:
     return moved
 
 
-def occluder_has_passed(nearest: Array, s: Surface, m: Motion, tolerance: Any, run: Run) -> Mask:
+def occluder_has_passed(nearest: Array, s: Surface, m: Motion, run: Run) -> Mask:
     """True where the ``nearest`` inverse depth around the history position is nearer than the surface, and has moved
     against it since."""
-    _, high = surface_range(s, m, tolerance)
+    _, high = surface_range(s, m, run)
     moved = has_parallax((nearest - m.shift) / m.scale, s, m, run)
     return (nearest > high) & moved
 
@@ -101,7 +101,7 @@ def edge_count_limit(previous: Quad, corners: Quad, s: Surface, m: Motion, run: 
     """Upper limit of the sample count: low at the edge of a nearer surface, not of a wire, where camera motion has
     moved the background past it."""
     middle = middle_inverse_depth(s, m)
-    edge = has_edge(s, run.settings["edge_tolerance"]) & any_nearer(previous, middle) & any_nearer(corners, middle)
+    edge = has_edge(s, run) & any_nearer(previous, middle) & any_nearer(corners, middle)
     parallax, least = parallax_of(s.farthest, s, m, run), value("LEAST_PARALLAX")
     count_limit = run.settings["edge_samples"] / limit(parallax, least, 1)
     return np.where(edge & (parallax >= least), count_limit, value("DOMAIN_LIMIT"))

@@ -41,10 +41,10 @@ class Gathering:
         p = current_pixel(rows, given["alpha"], given["reactive"], run)._replace(
             missing=sample_is_missing(current, run.layout), filled=filled_colour(current, run.build, run.layout)
         )
-        s = nearest_surface(*rows, run.build, run.settings["edge_tolerance"])
+        s = nearest_surface(*rows, run)
         m = surface_motion(s, run)
         slots = given["ring"].reshape(-1, ring_planes(run.steps), run.layout.rows, run.layout.stride)
-        layers, past = layers_of(*rows, s, run.settings), given["past"][: given["frames"]]
+        layers, past = layers_of(*rows, s, run), given["past"][: given["frames"]]
         layered = run.choices.gather_fit is GatherFit.LAYERS
         if layered:
             s, layers = find_subpixel_feature(s, layers, slots, past, run)

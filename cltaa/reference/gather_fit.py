@@ -133,7 +133,7 @@ def resolve_gathered(g: SampleSums, far: SampleSums, layers: Layers, p: Pixel, m
     weight = np.where(any_of, g.weight, one)
     plain = run.choices.gather_fit is GatherFit.MEAN
     past = current + (g.sum / weight if plain else gathered_change(g, far, layers, samples, run.settings))
-    moved = rectify(past, current, p.stats, m, box_scale_of(m, run.settings), run).change
+    moved = rectify(past, current, p.stats, m, box_scale_of(m, run), run).change
     share = g.weight / (luminance_weight(current, run) + g.weight) if plain else one
     if run.steps.reactive:
         share = share * (one - reactive_loss(p.reactivity, run.build))

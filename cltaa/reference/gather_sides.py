@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.core.build import Record
 from cltaa.core.constants import value
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.disocclusion import on_screen
@@ -43,10 +42,10 @@ class Side:
     count: Array
 
 
-def layers_of(above: Row, centre: Row, below: Row, s: Surface, settings: Record) -> Layers:
+def layers_of(above: Row, centre: Row, below: Row, s: Surface, run: Run) -> Layers:
     """Where a depth edge runs through the 3x3, the inverse depth that separates its sides, and the slope where no edge
     runs."""
-    edge = has_edge(s, settings["edge_tolerance"])
+    edge = has_edge(s, run)
     slopes = (0.5 * centre.rise, 0.5 * (below.inverse_depth - above.inverse_depth))
     x, y = (np.where(edge, 0.0, slope) for slope in slopes)
     return Layers(edge, 0.5 * (s.nearest + s.farthest), (x, y))

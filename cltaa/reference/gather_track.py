@@ -45,9 +45,7 @@ def matches_surface(inverse_depth: Array, s: Surface, m: Motion, run: Run) -> Ma
     frame."""
     if run.choices.reject is Reject.NONE:
         return inverse_depth == inverse_depth
-    return same_surface(
-        Quad(inverse_depth, inverse_depth, inverse_depth, inverse_depth), s, m, run.settings["depth_tolerance"]
-    )
+    return same_surface(Quad(inverse_depth, inverse_depth, inverse_depth, inverse_depth), s, m, run)
 
 
 @dataclass(slots=True)

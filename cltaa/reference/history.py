@@ -70,15 +70,15 @@ def find_occlusion(
 ) -> Occlusion:
     """Find from the previous inverse depth [rows, stride] how occluders affect each pixel's history."""
     no, count_limit = np.zeros(m.u.shape, np.bool_), np.full_like(m.u, value("DOMAIN_LIMIT"))
-    steps, tolerance = run.steps, run.settings["depth_tolerance"]
+    steps = run.steps
     if run.choices.reject is not Reject.DEPTH or not (steps.camera_motion or steps.own_motion):
         return Occlusion(no, no, no, no, count_limit)
-    _, high = surface_range(s, m, tolerance)
+    _, high = surface_range(s, m, run)
     nearer_beside, passed, covered, background = any_nearer(previous, high), no, no, no
     corners = sample_corners(previous_inverse_depth, f, m.u.dtype)
     if steps.camera_motion:
         nearest = greater(nearest_of(previous), nearest_of(corners))
-        passed = occluder_has_passed(nearest, s, m, tolerance, run)
+        passed = occluder_has_passed(nearest, s, m, run)
         background = shows_background(previous, s, m, run)
         count_limit = edge_count_limit(previous, corners, s, m, run)
     if run.build.terms.covered_share:
@@ -124,7 +124,7 @@ def sample_history(
     if run.choices.reject is Reject.DEPTH:
         no_depth = sample_is_missing(current, run.layout) & (s.nearest <= run.frame["sky_inverse_depth"])
         read = weighted_texels(previous, f) if run.steps.own_motion and run.frame["own_vectors"] else previous
-        valid &= (same_surface(read, s, m, run.settings["depth_tolerance"]) & ~o.covered) | no_depth
+        valid &= (same_surface(read, s, m, run) & ~o.covered) | no_depth
     change = np.zeros_like(count)
     if tests_light(run.build):
         threshold = illumination_threshold(o, run.settings, count)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,15 +48,25 @@ def difference_row(left: Array, centre: Array, right: Array) -> DifferenceMoment
     return DifferenceMoments(centre + (dl + dr) * value("ONE_THIRD"), spread_of_three(dl, dr))
 
 
-def third_of_students_t(
-    above: DifferenceMoments, centre: DifferenceMoments, below: DifferenceMoments, least: Array
-) -> Array:
+def third_of_students_t(rows: Sequence[DifferenceMoments], least: Array) -> Array:
     """A third of Student's t of nine differences, with the sign of their mean; ``least`` is added to their
     deviation."""
+    above, centre, below = rows
     da, db = above.mean - centre.mean, below.mean - centre.mean
     mean = centre.mean + (da + db) * value("ONE_THIRD")
     spread = ((above.spread + centre.spread) + below.spread) + 3.0 * spread_of_three(da, db)
     return mean / (np.sqrt(spread * value("TWO_27THS")) + least)
+
+
+def nine_differences(difference: Callable[[int, int], tuple[Array, Array]]) -> tuple[list[DifferenceMoments], Array]:
+    """The rows of the differences of nine texels, and the sum of their levels; ``difference`` gives both of one."""
+    rows: list[DifferenceMoments] = []
+    levels = []
+    for j in (-1, 0, 1):
+        (left, first), (own, second), (right, third) = (difference(i, j) for i in (-1, 0, 1))
+        rows.append(difference_row(left, own, right))
+        levels.append((first + second) + third)
+    return rows, (levels[0] + levels[1]) + levels[2]
 
 
 def illumination_difference(now: Colour, past: Colour, run: Run) -> Colour:
@@ -76,16 +87,13 @@ def least_deviation(level: Array, tiny: float, settings: Record) -> Array:
 def alpha_t(alpha: Array, history: Array, row: Array, column: Array, run: Run, like: Array) -> Array:
     """A third of Student's t of the nine differences of padded planes of alpha [rows, stride]."""
     share = share_in_domain(alpha.astype(like.dtype), 1.0)
-    rows: list[DifferenceMoments] = []
-    levels = []
-    for j in (-1, 0, 1):
-        left, own, right = (neighbour(share, i, j, run.layout) for i in (-1, 0, 1))
-        past = (history[row + j, column + i].astype(like.dtype) for i in (-1, 0, 1))
-        rows.append(difference_row(*(now - then for now, then in zip((left, own, right), past, strict=True))))
-        levels.append((left + own) + right)
-    above, centre, below = rows
-    least = least_deviation((levels[0] + levels[1]) + levels[2], value("TINY"), run.settings)
-    return third_of_students_t(above, centre, below, least)
+
+    def difference(i: int, j: int) -> tuple[Array, Array]:
+        now = neighbour(share, i, j, run.layout)
+        return now - history[row + j, column + i].astype(like.dtype), now
+
+    rows, level = nine_differences(difference)
+    return third_of_students_t(rows, least_deviation(level, value("TINY"), run.settings))
 
 
 def tests_light(build: Build) -> bool:
@@ -136,17 +144,10 @@ def illumination_test(
         past = history[:3, row + j, column + i].astype(real)
         return illumination_difference(now, past, run), np.abs(now[0])
 
-    rows: list[DifferenceMoments] = []
-    levels = []
-    for j in (-1, 0, 1):
-        (left, left_size), (own, own_size), (right, right_size) = (difference(i, j) for i in (-1, 0, 1))
-        rows.append(difference_row(left, own, right))
-        levels.append((left_size + own_size) + right_size)
-    level = (levels[0] + levels[1]) + levels[2]
+    rows, level = nine_differences(difference)
     first, *_ = units = box_units(run.build)
     least = least_deviation(level, first * value("TINY"), run.settings)
-    above, centre, below = rows
-    ta, tb, tc = third_of_students_t(above, centre, below, a_channel([unit / first for unit in units]) * least)
+    ta, tb, tc = third_of_students_t(rows, a_channel([unit / first for unit in units]) * least)
     largest: Array = greater(np.abs(ta), greater(np.abs(tb), np.abs(tc)))
     signed_t = ta
     if accumulates_alpha(run.build) and alpha is not None:

@@ -231,14 +231,14 @@ def read_row(colour: Array, inverse_depth: Array, motion: Array | None, dy: int,
     )
 
 
-def has_edge(s: Surface, edge_tolerance: Any) -> Mask:
+def has_edge(s: Surface, run: Run) -> Mask:
     """True where a depth edge runs through the 3x3."""
     skew = (s.nearest - s.centre) - (s.centre - s.farthest)
-    edge: Mask = np.abs(skew) > edge_tolerance * np.abs(s.nearest)
+    edge: Mask = np.abs(skew) > run.settings["edge_tolerance"] * np.abs(s.nearest)
     return edge
 
 
-def nearest_surface(above: Row, centre: Row, below: Row, build: Build, edge_tolerance: Any) -> Surface:
+def nearest_surface(above: Row, centre: Row, below: Row, run: Run) -> Surface:
     """The nearest surface of the 3x3, or the pixel's own, by the build's dilation."""
     zero = np.zeros_like(centre.inverse_depth)
     nearer = greater(above.nearest, centre.nearest)
@@ -247,11 +247,11 @@ def nearest_surface(above: Row, centre: Row, below: Row, build: Build, edge_tole
     own = Surface(
         zero, zero, centre.inverse_depth, centre.centre_u, centre.centre_v, centre.inverse_depth, nearest, farthest
     )
-    if build.choices.dilation in (Dilation.NONE, Dilation.CORNERS, Dilation.BESIDE):
+    if run.choices.dilation in (Dilation.NONE, Dilation.CORNERS, Dilation.BESIDE):
         return own
     up = above.nearest > centre.nearest
     down = below.nearest > nearer
-    across = has_edge(own, edge_tolerance) if build.choices.dilation is Dilation.EDGE else np.ones_like(up)
+    across = has_edge(own, run) if run.choices.dilation is Dilation.EDGE else np.ones_like(up)
 
     def pick(a: Array, c: Array, b: Array, otherwise: Array) -> Array:
         return np.where(across, np.where(down, b, np.where(up, a, c)), otherwise)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.core.build import Build, Record
+from cltaa.core.build import Build
 from cltaa.core.constants import value
 from cltaa.core.parameters import Accumulate, AntiFlicker, Box, Rectify
 from cltaa.reference.colour import Colour, a_channel, from_box_space, inner, to_box_space
@@ -151,9 +151,9 @@ def rectify(history: Colour, current: Colour, s: Statistics, m: Motion, gamma: A
     )
 
 
-def box_scale_of(m: Motion, settings: Record) -> Array:
+def box_scale_of(m: Motion, run: Run) -> Array:
     """Box scale, factor of the deviations or of the extremes: wide without motion."""
-    speed = greater(np.abs(m.u), np.abs(m.v)) / settings["motion_px"]
+    speed = greater(np.abs(m.u), np.abs(m.v)) / run.settings["motion_px"]
     still = greater(1.0 - speed, 0.0)
-    moving, static = (number(settings[f"box_scale_{each}"], speed) for each in ("moving", "static"))
+    moving, static = (number(run.settings[f"box_scale_{each}"], speed) for each in ("moving", "static"))
     return moving + still * (static - moving)

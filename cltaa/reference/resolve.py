@@ -40,11 +40,11 @@ def resolve(
     run = Run(build, layout, frame, settings)
     rows = read_rows(current, inverse_depth, motion, run)
     p = current_pixel(rows, alpha, reactive, run)
-    s = nearest_surface(*rows, build, settings["edge_tolerance"])
+    s = nearest_surface(*rows, run)
     s = borrowed_surface(s, inverse_depth, motion, run)
     m = surface_motion(s, run)
     h = sample_history(current, alpha, history, history_count, previous_inverse_depth, m, s, run)
-    r = rectify(h.rgb, p.filtered, p.stats, m, box_scale_of(m, settings), run)
+    r = rectify(h.rgb, p.filtered, p.stats, m, box_scale_of(m, run), run)
     if build.steps.alpha and alpha is not None:
         h = replace(h, alpha=rectified_alpha(alpha, h.alpha, run))
     p = without_firefly(p, current, h, run)

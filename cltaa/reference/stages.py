@@ -61,7 +61,7 @@ def surface_motion_kernel(
     depth, and the surface's offset from the pixel."""
     run = Run(build, layout, frame, settings)
     rows = read_rows(current, inverse_depth, motion, run)
-    s = nearest_surface(*rows, build, settings["edge_tolerance"])
+    s = nearest_surface(*rows, run)
     s = borrowed_surface(s, inverse_depth, motion, run)
     m = surface_motion(s, run)
     visible = np.where(m.visible, np.ones_like(m.u), 0.0)
@@ -111,7 +111,7 @@ def rectify_history_kernel(
     m = _load(motion_in, run)
     moved = Motion(m[0], m[1], m[2], m[3], m[4] > 0.5)
     past = _load(history_at[:3], run)
-    change = rectify(past, sample, near, moved, box_scale_of(moved, settings), run)
+    change = rectify(past, sample, near, moved, box_scale_of(moved, run), run)
     _store(change_out, layout, (*change.change, change.clip_distance, change.blend_boost, change.anti_flicker_factor))
 
 

@@ -141,9 +141,9 @@ def gathered(work: Work) -> Values:
     run = Run(build, layout, work.frame, work.settings)
     rows = read_rows(planes["current"], planes["inverse_depth"], planes["motion"], run)
     p = current_pixel(rows, None, None, run)
-    surface = nearest_surface(*rows, build, work.settings["edge_tolerance"])
+    surface = nearest_surface(*rows, run)
     ring = planes["ring"].reshape(len(work.past), -1, layout.rows, layout.stride)
-    layers, none = layers_of(*rows, surface, work.settings), SampleSums(np.zeros_like(p.alpha))
+    layers, none = layers_of(*rows, surface, run), SampleSums(np.zeros_like(p.alpha))
     g = gather_samples(
         ring,
         work.past,
