@@ -32,7 +32,7 @@ def run_alone(*arguments: str, **variables: str) -> subprocess.CompletedProcess[
     )
 
 
-def test_summary_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_summary_is_json_when_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["capture", "conveyor", "-o", str(tmp_path), *TINY, "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["drawn"] == len(open_sequence(tmp_path)) == 2
@@ -113,7 +113,7 @@ def test_explain_knows_of_the_shadow_map(capsys: pytest.CaptureFixture[str]) -> 
         (["spinner", "-o", "OUT", "--frames", "0"], 2, "0"),
     ],
 )
-def test_one_line_and_a_code(
+def test_a_wrong_capture_prints_one_line_and_returns_its_code(
     arguments: list[str], code: int, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "broken.glb").write_bytes(b"glTF\0\0\0 not really")
@@ -194,7 +194,7 @@ def test_a_card_that_egl_does_not_know_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("motion", ["turntable", "orbit"])
-def test_a_model_from_a_file(tmp_path: Path, motion: str) -> None:
+def test_a_model_from_a_file_is_captured(tmp_path: Path, motion: str) -> None:
     cone: Any = trimesh.creation.cone(1.0, 2.0)
     cone.visual.vertex_colors = np.where(cone.vertices[:, :1] > 0.0, [220, 40, 20, 255], [20, 40, 220, 255])
     cone.scene().export(tmp_path / "cone.glb")

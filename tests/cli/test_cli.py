@@ -64,7 +64,7 @@ def test_version_is_that_of_the_project() -> None:
 
 
 @pytest.mark.parametrize("shell", ["zsh", "fish"])
-def test_completion_script(shell: str) -> None:
+def test_each_shell_gets_a_completion_script(shell: str) -> None:
     done = run(_CLTAA_COMPLETE=f"{shell}_source")
     assert done.returncode == 0
     assert "_CLTAA_COMPLETE" in done.stdout
@@ -81,7 +81,7 @@ def completed(words: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
     return [line for line in capsys.readouterr().out.splitlines() if line]
 
 
-def test_completion_of_a_name(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_names_are_completed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     for words, offered in [
         ("cltaa resolve x --preset bab", "babylon-reproject-clamp"),
         ("cltaa presets ka", "karis"),
@@ -105,7 +105,9 @@ def test_a_name_that_begins_none_may_be_of_a_file_where_one_can_be(
     assert completed(f"cltaa resolve x {option} zz", monkeypatch, capsys, "bash") == [f"{each}zz" for each in files]
 
 
-def test_completion_of_a_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_commands_are_completed_with_their_summary(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     lines = completed("cltaa re", monkeypatch, capsys, "zsh")
     assert lines == ["plain", "resolve", cli.COMMANDS["resolve"].summary]
 
@@ -236,7 +238,7 @@ def test_work_goes_on_where_nobody_reads_its_progress(tmp_path: Path, stderr: st
     assert failed.returncode == errors.InputMissing.exit_code
 
 
-def test_answer_onto_a_full_disk() -> None:
+def test_an_answer_onto_a_full_disk_exits_with_74() -> None:
     with Path("/dev/full").open("w") as full:
         command = [sys.executable, "-m", "cltaa.cli", "presets", "--json"]
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)

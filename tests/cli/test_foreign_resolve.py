@@ -14,7 +14,9 @@ from tests.inputs.foreign import write_blender
 from tests.sequence_factory import make_frame
 
 
-def test_blender_without_matrices(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_blender_frames_without_matrices_are_resolved_by_vectors(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     write_blender(tmp_path / "in", [make_frame(index, motion=True, effects=None) for index in range(3)])
     assert main(["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy"]) == 0
     said = capsys.readouterr().err

@@ -47,20 +47,20 @@ def answer(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, obj
         (MOST, ["--frames", "3-3"], 1),
     ],
 )
-def test_check(
+def test_check_counts_the_frames(
     folders: dict[int, Path], count: int, asked: list[str], seen: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert answer(capsys, "check", str(folders[count]), *asked)["frames"] == seen
 
 
 @pytest.mark.parametrize("count", [1, MOST])
-def test_inspect(folders: dict[int, Path], count: int, capsys: pytest.CaptureFixture[str]) -> None:
+def test_inspect_counts_the_frames(folders: dict[int, Path], count: int, capsys: pytest.CaptureFixture[str]) -> None:
     assert answer(capsys, "inspect", str(folders[count]), "--pixels")["frames"] == count
     assert answer(capsys, "inspect", str(folders[count]), "--plan", "--device", "numpy")["kernels"] == 1
 
 
 @pytest.mark.parametrize("count", [1, MOST])
-def test_resolve_and_compare(
+def test_resolve_and_compare_count_the_frames(
     folders: dict[int, Path], count: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sequence, output = str(folders[count]), str(tmp_path / "out")

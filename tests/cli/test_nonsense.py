@@ -258,7 +258,9 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("command", sorted({line.split()[0] for line, _, _ in CASES}))
-def test_nonsense(desk: Path, command: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_meaningless_command_prints_one_line_and_returns_its_code(
+    desk: Path, command: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(desk)
     for line, code, words in CASES:
         if line.split()[0] == command:
@@ -313,7 +315,7 @@ sys.exit(main(sys.argv[1:]))
 
 
 @pytest.mark.parametrize("command", ["inspect --pixels seq", "compare --metrics flip seq"])
-def test_interrupt(tmp_path: Path, command: str) -> None:
+def test_an_interrupt_prints_one_line_and_exits_with_130(tmp_path: Path, command: str) -> None:
     """Ctrl-C in the midst of the work: one line more, and 130."""
     write_sequence(tmp_path / "seq", 8, reference=True, width=320, height=180)
     child = subprocess.run(

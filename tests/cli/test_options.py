@@ -8,7 +8,7 @@ import pytest
 from cltaa.commands.options import FROM_0, FROM_2, SECONDS, SIZE, SOME_FRAMES, listed
 
 
-def test_what_is_understood() -> None:
+def test_option_values_are_parsed() -> None:
     for kind, text, value in [
         (SIZE, "640x360", (640, 360)),
         (SIZE, "640X360", (640, 360)),
@@ -37,7 +37,7 @@ def test_what_is_understood() -> None:
     ],
     ids=lambda value: value[:8] if isinstance(value, str) else value.name,
 )
-def test_what_is_refused(kind: click.ParamType[tuple[object, ...]], text: str) -> None:
+def test_wrong_option_values_are_refused(kind: click.ParamType[tuple[object, ...]], text: str) -> None:
     with pytest.raises(click.BadParameter, match=text):
         kind.convert(text, None, None)
 

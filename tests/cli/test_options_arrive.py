@@ -522,7 +522,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 
 @pytest.mark.parametrize("name", ROWS)
-def test_options_arrive(desk: pytest.MonkeyPatch, name: str) -> None:
+def test_every_option_reaches_the_function_behind_its_command(desk: pytest.MonkeyPatch, name: str) -> None:
     without = calls_of(name, "", desk)
     for options, path, value in ROWS[name]:
         arrived = found(calls_of(name, options, desk), path)

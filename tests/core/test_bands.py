@@ -56,7 +56,7 @@ def copied(frame: Frame) -> Frame:
     return replace(frame, **arrays)
 
 
-def test_bands_of_any_height() -> None:
+def test_bands_of_any_height_give_the_bits_of_whole_images() -> None:
     """From one row to more than there are; 4 rows around a band are taken along, 32 are a work-item's."""
     whole = Resolver()
     banded = [BandedResolver(device=whole.launcher, band_rows=rows) for rows in ROWS]
@@ -74,7 +74,7 @@ def test_bands_with_every_channel_and_storage(storage: Storage) -> None:
         assert np.array_equal(bits(banded.resolve(copied(frame))), bits(expected))
 
 
-def test_bands_in_halves() -> None:
+def test_bands_in_halves_give_the_bits_of_whole_images() -> None:
     # Of a kernel that another test builds.
     whole, banded = (made("fast", storage=Storage.DOUBLE) for made in (Resolver, partial(BandedResolver, band_rows=6)))
     for frame in frames(alpha=True, motion=True, reactive=True):
@@ -93,7 +93,7 @@ def test_bands_where_kernels_are_built_for_one_size(monkeypatch: pytest.MonkeyPa
         assert np.array_equal(bits(banded.resolve(copied(frame))), bits(expected))
 
 
-def test_bands_with_every_step() -> None:
+def test_bands_with_every_step_give_the_bits_of_whole_images() -> None:
     whole, banded = Resolver("fast", every_step=True), BandedResolver("fast", every_step=True, band_rows=6)
     for frame in frames():
         expected = whole.resolve(frame)

@@ -61,7 +61,7 @@ def divisors(now: Any, then: Any, before: float = 0.0, **settings: Any) -> Any:
     return 1.0 / in_light(now, then, before, **settings).samples
 
 
-def test_it_is_students_t() -> None:
+def test_the_illumination_change_is_students_t() -> None:
     random = np.random.default_rng(0)
     then = random.uniform(0.2, 1.0, (3, HEIGHT, WIDTH)).astype(np.float32)
     now = (then + random.normal(0.005, 0.02, then.shape)).astype(np.float32)
@@ -73,7 +73,7 @@ def test_it_is_students_t() -> None:
     assert 0.05 < (found < NONE).mean() < 0.95
 
 
-def test_threshold_divides() -> None:
+def test_the_threshold_divides_the_illumination_change() -> None:
     noisy = np.random.default_rng(1).normal(0.5, 0.1, (3, HEIGHT, WIDTH)).astype(np.float32)
     brighter, settings = np.float32(1.1) * noisy, Settings()
     elsewhere = divisors(brighter, noisy)

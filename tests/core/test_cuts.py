@@ -76,7 +76,7 @@ def test_a_published_resolve_is_left_as_it_is() -> None:
     ],
     ids=["grain", "pan", "exposure", "plain", "nan", "noise"],
 )
-def test_what_is_no_cut(after: Frame) -> None:
+def test_a_continued_shot_is_no_cut(after: Frame) -> None:
     assert not looks_cut(coarse_colours(shot(0, 0)), coarse_colours(after))
 
 

@@ -33,7 +33,7 @@ def earlier(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("earlier")
-def test_a_key_and_its_word() -> None:
+def test_an_old_key_and_an_old_value_warn_and_still_work() -> None:
     with pytest.warns(Renamed, match="^key highest_count is called sample_limit now"):
         assert override(load_preset(), {"highest_count": 7}).settings.sample_limit == 7
     with pytest.warns(Renamed) as said:
@@ -55,7 +55,7 @@ def test_a_key_of_a_file_and_a_preset_that_it_begins_with(tmp_path: Path) -> Non
 
 
 @pytest.mark.usefixtures("earlier")
-def test_a_preset() -> None:
+def test_an_old_preset_name_warns_and_still_works() -> None:
     with pytest.warns(Renamed, match="^preset usual is called default now"):
         assert load_preset("usual") == load_preset("default")
 
@@ -67,7 +67,7 @@ def test_an_option_names_what_it_set_by_the_new_name() -> None:
 
 
 @pytest.mark.usefixtures("earlier")
-def test_an_effect() -> None:
+def test_an_old_effect_name_warns_and_still_works() -> None:
     with pytest.warns(Renamed, match="^effect reflecting is called reactive now"):
         assert chosen_effects("camera, reflecting") == frozenset({Effect.CAMERA, Effect.REACTIVE})
     with pytest.warns(Renamed, match="^member Effect.REFLECTING is called Effect.REACTIVE now"):

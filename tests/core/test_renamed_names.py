@@ -29,7 +29,7 @@ def test_no_old_name_is_one_of_today_and_each_new_one_is() -> None:
     assert {*MEMBERS["Effect"].values()} <= Effect.__members__.keys()
 
 
-def test_a_key() -> None:
+def test_every_old_key_stands_for_its_new_one() -> None:
     for old, new in KEYS.items():
         for word, now in WORDS.get(new, {"1": 1}).items():
             with pytest.warns(Renamed) as said:
@@ -37,7 +37,7 @@ def test_a_key() -> None:
             assert str(said[0].message).startswith(f"key {old} is called {new} now"), old
 
 
-def test_a_preset(tmp_path: Path) -> None:
+def test_every_old_preset_stands_for_its_new_one(tmp_path: Path) -> None:
     for old, new in PRESETS.items():
         with pytest.warns(Renamed, match=f"^preset {old} is called {new} now"):
             assert load_preset(old) == load_preset(new), old
@@ -47,27 +47,27 @@ def test_a_preset(tmp_path: Path) -> None:
             assert load_config(path, load_preset()).choices == load_preset(new).choices, old
 
 
-def test_an_effect() -> None:
+def test_every_old_effect_stands_for_its_new_one() -> None:
     for old, new in EFFECTS.items():
         with pytest.warns(Renamed, match=f"^effect {old} is called {new} now"):
             assert chosen_effects(old) == frozenset({Effect(new)}), old
         assert parse_effects(f"camera,{old}") == {Effect.CAMERA, Effect(new)}, old
 
 
-def test_a_member() -> None:
+def test_every_old_member_stands_for_its_new_one() -> None:
     for old, new in MEMBERS["Effect"].items():
         with pytest.warns(Renamed):
             assert getattr(Effect, old) is Effect[new], old
 
 
-def test_effects_of_an_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_effects_of_an_old_file_are_read_by_their_new_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cltaa.io.exr_frame.format_effects", lambda _: "camera,shading,uncover")
     folder = write_sequence(tmp_path, 1)
     (frame,) = open_sequence(folder)
     assert frame.effects == frozenset({Effect.CAMERA, Effect.ILLUMINATION, Effect.DISOCCLUSION})
 
 
-def test_one_line_of_a_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_command_warns_in_one_line_for_each_old_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_sequence(tmp_path / "in", 1)
     command = ["resolve", str(folder), "-o", str(tmp_path / "out"), "--device", "numpy"]
     assert main([*command, "--preset", "t2", "--set", "gamma_still=2"]) == 0
@@ -77,7 +77,7 @@ def test_one_line_of_a_command(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "key gamma_still is called box_scale_static now" in said.err
 
 
-def test_a_public_name() -> None:
+def test_every_old_public_name_stands_for_its_new_one() -> None:
     for old, new in PUBLIC.items():
         with pytest.warns(Renamed, match=f"{old} is called {new} now"):
             assert getattr(cltaa, old) is getattr(cltaa, new), old

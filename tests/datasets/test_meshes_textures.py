@@ -57,13 +57,13 @@ def test_box_textures_stand_upright() -> None:
     assert np.array_equal(uv[sides, 1] > 0.5, mesh.vertices[sides, 1] > 0.0)
 
 
-def test_moved_and_merged() -> None:
+def test_merged_meshes_keep_their_places() -> None:
     pose = animation.translation((5.0, 0.0, 0.0)) @ animation.rotation((0.0, 0.0, 1.0), np.pi / 2.0)
     mesh = meshes.merge([meshes.box((1.0, 1.0, 1.0)), meshes.moved(meshes.box((2.0, 4.0, 6.0)), pose)])
     assert np.abs(mesh.bounds - [[-0.5, -1.0, -3.0], [7.0, 1.0, 3.0]]).max() <= 1e-12
 
 
-def test_look_at() -> None:
+def test_look_at_turns_the_view_to_its_target() -> None:
     view = animation.look_at((1.0, 2.0, 3.0), (1.0, 2.0, -7.0))
     assert np.abs(view @ [1.0, 2.0, -7.0, 1.0] - [0.0, 0.0, -10.0, 1.0]).max() <= 1e-12
     assert np.abs(view @ [2.0, 3.0, 3.0, 1.0] - [1.0, 1.0, 0.0, 1.0]).max() <= 1e-12

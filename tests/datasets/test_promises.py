@@ -39,7 +39,7 @@ def shots(request: pytest.FixtureRequest) -> Shots:
     return Shots(built(request.param))
 
 
-def test_promises(shots: Shots) -> None:
+def test_each_scene_shows_the_effects_that_it_declares(shots: Shots) -> None:
     effects, drawn = shots.scene.effects, shots.drawn
     colours = [d.colour for d in drawn]
     assert all(np.isfinite(c).all() and c.min() >= 0.0 for c in colours)

@@ -107,14 +107,14 @@ def test_an_unknown_scene_names_the_nearest() -> None:
         build_scene("coridor")
 
 
-def test_the_list_as_json(capsys: pytest.CaptureFixture[str]) -> None:
+def test_scenes_are_listed_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scenes", "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)["scenes"]
     assert [entry["name"] for entry in listed] == NAMES
     assert all(entry["description"] and entry["effects"] == sorted(entry["effects"]) for entry in listed)
 
 
-def test_the_list_for_people(capsys: pytest.CaptureFixture[str]) -> None:
+def test_scenes_are_listed_by_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scenes"]) == 0
     out = capsys.readouterr().out
     assert all(name in out for name in NAMES)

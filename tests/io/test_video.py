@@ -122,7 +122,7 @@ def test_memory_does_not_grow_with_the_frames(tmp_path: Path) -> None:
     assert resident[279] - resident[79] < 15_000
 
 
-def test_rate() -> None:
+def test_the_rate_is_that_of_the_files_or_the_capture() -> None:
     cases: list[tuple[dict[str, object], dict[str, Any], Fraction | int]] = [
         ({}, {}, 24),
         ({}, {"settings": {"fps": 30.0}}, 30),

@@ -116,7 +116,7 @@ def test_of_every_number_that_a_history_is_kept_in(storage: Storage, lanes: int)
 
 
 @pytest.mark.parametrize("lanes", [1, 8])
-def test_of_some_rows(lanes: int) -> None:
+def test_a_result_of_some_rows_leaves_the_others_unwritten(lanes: int) -> None:
     """As of the last band of an image."""
     launcher, layout = device(), Layout(33, 5)
     planes = layout.zeros(PLANES)

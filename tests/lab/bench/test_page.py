@@ -23,7 +23,7 @@ def test_only_as_many_sequences_as_asked_for_have_frames_in_it(report: Path) -> 
     assert ("data:image" in whole, "data:image" in without) == (True, False)
 
 
-def test_files_beside_it(report: Path) -> None:
+def test_the_report_consists_of_these_files(report: Path) -> None:
     names = {path.name for path in report.iterdir()}
     plots = {f"{kind}-seq.{suffix}" for kind in ("front", "steps") for suffix in ("svg", "png")}
     assert {"index.html", "accuracy.json", "accuracy.csv", "overview.md", "cells", "times", *plots} == names

@@ -96,7 +96,7 @@ def test_no_name_covers_the_axis(window: Browser, width: int) -> None:
     assert all(at >= axis - 1 for at in left)
 
 
-def test_light_and_dark(window: Browser) -> None:
+def test_the_theme_switches_and_switches_back(window: Browser) -> None:
     script = "return getComputedStyle(document.body).backgroundColor"
     first = window.run(script)
     window.run("document.getElementById('theme').click()")

@@ -28,7 +28,7 @@ from tests.lab.bench.quality_cells import case, scores
 NUMPY = NumpyLauncher()
 
 
-def test_means_and_duels() -> None:
+def test_means_and_duels_follow_from_the_scores() -> None:
     table = summarise(
         [
             (case("a"), {"default": scores(psnr=30.0, flip=0.1, samples=2.0), "simvx": scores(psnr=20.0, flip=0.2)}),

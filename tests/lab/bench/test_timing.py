@@ -81,7 +81,7 @@ def test_one_of_many_copies_may_differ_by_chance() -> None:
     assert too_noisy_among(np.array([1.04, 1.041, 1.042]), 33)  # and what too few rounds are no proof of, but is large
 
 
-def test_sign_test() -> None:
+def test_the_sign_test_gives_its_binomial_chances() -> None:
     assert sign_test(np.array([1.1] * 5)) == pytest.approx(2 / 2**5)
     assert sign_test(np.array([0.9, 1.1, 1.1, 1.0])) == pytest.approx(2 * (1 + 3) / 2**3)
     assert sign_test(np.array([0.9, 1.1])) == 1.0

@@ -30,7 +30,7 @@ def judged(sequence: FrameSequence, preset: str = "default") -> EffectRow:
     return judge_effects(sequence, preset, NumpyLauncher(), rounds=3)
 
 
-def test_a_still_scene(tmp_path: Path) -> None:
+def test_a_still_scene_needs_no_step(tmp_path: Path) -> None:
     row = judged(captured(tmp_path, set()))
     assert row.same_bits
     assert row.steps == []

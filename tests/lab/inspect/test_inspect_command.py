@@ -45,7 +45,7 @@ def problems(capsys: pytest.CaptureFixture[str], folder: Path, *options: str) ->
     return str(found[0])
 
 
-def test_facts(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_every_fact_of_a_sequence_is_reported(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     effects = frozenset({Effect.CAMERA, Effect.MOTION, Effect.CUT, Effect.EXPOSURE})
     changes = {"motion": True, "effects": effects}
     frames = [sound(i, cut=i == 5, exposure=2.0 if i > 6 else 1.0, **changes) for i in range(2, 10)]
@@ -66,7 +66,7 @@ def test_facts(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert found["statistics"] == {}
 
 
-def test_cameras(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_the_camera_s_motion_is_named(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     still = [sound(i, camera=make_camera(), effects=frozenset()) for i in range(3)]
     assert findings(capsys, write(tmp_path / "still", still), code=0)["camera"] == "still"
     zoom = [sound(i, camera=make_camera(aspect=1 + i / 10)) for i in range(3)]
@@ -81,7 +81,7 @@ def test_cameras(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert found["effects"] is None
 
 
-def test_pixels(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_pixels_are_counted_only_when_asked(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     frames = [sound(i) for i in range(3)]
     frames[1].colour[4, 5] = (np.nan, 7.5, -np.inf)
     write(tmp_path, frames)
@@ -115,7 +115,7 @@ def test_pixels(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
         ("motion", np.inf, "are not finite"),
     ],
 )
-def test_bad_pixels(
+def test_unusable_pixels_are_problems(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, channel: str, value: float, message: str
 ) -> None:
     effects = frozenset({Effect.ALPHA, Effect.MOTION})
@@ -187,7 +187,7 @@ def test_the_same_in_many_frames_is_one_problem(capsys: pytest.CaptureFixture[st
         ({"jitter_px": (0.25, 0.0)}, "jitter is not centred: its mean shifts the image by up to 0.25 pixels"),
     ],
 )
-def test_broken_promises(
+def test_undeclared_effects_are_problems(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, changes: dict[str, Any], message: str
 ) -> None:
     assert problems(capsys, write(tmp_path, [sound(i, **changes) for i in range(3)])) == message
@@ -239,7 +239,7 @@ def test_reference_that_does_not_fit(capsys: pytest.CaptureFixture[str], tmp_pat
     assert "the file is empty" in problems(capsys, tmp_path)
 
 
-def test_words_for_a_person(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_the_text_states_the_facts_and_the_problems(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     write(tmp_path, [sound(i) for i in range(6)])
     assert main(["inspect", str(tmp_path), "--pixels"]) == 0
     out = capsys.readouterr().out
@@ -304,7 +304,7 @@ def test_frames_are_so_many_or_from_one_to_another(
     assert "frame 8: no such frame" in capsys.readouterr().err
 
 
-def test_frames_of_a_plan(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_plan_covers_the_frames_that_are_asked_for(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     write(tmp_path, [sound(index) for index in range(2, 7)])
     found = findings(capsys, tmp_path, "--plan", "--device", "numpy", "--frames", "3-5", code=0)
     assert (found["sections"][0]["first"], found["sections"][-1]["last"]) == (3, 5)

@@ -179,7 +179,7 @@ def test_a_step_of_a_channel_that_a_preset_never_reads_is_not_timed(walk: Path, 
     assert {step.name for step in section.steps if step.milliseconds is None} == without != set()
 
 
-def test_the_command_line(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_the_plan_by_sections(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["inspect", str(walk), "--plan", "--device", "numpy", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert [(section["first"], section["last"]) for section in found["sections"]] == [(0, 2), (3, 4), (5, 6)]

@@ -71,13 +71,17 @@ def test_single_files_of_different_numbers(capsys: pytest.CaptureFixture[str], c
     assert result["frames"][0]["metrics"]["mse"] == pytest.approx(expected, rel=1e-6)
 
 
-def test_exposure(capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path) -> None:
+def test_stops_change_the_exposure_before_the_comparison(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
+) -> None:
     dark = run_json(capsys, resolved, capture, "--metrics", "mse", "--stops", "-32")
     # Colours up to 4 come out on the straight part of the display transform, whose slope is 12.92.
     assert dark["mean"]["mse"] <= (12.92 * 4 * 2.0**-32) ** 2
 
 
-def test_table(capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path) -> None:
+def test_the_table_has_the_metrics_that_are_asked_for(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
+) -> None:
     assert main(["compare", str(resolved), str(capture), "--metrics", "psnr,ssim"]) == 0
     captured = capsys.readouterr()
     for word in ("psnr ↑", "ssim ↑", "mean", "one sample", "equal-quality samples", "n^-1.5 law"):
@@ -97,7 +101,7 @@ def test_a_result_equal_to_an_exact_truth_has_no_samples_and_says_so(
 
 
 @pytest.mark.parametrize("metrics", ["psnr", "psnr,flip"])
-def test_heat_maps(
+def test_heat_maps_are_written_and_change_no_score(
     capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path, metrics: str
 ) -> None:
     plain = run_json(capsys, resolved, capture, "--metrics", metrics)
@@ -149,7 +153,9 @@ def test_video_scores_are_those_of_the_functions(
     assert "as moving pictures" in capsys.readouterr().out
 
 
-def test_bad_input(capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path) -> None:
+def test_wrong_comparisons_are_refused(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path
+) -> None:
     assert "no folder reference/" in refusal(capsys, 64, resolved)
     truth = capture / "reference"
     assert "--video needs the capture" in refusal(capsys, 64, resolved, truth, "--video")

@@ -72,7 +72,7 @@ def test_equal_quality_samples_are_at_most_those_of_the_truth() -> None:
 
 
 @pytest.mark.parametrize(("error", "one"), [(0.1, 0.0), (-0.1, 0.2), (math.nan, 0.2), (0.1, math.inf)])
-def test_errors_that_are_none(error: float, one: float) -> None:
+def test_errors_that_are_not_positive_are_refused(error: float, one: float) -> None:
     with pytest.raises(
         DataError, match=r"no equal-quality samples for these errors \(expected positive numbers, found"
     ):

@@ -170,7 +170,7 @@ def test_missing_extra_says_what_to_install(name: str, package: str, monkeypatch
         measure(picture(), picture(), [METRICS[name]])
 
 
-def test_names_of_metrics() -> None:
+def test_metrics_are_parsed_from_a_list() -> None:
     assert [metric.name for metric in parse_metrics("flip, psnr,flip")] == ["flip", "psnr"]
     assert [metric.name for metric in parse_metrics("all")] == list(METRICS)
     for text in ("psnr,vmaf", "", ","):
@@ -178,7 +178,7 @@ def test_names_of_metrics() -> None:
             parse_metrics(text)
 
 
-def test_mean_over_frames() -> None:
+def test_psnr_is_averaged_by_its_squared_error() -> None:
     rows = [{"mse": 0.01, "psnr": 20.0}, {"mse": 0.03, "psnr": math.inf}]
     result = mean(rows)
     assert result["mse"] == pytest.approx(0.02, rel=1e-15)

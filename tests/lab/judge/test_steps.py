@@ -94,7 +94,7 @@ def test_two_frames_that_belong_together_are_timed(stepped: Path) -> None:
     assert [frame.step for frame in timed_frames(sequence)] == [STEP, STEP]
 
 
-def test_tune_and_files_take_it(
+def test_tune_and_bench_files_take_the_step(
     stepped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cltaa.lab.tune.LADDER", ("accumulate",))  # the others take long on NumPy

@@ -131,14 +131,14 @@ def test_the_truth_has_no_fault(scene: Scene) -> None:
 
 
 @pytest.mark.parametrize("strength", [0.1, 0.5])
-def test_ghosting_alone(strength: float) -> None:
+def test_a_ghost_raises_the_ghosting_score_alone(strength: float) -> None:
     scores = judge(moving_card, ghost(strength))
     assert scores["ghosting"] == pytest.approx(strength, abs=QUIET)
     assert_quiet(scores, "flicker", "blur", "aliasing")
 
 
 @pytest.mark.parametrize("strength", [0.01, 0.05])
-def test_flicker_alone(strength: float) -> None:
+def test_pulsing_raises_the_flicker_score_alone(strength: float) -> None:
     scores = judge(moving_card, pulse(strength))
     assert scores["flicker"] == pytest.approx(strength, abs=QUIET)
     assert_quiet(scores, "ghosting", "blur", "aliasing")
@@ -146,7 +146,7 @@ def test_flicker_alone(strength: float) -> None:
 
 @pytest.mark.parametrize("pan", [0.0, 3.0])
 @pytest.mark.parametrize("frequency", [1 / 12, 1 / 4, 5 / 12])
-def test_blur_alone(frequency: float, pan: float) -> None:
+def test_softening_raises_the_blur_score_alone(frequency: float, pan: float) -> None:
     scores = judge(partial(backdrop, frequency=frequency, pan=pan), soften)
     # (1, 2, 1) / 4 leaves cos^2(pi f) of a wave.
     assert scores["blur"] == pytest.approx(math.sin(math.pi * frequency) ** 2, abs=1e-3)
@@ -183,7 +183,7 @@ def test_a_wire_disoccludes_nothing() -> None:
     assert math.isnan(judge(scene, perfect)["ghosting"])
 
 
-def test_aliasing_alone() -> None:
+def test_stairs_raise_the_aliasing_score_alone() -> None:
     scores = judge(slanted_edge, staircase)
     # Fine detail of the steps is of the order of a pixel's error, uniform in +-0.3 on the one pixel a row that is cut.
     rms = 0.6 / math.sqrt(12) / math.sqrt(WIDTH)

@@ -21,7 +21,7 @@ from cltaa.lab.tune import Goal, Trial, Tuned, overfits, parse_goal, preset_text
 from tests.sequence_factory import write_sequence
 
 
-def test_goals() -> None:
+def test_goals_are_parsed() -> None:
     assert parse_goal("5ms", None, "flip") == Goal(metric="flip", budget_ms=5.0)
     assert parse_goal("0.25 ms", None, "mse") == Goal(metric="mse", budget_ms=0.25)
     assert parse_goal(None, "flip=0.02", "mse") == Goal(metric="flip", target=0.02)
@@ -42,7 +42,7 @@ def test_goals() -> None:
         (None, "mse=nan", "mse"),
     ],
 )
-def test_wrong_goals(budget: str | None, target: str | None, metric: str) -> None:
+def test_wrong_goals_are_refused(budget: str | None, target: str | None, metric: str) -> None:
     with pytest.raises(UsageError):
         parse_goal(budget, target, metric)
 
@@ -66,7 +66,7 @@ def test_settings_beyond_the_limit_score_worse_than_those_within_it() -> None:
 @pytest.mark.parametrize(
     ("gain", "elsewhere", "verdict"), [(2.0, 1.5, False), (2.0, 1.1, True), (1.0, 0.5, False), (2.0, 0.0, True)]
 )
-def test_over_fitting(gain: float, elsewhere: float, verdict: bool) -> None:
+def test_a_gain_that_is_not_borne_out_is_over_fitting(gain: float, elsewhere: float, verdict: bool) -> None:
     assert overfits(gain, elsewhere) is verdict
 
 
