@@ -267,10 +267,10 @@ def with_known_effects(
     mended, or more frames are there now. Raises UsageError where headers show effects that it did not begin with,
     DataError for a damaged manifest, and the errors of finding.
     """
+    found, line = None, ""
     begun = None if anew else Manifest(output)
     if begun is not None and begun.settings is not None and begun.entries:
         names = begun.settings.get("found")
-        found, line = None, ""
         if names is not None:
             found = found_before(output, frozenset(map(Effect, names)))
             check_headers(sequence, found.effects, path=output)
@@ -280,8 +280,6 @@ def with_known_effects(
         with shown_progress("finding effects", shown=progress) as advance:
             found = find_for(sequence, denoised=denoised, advance=advance)
         line = found.line
-    else:
-        found, line = None, ""
     if progress and line:
         print(line, file=sys.stderr)
     return with_found(sequence, found), found
