@@ -34,7 +34,7 @@ from cltaa.reference.gather import Gathering
 from cltaa.reference.gather_fit import SampleSums, own_samples
 from cltaa.reference.gather_track import ring_alpha, ring_reactive
 from cltaa.reference.planes import extend_stored, store_resolved
-from cltaa.reference.real import Array, Mask, Run, constant, greater, lesser, limit, number, quiet, real_type
+from cltaa.reference.real import Array, Mask, Run, greater, lesser, limit, number, quiet, real_type
 
 TEXELS = (2 * WINDOW_REACH + 1) ** 2
 
@@ -59,15 +59,14 @@ def repeats_previous(window: int, frames: int, static_frames: int, build: Build)
 
 def window_error(g: SampleSums, now: Pixel, window: Resolved, run: Run) -> Array:
     """Squared distances of the latest samples, the current one among them, from a window's result."""
-    one, two = number(1.0, g.zero), number(2.0, g.zero)
     d = weighted_difference(to_range(window.rgb, run.build), now.own, run)
     along, square = inner(d, g.recent), inner(d, d)
     if accumulates_alpha(run.build):
         alpha = window.alpha - now.alpha
         along, square = along + alpha * g.recent_alpha, square + alpha * alpha
-    squares = (g.recent_squares - two * along) + (own_samples(now) + g.recent_count) * square
-    left = one - one / greater(window.count, number(1.5, g.zero))
-    return greater(squares, number(0.0, g.zero)) / (left * left)
+    squares = (g.recent_squares - 2.0 * along) + (own_samples(now) + g.recent_count) * square
+    left = 1.0 - 1.0 / greater(window.count, 1.5)
+    return greater(squares, 0.0) / (left * left)
 
 
 def resolve_unmoved(slots: Array, past: Any, p: Pixel, run: Run) -> tuple[Resolved, SampleSums]:
@@ -79,7 +78,7 @@ def resolve_unmoved(slots: Array, past: Any, p: Pixel, run: Run) -> tuple[Resolv
         c = planes[:3]
         good = ~colour_outside_domain(c)
         if run.steps.exposure:
-            c = c * number(then["exposure_ratio"], one)
+            c = c * then["exposure_ratio"]
         c = np.where(good, to_range(c, run.build), p.own)
         counted = np.where(good, one, g.zero)
         if run.steps.reactive:
@@ -146,7 +145,7 @@ def gather_windows(
         unmoved, sums = resolve_unmoved(gathering.slots, past[:static_frames], own, run)
         if build.choices.recursion is Recursion.STANDING:
             unmoved = longer_history(unmoved, at_rest, held)
-        valid = sums.recent_count >= number(SHORT_WINDOW, error)
+        valid = sums.recent_count >= SHORT_WINDOW
         out = _chosen(valid, unmoved, out)
         error = np.where(valid, window_error(sums, own, unmoved, run), error)
         _store(target[UNMOVED], out, error)
@@ -162,7 +161,7 @@ def gather_windows(
         if build.steps.look_ahead:  # it lags behind later frames, so beside them it has no share
             held = Resolved(held.rgb, held.alpha, np.zeros_like(error))
         held_error = window_error(gathering.near, own, held, run)
-        _store(target[-1], held, np.where(at_rest, held_error, held_error * constant("MOVING_ERROR", error)))
+        _store(target[-1], held, np.where(at_rest, held_error, held_error * value("MOVING_ERROR")))
     extend_stored(run, windows[: count * planes])
 
 
@@ -173,13 +172,13 @@ def frames_before(past: Any, build: Build) -> int:
 
 def history_is_refuted(at_rest: Mask, p: Pixel, recursive_count: Array) -> Mask:
     """True where a surface is at rest, but the recursive resolve holds few of its samples."""
-    few: Mask = recursive_count < constant("REFUTED_SAMPLES", recursive_count)
-    return at_rest & few & (p.most_reactive <= number(0.0, recursive_count))
+    few: Mask = recursive_count < value("REFUTED_SAMPLES")
+    return at_rest & few & (p.most_reactive <= 0.0)
 
 
 def present_error(g: SampleSums, p: Pixel, valid: Mask, run: Run) -> Array:
     """Distance of each pixel's own sample from the others in the current filter."""
-    beyond = np.full_like(g.zero, constant("DOMAIN_LIMIT", g.zero))
+    beyond = np.full_like(g.zero, value("DOMAIN_LIMIT"))
     choices = run.choices
     if choices.filter_use is not FilterUse.FEW or choices.current_filter is CurrentFilter.NONE:
         return beyond
@@ -189,8 +188,8 @@ def present_error(g: SampleSums, p: Pixel, valid: Mask, run: Run) -> Array:
     )
     others = one - (one - (left + right)) * (one - (above + below))
     d = weighted_difference(p.filtered, p.own, run)
-    error = constant("PRESENT_PENALTY", d) * ((own_samples(p) + g.recent_count) * (inner(d, d) / (others * others)))
-    return np.where(valid & (others > constant("LEAST_NEIGHBOUR_SHARE", one)), error, beyond)
+    error = value("PRESENT_PENALTY") * ((own_samples(p) + g.recent_count) * (inner(d, d) / (others * others)))
+    return np.where(valid & (others > value("LEAST_NEIGHBOUR_SHARE")), error, beyond)
 
 
 def recursive_result(recursive: Array, recursive_count: Array, layout: Layout, alpha: Array) -> Resolved:
@@ -239,8 +238,8 @@ def sum_around(plane: Array, layout: Layout) -> Array:
 
 def window_weight(error: Array, least: Array) -> Array:
     """Weight of a window relative to that of the least error."""
-    tiny = constant("TINY", error)
-    ratio = greater((least + tiny) / (error + tiny), constant("LEAST_ERROR_RATIO", error))
+    tiny = value("TINY")
+    ratio = greater((least + tiny) / (error + tiny), value("LEAST_ERROR_RATIO"))
     second = ratio * ratio
     fourth = second * second
     eighth = fourth * fourth
@@ -249,10 +248,10 @@ def window_weight(error: Array, least: Array) -> Array:
 
 def recursive_share(count: Array, others: Array, error: Array, least: Array) -> Array:
     """Share of the recursive result in its mean with the other windows."""
-    tiny, one = constant("TINY", error), number(1.0, error)
-    ratio = lesser((least + tiny) / (error + tiny), one)
+    tiny = value("TINY")
+    ratio = lesser((least + tiny) / (error + tiny), 1.0)
     second = ratio * ratio
-    return (count / greater(count + others, one)) * (second * second)
+    return (count / greater(count + others, 1.0)) * (second * second)
 
 
 class Drift(NamedTuple):
@@ -286,7 +285,7 @@ def drift_of(then: Array, now: Array, weights: Array, layout: Layout) -> Drift:
         off = mean[rows] - middle
         spread = spread + (squares[rows] + weight[rows] * (off * off))
     level = sum_around(weights * np.abs(then), layout) / whole
-    return Drift(middle, spread / (whole * number(TEXELS - 1, middle)), level)
+    return Drift(middle, spread / (whole * (TEXELS - 1)), level)
 
 
 def shared_weights(window: Array, shortest: Array, run: Run) -> Array:
@@ -296,15 +295,15 @@ def shared_weights(window: Array, shortest: Array, run: Run) -> Array:
 
 def students_t_of_drift(drift: Drift) -> Array:
     """Student's t of a drift; DRIFT_FLOOR of the light is added to its standard error."""
-    floor = constant("DRIFT_FLOOR", drift.mean) * drift.level + constant("TINY", drift.mean)
+    floor = value("DRIFT_FLOOR") * drift.level + value("TINY")
     return np.abs(drift.mean) / (np.sqrt(drift.variance) + floor)
 
 
 def sure_share(t: Array, settings: Record) -> Array:
     """Share of a drift that is not chance, by Student's t."""
-    enough = number(settings["drift_t"], t)
+    enough = settings["drift_t"]
     chance = enough / greater(t, enough)
-    return number(1.0, t) - chance * chance
+    return 1.0 - chance * chance
 
 
 def drift_to_shortest(window: Array, shortest: Array, run: Run) -> tuple[Colour, Array]:
@@ -371,6 +370,6 @@ def mix_windows(
         darkest = lesser(darkest, held[:3])
         if build.steps.alpha:
             alpha = alpha + share * (held[5] - alpha)
-    alpha = limit(alpha, zero, np.ones_like(zero))
+    alpha = limit(alpha, zero, 1.0)
     resolved = Resolved(storable(rgb, darkest, build), alpha, count)
     store_resolved(resolved, run, output, output_count)

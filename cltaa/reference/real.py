@@ -46,11 +46,6 @@ def real_type(build: Build) -> Any:
     return np.float64 if build.real is Real.DOUBLE else np.float32
 
 
-def constant(name: str, like: Array) -> Any:
-    """A named constant in the precision of ``like``."""
-    return like.dtype.type(value(name))
-
-
 def number(v: Any, like: Array) -> Any:
     """A coefficient or a struct member in the precision of ``like``, for arithmetic between two of them.
 
