@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -9,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cltaa.cli import main
 from cltaa.io.exr_read import read_image
@@ -160,6 +161,21 @@ def run(command: list[str], **variables: str) -> tuple[int, str]:
     process = start(command, **variables)
     said = process.communicate(timeout=PATIENCE)[1]
     return process.returncode, said
+
+
+def trials_of(module: str, *words: object, patience: float = PATIENCE, **variables: str) -> list[dict[str, Any]]:
+    """Run a module of ``tests.faults`` in a process of its own; returns the JSON of each line that it printed."""
+    child = subprocess.run(
+        [sys.executable, "-m", f"tests.faults.{module}", *map(str, words)],
+        cwd=Path(__file__).parents[2],
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+        timeout=patience,
+        check=False,
+    )
+    assert child.returncode == 0, child.stdout[-3000:] + child.stderr[-3000:]
+    return [json.loads(line) for line in child.stdout.splitlines()]
 
 
 def may_mount() -> bool:

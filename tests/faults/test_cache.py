@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import random
 import shlex
@@ -28,6 +27,7 @@ from tests.faults.runs import (
     run,
     small_disk,
     start,
+    trials_of,
     unprivileged,
 )
 from tests.faults.runs import on_first_device as arguments
@@ -129,18 +129,8 @@ def test_cache_on_a_disk_that_is_full(tmp_path: Path, on_device: tuple[Path, dic
 
 @pytest.mark.parametrize("rounds", [1, pytest.param(ROUNDS, marks=pytest.mark.big)])
 def test_processes_on_one_cold_cache(tmp_path: Path, rounds: int) -> None:
-    command = [sys.executable, "-m", "tests.faults.cold_cache", str(tmp_path), str(rounds)]
-    child = subprocess.run(
-        command,
-        cwd=Path(__file__).parents[2],
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-    assert child.returncode == 0, child.stderr[-3000:]
-    assert [json.loads(line)["codes"] for line in child.stdout.splitlines()] == [[0] * PROCESSES] * rounds
+    trials = trials_of("cold_cache", tmp_path, rounds, OPENBLAS_NUM_THREADS="1")
+    assert [trial["codes"] for trial in trials] == [[0] * PROCESSES] * rounds
 
 
 @pytest.mark.big

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 import subprocess
@@ -23,6 +22,7 @@ from tests.faults.runs import (
     prepare,
     small_disk,
     start_held,
+    trials_of,
     wait_for_frames,
 )
 
@@ -51,16 +51,7 @@ def test_disk_that_is_full_after_k_pages(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_files_that_may_not_grow_beyond_k_bytes(tmp_path: Path) -> None:
-    child = subprocess.run(
-        [sys.executable, "-m", "tests.faults.small_files", str(tmp_path), str(STEPS)],
-        cwd=Path(__file__).parents[2],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-    assert child.returncode == 0, child.stderr[-3000:]
-    trials = [json.loads(line) for line in child.stdout.splitlines()]
+    trials = trials_of("small_files", tmp_path, STEPS)
     assert len(trials) == STEPS
     assert {trial["code"] for trial in trials} >= {0, 74}
 

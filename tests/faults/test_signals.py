@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import os
 import signal
-import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.faults.runs import FRAMES
+from tests.faults.runs import FRAMES, trials_of
 
 PATIENCE = 7200.0
 KILLED, INTERRUPTED = -signal.SIGKILL, 130
@@ -21,18 +17,9 @@ KILLED, INTERRUPTED = -signal.SIGKILL, 130
 
 def forked(top: Path, shim: Path, work: str, how: str, number: signal.Signals, count: int) -> list[dict[str, Any]]:
     """What ``forked.py`` says about each run; it has checked the invariants."""
-    child = subprocess.run(
-        [sys.executable, "-m", "tests.faults.forked", str(top), str(shim), work, how, str(int(number)), str(count)],
-        cwd=Path(__file__).parents[2],
-        env=os.environ | {"LD_PRELOAD": str(shim), "OPENBLAS_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-    runs = [json.loads(line) for line in child.stdout.splitlines()]
+    variables = {"LD_PRELOAD": str(shim), "OPENBLAS_NUM_THREADS": "1"}
+    runs = trials_of("forked", top, shim, work, how, int(number), count, patience=PATIENCE, **variables)
     print(f"{number.name}: {len(runs)} runs, {dict(Counter(run['code'] for run in runs))}")
-    assert child.returncode == 0, child.stderr[-3000:]
     return runs
 
 

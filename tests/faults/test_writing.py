@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-HERE = Path(__file__).parent
-PATIENCE = 300.0
+from tests.faults.runs import trials_of
 
 
 @pytest.mark.parametrize(
@@ -29,18 +24,7 @@ PATIENCE = 300.0
 )
 def test_every_call_that_can_fail(tmp_path: Path, shim: Path, work: str, stride: int, action: str) -> None:
     """The n-th open, write, flush or rename in the output folder fails, for every n (see ``failing.py``)."""
-    command = [sys.executable, "-m", "tests.faults.failing", str(tmp_path), str(shim), work, action, str(stride)]
-    child = subprocess.run(
-        command,
-        cwd=HERE.parents[1],
-        env={**os.environ, "LD_PRELOAD": str(shim)},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-    assert child.returncode == 0, child.stderr[-3000:]
-    trials = [json.loads(line) for line in child.stdout.splitlines()]
+    trials = trials_of("failing", tmp_path, shim, work, action, stride, LD_PRELOAD=str(shim))
     failed = [trial for trial in trials if trial["code"]]
     assert not trials[-1]["reached"]
     # What fails without harm, where each call fails once: two reads when a run begins (the slots of a checkpoint),
