@@ -40,8 +40,8 @@ class Texels(pyrender.Texture):  # type: ignore[misc]
         for parameter, value in (
             (GL.GL_TEXTURE_MIN_FILTER, filtering),
             (GL.GL_TEXTURE_MAG_FILTER, filtering),
-            (GL.GL_TEXTURE_WRAP_S, GL.GL_REPEAT),
-            (GL.GL_TEXTURE_WRAP_T, GL.GL_REPEAT),
+            (GL.GL_TEXTURE_WRAP_S, getattr(GL, f"GL_{self._texture.wrap[0]}")),
+            (GL.GL_TEXTURE_WRAP_T, getattr(GL, f"GL_{self._texture.wrap[1]}")),
         ):
             GL.glTexParameteri(GL.GL_TEXTURE_2D, parameter, value)
         GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
@@ -127,8 +127,8 @@ def _drawable(part: Part, shared: dict[int, Texels]) -> Drawable:
     defines |= {name.upper(): 1 for name in texels}
     if material.metallic == 0.0 and material.specular == 0.0:
         defines["MATT"] = 1
-        if not any(material.base_colour[:3]):
-            defines["UNLIT"] = 1
+    if material.unlit or ("MATT" in defines and not any(material.base_colour[:3])):
+        defines["UNLIT"] = 1
     if material.alpha_mode is not AlphaMode.OPAQUE:
         defines[material.alpha_mode.value] = 1
     uniforms: dict[str, Any] = {

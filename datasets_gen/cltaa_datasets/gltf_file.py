@@ -48,7 +48,7 @@ class GltfFile:
             self.json, binary = _chunks(path.read_bytes())
             needed = [name for name in self.json.get("extensionsRequired", ()) if not name.startswith(HARMLESS)]
             if needed:
-                raise DataError(f"needs the extension {needed[0]}", path=path, cure="export without compression")
+                self.do_without(needed[0], {"extensions": needed})
             # Only the first buffer may be the binary chunk.
             chunks = (binary, *[b""] * len(self.items("buffers")))
             self._buffers = [self._bytes(b.get("uri"), c) for b, c in zip(self.items("buffers"), chunks, strict=False)]
@@ -60,6 +60,11 @@ class GltfFile:
         """Return a top-level list, empty if the file has none."""
         found: list[dict[str, Any]] = self.json.get(name, [])
         return found
+
+    def do_without(self, extension: str, of: dict[str, Any]) -> None:
+        """Raise DataError for an object that has an extension."""
+        if extension in of.get("extensions", ()):
+            raise DataError(f"needs the extension {extension}", path=self.path, cure="export without it")
 
     def item(self, name: str, index: int) -> dict[str, Any]:
         """Return an entry of a top-level list; raises ValueError for a number that has none."""

@@ -14,12 +14,12 @@ from cltaa.errors import DataError
 from cltaa_datasets import GLTF, deform, meshes
 from cltaa_datasets.gltf_animation import NodeTree
 from cltaa_datasets.gltf_file import MALFORMED, GltfFile, picked
-from cltaa_datasets.scene import AlphaMode, Colour, Material, Matrix, Part, Shape, Texture
+from cltaa_datasets.gltf_material import Materials, Placement
+from cltaa_datasets.scene import Matrix, Part, Shape
 
 TRIANGLES, STRIP, FAN = 4, 5, 6  # modes of a primitive
 WIDTHS = {"POSITION": (3,), "NORMAL": (3,), "TEXCOORD": (2,), "COLOR": (3, 4), "JOINTS": (4,), "WEIGHTS": (4,)}
-LARGEST_COLOUR = 65504.0  # largest half
-COMPRESSED = "KHR_draco_mesh_compression"
+COMPRESSED, INSTANCED = "KHR_draco_mesh_compression", "EXT_mesh_gpu_instancing"
 Floats = NDArray[np.float64]
 Faces = NDArray[np.int64]  # [F, 3]
 
@@ -32,8 +32,7 @@ class Vertices:
 
     def __init__(self, file: GltfFile, primitive: dict[str, Any]) -> None:
         """Read the faces; raises DataError, and ValueError or KeyError for inconsistent data."""
-        if COMPRESSED in primitive.get("extensions", {}):
-            raise DataError(f"needs the extension {COMPRESSED}", path=file.path, cure="export without compression")
+        file.do_without(COMPRESSED, primitive)
         self._array, self.attributes = file.array, primitive["attributes"]
         self._count = len(self._array(self.attributes["POSITION"]))
         corners = self._array(primitive["indices"]) if "indices" in primitive else np.arange(self._count)
@@ -51,13 +50,10 @@ class Vertices:
         values = np.asarray(self._array((attributes or self.attributes)[name]), np.float64)
         if len(values) != self._count:
             raise ValueError(f"{name} of {len(values)} vertices, POSITION of {self._count}")
-        kind = name.partition("_")[0]
-        if values.shape[-1] not in WIDTHS[kind] or values.ndim != 2:
+        if values.shape[-1] not in WIDTHS[name.partition("_")[0]] or values.ndim != 2:
             raise ValueError(f"{name} of {values.shape[-1] if values.ndim == 2 else 1} numbers a vertex")
         if not np.isfinite(values).all():
             raise ValueError(f"{name} is not finite")
-        if kind == "TEXCOORD" and np.abs(values).max(initial=0.0) > meshes.MOST_REPEATS:
-            raise ValueError(f"{name} is beyond {meshes.MOST_REPEATS:g}")
         return np.asarray(values[self._taken])
 
     def normals(self, positions: Floats) -> Floats:
@@ -102,8 +98,7 @@ class AnimatedModel:
     def __init__(self, path: Path, *, played: bool = True) -> None:
         """Read a file; raises InputMissing and DataError."""
         self._file = GltfFile(path)
-        self._materials: dict[int | None, Material] = {}
-        self._textures: dict[tuple[int, bool], Texture] = {}
+        self._materials = Materials(self._file)
         try:
             self.tree = NodeTree(self._file, played=played)
             self._skins = [self._read_skin(skin) for skin in self._file.items("skins")]
@@ -168,6 +163,7 @@ class AnimatedModel:
         for index in self.tree.shown(self._file.item("scenes", self._file.json.get("scene", 0)) if scenes else None):
             node = self._file.items("nodes")[index]
             mesh = self._file.item("meshes", node["mesh"]) if "mesh" in node else {"primitives": []}
+            self._file.do_without(INSTANCED, node)
             for number, primitive in enumerate(mesh["primitives"]):
                 if primitive.get("mode", TRIANGLES) in (TRIANGLES, STRIP, FAN):
                     name = f"{index} {node.get('name', mesh.get('name', 'node'))} {number}"
@@ -183,9 +179,8 @@ class AnimatedModel:
         positions = vertices.read("POSITION")
         count = len(positions)
         rest = Shape(positions, deform.unit(vertices.normals(positions)))
-        uv = np.zeros((count, 2))
-        if "TEXCOORD_0" in vertices.attributes:
-            uv = vertices.read("TEXCOORD_0") * (1.0, -1.0) + (0.0, 1.0)  # trimesh's v grows upwards, glTF's downwards
+        material, placement = self._materials.read(primitive.get("material"))
+        uv = _coordinates(vertices, placement) * (1.0, -1.0) + (0.0, 1.0)  # trimesh's v grows upwards, glTF's downwards
         targets = tuple(_target(target, vertices, count) for target in primitive.get("targets", ()))
         joints, shares = np.zeros((count, 1), np.int64), np.ones((count, 1))
         if skin is not None:
@@ -193,73 +188,23 @@ class AnimatedModel:
         part = Part(
             name,
             meshes.make_mesh(positions, vertices.faces, rest.normals, uv),
-            self._material(primitive.get("material")),
+            material,
             _colours(vertices, count),
             deforms=bool(targets) or skin is not None,
         )
         weights = weights or (0.0,) * len(targets)
         return Piece(part, node, rest, targets, weights, skin, joints, shares)
 
-    def _material(self, index: int | None) -> Material:
-        if index not in self._materials:
-            entry = {} if index is None else self._file.item("materials", index)
-            pbr = _shiny(entry) or entry.get("pbrMetallicRoughness", {})
-            base = pbr.get("baseColorFactor", (1.0, 1.0, 1.0, 1.0))
-            self._materials[index] = Material(
-                base_colour=(*_light(base[:3]), _share(base[3])),
-                base_texture=self._texture(pbr.get("baseColorTexture")),
-                metallic=_share(pbr.get("metallicFactor", 1.0)),
-                roughness=_share(pbr.get("roughnessFactor", 1.0)),
-                metallic_roughness_texture=self._texture(pbr.get("metallicRoughnessTexture"), srgb=False),
-                emissive=_light(entry.get("emissiveFactor", (0.0, 0.0, 0.0))),
-                emissive_texture=self._texture(entry.get("emissiveTexture")),
-                alpha_mode=AlphaMode(entry.get("alphaMode", "OPAQUE")),
-                alpha_cutoff=_finite(entry.get("alphaCutoff", 0.5)),
-                double_sided=bool(entry.get("doubleSided", False)),
-            )
-        return self._materials[index]
 
-    def _texture(self, reference: dict[str, int] | None, *, srgb: bool = True) -> Texture | None:
-        if reference is None:
-            return None
-        texture = self._file.item("textures", reference["index"])
-        source = texture.get("source", texture.get("extensions", {}).get("EXT_texture_webp", {}).get("source"))
-        if source is None:  # only in a format that Pillow does not read
-            return None
-        key = source, srgb
-        if key not in self._textures:
-            self._textures[key] = Texture(self._file.image(key[0]), srgb=srgb)
-        return self._textures[key]
-
-
-def _finite(number: Any) -> float:
-    found = float(number)
-    if not np.isfinite(found):
-        raise ValueError(f"{found} in a material")
-    return found
-
-
-def _share(number: Any) -> float:
-    """Clamp a number to [0, 1], its range in the specification."""
-    return min(max(_finite(number), 0.0), 1.0)
-
-
-def _light(numbers: Any) -> Colour:
-    """Check a colour of a material; raises ValueError for an invalid one."""
-    red, green, blue = (_finite(number) for number in numbers)
-    if not (min(red, green, blue) >= 0.0 and max(red, green, blue) <= LARGEST_COLOUR):
-        raise ValueError(f"a colour {list(numbers)} in a material, expected numbers from 0 to {LARGEST_COLOUR:g}")
-    return red, green, blue
-
-
-def _shiny(entry: dict[str, Any]) -> dict[str, Any]:
-    """Approximate a material of KHR_materials_pbrSpecularGlossiness by metallic-roughness without metal."""
-    found = entry.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
-    if found is None:
-        return {}
-    base = {"baseColorTexture": found["diffuseTexture"]} if "diffuseTexture" in found else {}
-    colour, gloss = found.get("diffuseFactor", (1.0, 1.0, 1.0, 1.0)), found.get("glossinessFactor", 1.0)
-    return {"baseColorFactor": colour, "metallicFactor": 0.0, "roughnessFactor": 1.0 - gloss, **base}
+def _coordinates(vertices: Vertices, placement: Placement) -> Floats:
+    """Return the coordinates [V, 2] of a material's textures; (0, 0) without any."""
+    name = f"TEXCOORD_{placement.of}"
+    if name not in vertices.attributes:
+        return np.zeros_like(vertices.read("POSITION")[:, :2])
+    found = vertices.read(name) @ placement.matrix[:, :2].T + placement.matrix[:, 2]
+    if not (np.abs(found) <= meshes.MOST_REPEATS).all():
+        raise ValueError(f"{name} is beyond {meshes.MOST_REPEATS:g}")
+    return np.asarray(found)
 
 
 def _target(target: dict[str, int], vertices: Vertices, count: int) -> Shape:

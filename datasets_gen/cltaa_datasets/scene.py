@@ -30,9 +30,17 @@ class AlphaMode(StrEnum):
     BLEND = "BLEND"
 
 
+class Wrap(StrEnum):
+    """What lies beside a texture; names and meaning of OpenGL."""
+
+    REPEAT = "REPEAT"
+    MIRROR = "MIRRORED_REPEAT"
+    CLAMP = "CLAMP_TO_EDGE"
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Texture:
-    """Texels [H, W, 4] uint8, row 0 at the top; repeated in both directions, without mipmaps.
+    """Texels [H, W, 4] uint8, row 0 at the top; without mipmaps.
 
     A mipmap level depends on the pixel grid. Without mipmaps a picture is a function of position alone, so that the
     supersampled reference integrates the same function that the single samples sample.
@@ -41,6 +49,7 @@ class Texture:
     texels: Texels
     srgb: bool = True  # colour channels are sRGB-encoded and decoded before filtering; alpha is always linear
     smooth: bool = True  # bilinear filter; False: nearest texel
+    wrap: tuple[Wrap, Wrap] = (Wrap.REPEAT, Wrap.REPEAT)  # across, down
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -61,6 +70,7 @@ class Material:
     alpha_mode: AlphaMode = AlphaMode.OPAQUE
     alpha_cutoff: float = 0.5
     double_sided: bool = False
+    unlit: bool = False  # the base colour is radiance, and ``metallic`` 0 (KHR_materials_unlit)
 
 
 def matt(texture: Texture) -> Material:

@@ -100,6 +100,10 @@ MODELS: dict[str, tuple[Any, str | None]] = {
     "no-faces.glb": (gltf(lambda w, p: p | {"indices": w.add(np.zeros(0), SHORT)}), "no triangles in it"),
     "half-a-face.glb": (gltf(lambda w, p: p | {"indices": w.add([0, 1], SHORT)}), HALF),
     "draco.glb": (gltf(lambda _, p: p | {"extensions": DRACO}), "needs the extension KHR_draco_mesh_compression"),
+    "in-many-places.glb": (
+        standing(extensions={"EXT_mesh_gpu_instancing": {}}),
+        "needs the extension EXT_mesh_gpu",
+    ),
     "flattened.glb": (standing(scale=[1, 1, 0]), None),
     "almost-flattened.glb": (standing(scale=[1, 1e-300, 1]), None),
     "no-turn.glb": (standing(rotation=[0, 0, 0, 0]), None),

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from cltaa.errors import DataError
 from cltaa_datasets.gltf_model import at_rest, triangles
 from cltaa_datasets.meshes import texture_coordinates
 from cltaa_datasets.scene import Part
+from cltaa_datasets.scenes import build_scene
+from tests.capture.analytic_scenes import drawing
 from tests.datasets.gltf_writer import BYTE, FLOAT, SHORT, SQUARE, Writer, skinned_square
 
 
@@ -79,6 +84,77 @@ def test_a_corner_without_a_normal_has_that_of_its_face(tmp_path: Path) -> None:
     (part,) = shown(writer, tmp_path)
     kept = [1, 0, 0]
     assert np.asarray(part.mesh.vertex_normals).tolist() == [kept, [0, 0, 1], kept, kept, kept, [0, 1, 0]]
+
+
+CORNERS = [(0, 0), (1, 0), (1, 1), (0, 1)]
+
+
+def textured(tmp_path: Path, place: dict[str, Any], corners: Any = CORNERS, **entry: Any) -> Part:
+    """A square whose texture is black on the left and white on the right, and lies as ``place`` says."""
+    Image.fromarray(np.array([[0, 255]], np.uint8)).save(tmp_path / "a.png")
+    writer = Writer(nodes=[{"mesh": 0}], images=[{"uri": "a.png"}], samplers=[entry.pop("sampler", {})])
+    writer.json["textures"] = [{"source": 0, "sampler": 0}]
+    sets = {"TEXCOORD_0": writer.add(corners), "TEXCOORD_1": writer.add(np.array(corners) * 0.25)}
+    writer.json["meshes"] = [{"primitives": [writer.square(attributes=sets, material=0)]}]
+    writer.json["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0} | place}, **entry}]
+    (part,) = shown(writer, tmp_path)
+    return part
+
+
+def moved(**how: Any) -> dict[str, Any]:
+    return {"extensions": {"KHR_texture_transform": how}}
+
+
+@pytest.mark.parametrize(
+    ("place", "found"),
+    [
+        ({}, CORNERS),
+        ({"texCoord": 1}, [(0, 0), (0.25, 0), (0.25, 0.25), (0, 0.25)]),
+        ({"texCoord": 1} | moved(texCoord=0, scale=[2, 3]), [(0, 0), (2, 0), (2, 3), (0, 3)]),
+        # An example of the extension: the lower left quadrant, turned clockwise.
+        (moved(offset=[0, 1], rotation=np.pi / 2, scale=[0.5, 0.5]), [(0, 1), (0, 0.5), (0.5, 0.5), (0.5, 1)]),
+    ],
+    ids=["plain", "second-set", "scaled", "turned"],
+)
+def test_a_texture_lies_where_the_material_says(place: dict[str, Any], found: Any, tmp_path: Path) -> None:
+    coordinates = texture_coordinates(textured(tmp_path, place).mesh)
+    assert np.abs(coordinates * (1, -1) + (0, 1) - found).max() <= 2.0**-52  # v grows upwards; pi is rounded
+
+
+def test_textures_in_different_places_are_named(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="the textures of one material lie in different places"):
+        textured(tmp_path, {}, emissiveTexture={"index": 0, "texCoord": 1})
+
+
+@pytest.mark.parametrize(
+    ("sampler", "row"),
+    [({}, "0101"), ({"wrapS": 10497}, "0101"), ({"wrapS": 33648}, "101"), ({"wrapS": 33071}, "01")],
+    ids=["none", "repeat", "mirror", "clamp"],
+)
+def test_a_texture_goes_on_beside_itself_as_its_sampler_says(sampler: Any, row: str, tmp_path: Path) -> None:
+    """From -1 to 1 across a square of no light but its own, with the texels' edges kept."""
+    part = textured(
+        tmp_path,
+        {},
+        corners=[(-1, 0), (1, 0), (1, 1), (-1, 1)],
+        sampler=sampler | {"magFilter": 9728},
+        extensions={"KHR_materials_unlit": {}},
+    )
+    assert part.material.base_texture is not None
+    assert not part.material.base_texture.smooth
+    scene = build_scene(f"file:{tmp_path / 'a.glb'}")
+    dark = replace(scene.at(0.0), sky=None, lights=())
+    with drawing(scene, 64, 36) as renderer:
+        drawn = renderer.draw(dark, scene.at(-1.0), (0.0, 0.0))
+    assert drawn.motion is not None
+    red = drawn.colour[18, np.isfinite(drawn.motion[18, :, 0]), 0]  # of the square in the middle row
+    assert "".join(f"{value:g}" for value, _ in groupby(red.tolist())) == row
+
+
+def test_a_lamp_of_a_material_is_as_strong_as_it_says(tmp_path: Path) -> None:
+    strong = {"KHR_materials_emissive_strength": {"emissiveStrength": 8.0}}
+    part = textured(tmp_path, {}, emissiveFactor=[1.0, 0.5, 0.0], extensions=strong)
+    assert part.material.emissive == (8.0, 4.0, 0.0)
 
 
 def test_a_material_of_diffuse_and_gloss_is_one_without_metal(tmp_path: Path) -> None:

@@ -165,7 +165,7 @@ def test_a_vertex_that_no_face_uses_does_not_shrink_a_played_file(tmp_path: Path
         (
             "packed.gltf",
             b'{"asset": {}, "extensionsRequired": ["KHR_draco_mesh_compression"]}',
-            "needs the extension .*; export without compression",
+            "needs the extension .*; export without it",
         ),
     ],
 )

@@ -159,7 +159,7 @@ float sunlight(Surface s)
 vec3 shade(Surface s)
 {
 #ifdef UNLIT
-    vec3 radiance = vec3(0.0);
+    vec3 radiance = s.diffuse;
 #else
     vec3 radiance = reflected_sky(s);
 #if SUNS > 0
