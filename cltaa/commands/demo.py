@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
-import numpy as np
 
 from cltaa.commands.options import FILE_PATH, SCENE, SIZE, device_option, json_option
 from cltaa.commands.printing import answer, figures, print_line, print_table
@@ -17,7 +17,7 @@ from cltaa.frame import Image
 from cltaa.io.display import side_by_side, to_picture, write_png
 from cltaa.io.sequence import ImageSequence, open_images, open_sequence
 from cltaa.io.video import import_av, write_pairs
-from cltaa.lab.judge.metrics import METRICS, equal_quality_samples, mean, measure, named_metrics
+from cltaa.lab.judge.metrics import equal_quality_samples, mean_of, measure, named_metrics
 from cltaa.pipeline.run import ResolveReport, resolve_sequence
 from cltaa.printable import counted, shown
 from cltaa.process import call_cltaa, stop_signals
@@ -26,19 +26,6 @@ SETTLED = 8  # first judged frame, because the history needs some frames to fill
 FLIP_EVERY = 8  # FLIP is slower than the resolve, so only every 8th frame is judged by it
 ZOOM = 4  # magnification of the crop
 TRUTH_SAMPLES = 32
-
-
-@dataclass(frozen=True, slots=True)
-class Gain:
-    """Results of the demo: means over the frames from ``SETTLED`` on."""
-
-    psnr_one_sample: float
-    psnr_resolved: float
-    flip_one_sample: float
-    flip_resolved: float
-    equal_quality_samples: float
-    resolve_ms: float
-    device: str
 
 
 @click.command("demo")
@@ -63,10 +50,10 @@ def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: s
     _capture(scene, folder, frames, size)
     sequence = open_sequence(folder).select(0, frames - 1)
     report = resolve_sequence(sequence, resolved, resolver, restart=True, stopping=stop_signals())
-    after = open_images(resolved).select(0, frames - 1)
+    before, after = (open_images(place).select(0, frames - 1) for place in (folder, resolved))
     assert sequence.reference is not None
-    gain = _judge(open_images(folder).select(0, frames - 1), after, sequence.reference, report)
-    _show(output, open_images(folder).select(0, frames - 1), after)
+    gain = _judge(before, after, sequence.reference, report)
+    _show(output, before, after)
     answer(gain, as_json, lambda gain: _print(gain, report, output))
 
 
@@ -83,29 +70,29 @@ def _capture(scene: str, folder: Path, frames: int, size: tuple[int, int]) -> No
         click.get_current_context().exit(code)  # the child process has printed why
 
 
-def _judge(before: ImageSequence, after: ImageSequence, truth: ImageSequence, report: ResolveReport) -> Gain:
-    rows: dict[str, list[dict[str, float]]] = {"before": [], "after": []}
-    for number in range(SETTLED, len(truth)):
-        reference = truth.image(number)
-        names = ("mse", "psnr", "flip") if number % FLIP_EVERY == 0 else ("mse", "psnr")
-        for side, images in (("before", before), ("after", after)):
-            rows[side].append(measure(images.image(number), reference, [METRICS[name] for name in names]))
-    means = {}
-    for side, values in rows.items():
-        flip = [row.pop("flip") for row in values if "flip" in row]
-        means[side] = {**mean(values), "flip": float(np.mean(flip))}
+def _judge(before: ImageSequence, after: ImageSequence, truth: ImageSequence, report: ResolveReport) -> dict[str, Any]:
+    """Return the results of the demo: means over the frames from ``SETTLED`` on, and what the resolve took."""
+    one, resolved = _scores(before, truth), _scores(after, truth)
     seconds = report.seconds
-    return Gain(
-        psnr_one_sample=means["before"]["psnr"],
-        psnr_resolved=means["after"]["psnr"],
-        flip_one_sample=means["before"]["flip"],
-        flip_resolved=means["after"]["flip"],
-        equal_quality_samples=equal_quality_samples(
-            means["after"]["mse"], means["before"]["mse"], truth_samples=TRUTH_SAMPLES
-        ),
-        resolve_ms=1e3 * (seconds.upload + seconds.kernels + seconds.read_back),
-        device=report.device,
-    )
+    return {
+        "psnr_one_sample": one["psnr"],
+        "psnr_resolved": resolved["psnr"],
+        "flip_one_sample": one["flip"],
+        "flip_resolved": resolved["flip"],
+        "equal_quality_samples": equal_quality_samples(resolved["mse"], one["mse"], truth_samples=TRUTH_SAMPLES),
+        "resolve_ms": 1e3 * (seconds.upload + seconds.kernels + seconds.read_back),
+        "device": report.device,
+    }
+
+
+def _scores(images: ImageSequence, truth: ImageSequence) -> dict[str, float]:
+    """Return the mean of each metric."""
+    values: dict[str, list[float]] = {}
+    for number in range(SETTLED, len(truth)):
+        metrics = "mse,psnr,flip" if number % FLIP_EVERY == 0 else "mse,psnr"
+        for name, value in measure(images.image(number), truth.image(number), metrics).items():
+            values.setdefault(name, []).append(value)
+    return {name: mean_of(name, of_frames) for name, of_frames in values.items()}
 
 
 def _show(output: Path, before: ImageSequence, after: ImageSequence) -> None:
@@ -124,16 +111,16 @@ def _crop(image: Image) -> Image:
     return image[top : top + height, left : left + width].repeat(ZOOM, axis=0).repeat(ZOOM, axis=1)
 
 
-def _print(gain: Gain, report: ResolveReport, output: Path) -> None:
+def _print(gain: Mapping[str, Any], report: ResolveReport, output: Path) -> None:
     frames = counted(report.frames, "frame")
     title = f"{frames}, {report.width} x {report.height}, judged from frame {SETTLED} on"
     table = figures(title, "", "one sample", "resolved", named=True)
-    table.add_row("PSNR, dB (more is better)", f"{gain.psnr_one_sample:.2f}", f"[bold]{gain.psnr_resolved:.2f}")
-    table.add_row("FLIP (less is better)", f"{gain.flip_one_sample:.4f}", f"[bold]{gain.flip_resolved:.4f}")
-    table.add_row("samples a pixel for the same error", "1", f"[bold]{gain.equal_quality_samples:.1f}")
-    table.add_row("resolve, ms a frame", "", f"{gain.resolve_ms:.1f}")
+    table.add_row("PSNR, dB (more is better)", f"{gain['psnr_one_sample']:.2f}", f"[bold]{gain['psnr_resolved']:.2f}")
+    table.add_row("FLIP (less is better)", f"{gain['flip_one_sample']:.4f}", f"[bold]{gain['flip_resolved']:.4f}")
+    table.add_row("samples a pixel for the same error", "1", f"[bold]{gain['equal_quality_samples']:.1f}")
+    table.add_row("resolve, ms a frame", "", f"{gain['resolve_ms']:.1f}")
     print_table(table)
-    print_line(f"resolved on {shown(gain.device)}")
+    print_line(f"resolved on {shown(gain['device'])}")
     for name in ("before.png", "after.png", "crop.png", "side-by-side.mp4", "sequence", "resolved"):
         folder = os.sep if (output / name).is_dir() else ""
         print_line(f"  {shown(output / name)}{folder}")
