@@ -36,7 +36,7 @@ PROCESSES = 8
 ROUNDS = 5
 
 
-def test_cache_that_cannot_be_written(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
+def test_a_cache_that_cannot_be_written_exits_with_69(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
     (tmp_path / "file").touch()
     cache = tmp_path / "file" / "cache"
     code, said = run(arguments(on_device[0], tmp_path / "out"), POCL_CACHE_DIR=str(cache))
@@ -53,14 +53,14 @@ def test_a_cache_that_names_no_place_is_the_users_own(variable: str, monkeypatch
     assert os.environ["POCL_CACHE_DIR"] == str(Path.home() / ".cache" / "cltaa" / "pocl")
 
 
-def test_cache_of_another_owner(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
+def test_a_cache_of_another_owner_exits_with_69(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
     (tmp_path / "cache").mkdir(mode=0o555)
     code, said = unprivileged(arguments(on_device[0], tmp_path / "out"), POCL_CACHE_DIR=str(tmp_path / "cache"))
     assert code == 69, said
     assert f"{tmp_path / 'cache'}: the kernel cache cannot be written: Permission denied" in said
 
 
-def test_locks_of_another_owner(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
+def test_locks_of_another_owner_exit_with_69(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
     (tmp_path / "cache" / "locks").mkdir(parents=True)
     (tmp_path / "cache" / "locks").chmod(0o555)
     code, said = unprivileged(arguments(on_device[0], tmp_path / "out"), POCL_CACHE_DIR=str(tmp_path / "cache"))
@@ -68,7 +68,9 @@ def test_locks_of_another_owner(tmp_path: Path, on_device: tuple[Path, dict[str,
     assert f"{tmp_path / 'cache'}: the kernel cache cannot be written: Permission denied; free some space there" in said
 
 
-def test_kernels_of_another_owner(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
+def test_kernels_of_another_owner_are_named_as_the_cause(
+    tmp_path: Path, on_device: tuple[Path, dict[str, str]]
+) -> None:
     """The compiler fails without a word where it cannot make the folder of a kernel."""
     for name in map("".join, product("ABCDEFGHIJKLMNOP", repeat=2)):  # PoCL's way to write a byte
         (tmp_path / "cache" / name).mkdir(parents=True)
@@ -128,7 +130,7 @@ def test_cache_on_a_disk_that_is_full(tmp_path: Path, on_device: tuple[Path, dic
 
 
 @pytest.mark.parametrize("rounds", [1, pytest.param(ROUNDS, marks=pytest.mark.big)])
-def test_processes_on_one_cold_cache(tmp_path: Path, rounds: int) -> None:
+def test_processes_on_one_cold_cache_all_succeed(tmp_path: Path, rounds: int) -> None:
     trials = trials_of("cold_cache", tmp_path, rounds, OPENBLAS_NUM_THREADS="1")
     assert [trial["codes"] for trial in trials] == [[0] * PROCESSES] * rounds
 
@@ -148,7 +150,9 @@ def test_whole_processes_on_one_cold_cache(tmp_path: Path, on_device: tuple[Path
 
 
 @pytest.mark.big
-def test_killed_while_kernels_are_built(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
+def test_a_kill_while_kernels_are_built_harms_no_later_run(
+    tmp_path: Path, on_device: tuple[Path, dict[str, str]]
+) -> None:
     """SIGKILL at random times of runs that begin without a cache: what one leaves serves the next, or does no harm."""
     chance, killed = random.Random(0), 0
     begin = time.monotonic()

@@ -208,7 +208,7 @@ def test_what_is_no_frame_is_refused_by_name(
     assert "synthetic.2.exr" in said[0] or "synthetic.0002.exr" in said[0]
 
 
-def test_no_permission_to_read(tmp_path: Path) -> None:
+def test_an_unreadable_frame_exits_with_66_and_writes_nothing(tmp_path: Path) -> None:
     folder = write_sequence(tmp_path / "in", 3, width=9, height=7)
     frame_path(folder, 1).chmod(0)
     code, said = unprivileged(arguments(folder, tmp_path / "out"))
@@ -216,7 +216,7 @@ def test_no_permission_to_read(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_no_permission_to_write(tmp_path: Path) -> None:
+def test_an_unwritable_output_exits_with_73_and_stays_empty(tmp_path: Path) -> None:
     folder, output = write_sequence(tmp_path / "in", 3, width=9, height=7), tmp_path / "out"
     output.mkdir(mode=0o555)
     code, said = unprivileged(arguments(folder, output))

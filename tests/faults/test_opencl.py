@@ -30,7 +30,7 @@ def planted(kind: type[cl.Error], routine: str, code: int) -> cl.Error:
     return kind(cl._cl._ErrorRecord(routine, code, "planted"))
 
 
-def test_no_device(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
+def test_without_a_device_numpy_still_resolves(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
     nowhere = str(tmp_path / "none")
     code, said = run(arguments(on_device[0], tmp_path / "out"), OCL_ICD_VENDORS=nowhere, OCL_ICD_FILENAMES="")
     assert code == 69, said
@@ -39,7 +39,7 @@ def test_no_device(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> No
     assert run(numpy, OCL_ICD_VENDORS=nowhere)[0] == 0
 
 
-def test_kernel_that_does_not_build(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_kernel_that_does_not_build_leaves_one_log(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     broken = '#error "planted"\n'
     monkeypatch.setattr(device, "source", lambda name, build: broken + source(name, build))
     monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
@@ -221,7 +221,7 @@ def test_wrong_call_is_no_lost_device() -> None:
             raise error
 
 
-def test_context_that_cannot_be_made(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_device_without_a_context_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     error = planted(cl.RuntimeError, "clCreateContext", cl.status_code.DEVICE_NOT_AVAILABLE)
     monkeypatch.setattr(cl, "Context", Failing(cl.Context, 1, error))
     with pytest.raises(DeviceMissing, match=r"cannot be opened: .*planted.*; see: cltaa doctor"):

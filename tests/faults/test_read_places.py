@@ -70,7 +70,7 @@ def test_folder_of_any_name(
     assert said.err.strip("\n").isprintable()
 
 
-def test_file_name_of_255_bytes(tmp_path: Path) -> None:
+def test_file_names_of_255_bytes_are_resolved(tmp_path: Path) -> None:
     name = "é" * 123  # two bytes each: 246, and 9 of ".0000.exr"
     write_sequence(tmp_path / "in", 2, name=name)
     assert main(["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy"]) == 0
@@ -103,7 +103,7 @@ def resolved(folder: Path, name: str) -> list[bytes]:
     return [bits(read_image(path)[0]["R"]).tobytes() for path in sorted((folder / name).glob("*.exr"))]
 
 
-def test_decimal_comma(tmp_path: Path) -> None:
+def test_a_decimal_comma_changes_no_bit(tmp_path: Path) -> None:
     """A German C library writes 0,5. Kernels are compiled from printed numbers; not a bit changes."""
     write_sequence(tmp_path / "in", 2)
     compiler = shutil.which("localedef")
@@ -129,7 +129,7 @@ def test_umask_that_leaves_files_to_their_owner_alone(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("locale", ["C", "xx_XX.nonsense"])
-def test_locale_without_letters(tmp_path: Path, locale: str) -> None:
+def test_a_locale_without_letters_ends_no_command(tmp_path: Path, locale: str) -> None:
     """What has no letter there is printed as an escape and ends nothing."""
     sound_sequence(tmp_path)
     ascii_only = {"LC_ALL": locale, "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}

@@ -103,7 +103,7 @@ def test_no_escape_sequence_reaches_the_terminal(
         (folder / f"{ESCAPES}.exr").unlink(missing_ok=True)
 
 
-def test_printable() -> None:
+def test_unprintable_characters_are_escaped() -> None:
     assert printable("plain ünïcode 映画 🎬") == "plain ünïcode 映画 🎬"
     assert printable(ESCAPES + "\n\udcff") == r"\x1b[2J\x1b]0;title\x07\x1bc\r\x08\x9b31m\u202e\n\udcff"
     assert printable("x" * 1000, longest=100) == "x" * 47 + " ... " + "x" * 47

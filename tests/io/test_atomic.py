@@ -11,7 +11,9 @@ from cltaa.errors import OutputError, StorageError
 from cltaa.io.atomic import atomic_path, make_folder, move_into, remove_stale_temporaries, temporary_folder
 
 
-def test_order_of_the_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_file_is_flushed_then_renamed_then_its_folder_flushed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """File flushed, then renamed, then folder flushed: any other order can lose the file when the machine stops."""
     steps = []
     real_fsync, real_replace = os.fsync, Path.replace

@@ -69,7 +69,7 @@ def test_chunk_table_of_zeros_is_an_unfinished_file(tmp_path: Path) -> None:
     ("content", "message"),
     [(b"", "empty"), (b"not an image, but long enough to be one", "not an EXR"), (b"v/1\x01", "not an EXR")],
 )
-def test_garbage(tmp_path: Path, content: bytes, message: str) -> None:
+def test_garbage_is_refused_by_every_reader(tmp_path: Path, content: bytes, message: str) -> None:
     path = tmp_path / "a.exr"
     path.write_bytes(content)
     for read in (read_frame, read_header, read_image, read_colour):
@@ -84,7 +84,7 @@ def test_missing_folder_and_dangling_link(tmp_path: Path) -> None:
     assert "folder" in refusal(tmp_path / "folder.exr")
 
 
-def test_unreadable_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unreadable_file_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Permission bits do not stop root, so the refusal of the system is injected."""
     write_image(tmp_path / "a.exr", planes(), attributes())
 
@@ -182,7 +182,7 @@ def test_impossible_sizes_are_refused_before_memory_is_asked_for(tmp_path: Path,
     assert "impossible data window" in refusal(path)
 
 
-def test_output_into_nowhere(tmp_path: Path) -> None:
+def test_output_into_a_missing_folder_is_refused(tmp_path: Path) -> None:
     for path in (tmp_path / "missing" / "a.exr", tmp_path / "file" / "a.exr"):
         (tmp_path / "file").touch()
         with pytest.raises(OutputError, match="cannot be created"):
@@ -207,7 +207,7 @@ def test_failure_while_writing_leaves_the_old_file_and_nothing_else(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_full_disk(tmp_path: Path) -> None:
+def test_a_full_disk_leaves_no_file(tmp_path: Path) -> None:
     """/dev/full refuses every byte, as a full disk does."""
     link = tmp_path / f".a.exr.tmp.{os.getpid()}"
     link.symlink_to("/dev/full")

@@ -34,7 +34,7 @@ def test_srgb_against_its_definition_in_double_precision() -> None:
     np.testing.assert_allclose(to_display(linear), expected, rtol=0, atol=8 * FLOAT32_ULP)
 
 
-def test_mid_grey_white_and_beyond() -> None:
+def test_mid_grey_becomes_128_and_white_255() -> None:
     grey = ((128 / 255 + 0.055) / 1.055) ** 2.4
     levels = np.array([-1.0, 0.0, grey, 1.0, 70.0], np.float32)[:, None, None].repeat(3, axis=2)
     np.testing.assert_array_equal(to_picture(levels)[:, 0, 0], [0, 0, 128, 255, 255])

@@ -118,7 +118,7 @@ def test_changed_files_are_named(tmp_path: Path) -> None:
     assert recorded_hashes(tmp_path / "none") == {}
 
 
-def test_folder_that_went_away(tmp_path: Path) -> None:
+def test_a_folder_that_went_away_is_reported(tmp_path: Path) -> None:
     folder = tmp_path / "out"
     folder.mkdir()
     manifest = begun(folder, 1)

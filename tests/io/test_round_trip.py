@@ -148,7 +148,7 @@ def test_attribute_types_on_disk(tmp_path: Path) -> None:
         assert f"{name}\0{kind}\0".encode() in content
 
 
-def test_orthographic_camera(tmp_path: Path) -> None:
+def test_an_orthographic_camera_survives_the_file(tmp_path: Path) -> None:
     camera = Camera(np.eye(4), np.diag([0.5, 0.25, -0.02, 1.0]))
     back = round_trip(tmp_path, full_frame(camera=camera)).camera
     assert back.orthographic

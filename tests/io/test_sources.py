@@ -86,7 +86,7 @@ def test_reference_and_sequence_json(tmp_path: Path) -> None:
     assert sequence.sequence_json == {"reference": 64}
 
 
-def test_select(tmp_path: Path) -> None:
+def test_select_returns_a_range_and_refuses_others(tmp_path: Path) -> None:
     sequence = open_sequence(write_sequence(tmp_path, 5)).select(1, 3)
     assert [frame.index for frame in sequence] == [1, 2, 3]
     for first, last in ((0, 2), (2, 9), (3, 2)):
@@ -138,7 +138,7 @@ def test_a_folder_above_sequences_names_them(tmp_path: Path) -> None:
         open_input(tmp_path / "shots")
 
 
-def test_sizes_that_differ(tmp_path: Path) -> None:
+def test_sizes_that_differ_are_refused(tmp_path: Path) -> None:
     write_sequence(tmp_path, 3)
     write_frame(tmp_path / "synthetic.0002.exr", make_frame(2, width=WIDTH + 1))
     message = refusal(tmp_path, DataError)
@@ -175,7 +175,7 @@ def test_hidden_files_are_no_frames(tmp_path: Path) -> None:
     assert len(open_sequence(tmp_path)) == 2
 
 
-def test_renamed_frame(tmp_path: Path) -> None:
+def test_a_renamed_frame_is_refused(tmp_path: Path) -> None:
     write_sequence(tmp_path, 3)
     (tmp_path / "synthetic.0002.exr").rename(tmp_path / "synthetic.0003.exr")
     (tmp_path / "synthetic.0001.exr").rename(tmp_path / "synthetic.0002.exr")
@@ -191,7 +191,7 @@ def test_frames_that_declare_other_effects(tmp_path: Path) -> None:
         open_sequence(tmp_path).frame(1)
 
 
-def test_reference_that_does_not_fit(tmp_path: Path) -> None:
+def test_a_reference_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     write_sequence(tmp_path, 3, reference=True)
     (tmp_path / "reference" / "synthetic.0002.exr").unlink()
     with pytest.raises(InputMissing, match=r"reference.synthetic\.0002\.exr frame 2"):
@@ -203,14 +203,14 @@ def test_reference_that_does_not_fit(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", ["{", "[1]", "\udcff"])
-def test_damaged_sequence_json(tmp_path: Path, content: str) -> None:
+def test_a_damaged_sequence_json_is_refused(tmp_path: Path, content: str) -> None:
     sequence = open_sequence(write_sequence(tmp_path, 1))
     (tmp_path / "sequence.json").write_bytes(content.encode("utf-8", "surrogateescape"))
     with pytest.raises(DataError, match=r"sequence\.json"):
         _ = sequence.sequence_json
 
 
-def test_image_without_colour(tmp_path: Path) -> None:
+def test_an_image_without_colour_is_refused(tmp_path: Path) -> None:
     write_image(tmp_path / "depth.0000.exr", {"Z": np.ones((4, 4), np.float32)})
     with pytest.raises(DataError, match="channel R: channel is missing"):
         open_images(tmp_path)

@@ -70,7 +70,7 @@ def test_a_wipe_goes_over_the_picture_and_back(tmp_path: Path) -> None:
     assert [abs(red - white) <= 4 for red, white in zip(reds, (0, 9, 32, 55, 64, 55, 32, 9), strict=True)] == [True] * 8
 
 
-def test_side_by_side(tmp_path: Path) -> None:
+def test_side_by_side_each_image_fills_its_half(tmp_path: Path) -> None:
     before, after = [flat((0.05, 0.05, 0.05))] * 4, [flat((0.6, 0.6, 0.6))] * 4
     assert write_pairs(tmp_path / "a.mp4", before, after, labels=("one sample", "resolved")) == 4
     frames, facts = frames_of(tmp_path / "a.mp4")

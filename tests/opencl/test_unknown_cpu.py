@@ -102,7 +102,7 @@ FLAGS_OF_ZEN_5 = (
         (("avx512f", "avx2", "avx", "sse4_2"), b"x86-64"),
     ],
 )
-def test_flags_have_linux_s_names(
+def test_the_level_follows_from_linux_s_flags(
     without: tuple[str, ...], level: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Those of the first processor: the second is of another kind."""

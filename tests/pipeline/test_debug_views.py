@@ -166,7 +166,7 @@ def test_the_command_writes_layers_and_pictures(tmp_path: Path, capsys: pytest.C
     assert "was begun with another debug" in capsys.readouterr().err
 
 
-def test_names_of_views() -> None:
+def test_views_are_parsed_from_a_list() -> None:
     assert parse_views("motion, clip,motion") == (View.MOTION, View.CLIP)
     assert parse_views("") == ()
     with pytest.raises(UsageError, match="--debug: unknown view x; known views: reject, count, motion, clip"):

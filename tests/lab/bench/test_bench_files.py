@@ -15,7 +15,7 @@ from tests.inputs.foreign import frames, side_text, write_blender
 from tests.sequence_factory import write_sequence
 
 
-def test_the_command_and_its_stages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_and_its_stages_are_timed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_sequence(tmp_path / "in", 4)
     assert main(["bench", "files", str(folder), "--compression", "rle", "--half", "--rounds", "3", "--json"]) == 0
     out, told = capsys.readouterr()
@@ -51,7 +51,7 @@ def test_nonsense_is_refused_before_anything_is_timed(
     assert "unknown or lossy compression" in capsys.readouterr().err
 
 
-def test_files_of_other_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_files_of_other_tools_are_timed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     made = frames(2)
     folder = write_blender(tmp_path / "shot", made)
     (tmp_path / "camera.txt").write_text(side_text(made))

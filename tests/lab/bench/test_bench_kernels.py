@@ -33,7 +33,7 @@ def run(*arguments: str, without: str | None = None) -> subprocess.CompletedProc
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
-def test_everything_in_one_run() -> None:
+def test_every_contender_is_timed_in_one_run() -> None:
     done = run(*SIZE, "--json")
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("timing: 3 of 3 rounds, ") == 2
@@ -130,7 +130,7 @@ def test_running_again_gives_the_same(changes: dict[str, object]) -> None:
 
 
 @pytest.mark.parametrize(("storage", "expected"), [(Storage.FLOAT, 52), (Storage.HALF, 40)])
-def test_least_bytes(storage: Storage, expected: int) -> None:
+def test_the_least_bytes_are_each_plane_once(storage: Storage, expected: int) -> None:
     # Read: colour 12, inverse depth 4, last inverse depth 4, history 12 (half: 6), count 4. Written: history and count
     # again.
     resolver = Resolver("default", "numpy", storage=storage)

@@ -193,13 +193,13 @@ def test_undeclared_effects_are_problems(
     assert problems(capsys, write(tmp_path, [sound(i, **changes) for i in range(3)])) == message
 
 
-def test_undeclared_cut_and_exposure(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_undeclared_cuts_and_exposures_are_problems(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     write(tmp_path, [sound(i, cut=i == 2, exposure=1.0 + i) for i in range(3)])
     found = findings(capsys, tmp_path)["problems"]
     assert found == [f"effect {name} is there but not declared" for name in ("cut", "exposure")]
 
 
-def test_frames_that_differ(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_frames_that_differ_are_problems(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     size = write(tmp_path / "size", [sound(i, width=WIDTH + (i == 2)) for i in range(3)])
     assert problems(capsys, size) == "size of frame 2 differs from that of frame 0"
     declared = frozenset({Effect.CAMERA, Effect.ALPHA})
@@ -209,7 +209,7 @@ def test_frames_that_differ(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
     assert problems(capsys, effects) == "other effects than the first are declared by frame 1"
 
 
-def test_lossy_compression_and_half_motion(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_lossy_compression_and_half_motion_are_problems(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     write(tmp_path, [sound(i, motion=True, effects=frozenset({Effect.CAMERA, Effect.MOTION})) for i in range(3)])
     for path in tmp_path.iterdir():
         file = OpenEXR.File(str(path), separate_channels=True)
@@ -227,7 +227,7 @@ def test_lossy_compression_and_half_motion(capsys: pytest.CaptureFixture[str], t
     ]
 
 
-def test_reference_that_does_not_fit(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_reference_that_does_not_fit_is_a_problem(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     frames = [sound(i) for i in range(4)]
     write(tmp_path, frames)
     write_images(tmp_path / "reference", [frame.colour[:, 1:] for frame in frames[:2]], name="synthetic")
@@ -250,7 +250,7 @@ def test_the_text_states_the_facts_and_the_problems(capsys: pytest.CaptureFixtur
     assert "✗ frames missing: 2" in capsys.readouterr().out
 
 
-def test_nothing_to_inspect(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_nothing_to_inspect_exits_with_66(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     for folder, message in ((tmp_path / "nowhere", "folder is missing"), (tmp_path, "no frames in the folder")):
         assert main(["inspect", str(folder)]) == 66
         captured = capsys.readouterr()

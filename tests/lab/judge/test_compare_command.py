@@ -50,7 +50,7 @@ def test_json_holds_what_the_functions_say(capsys: pytest.CaptureFixture[str], c
     assert result["versions"] == {"cltaa": __version__} | {package: version(package) for package in packages}
 
 
-def test_capture_against_its_own_truth(capsys: pytest.CaptureFixture[str], capture: Path) -> None:
+def test_a_capture_is_compared_with_its_own_truth(capsys: pytest.CaptureFixture[str], capture: Path) -> None:
     result = run_json(capsys, capture, "--metrics", "psnr", "--frames", "1-2")
     assert [frame["frame"] for frame in result["frames"]] == [1, 2]
     assert set(result["mean"]) == {"psnr", "mse"}
@@ -64,7 +64,7 @@ def test_identical_images_give_null_and_no_samples(capsys: pytest.CaptureFixture
     assert result["mean"] == {"psnr": None, "mse": 0.0}
 
 
-def test_single_files_of_different_numbers(capsys: pytest.CaptureFixture[str], capture: Path) -> None:
+def test_single_files_of_different_numbers_are_compared(capsys: pytest.CaptureFixture[str], capture: Path) -> None:
     one, other = (capture / "reference" / f"synthetic.000{number}.exr" for number in (0, 1))
     result = run_json(capsys, one, other, "--metrics", "mse")
     expected = light_mse(np.full((1, 1, 3), 0.25, np.float32), np.full((1, 1, 3), 0.26, np.float32))

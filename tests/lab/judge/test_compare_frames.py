@@ -104,7 +104,9 @@ def test_missing_frames_within_the_range_are_reported(capsys: pytest.CaptureFixt
     assert result["warnings"] == [line]
 
 
-def test_no_frame_in_common(capsys: pytest.CaptureFixture[str], resolved: Path, tmp_path: Path) -> None:
+def test_sequences_without_a_common_frame_are_refused(
+    capsys: pytest.CaptureFixture[str], resolved: Path, tmp_path: Path
+) -> None:
     other = write_images(tmp_path / "other", [make_frame().colour] * 2, first=10)
     assert "no frame number in common: number them alike" in refusal(capsys, 66, resolved, other)
 
