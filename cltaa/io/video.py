@@ -129,12 +129,11 @@ def rate_of(attributes: Mapping[str, object], record: Mapping[str, Any], step: i
     return max(Fraction(RATES[0]), (rate if RATES[0] <= rate <= RATES[1] else USUAL_RATE) / step)
 
 
-def write_video(path: Path, images: Iterable[Image], *, rate: Fraction | int = USUAL_RATE) -> int:
-    """Write linear images [H, W, 3] as an MP4 through the display transform and return their count; errors as above."""
+def write_video(path: Path, images: Iterable[Image], *, rate: Fraction | int = USUAL_RATE) -> None:
+    """Write linear images [H, W, 3] as an MP4 through the display transform; errors as above."""
     with open_video(path, rate) as video:
         for image in images:
             video.add(to_picture(image))
-    return video.count
 
 
 WIPE_SECONDS = 4.0  # for the line to cross the picture and return
@@ -148,7 +147,7 @@ def write_pairs(
     labels: tuple[str, str] = ("before", "after"),
     rate: Fraction | int = USUAL_RATE,
     swept: bool = False,
-) -> int:
+) -> None:
     """Write two sequences of one size side by side, labelled, or with ``swept`` on both sides of a moving line; errors
     as above."""
     with open_video(path, rate) as video:
@@ -158,4 +157,3 @@ def write_pairs(
                 video.add(wipe(left, right, 0.5 - 0.5 * float(np.cos(turn)), labels))
             else:
                 video.add(side_by_side(left, right, labels))
-    return video.count

@@ -71,15 +71,9 @@ class Tool(NamedTuple):
 
     def elsewhere(self, description: str) -> Resolver:
         """Return a resolver that only describes those on the workers' devices."""
-        return Resolver(self.preset, _Described(description), storage=self.storage, strict=self.strict)
-
-
-class _Described(NumpyLauncher):
-    """Describes a device of another process."""
-
-    def __init__(self, description: str) -> None:
-        super().__init__()
-        self.description = description
+        launcher = NumpyLauncher()
+        launcher.description = description
+        return Resolver(self.preset, launcher, storage=self.storage, strict=self.strict)
 
 
 class Cluster:

@@ -38,7 +38,7 @@ def frames_of(path: Path) -> tuple[list[Any], Any]:
 
 def test_every_frame_in_order_and_in_its_colour(tmp_path: Path) -> None:
     colours = [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.8, 0.1, 0.05), (0.05, 0.6, 0.1), (0.1, 0.1, 0.9), (0.2, 0.2, 0.2)]
-    assert write_video(tmp_path / "a.mp4", (flat(colour) for colour in colours), rate=Fraction(30000, 1001)) == 6
+    write_video(tmp_path / "a.mp4", (flat(colour) for colour in colours), rate=Fraction(30000, 1001))
     frames, facts = frames_of(tmp_path / "a.mp4")
     assert facts == (64, 48, Fraction(30000, 1001), "yuv420p")
     assert len(frames) == 6
@@ -72,8 +72,9 @@ def test_a_wipe_goes_over_the_picture_and_back(tmp_path: Path) -> None:
 
 def test_side_by_side_each_image_fills_its_half(tmp_path: Path) -> None:
     before, after = [flat((0.05, 0.05, 0.05))] * 4, [flat((0.6, 0.6, 0.6))] * 4
-    assert write_pairs(tmp_path / "a.mp4", before, after, labels=("one sample", "resolved")) == 4
+    write_pairs(tmp_path / "a.mp4", before, after, labels=("one sample", "resolved"))
     frames, facts = frames_of(tmp_path / "a.mp4")
+    assert len(frames) == 4
     assert facts[:2] == (2 * 64 + GAP, 48)
     lower = frames[0][40:].astype(int)
     assert np.abs(lower[:, :56] - to_picture(before[0])[0, 0]).max() <= COLOUR_TOLERANCE  # away from the white gap,
