@@ -6,6 +6,7 @@ trimesh reads the other formats (docs/decisions explain why not this one).
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
 import struct
 import urllib.parse
@@ -69,6 +70,13 @@ class GltfFile:
     def item(self, name: str, index: int) -> dict[str, Any]:
         """Return an entry of a top-level list; raises ValueError for a number that has none."""
         return picked(self.items(name), index, name)
+
+    def sha256(self) -> str:
+        """Return the SHA-256 of the file and of the files beside it that it names."""
+        digest = hashlib.sha256(self.path.read_bytes())
+        for named in (*self.items("buffers"), *self.items("images")):
+            digest.update(self._bytes(named.get("uri"), b""))
+        return digest.hexdigest()
 
     def _bytes(self, uri: str | None, binary: bytes) -> bytes:
         if uri is None:

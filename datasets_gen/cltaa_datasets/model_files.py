@@ -6,6 +6,7 @@ An animated model plays before a still camera, on the same floor as the others.
 from __future__ import annotations
 
 import codecs
+import hashlib
 import io
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -21,6 +22,7 @@ from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.frame import Effect
 from cltaa.io.display import decoded
 from cltaa_datasets import FORMATS, GLTF, MOTIONS, animation, deform, meshes, textures
+from cltaa_datasets.gltf_file import GltfFile
 from cltaa_datasets.gltf_model import AnimatedModel, at_rest
 from cltaa_datasets.image_files import opened, texels
 from cltaa_datasets.scene import (
@@ -44,6 +46,8 @@ START = np.radians(40.0)  # largest first angle; the front of a glTF model faces
 SIZES = (1e-12, 1e12)  # range of the radius in metres that float32 matrices can represent in animations
 USUAL_SIZES = (1e-3, 1e9)  # of a mesh, in its own units; between them trimesh's tolerances (below) do no harm
 CREASE = np.radians(30.0)  # sharper edges stay sharp if a file has no normals
+# A line of OBJ, MTL or PLY that names a file.
+BESIDE = rb"(?im)^[ \t]*(?:mtllib|map_kd|comment[ \t]+texturefile)[ \t]+([^\r\n]+)"
 SUN = animation.direction(125.0, 45.0)
 SKY = Sky(zenith=(0.12, 0.22, 0.46), horizon=(0.66, 0.72, 0.80), ground=(0.26, 0.23, 0.20), fog=0.04, ambient=0.6)
 
@@ -228,6 +232,17 @@ def _text(content: bytes) -> str:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
         return content.decode("latin-1")
+
+
+def content_sha256(path: Path) -> str:
+    """Return the SHA-256 of a model's file and of the files beside it that it names; raises InputMissing, DataError."""
+    if path.suffix.lower() in GLTF:
+        return GltfFile(path).sha256()
+    digest, beside, read = hashlib.sha256(), _Beside(str(path)), [path.read_bytes()]
+    for content in read:
+        digest.update(content)
+        read += (beside.get(_text(name)) for name in re.findall(BESIDE, content))
+    return digest.hexdigest()
 
 
 class _Beside(trimesh.resolvers.FilePathResolver):

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import PIL.Image
 import pytest
 
 import cltaa_capture
@@ -24,6 +25,7 @@ from cltaa_capture import manifest, sequence
 from cltaa_capture.jitter import Offsets, jitter_sequence
 from cltaa_capture.sequence import Request, capture_sequence
 from cltaa_datasets.scene import Instant
+from tests.datasets.gltf_writer import Writer
 
 FRAMES = 3
 
@@ -157,13 +159,23 @@ def test_other_code_is_another_setting(captured: Path, monkeypatch: pytest.Monke
         capture_sequence(request(captured))
 
 
-def test_a_model_that_changed_is_named(tmp_path: Path) -> None:
-    model = tmp_path / "sheet.obj"
+@pytest.mark.parametrize("changed", ["sheet.obj", "sheet.mtl", "sheet.png", "sheet.gltf", "sheet.bin"])
+def test_a_model_that_changed_is_named(changed: str, tmp_path: Path) -> None:
+    PIL.Image.new("L", (2, 2)).save(tmp_path / "sheet.png")
+    (tmp_path / "sheet.mtl").write_text("newmtl red\nmap_Kd sheet.png\n")
+    (tmp_path / "sheet.obj").write_text("mtllib sheet.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    writer = Writer(nodes=[{"mesh": 0}], buffers=[{"uri": "sheet.bin"}])
+    writer.json["meshes"] = [{"primitives": [writer.square()]}]
+    (tmp_path / "sheet.bin").write_bytes(writer.blob)
+    (tmp_path / "sheet.gltf").write_text(json.dumps(writer.json))
+    model = tmp_path / ("sheet.gltf" if changed in ("sheet.gltf", "sheet.bin") else "sheet.obj")
     drawn = Request(f"file:{model}", tmp_path / "out", frames=1, width=16, height=9)
-    sheet = "v 0 0 0\nv {} 0 0\nv 0 1 0\nf 1 2 3\n"
-    model.write_text(sheet.format(1))
     capture_sequence(drawn)
-    model.write_text(sheet.format(2))
+    assert capture_sequence(drawn).kept == 1
+    if changed == "sheet.png":
+        PIL.Image.new("L", (2, 2), 99).save(tmp_path / changed)
+    else:
+        (tmp_path / changed).write_bytes((tmp_path / changed).read_bytes() + b"\n")
     with pytest.raises(UsageError, match="was begun with another content of the model; use --restart"):
         capture_sequence(drawn)
 
