@@ -108,6 +108,10 @@ def test_a_matrix_without_an_inverse_is_reported(assignments: tuple[str, ...], t
     folder = write_own(tmp_path, frames(), **none, **{"cltaa:worldToView": np.zeros((4, 4))})
     with pytest.raises(DataError, match=r"own.0000.exr frame 0: a matrix of the camera has no inverse.*source=none"):
         read(folder, *assignments)
+    del none["worldToCamera"]  # or of the two only one
+    write_own(tmp_path, frames(), **none, worldToCamera=np.eye(4), **{"cltaa:worldToView": np.zeros((4, 4))})
+    with pytest.raises(DataError, match=r"own.0000.exr frame 0: a matrix of the camera has no inverse.*source=none"):
+        read(folder, *assignments)
     assert len(read(folder, *assignments, "camera.source=none")) == 3
 
 
