@@ -100,7 +100,7 @@ def assign(
     colours = (equal_matches([names], channels) for names in profile.colour.channels)
     colour = next((found[0] for found in colours if len(found) == 1), ())
     if colour:
-        channels = _without_other_pictures(colour[0].channel, channels, _asked_for(profile))
+        channels = _without_pictures(colour, channels, _asked_for(profile))
     own = {label: names for label, names in channels.items() if colour and label == colour[0].files}
     alpha = [(name,) for name in profile.colour.alpha]
     named = [names for names in alpha if "." in names[0]]  # names with a layer or a set of files
@@ -116,24 +116,26 @@ def assign(
     return {role: places for role, places in found.items() if places}
 
 
-def _without_other_pictures(
-    colour: str, channels: Mapping[str, Iterable[str]], asked: set[str]
-) -> dict[str, list[str]]:
-    """Return ``channels`` without those of layers that have such a picture as ``colour`` of their own.
+def _without_pictures(colour: tuple[Place, ...], channels: Channels, asked: set[str]) -> dict[str, list[str]]:
+    """Return ``channels`` without the ``colour`` and those of layers that have such a picture of their own.
 
     For Rocks.Depth.Z is no depth of Trees.Combined.R beside Rocks.Combined.R; but names ``asked`` for in full stay,
     and Blender's Composite is made of all layers.
     """
-    last = ".".join(colour.split(".")[-2:])
+    first = colour[0].channel
+    last = ".".join(first.split(".")[-2:])
     pictures = [name for names in channels.values() for name in names if name.endswith(f".{last}")]
-    own = colour.removesuffix(last)
+    own = first.removesuffix(last)
     layers = {own} if own == "Composite." else {own, *(n.removesuffix(last) for n in pictures if not _is_auxiliary(n))}
 
     def is_own(name: str) -> bool:
         layer = max((layer for layer in layers if name.startswith(layer)), key=len, default="")
         return name in asked or layer in ("", own)
 
-    return {label: [*filter(is_own, names)] for label, names in channels.items()}
+    return {
+        label: [name for name in names if is_own(name) and Place(label, name) not in colour]
+        for label, names in channels.items()
+    }
 
 
 def _without_vectors(channels: Mapping[str, Iterable[str]]) -> dict[str, list[str]]:

@@ -267,6 +267,12 @@ def test_the_depth_of_several_pictures_is_the_one_of_the_colours_name(form: str,
         assert (frame.colour[0, 0, 0], frame.depth[0, 0]) == (value, value)
 
 
+@pytest.mark.parametrize("name", ["in_depth", "x.WorldDepth", "shot.alpha"])
+def test_a_picture_is_neither_its_own_depth_nor_its_alpha(name: str, tmp_path: Path) -> None:
+    write_image(tmp_path / f"{name}.0001.exr", dict.fromkeys("RGB", np.ones((4, 4), np.float32)))
+    assert open_intake(tmp_path).roles.keys() == {"colour"}
+
+
 def test_vectors_alone_are_not_taken_for_unreals(tmp_path: Path) -> None:
     """Other renderers call theirs MotionVectors too, and mean pixels."""
     write_layers(tmp_path, dict.fromkeys((*"RGBA", "MotionVectors.R", "MotionVectors.G", "MotionVectors.B"), 0.5))
