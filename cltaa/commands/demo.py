@@ -47,7 +47,7 @@ def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: s
     named_metrics(("mse", "psnr", "flip"))
     import_av()
     resolver = Resolver(device=device)  # fails for a missing device before the work, not after it
-    _capture(scene, folder, frames, size)
+    _capture(scene, folder, frames, size, as_json=as_json)
     sequence = open_sequence(folder).select(0, frames - 1)
     report = resolve_sequence(sequence, resolved, resolver, restart=True, stopping=stop_signals())
     before, after = (open_images(place).select(0, frames - 1) for place in (folder, resolved))
@@ -57,17 +57,26 @@ def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: s
     answer(gain, as_json, lambda gain: _print(gain, report, output))
 
 
-def _capture(scene: str, folder: Path, frames: int, size: tuple[int, int]) -> None:
+def _capture(scene: str, folder: Path, frames: int, size: tuple[int, int], *, as_json: bool) -> None:
     """Run ``cltaa capture`` in a separate process, so that no process loads both OpenGL and OpenCL."""
-    asked = ["--frames", str(frames), "--size", f"{size[0]}x{size[1]}", "--reference", str(TRUTH_SAMPLES)]
+    asked = [
+        "--frames",
+        str(frames),
+        "--size",
+        f"{size[0]}x{size[1]}",
+        "--reference",
+        str(TRUTH_SAMPLES),
+        *["--json"] * as_json,
+    ]
     arguments = ["capture", scene, "-o", str(folder), *asked]
     begun = folder.exists()
-    code = call_cltaa(arguments).returncode
-    if code == UsageError.exit_code and begun:
+    done = call_cltaa(arguments)
+    if done.returncode == UsageError.exit_code and begun:
         click.echo("cltaa: the folder is the demo's own: captured anew", err=True)
-        code = call_cltaa([*arguments, "--restart"]).returncode
-    if code:
-        click.get_current_context().exit(code)  # the child process has printed why
+        done = call_cltaa([*arguments, "--restart"])
+    if done.returncode:
+        click.echo(done.stdout, nl=False)
+        click.get_current_context().exit(done.returncode)  # the child process has printed why
 
 
 def _judge(before: ImageSequence, after: ImageSequence, truth: ImageSequence, report: ResolveReport) -> dict[str, Any]:

@@ -73,6 +73,13 @@ def test_frames_of_another_code_are_drawn_again(
     digest = re.search(r"[0-9a-f]{64}", text[text.index("code") :])
     assert digest is not None
     manifest.write_text(text.replace(digest[0], "0" * 64))
-    _capture("conveyor", folder / "sequence", FRAMES, (64, 36))
+    _capture("conveyor", folder / "sequence", FRAMES, (64, 36), as_json=False)
     assert "captured anew" in capsys.readouterr().err
     assert all(stamps(folder / "sequence")[name] > drawn[name] for name in drawn)
+
+
+def test_what_the_capture_refuses_is_json_too(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "cltaa", "demo", "-o", str(tmp_path), "--scene", "nope", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == json.loads(done.stdout)["exit_code"] == 64
+    assert "no such scene: nope" in json.loads(done.stdout)["error"]
