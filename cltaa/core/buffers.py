@@ -14,7 +14,7 @@ from cltaa.core.backend import Buffer, Launcher
 from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, edge_build, ring_planes, window_count, window_planes
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.plan import Plan, reads_depth
-from cltaa.core.planes import BlockPool, Kind, Layout, around, flat, places
+from cltaa.core.planes import BlockPool, Kind, Layout, around, as_floats, flat, places
 from cltaa.core.presets import Preset
 from cltaa.core.record import Past, frame_record
 from cltaa.errors import ResourceError
@@ -103,7 +103,8 @@ class Buffers:
         self, name: str, array: Any, target: Buffer, kind: Kind = Kind.AS_IT_IS, below: float = 0.0, at: float = 0.0
     ) -> None:
         if isinstance(array, np.ndarray) and flat(array) is None:
-            array = np.array(array, np.float16 if array.dtype == np.float16 else np.float32, order="C")
+            half = array.dtype == np.float16
+            array = np.array(array, order="C") if half else as_floats(array, copy=True)
         held = self.layout.held
         given = {
             "source": self._exchange.lend(name, array),

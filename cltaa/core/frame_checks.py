@@ -29,7 +29,7 @@ IDENTITY = np.eye(4)
 VIEW_ROWS = ([0, 0, 0, 1],)  # the last row of a sound matrix: of a view, and of a projection of either kind
 CLIP_ROWS = ([0, 0, -1, 0], [0, 0, 0, 1])
 AWAY = np.array([1.0, 1.0, -1.0, 1.0])  # maps the row of a camera along +z to that of one along -z
-WHOLE = "a whole number from 1 on"
+WHOLE, CUT = "a whole number from 1 on", "True or False"
 # Names in messages: attributes of our files, or arguments of a program.
 MATRICES = "matrix cltaa:worldToView", "matrix cltaa:viewToClip"
 MATRIX_ARGUMENTS = "camera.world_to_view", "camera.view_to_clip"
@@ -110,10 +110,13 @@ def _check_types(frame: Frame) -> None:
         ("step", (int, np.integer), WHOLE),
         ("camera", Camera, "a cltaa.Camera"),
         ("exposure", (int, float, np.integer, np.floating), "a number"),
-        ("cut", (bool, np.bool_, int), "True or False"),
+        ("cut", (bool, np.bool_, int), CUT),
+        ("scene", str, "text"),
     ):
         if not isinstance(getattr(frame, name), kinds):
             raise _wrong(frame, name, expected)
+    if frame.cut not in (0, 1):
+        raise _wrong(frame, "cut", CUT)
 
 
 def _wrong(frame: Frame, name: str, expected: str) -> DataError:

@@ -21,6 +21,12 @@ from cltaa.frame import Frame, on_device, writable
 Plane = NDArray[Any]
 
 
+def as_floats(array: NDArray[Any], *, copy: bool = False) -> NDArray[np.float32]:
+    """Round to floats; doubles beyond those become infinite, which counts as missing, without NumPy's warning."""
+    with np.errstate(over="ignore"):
+        return array.astype(np.float32, order="C" if copy else "K", subok=False, copy=copy)
+
+
 class Layout(NamedTuple):
     """Size of an image and of the planes that hold it, in texels."""
 

@@ -17,7 +17,7 @@ from cltaa.camera import displacement_rows, is_still, sky_inverse_depth
 from cltaa.core.build import FRAME_DTYPE, Record
 from cltaa.core.parameters import Choices, CurrentFilter, Neighbourhood, OnCameraMove, RayThrough, Settings
 from cltaa.core.plan import Plan
-from cltaa.core.planes import Layout
+from cltaa.core.planes import Layout, as_floats
 from cltaa.errors import UsageError
 from cltaa.frame import Camera, Frame, on_device
 
@@ -110,7 +110,7 @@ def coarse_colours(frame: Frame) -> Coarse:
         ((np.arange(count * SAMPLES) + 0.5) * (size / (count * SAMPLES))).astype(np.intp)
         for count, size in ((ROWS, frame.height), (COLUMNS, frame.width))
     )
-    light = np.nan_to_num(frame.colour[rows[:, None], columns, :3].astype(np.float32))
+    light = np.nan_to_num(as_floats(frame.colour[rows[:, None], columns, :3]))
     levels = np.log2(LEAST_LIGHT + np.clip(light, 0.0, MOST_LIGHT))
     blocks = levels.reshape(ROWS, SAMPLES, COLUMNS, SAMPLES, 3).astype(np.float64)
     means = blocks.mean((1, 3))

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.core.frame_checks import check_camera, check_numbers
+from cltaa.core.planes import as_floats
 from cltaa.errors import DataError
 from cltaa.frame import Camera, Effect, Frame, Matrix, format_effects, parse_effects
 from cltaa.io.exr_layout import OTHER_TOOLS, Layout, of_region
@@ -50,7 +51,7 @@ def frame_planes(frame: Frame, path: Path) -> dict[str, Pixels]:
         if [*array.shape] != shape or array.dtype.kind != "f":
             what, expected, found = "array is wrong", f"floats {shape}", f"{array.dtype} {[*array.shape]}"
             raise DataError(what, path=path, frame=frame.index, channel=names[0], expected=expected, found=found)
-        planes = array.astype(np.float32, copy=False).reshape(height, width, -1)  # the type that a resolve takes
+        planes = as_floats(array).reshape(height, width, -1)  # the type that a resolve takes
         channels |= {name: planes[..., position] for position, name in enumerate(names)}
     if frame.object_id is not None:
         channels["id"] = _whole_numbers(frame, path)

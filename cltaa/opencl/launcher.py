@@ -72,8 +72,8 @@ class DeviceLauncher(OneProcess):
         return Exchange(self.device)
 
     def empty(self, like: Any, shape: tuple[int, ...], dtype: Any) -> Any:
-        """Allocate an array on the queue of ``like``, by its allocator."""
-        return type(like)(like.queue, shape, dtype, allocator=like.allocator)
+        """Allocate an array on the queue of ``like``, or else that of the device, by its allocator."""
+        return type(like)(like.queue or self.device.queue, shape, dtype, allocator=like.allocator)
 
     def prepare(self, kernel: str, build: Build) -> None:
         """Build a kernel, or load it from the driver's cache."""

@@ -6,7 +6,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pyopencl as cl
@@ -55,6 +55,14 @@ def test_what_is_on_the_device_stays_there(queue: cl.CommandQueue, half: bool, m
             image: Any = there.resolve(given, half=half)
         assert isinstance(image, cl_array.Array)
         assert np.array_equal(bits(image.get()), bits(here.resolve(frame, half=half)))
+
+
+def test_the_result_of_arrays_without_a_queue_is_on_the_resolvers(queue: cl.CommandQueue) -> None:
+    frame = frame_of(0)
+    given = on(queue, frame)
+    given = replace(given, colour=cast(Any, given.colour).with_queue(None))
+    image: Any = Resolver(device=queue).resolve(given)
+    assert np.array_equal(bits(image.get()), bits(Resolver().resolve(frame)))
 
 
 def test_halves_are_the_floats_that_they_round_to(queue: cl.CommandQueue) -> None:

@@ -24,6 +24,7 @@ from cltaa.core.presets import load_preset, override, preset_names
 from cltaa.core.resolver import INSIDE, Resolver
 from cltaa.errors import DataError, UsageError
 from cltaa.frame import Camera, Frame
+from cltaa.io.exr_write import write_frame
 from cltaa.io.sequence import open_sequence
 from cltaa.lab.judge.metrics import measure
 from cltaa.reference.launcher import NumpyLauncher
@@ -83,6 +84,8 @@ SAID: list[tuple[dict[str, Any], str]] = [
     ({"index": "1"}, r"index is wrong \(expected a whole number, found '1'\)"),
     ({"index": 1.5}, "index is wrong"),
     ({"cut": "no"}, r"cut is wrong \(expected True or False, found 'no'\)"),
+    ({"cut": 7}, r"cut is wrong \(expected True or False, found 7\)"),
+    ({"scene": None}, r"scene is wrong \(expected text, found NoneType\)"),
     ({"effects": ["camera"]}, "effects are no set .*found list"),
     ({"effects": {"moton"}}, r"frame 1: unknown effect moton; did you mean motion\?"),
     ({"step": 0}, r"frame 1: step is wrong \(expected a whole number from 1 on, found 0\)"),
@@ -390,6 +393,14 @@ def test_every_kind_of_array_is_the_numbers_in_it(device: str | None, tmp_path: 
         out = in_a_file(image, tmp_path / "out.npy")
         given.resolve(make_frame(2), out=out)
         assert np.array_equal(bits(out.copy()), bits(plain.resolve(make_frame(2)))), kind
+
+
+@pytest.mark.parametrize("device", ["numpy", None])
+def test_doubles_beyond_a_float_are_missing_samples(device: str | None, tmp_path: Path) -> None:
+    """Without NumPy's warning, of a place in our code."""
+    frame = Frame(0, np.full((40, 60, 3), 1e300))
+    assert not Resolver(device=device).resolve(frame).any()
+    write_frame(tmp_path / "a.0000.exr", frame)
 
 
 class Torch(Lent):
