@@ -163,7 +163,9 @@ class NodeTree:
     def _local(self, index: int, time: float) -> Matrix:
         node = self._nodes[index]
         if "matrix" in node:
-            return np.asarray(node["matrix"], np.float64).reshape(4, 4).T
+            matrix = np.array(node["matrix"], np.float64).reshape(4, 4).T
+            matrix[3] = 0.0, 0.0, 0.0, 1.0  # which the specification requires
+            return matrix
         parts = []
         for path, rest in REST.items():
             played = self.property(index, path, time)

@@ -43,7 +43,7 @@ class GltfFile:
     def __init__(self, path: Path) -> None:
         """Read a file and the buffers beside it; raises InputMissing and DataError."""
         self.path = path
-        if not path.is_file():
+        if not is_file(path):
             raise InputMissing("there is no such model", path=path, cure="check the path behind file:")
         try:
             self.json, binary = _chunks(path.read_bytes())
@@ -87,7 +87,7 @@ class GltfFile:
         beside = (folder / urllib.parse.unquote(uri)).resolve()
         if not beside.is_relative_to(folder):  # an untrusted model must not read this machine's other files
             raise DataError(f"refers to {uri}, outside its own folder", path=self.path, cure="copy it beside the model")
-        if not beside.is_file():
+        if not is_file(beside):
             raise InputMissing(f"there is no {uri} beside the model", path=self.path, cure="copy it there")
         return beside.read_bytes()
 
@@ -116,7 +116,7 @@ class GltfFile:
         except MALFORMED as error:
             reason = f"accessor {index} cannot be read ({error})"
             raise DataError(reason, path=self.path, cure="export the model again") from error
-        if accessor.get("normalized"):
+        if accessor.get("normalized") and dtype.kind != "f":
             values = np.maximum(values / float(2 ** (8 * dtype.itemsize - (dtype.kind == "i")) - 1), -1.0)
         return values[:, 0] if width == 1 else values
 
@@ -142,6 +142,14 @@ class GltfFile:
             return texels(opened(content))
         except ValueError as error:
             raise DataError(f"image {index} cannot be read ({error})", path=self.path) from error
+
+
+def is_file(path: Path) -> bool:
+    """Return whether there is a file; False for a name too long for one."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def picked(found: Sequence[Entry], index: int, name: str) -> Entry:

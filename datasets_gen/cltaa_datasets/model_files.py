@@ -22,7 +22,7 @@ from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.frame import Effect
 from cltaa.io.display import decoded
 from cltaa_datasets import FORMATS, GLTF, MOTIONS, animation, deform, meshes, textures
-from cltaa_datasets.gltf_file import GltfFile
+from cltaa_datasets.gltf_file import GltfFile, is_file
 from cltaa_datasets.gltf_model import AnimatedModel, at_rest
 from cltaa_datasets.image_files import opened, texels
 from cltaa_datasets.scene import (
@@ -133,7 +133,7 @@ def load_model(path: Path) -> tuple[tuple[Part, ...], list[Matrix], float]:
         raise UsageError(
             f"no reader for {path.suffix or 'a file without suffix'}", path=path, expected=" ".join(FORMATS)
         )
-    if not path.is_file():
+    if not is_file(path):
         raise InputMissing("there is no such model", path=path, cure="check the path behind file:")
     parts, poses = at_rest(path) if path.suffix.lower() in GLTF else _of_trimesh(path)
     low, high = bounds([_drawn(part.mesh) for part in parts], poses)
@@ -218,7 +218,8 @@ def _load(path: Path, beside: _Beside) -> trimesh.Scene:
     if path.suffix.lower() != ".obj":
         return trimesh.load_scene(path, resolver=beside, process=False)
     text = _text(path.read_bytes()).replace("\r\n", "\n").replace("\r", "\n").replace("\t", " ")
-    text = re.sub("^ +", "", text, flags=re.MULTILINE)  # trimesh needs keywords at the start of lines
+    # trimesh needs keywords at the start of lines, and reads them in comments too.
+    text = re.sub("^ *#.*|^ +", "", text, flags=re.MULTILINE)
     if re.search(r"^f (?:.* )?0(?:[ /]|$)", text, re.MULTILINE):  # trimesh would take the last vertex
         raise ValueError("a face has vertex 0, and the first is 1")
     return trimesh.load_scene(io.StringIO(text), file_type="obj", resolver=beside, process=False)

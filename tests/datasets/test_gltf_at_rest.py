@@ -46,6 +46,23 @@ def test_colours_and_coordinates_of_whole_numbers_are_fractions(tmp_path: Path) 
     assert texture_coordinates(part.mesh).tolist() == [[0.0, 0.0]] * 4
 
 
+def test_numbers_that_are_no_integers_are_not_normalised(tmp_path: Path) -> None:
+    writer = Writer(nodes=[{"mesh": 0}])
+    colours = writer.add(np.full((4, 3), 0.5), normalized=True)
+    writer.json["meshes"] = [{"primitives": [writer.square(attributes={"COLOR_0": colours})]}]
+    (part,) = shown(writer, tmp_path)
+    assert part.colours is not None
+    assert part.colours[0].tolist() == [0.5, 0.5, 0.5, 1.0]
+
+
+def test_the_matrix_of_a_node_is_affine(tmp_path: Path) -> None:
+    matrix = np.arange(16.0).reshape(4, 4)
+    writer = Writer(nodes=[{"mesh": 0, "matrix": matrix.T.ravel().tolist()}])
+    writer.json["meshes"] = [{"primitives": [writer.square()]}]
+    _, (pose,) = at_rest(writer.write(tmp_path / "a.glb"))
+    assert pose.tolist() == [*matrix[:3].tolist(), [0.0, 0.0, 0.0, 1.0]]
+
+
 def test_only_what_is_in_the_scene_is_shown(tmp_path: Path) -> None:
     nodes = [{"mesh": 0, "name": "spare"}, {"children": [2]}, {"mesh": 0, "name": "shown"}]
     writer = Writer(nodes=nodes, scenes=[{"nodes": [0]}, {"nodes": [1]}], scene=1)

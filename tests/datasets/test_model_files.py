@@ -101,9 +101,11 @@ def test_what_moves_is_declared(tmp_path: Path, motion: str, effect: Effect) -> 
     assert np.array_equal(first.world_to_view, later.world_to_view) == (motion == "turntable")
 
 
-def test_missing_file(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["none", "n" * 300])
+@pytest.mark.parametrize("suffix", [".glb", ".obj"])
+def test_missing_file(name: str, suffix: str, tmp_path: Path) -> None:
     with pytest.raises(InputMissing, match="there is no such model"):
-        load_model(tmp_path / "none.glb")
+        load_model(tmp_path / (name + suffix))
 
 
 def test_unknown_kind(tmp_path: Path) -> None:
@@ -187,7 +189,17 @@ def test_unknown_motion(tmp_path: Path) -> None:
         model_scene(str(tmp_path / "a.glb"), "jump", 0)
 
 
-@pytest.mark.parametrize("change", [("v ", "  v  "), (" ", "\t"), ("f", " \tf"), ("\n", "\r"), ("\n", "\r\n")])
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("v ", "  v  "),
+        ("f", "# mtllib none.mtl\n #f 9 9 9\nf"),
+        (" ", "\t"),
+        ("f", " \tf"),
+        ("\n", "\r"),
+        ("\n", "\r\n"),
+    ],
+)
 def test_lines_of_wavefront_may_begin_part_and_end_as_they_like(change: tuple[str, str], tmp_path: Path) -> None:
     text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".replace(*change)
     (tmp_path / "a.obj").write_bytes(text.encode())
