@@ -255,12 +255,12 @@ class _Beside(trimesh.resolvers.FilePathResolver):
     failure: CltaaError | None = None
 
     def get(self, name: str) -> bytes:
-        """Return the bytes of a file."""
+        """Return the bytes of a file; raises InputMissing."""
         try:
             content: bytes = super().get(name.replace("\\", "/"))  # as paths are written on Windows
-        except (OSError, ValueError):
+        except (OSError, ValueError) as error:
             self.failure = InputMissing(f"there is no {name} beside the model", path=self.clean, cure="copy it there")
-            raise
+            raise self.failure from error
         if name.lower().strip().endswith(".mtl"):
             return _text(content).encode()
         try:

@@ -13,7 +13,7 @@ from PIL import Image
 from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.frame import Effect
 from cltaa_datasets import meshes
-from cltaa_datasets.model_files import load_model, model_scene
+from cltaa_datasets.model_files import content_sha256, load_model, model_scene
 from cltaa_datasets.scene import AlphaMode
 from cltaa_datasets.scenes import build_scene
 
@@ -147,6 +147,15 @@ def test_a_file_beside_a_model_that_cannot_be_read_is_named(
     with pytest.raises((DataError, InputMissing), match=says) as caught:
         load_model(tmp_path / name)
     assert str(caught.value).startswith(f"{tmp_path / name}: ")
+
+
+def test_a_library_that_only_the_sum_of_a_model_reads_is_named(tmp_path: Path) -> None:
+    """trimesh reads the first of several."""
+    (tmp_path / "a.mtl").write_text("newmtl red\n")
+    (tmp_path / "a.obj").write_text(TEXTURED + "mtllib b.mtl\n")
+    assert load_model(tmp_path / "a.obj")
+    with pytest.raises(InputMissing, match=r"there is no b\.mtl beside the model"):
+        content_sha256(tmp_path / "a.obj")
 
 
 @pytest.mark.parametrize("mode", ["I;16", "P", "L", "1"])
