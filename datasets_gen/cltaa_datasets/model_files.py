@@ -8,6 +8,7 @@ from __future__ import annotations
 import codecs
 import hashlib
 import io
+import logging
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -39,6 +40,9 @@ from cltaa_datasets.scene import (
     Texture,
     matt,
 )
+
+# Its warnings come with a traceback; this module names what fails.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 DISTANCE, RISE, FIELD_OF_VIEW = 2.3, 0.6, np.radians(44.0)  # of the camera, from a model of radius 1
 TURNS = 0.05  # per second: 18 degrees

@@ -127,6 +127,17 @@ def test_a_wrong_capture_prints_one_line_and_returns_its_code(
         assert err.count("\n") == 1
 
 
+def test_a_texture_that_is_missing_is_one_line(tmp_path: Path) -> None:
+    """In a process of its own, where no test collects what trimesh logs."""
+    header = ["ply", "format ascii 1.0", "comment TextureFile none.png", "element vertex 3"]
+    header += [f"property float {axis}" for axis in "xyz"]
+    header += ["element face 1", "property list uchar int vertex_indices", "end_header"]
+    (tmp_path / "a.ply").write_text("\n".join([*header, "0 0 0", "1 0 0", "0 1 0", "3 0 1 2", ""]))
+    done = run_alone("capture", f"file:{tmp_path / 'a.ply'}", "-o", str(tmp_path / "out"))
+    line = f"cltaa: error: {tmp_path / 'a.ply'}: there is no none.png beside the model; copy it there\n"
+    assert (done.returncode, done.stderr) == (66, line)
+
+
 def test_no_opengl_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
