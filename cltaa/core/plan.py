@@ -65,6 +65,8 @@ SURER = 2.0  # factor of drift_t, where no illumination change is known
 # that one frame counts for: less than illumination_t then, so that a lone frame proves nothing away from occluders.
 UNLIKELY, UNLIKELY_T = 1.5, 2.5
 STATIC_SAMPLES = 4.0  # factor of sample_limit, where all is found static
+# filter_samples where nothing moves: the jitter places samples evenly, so a history soon needs no filter.
+STATIC_FILTER_SAMPLES = 1.0
 # With noise. Factor of falling_t, because dim samples of noise agree and bright ones do not, and of a box of
 # deviations, which noise widens.
 NOISY_FALLING, NOISY_BOX = 1.2, 0.5
@@ -133,16 +135,17 @@ def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]
     choices = msgspec.structs.replace(
         choices, rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE, history=HistoryKind.ACCUMULATED
     )
-    return choices, msgspec.structs.replace(settings, sample_limit=2.0**20)
+    return choices, msgspec.structs.replace(settings, sample_limit=2.0**20, filter_samples=STATIC_FILTER_SAMPLES)
 
 
 def found_constant(settings: Settings, *, standing: bool) -> Settings:
-    """Demand more of the illumination test, and where all is ``standing`` limit the history less: it is right."""
-    times = STATIC_SAMPLES if standing else 1.0
+    """Demand more of the illumination test, and where all is ``standing`` limit and filter the history less."""
     thresholds = ("illumination_t", "disocclusion_t", "passing_t", "behind_t")
     asked = {name: UNLIKELY * getattr(settings, name) for name in thresholds}
-    largest_t = min(settings.largest_t, UNLIKELY_T)
-    return msgspec.structs.replace(settings, largest_t=largest_t, sample_limit=times * settings.sample_limit, **asked)
+    if standing:
+        asked["sample_limit"] = STATIC_SAMPLES * settings.sample_limit
+        asked["filter_samples"] = STATIC_FILTER_SAMPLES
+    return msgspec.structs.replace(settings, largest_t=min(settings.largest_t, UNLIKELY_T), **asked)
 
 
 def with_narrow_box(settings: Settings) -> Settings:

@@ -68,8 +68,11 @@ def test_a_plan_raises_no_limit_that_was_set() -> None:
 
 
 @pytest.mark.parametrize(
-    ("found", "limit"), [(None, 24.0), (FOUND, 96.0), (FOUND | {Effect.MOTION}, 24.0), (FOUND | {Effect.CAMERA}, 24.0)]
+    ("found", "limit", "filtered"),
+    [(None, 24.0, 8.0), (FOUND, 96.0, 1.0), (FOUND | {Effect.MOTION}, 24.0, 8.0), (FOUND | {Effect.CAMERA}, 24.0, 8.0)],
 )
-def test_the_limit_grows_only_where_all_is_found_static(found: frozenset[Effect] | None, limit: float) -> None:
+def test_the_history_grows_and_the_filter_fades_only_where_all_is_found_static(
+    found: frozenset[Effect] | None, limit: float, filtered: float
+) -> None:
     plan = plan_frame(load_preset("default"), frame_of(0, 1.0, found), None)
-    assert plan.settings.sample_limit == limit
+    assert (plan.settings.sample_limit, plan.settings.filter_samples) == (limit, filtered)
