@@ -82,7 +82,7 @@ def renamed(values: Mapping[str, object]) -> dict[str, object]:
 
 def override(preset: Preset, values: Mapping[str, object], origin: str = "--set") -> Preset:
     """Return ``preset`` with some keys replaced; text is converted to the key's type. Raises UsageError, which names
-    ``origin``, for an unknown key or a value out of range."""
+    ``origin``, for an unknown key or a value out of range, also of ``preset`` itself."""
     values = renamed(values)
     for key in values:
         if key not in FIELDS:
@@ -91,17 +91,20 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
                 cure = "keys stand at the top, in no table"
             raise UsageError(f"{origin}: unknown key {key}", cure=cure)
     parts: dict[str, Any] = {}
-    for part in ("choices", "settings"):
+    for part, kind in (("choices", Choices), ("settings", Settings)):
         current = getattr(preset, part)
+        if not isinstance(current, kind):
+            expected, found = f"cltaa.{kind.__name__}", type(current).__name__
+            raise UsageError(f"{origin}: {part} are wrong", expected=expected, found=found)
         merged = msgspec.to_builtins(current)
         for key, value in values.items():
-            if FIELDS[key] is type(current):
+            if FIELDS[key] is kind:
                 merged[key] = _as_number(value.item() if isinstance(value, np.generic) else value)
         try:
-            parts[part] = msgspec.convert(merged, type(current), strict=False)
+            parts[part] = msgspec.convert(merged, kind, strict=False)
         except msgspec.ValidationError as error:
             key = str(error).rpartition("`$.")[2].rstrip("`")
-            what, found = f"{origin}: {key} has no such value", str(values.get(key))
+            what, found = f"{origin}: {key} has no such value", str(merged.get(key))
             raise UsageError(what, expected=allowed(key), found=found) from None
     return msgspec.structs.replace(preset, **parts)
 

@@ -93,9 +93,8 @@ class Resolver:
         self.every_step = every_step
         if not isinstance(preset, str | Preset):
             raise UsageError("no preset", expected="a name or a cltaa.Preset", found=repr(preset))
-        self.preset = load_preset(preset) if isinstance(preset, str) else preset
-        if look_ahead is not None:
-            self.preset = override(self.preset, {"look_ahead": look_ahead}, "Resolver")
+        over = {} if look_ahead is None else {"look_ahead": look_ahead}
+        self.preset = override(load_preset(preset) if isinstance(preset, str) else preset, over, "Resolver")
         if self.look_ahead and self.preset.choices.history is not HistoryKind.FRAMES:
             raise UsageError(
                 f"preset {self.preset.name} keeps no frames, so it cannot look ahead",

@@ -39,6 +39,11 @@ def resolved(sequence: Path) -> Any:
     return resolver
 
 
+def own(**parts: Any) -> Any:
+    """A preset that a program makes of its ``parts``."""
+    return cltaa.Preset(name="own", description="", **parts)
+
+
 LIGHT = np.ones((8, 8, 3), np.float32)
 CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "open nothing": (lambda _: cltaa.open(None), "no sequence is named .*found None"),
@@ -88,6 +93,20 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
         lambda _: cltaa.load_preset().replace(history_frames=None),
         r"history_frames has no such value .*found None",
     ),
+    "a setting of one's own": (
+        lambda _: cltaa.Resolver(own(settings=cltaa.Settings(blend_weight=-1.0))),
+        "Resolver: blend_weight has no such value .expected 1e-06 to 1, found -1.0",
+    ),
+    "a ring of one's own": (
+        lambda _: cltaa.Resolver(own(settings=cltaa.Settings(history_frames=1000))),
+        "history_frames has no such value .expected 1 to 64 .whole., found 1000",
+    ),
+    "a choice of one's own": (
+        lambda _: cltaa.Resolver(own(choices=cltaa.Choices(reject="foo"))),
+        "Resolver: reject has no such value .expected none, depth, found foo",
+    ),
+    "no choices": (lambda _: cltaa.Resolver(own(choices=None)), "Resolver: choices are wrong .expected cltaa.Choices"),
+    "a side file of a number": (lambda seq: cltaa.open(seq, side_file=3), "no name of a side file .*found 3"),
     "an empty name": (lambda _: cltaa.open(""), "no sequence is named .*an empty name"),
     "a profile of None": (lambda seq: cltaa.open(seq, profile=None), "unknown profile None"),
     "no profile's file": (lambda seq: cltaa.open(seq, profile=Path("x.toml")), "x.toml: the file is missing"),
