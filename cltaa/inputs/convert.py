@@ -178,7 +178,7 @@ def standard_camera(world_to_camera: Matrix, world_to_ndc: Matrix, near: float) 
     column = 3 if orthographic else 2
     w = clip[3, column]
     if w == 0.0:
-        raise np.linalg.LinAlgError("nothing divides the image plane")
+        raise np.linalg.LinAlgError  # nothing divides the image plane
     across, up, centre = abs(clip[0, 0] / w), abs(clip[1, 1] / w), clip[:2, column] / w
     if abs(centre[0]) > 0.25 or abs(centre[1]) > 0.25:  # NDC from 0 to 1: the view axis is near (0.5, 0.5)
         across, up, centre = 2 * across, 2 * up, (centre * 2 - 1) * (1.0, -1.0)
