@@ -75,7 +75,7 @@ def slerp(a: Floats, b: Floats, share: float) -> Floats:
 def unit_quaternion(quaternion: Floats) -> Floats:
     """Normalise a quaternion; a zero quaternion becomes the identity."""
     length = float(np.linalg.norm(quaternion))
-    return np.asarray(quaternion / length if length > 0.0 else REST["rotation"])
+    return np.asarray(quaternion / length if length != 0.0 else REST["rotation"])
 
 
 def quaternion_matrix(quaternion: Floats) -> Matrix:

@@ -215,7 +215,7 @@ def _target(target: dict[str, int], vertices: Vertices, count: int) -> Shape:
 
 def _influences(vertices: Vertices) -> tuple[NDArray[np.int64], Floats]:
     """Return the joints of every vertex and their shares, of all sets; a vertex without weights follows its first."""
-    sets = sorted(name.removeprefix("JOINTS") for name in vertices.attributes if name.startswith("JOINTS_"))
+    sets = sorted(name.removeprefix("JOINTS") for name in vertices.attributes if name.startswith("JOINTS_")) or ["_0"]
     joints, shares = (np.hstack([vertices.read(kind + of) for of in sets]) for kind in ("JOINTS", "WEIGHTS"))
     shares[shares.sum(axis=1) <= 0.0] = np.eye(1, shares.shape[1])
     return joints.astype(np.int64), shares / shares.sum(axis=1, keepdims=True)

@@ -108,6 +108,8 @@ MODELS: dict[str, tuple[Any, str | None]] = {
     "almost-flattened.glb": (standing(scale=[1, 1e-300, 1]), None),
     "no-turn.glb": (standing(rotation=[0, 0, 0, 0]), None),
     "nan-scale.glb": (standing(scale=[1, NAN, 1]), "no size that can be shown"),
+    "nan-turn.glb": (standing(rotation=[0, 0, 0, NAN]), "no size that can be shown"),
+    "no-joints.glb": (standing(skin=0), "cannot be read .*JOINTS_0"),
     "no-turn-played.glb": (played("rotation", [0.0, 1.0], np.zeros((2, 4))), None),
     "shrinks-to-nothing.glb": (played("scale", [0.0, 0.05], [(1, 1, 1), (0, 0, 0)]), None),
     "nan-keys.glb": (played("translation", [0.0, 1.0], [(0, 0, 0), (NAN, 0, 0)]), "keys are none, or not finite"),
