@@ -195,7 +195,7 @@ def _load(name: str, above: Names) -> Profile:
         return _parse(name, (_FOLDER / f"{name}.toml").read_text(encoding="utf-8"), name, above)
     if not name.endswith(".toml"):
         cure = known(name, ["auto", *profile_names(), "FILE.toml"], "profiles")
-        raise UsageError(f"unknown profile {name}", cure=cure)
+        raise UsageError(f"unknown profile {name}", path=above[-1] if above else None, cure=cure)
     if name in above:
         raise DataError("the profile extends itself", path=name, cure="name another profile in its first line")
     return _parse(Path(name).stem, read_text(Path(name), "a profile", LARGEST), name, above)

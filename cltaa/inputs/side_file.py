@@ -164,5 +164,5 @@ def _numbers(path: Path, frame: int, name: str, given: Any) -> Matrix | None:
         numbers = np.empty(0)
     if len(numbers) != KEYS[name] or not np.isfinite(numbers).all():
         expected = counted(KEYS[name], "finite number")
-        raise DataError(f"{name} is wrong", path=path, frame=frame, expected=expected)
+        raise DataError(f"{name} is wrong", path=path, frame=frame, expected=expected, found=given)
     return numbers

@@ -71,6 +71,9 @@ def test_wrong_profiles(tmp_path: Path) -> None:
         load_profile("maya")
     with pytest.raises(InputMissing):
         load_profile(str(tmp_path / "a.toml"))
+    (tmp_path / "a.toml").write_text('profile = "blendr"')
+    with pytest.raises(UsageError, match=r"a\.toml: unknown profile blendr; did you mean blender\?"):
+        load_profile(str(tmp_path / "a.toml"))
     for text, told in (
         ("[", "not TOML"),
         ("[depth]\nkin = 1", r"unknown key depth\.kin; did you mean kind\?"),

@@ -295,6 +295,7 @@ def test_exposure_and_cut_of_a_side_file_reach_the_frames(suffix: str, tmp_path:
             r"camera\.json: no exposure for frame 2; give it to every frame there",
         ),
         ({n: {"exposure": -(2**n)} for n in range(3)}, "frame 0: exposure is wrong .*positive factor.*found -1"),
+        ({n: {"jitter_px": [1, "a"]} for n in range(3)}, r"jitter_px is wrong .*2 finite numbers, found \[1, 'a'\]"),
         ({n: {"exposure": 1, "cut": 2} for n in range(3)}, "frame 0: cut is wrong .*0 or 1, found 2"),
         ({n: {"expsoure": 1, "cut": 0} for n in range(3)}, "unknown key expsoure; did you mean exposure?"),
     ],
