@@ -137,17 +137,17 @@ def sphere(radius: float, repeats: tuple[float, float] = (2.0, 1.0), cells: int 
     return surface(point, 2 * cells, cells, repeats)
 
 
-def cylinder(radius: float, height: float, repeats: tuple[float, float], sides: int = 32) -> trimesh.Trimesh:
+def cylinder(radius: float, height: float, repeats: tuple[float, float]) -> trimesh.Trimesh:
     """Build an open cylinder on the origin."""
 
     def point(u: Floats, v: Floats) -> Floats:
         around = 2.0 * np.pi * u
         return np.stack([radius * np.sin(around), height * v, radius * np.cos(around)], -1)
 
-    return surface(point, sides, 4, repeats)
+    return surface(point, 32, 4, repeats)
 
 
-def torus(ring: float, tube: float, repeats: tuple[float, float] = (6.0, 2.0), cells: int = 32) -> trimesh.Trimesh:
+def torus(ring: float, tube: float) -> trimesh.Trimesh:
     """Build a torus about the y axis: ``ring`` is the radius of its centre line, ``tube`` that of its section."""
 
     def point(u: Floats, v: Floats) -> Floats:
@@ -155,7 +155,7 @@ def torus(ring: float, tube: float, repeats: tuple[float, float] = (6.0, 2.0), c
         reach = ring + tube * np.cos(over)
         return np.stack([reach * np.sin(around), tube * np.sin(over), reach * np.cos(around)], -1)
 
-    return surface(point, 3 * cells, cells, repeats)
+    return surface(point, 96, 32, (6.0, 2.0))
 
 
 def tube(path: Curve, aside: Curve, radius: float, cells: int, sides: int = 6) -> trimesh.Trimesh:
@@ -180,7 +180,7 @@ def bar(start: Vector, end: Vector, radius: float, sides: int = 6) -> trimesh.Tr
     return tube(lambda s: first + s[..., None] * (last - first), lambda _: aside, radius, 1, sides)
 
 
-def knot(radius: float, thickness: float, cells: int = 240) -> trimesh.Trimesh:
+def knot(radius: float, thickness: float) -> trimesh.Trimesh:
     """Build a (2, 3) torus knot about the origin."""
 
     def path(s: Floats) -> Floats:
@@ -189,5 +189,5 @@ def knot(radius: float, thickness: float, cells: int = 240) -> trimesh.Trimesh:
         return np.stack([reach * np.cos(2.0 * turn), radius * np.sin(3.0 * turn) / 2.0, reach * np.sin(2.0 * turn)], -1)
 
     # The path itself serves as ``aside``: a torus knot never runs towards its centre.
-    mesh = tube(path, path, thickness, cells, 24)
+    mesh = tube(path, path, thickness, 240, 24)
     return make_mesh(mesh.vertices, mesh.faces, mesh.vertex_normals, texture_coordinates(mesh) * (18.0, 2.0))

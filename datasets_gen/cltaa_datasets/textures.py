@@ -97,9 +97,9 @@ def blocks(
     return make_texture(paint(body, np.asarray(mortar) * grain[..., None], face))
 
 
-def planks(rng: Generator, colour: Colour, boards: int = 6) -> Texture:
-    """Make wooden boards along u with grain and dark joints."""
-    _, down = coordinates()
+def planks(rng: Generator, colour: Colour) -> Texture:
+    """Make six wooden boards along u with grain and dark joints."""
+    (_, down), boards = coordinates(), 6
     board = np.floor(down * boards).astype(int)
     across_grain = enlarged(rng.random((SIZE // 2, 8)), SIZE, SIZE)
     shade = rng.uniform(0.6, 1.0, boards)[board] * (0.65 + 0.5 * across_grain) * (0.85 + 0.15 * noise(rng, 4))

@@ -17,16 +17,16 @@ SWAY = 0.09  # metres sideways per metre of height
 
 
 @lru_cache(KEPT)
-def hedge(seed: int, rows: int = 3) -> tuple[Part, ...]:
-    """Return rows of crossed leafy sheets before the poster wall, one part per row; leaves are at most a few pixels
-    wide."""
+def hedge(seed: int) -> tuple[Part, ...]:
+    """Return three rows of crossed leafy sheets before the poster wall, one part per row; leaves are at most a few
+    pixels wide."""
     rng = np.random.default_rng(seed)
     leaves = textures.leaves(rng, (0.04, 0.12, 0.03), (0.24, 0.40, 0.10), 170)
     # Emissive, so that a swaying leaf keeps its colour.
     green = emitting((1.0, 1.0, 1.0), leaves, base_texture=leaves, alpha_mode=AlphaMode.MASK, double_sided=True)
     sheet = meshes.sheet((-0.5, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.1, 0.0), (1.5, 1.6))
     grown = []
-    for row in range(rows):
+    for row in range(3):
         bushes = [
             meshes.moved(
                 sheet,

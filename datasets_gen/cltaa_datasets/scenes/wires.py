@@ -25,12 +25,11 @@ SKY = Sky(
 )
 
 
-def fence(rng: np.random.Generator, posts: int = 18, spacing: float = 2.5) -> tuple[Part, Part]:
-    """Return posts on uneven ground, and six wires of 2 mm radius from post to post."""
-    lean = rng.uniform(-0.05, 0.05, (posts, 2))
+def fence(rng: np.random.Generator) -> tuple[Part, Part]:
+    """Return posts, 2.5 m apart, on uneven ground, and six wires of 2 mm radius from post to post."""
     heads = [
-        (spacing * (i - posts // 2) + float(lean[i, 0]), 1.35 + float(lean[i, 1]), -5.0 - 0.35 * i)
-        for i in range(posts)
+        (2.5 * (i - 9) + float(x), 1.35 + float(y), -5.0 - 0.35 * i)
+        for i, (x, y) in enumerate(rng.uniform(-0.05, 0.05, (18, 2)))
     ]
     timber = [meshes.bar((x, -0.3, z), (x, y, z), 0.055, 10) for x, y, z in heads]
     strands = []
@@ -42,10 +41,10 @@ def fence(rng: np.random.Generator, posts: int = 18, spacing: float = 2.5) -> tu
     return Part("posts", meshes.merge(timber), wood), Part("strands", meshes.merge(strands), steel)
 
 
-def power_line(rng: np.random.Generator, masts: int = 5, span: float = 32.0) -> Part:
-    """Return distant masts with cross-arms and sagging cables of 9 mm radius."""
+def power_line(rng: np.random.Generator) -> Part:
+    """Return five distant masts, 32 m apart, with cross-arms and sagging cables of 9 mm radius."""
     bars = []
-    feet = [(span * (i - 1.6), 0.0, -34.0 - 7.0 * i + float(rng.uniform(-1.0, 1.0))) for i in range(masts)]
+    feet = [(32.0 * (i - 1.6), 0.0, -34.0 - 7.0 * i + float(rng.uniform(-1.0, 1.0))) for i in range(5)]
     for x, _, z in feet:
         bars.append(meshes.bar((x, -1.0, z), (x, 9.0, z), 0.11, 8))
         bars += [meshes.bar((x - 1.3, y, z), (x + 1.3, y, z), 0.05) for y in (7.4, 8.5)]
