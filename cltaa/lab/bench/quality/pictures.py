@@ -15,7 +15,7 @@ from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Image
 from cltaa.io.atomic import make_folder
-from cltaa.io.display import GAP, Picture, error_map, label, to_picture, write_png
+from cltaa.io.display import Picture, beside, error_map, to_picture, write_png
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.bench.cells import ONE_SAMPLE, in_step
 from cltaa.lab.bench.quality.table import DEFAULT, Row, Table
@@ -111,11 +111,8 @@ def _crops(sequence: FrameSequence, resolvers: Mapping[str, Resolver], preset: s
 
 def _magnified(crop: Crop) -> Picture:
     """Return the named crops side by side, magnified without interpolation."""
-    tiles = []
-    for name, image in crop.images.items():
-        large = to_picture(image).repeat(ZOOM, axis=0).repeat(ZOOM, axis=1)
-        tiles += [label(large, name), np.full((large.shape[0], GAP, 3), 255, np.uint8)]
-    return np.concatenate(tiles[:-1], axis=1)
+    large = [to_picture(image).repeat(ZOOM, axis=0).repeat(ZOOM, axis=1) for image in crop.images.values()]
+    return beside(large, [*crop.images])
 
 
 def caption(row: Row, preset: str, frame: int) -> str:
