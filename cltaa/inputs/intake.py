@@ -411,9 +411,8 @@ def _left_out(intake: Intake, place: Selection) -> list[str]:
     colour = [shown_name(place, intake.sets) for place in intake.roles["colour"]]
     if NO_LIGHT.search(colour[0]):
         notes.append(f"colour: {written(colour)} is by its name no picture; name another by --input colour.channels")
-    if len(views.names) > 1:
-        taken = views.of(place.channel for place in intake.roles["colour"])
-        other = next(view for view in views.names if view != taken)
+    taken = views.of(place.channel for place in intake.roles["colour"])
+    if other := next((view for view in views.names if view != taken and _shows(intake, view)), None):
         option = option_text({"colour": {"view": other}})
         notes.append(f"several views: {taken} of {', '.join(views.names)} is taken; to take {other}: {option}")
     files = intake.roles["colour"][0].files
@@ -434,6 +433,12 @@ def _left_out(intake: Intake, place: Selection) -> list[str]:
     return notes
 
 
+def _shows(intake: Intake, view: str) -> bool:
+    """Return True if a view has a picture that may be taken instead."""
+    channels = {label: layout.channels for label, layout in intake.first.items()}
+    return "colour" in assign_view(override(intake.profile, [f"colour.view={view}"]), channels, intake.views)
+
+
 def _late(intake: Intake) -> list[str]:
     """Return channels for unfilled roles that only later frames have, in the colour's files."""
     files = intake.roles["colour"][0].files
@@ -445,13 +450,13 @@ def _late(intake: Intake) -> list[str]:
 
 def _like_the_colour(intake: Intake, views: Views) -> list[str]:
     """Return other layers with the colour layer's name, such as the beauty of another view layer; of its view."""
-    colour = intake.roles["colour"][0].channel
-    tail, view = views.without(colour).split(".")[-2:], views.of([colour])
-    return [
-        name.rpartition(".")[0]
-        for name in intake.unused
-        if len(tail) > 1 and views.without(name).split(".")[-2:] == tail and views.of([name]) == view
-    ]
+    three = [place.channel for place in intake.roles["colour"]]
+    tails, view = [views.without(name).split(".")[-2:] for name in three], views.of(three)
+    found: dict[str, list[list[str]]] = {}
+    for name in intake.unused:
+        if views.of([name]) == view:
+            found.setdefault(name.rpartition(".")[0], []).append(views.without(name).split(".")[-2:])
+    return [layer for layer, its in found.items() if len(tails[0]) > 1 and all(tail in its for tail in tails)]
 
 
 def _as_nameless(intake: Intake) -> list[str]:
@@ -471,11 +476,15 @@ def _as_nameless(intake: Intake) -> list[str]:
 def _may_be(role: str, pattern: re.Pattern[str], names: Sequence[str]) -> str:
     """Return a hint to use channels named like depth or motion; ``cltaa check`` judges what their numbers mean."""
     count = 2 if role == "motion" else 1
-    like = [name for name in names if pattern.search(name)]
-    if len(like) < count:
+    layers: dict[str, list[str]] = {}
+    for name in filter(pattern.search, names):
+        layers.setdefault(name.rpartition(".")[0], []).append(name)
+    like = [name for its in layers.values() if len(its) >= count for name in its]
+    if not like:
         return ""
     letters = "ruxgvy"  # red, u or x is horizontal; a third and a fourth channel are something else
     across_first = sorted(like, key=lambda name: (len(name), f"{letters}{name[-1]}".lower().index(name[-1].lower())))
-    taken = across_first[:count]
+    layer = across_first[0].rpartition(".")[0]
+    taken = [name for name in across_first if name.rpartition(".")[0] == layer][:count]
     option = channels_option(f"{role}.channels", taken)
     return f"; to take {'those' if count > 1 else 'that'} in {written(taken)}: {option}, which cltaa check judges"

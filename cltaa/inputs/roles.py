@@ -128,14 +128,21 @@ def _without_pictures(colour: tuple[Place, ...], channels: Channels, asked: set[
     own = first.removesuffix(last)
     layers = {own} if own == "Composite." else {own, *(n.removesuffix(last) for n in pictures if not _is_auxiliary(n))}
 
-    def is_own(name: str) -> bool:
-        layer = max((layer for layer in layers if name.startswith(layer)), key=len, default="")
-        return name in asked or layer in ("", own)
+    def is_own(place: Place) -> bool:
+        layer = max((layer for layer in layers if place.channel.startswith(layer)), key=len, default="")
+        return place not in colour and (layer in ("", own) or _is_asked(place, asked))
 
-    return {
-        label: [name for name in names if is_own(name) and Place(label, name) not in colour]
-        for label, names in channels.items()
-    }
+    return {label: [name for name in names if is_own(Place(label, name))] for label, names in channels.items()}
+
+
+def _is_asked(place: Place, asked: Container[str]) -> bool:
+    """Return True if a channel is asked for in full, perhaps with the name of its set of files."""
+    return place.channel in asked or any(f"{word}.{place.channel}" in asked for word in _words(place.files))
+
+
+def _words(label: str) -> list[str]:
+    """Return what may stand for a set of files before the name of a channel: its folder, its name, or both."""
+    return [*dict.fromkeys([*label.split("/"), label.replace("/", ".")])]
 
 
 def _without_vectors(channels: Mapping[str, Iterable[str]]) -> dict[str, list[str]]:
@@ -251,8 +258,7 @@ def _in_set(patterns: Sequence[str], label: str, names: Iterable[str], by_set: b
     If all patterns have as many ``*``, these match the same text in each: R of one layer and G of another make no
     colour. ``by_set`` prefixes channel names with the folder or the name of their set of files, or both.
     """
-    words = dict.fromkeys([*label.split("/"), label.replace("/", ".")])
-    names, qualifiers = sorted(names, key=len), [f"{word}." for word in words] if by_set else [""]
+    names, qualifiers = sorted(names, key=len), [f"{word}." for word in _words(label)] if by_set else [""]
     if not by_set and set(patterns) <= set(names):  # a channel name may contain a literal star
         return tuple(Place(label, pattern) for pattern in patterns)
     alike = len({pattern.count("*") for pattern in patterns}) == 1
@@ -341,7 +347,7 @@ def assign_view(profile: Profile, channels: Channels, views: Views, *, any_depth
             return found
         view = views.of(place.channel for place in found.get("colour", ()))
     asked = _asked_for(profile)
-    own = {label: _of_view(names, view, views, asked) for label, names in channels.items()}
+    own = {label: _of_view(label, names, view, views, asked) for label, names in channels.items()}
     roles = assign(profile, {label: tuple(named) for label, named in own.items()}, any_depth=any_depth)
     return {
         role: tuple(Place(its.files, own[its.files][its.channel]) for its in places) for role, places in roles.items()
@@ -355,7 +361,7 @@ def _asked_for(profile: Profile) -> set[str]:
     return {name for names in lists for name in names}
 
 
-def _of_view(names: Iterable[str], view: str, views: Views, asked: set[str]) -> dict[str, str]:
+def _of_view(label: str, names: Iterable[str], view: str, views: Views, asked: set[str]) -> dict[str, str]:
     """Map names without the view to channels of ``view`` or of no view; also keep names ``asked`` for in full."""
     named, others = dict[str, str](), dict[str, str]()
     for name in names:
@@ -363,7 +369,8 @@ def _of_view(names: Iterable[str], view: str, views: Views, asked: set[str]) -> 
         if view in told:
             named[views.without(name)] = name
         by_part = view in told and name in views.stated  # a pattern may ask for its full name
-        if (not told and (view == views.names[0] or "." in name)) or by_part or (told and name in asked):
+        in_full = told and _is_asked(Place(label, name), asked)
+        if (not told and (view == views.names[0] or "." in name)) or by_part or in_full:
             others[name] = name
     return others | named
 
@@ -417,7 +424,7 @@ def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]],
         cure = f"choose one: {option_text({'colour': {'view': views.names[0]}})}"
         return DataError("the picture has several views", path=folder, found=", ".join(views.names), cure=cure)
     several = equal_matches(profile.colour.channels, channels)
-    if several:
+    if len(several) > 1:
         several.sort(key=lambda places: _is_auxiliary(shown_name(places[0], channels)))
         option = channels_option("colour.channels", [shown_name(place, channels) for place in several[0]])
         what, found = "several sets of files may be the colour", ", ".join(places[0].files for places in several)
@@ -431,14 +438,17 @@ def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]],
     if LUMINANCE in there and not {*there} >= {*"XYZ"}:
         grey = LUMINANCE
     # In a grey picture one channel serves as all three.
-    example = [grey] * 3 if grey else _like_colour(there) or ["RED", "GREEN", "BLUE"]
+    alike = ((label, _like_colour(names)) for label, names in channels.items())
+    three = next(([shown_name(Place(label, name), channels) for name in its] for label, its in alike if its), None)
+    example = [grey] * 3 if grey else three or ["RED", "GREEN", "BLUE"]
     cure = f"name them: {channels_option('colour.channels', example)}"
     expected = " or ".join(map(written, profile.colour.channels))
-    return DataError("no colour channels", path=folder, expected=expected, found=found, cure=cure)
+    what = f"no colour channels of view {profile.colour.view}" if profile.colour.view else "no colour channels"
+    return DataError(what, path=folder, expected=expected, found=found, cure=cure)
 
 
-def _like_colour(there: Many[str]) -> list[str] | None:
-    """Return the three channels of ``there`` with the shortest names that end in r, g, b or red, green, blue."""
+def _like_colour(there: Many[str]) -> list[str]:
+    """Return the three channels with the shortest names that end in r, g, b or red, green, blue; or none."""
     named = {name.lower(): name for name in there}
     for words in (("r", "g", "b"), ("red", "green", "blue")):
         for name in sorted(named, key=len):
@@ -446,7 +456,7 @@ def _like_colour(there: Many[str]) -> list[str] | None:
             three = [f"{stem}{dot}{word}" for word in words]
             if last == words[0] and named.keys() >= set(three):
                 return [named[each] for each in three]
-    return None
+    return []
 
 
 def guessed_profile(attributes: dict[str, object], channels: dict[str, tuple[str, ...]]) -> tuple[Profile, str]:

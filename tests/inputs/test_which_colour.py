@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from pathlib import Path
 
@@ -271,6 +272,38 @@ def test_the_depth_of_several_pictures_is_the_one_of_the_colours_name(form: str,
 def test_a_picture_is_neither_its_own_depth_nor_its_alpha(name: str, tmp_path: Path) -> None:
     write_image(tmp_path / f"{name}.0001.exr", dict.fromkeys("RGB", np.ones((4, 4), np.float32)))
     assert open_intake(tmp_path).roles.keys() == {"colour"}
+
+
+OPTION = re.compile(r"--input (?:'[^']*'|[^\s;,'])+")
+
+
+@pytest.mark.parametrize(
+    "sets",
+    [
+        {"x": ["rgba.R", "rgba.G", "rgba.B"], "y": ["rgba.R"]},  # no layer, for it lacks two channels
+        {"x": ["R", "G", "B", "motion.B"], "depth": ["flow.x", "flow.y"]},  # vectors are of one layer
+        {"x": ["A.Combined.R", "A.Combined.G", "A.Combined.B"], "b": [f"B.Combined.{c}" for c in "RGBA"]},
+        {"x": ["right.R", "right.G", "right.B", "left.Z"]},  # the left view has no picture
+        {"x": ["left.R", "left.G", "left.B", "right.R", "right.G", "right.B"], "d": ["left.depth_of_field"]},
+        {"x": ["C.r", "C.g", "C.b"], "y": ["c.G"]},
+    ],
+)
+def test_every_option_that_is_printed_is_taken(sets: dict[str, list[str]], tmp_path: Path) -> None:
+    for name, channels in sets.items():
+        write_image(tmp_path / f"{name}.0001.exr", dict.fromkeys(channels, np.ones((4, 4), np.float32)))
+    try:
+        lines = list(intake_lines(open_intake(tmp_path)))
+    except DataError as error:
+        lines = [str(error)]
+    for option in OPTION.findall("\n".join(lines)):
+        assert "colour" in open_intake(tmp_path, assignments=shlex.split(option)[1:]).roles
+
+
+def test_a_view_without_a_picture_is_reported_as_such(tmp_path: Path) -> None:
+    names = ("right.R", "right.G", "right.B", "left.Z")
+    write_image(tmp_path / "x.0001.exr", dict.fromkeys(names, np.ones((4, 4), np.float32)))
+    with pytest.raises(DataError, match="no colour channels of view left"):
+        open_intake(tmp_path, assignments=["colour.view=left"])
 
 
 def test_vectors_alone_are_not_taken_for_unreals(tmp_path: Path) -> None:
