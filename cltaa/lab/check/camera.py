@@ -22,6 +22,7 @@ from cltaa.lab.check.hypotheses import (
     COMBINED,
     DOUBTFUL,
     MEANINGS,
+    SIGNS,
     SURE,
     Affine,
     Change,
@@ -29,14 +30,17 @@ from cltaa.lab.check.hypotheses import (
     Meaning,
     affine_maps,
     mistake,
+    scaled,
     spoken,
     sureness,
+    whole,
 )
 from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Pair, Shot, Vector, fit_shift, residual_of, seen_before
 
 MOST_PAIRS, MOST_POINTS = 6, 3000  # tested for each of a dozen meanings; more only cost time
 LARGEST_MISMATCH = 0.5  # largest residual of a reported meaning
 CLEARLY_BETTER = 0.85  # residual of the winner over that as declared
+SHOWN = 0.97  # residual of the winner over that of a camera that stands: plain things do not show how it moves
 
 
 def sound(frame: Frame, change: Change | None = None) -> bool:
@@ -93,6 +97,10 @@ def check_travel(shot: Shot) -> list[Finding]:
     best = min(scores, key=lambda name: scores[name].mean())
     ((what, fix), motions), winner = candidates[best], scores[best]
     if winner.mean() > min(CLEARLY_BETTER * declared.mean(), LARGEST_MISMATCH) or not _wins(winner, declared):
+        return []
+    shown = SHOWN if shot.has_depth else CLEARLY_BETTER  # without depth the camera only seems to turn
+    stood = residuals_of(pairs, [np.zeros_like(pair.own) for pair in pairs])
+    if best in able and winner.mean() > shown * stood.mean():  # one that is late may stand
         return []
     if vectors_uphold(pairs, [pair.own - motion for pair, motion in zip(pairs, motions, strict=True)]):
         return []
@@ -173,6 +181,7 @@ AGREE, DISAGREE = 0.1, 0.25  # median difference over median motion; a wrong jit
 ALIKE = 0.01  # smaller differences decide nothing: the plainer reading wins
 SCALES = (1.0, 0.01, 100.0, 0.1, 10.0, 0.001, 1000.0)  # scales of depth
 MOST_SEEN, SAME = 4000, 1.002  # most points compared of a pair; ratio of residuals that count as equal
+LARGEST_SIZE = 20.0  # factor of vectors; units make greater ones
 LEAKS = (0.0, 1.0, -1.0)  # factors of the change of jitter in the vectors
 
 
@@ -198,7 +207,7 @@ def check_agreement(shot: Shot) -> list[Finding]:
     pairs = _filled(shot)
     if len(pairs) < 2:
         return []
-    maps = affine_maps(*shot.window)
+    maps = affine_maps(*shot.window) | _sized(pairs)
     declared = min(_compared(pairs, "", 1.0, _vectors(pairs, {"": maps[""]})), key=lambda reading: reading.apart)
     if declared.apart < DISAGREE * max(declared.moved, LEAST_MOTION_PX):
         return []
@@ -216,6 +225,17 @@ def check_agreement(shot: Shot) -> list[Finding]:
     if vectors_uphold(pairs, [own - motion for own, motion in read]):
         return []
     return _findings(best, declared, maps, len(pairs))
+
+
+def _sized(pairs: Sequence[Pair]) -> dict[str, Affine]:
+    """Return the factor, with each sign, that gives vectors the length of the declared camera's motion, by name."""
+    lengths = [(middle_length(pair.camera_motion()), middle_length(pair.own)) for pair in pairs]
+    factor = float(np.median([moved / max(own, ROUNDED_PX) for moved, own in lengths]))
+    if not (1.0 / LARGEST_SIZE <= factor <= LARGEST_SIZE):
+        return {}
+    plain = whole(factor)
+    factor = plain if abs(factor / plain - 1.0) < ALIKE else factor
+    return {name: Affine(matrix) for name, matrix in (scaled(factor, sign) for sign in SIGNS) if factor != 1.0}
 
 
 ZEROES = 0.5  # least share of zero vectors where the camera moves the picture

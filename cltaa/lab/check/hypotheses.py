@@ -69,8 +69,6 @@ _SPOKEN = {
     "negated": "of the other sign",
     "x-negated": "of the other sign in x",
     "y-flipped": "of the other sign in y",
-    "scaled-0.5": "twice the right size",
-    "scaled-2": "half the right size",
     "swapped": "y before x",
     "units-uv": "fractions of the picture",
     "units-ndc": "halves of the picture, y up",
@@ -78,7 +76,7 @@ _SPOKEN = {
     "uv": "in fractions of the picture",
     "ndc": "in halves of the picture, y up",
 }
-_SIGNS = {"": (1.0, 1.0), "negated": (-1.0, -1.0), "x-negated": (-1.0, 1.0), "y-flipped": (1.0, -1.0)}
+SIGNS = {"": (1.0, 1.0), "negated": (-1.0, -1.0), "x-negated": (-1.0, 1.0), "y-flipped": (1.0, -1.0)}
 
 
 def linear_maps(width: int, height: int) -> dict[str, Vector]:
@@ -87,7 +85,7 @@ def linear_maps(width: int, height: int) -> dict[str, Vector]:
     ``uv`` and ``ndc``: the declared numbers are fractions of the display window with y down, or halves with y up.
     """
     maps: dict[str, Vector] = {}
-    for sign, factors in _SIGNS.items():
+    for sign, factors in SIGNS.items():
         maps[sign] = np.diag(factors)
         for size in (0.5, 2.0):
             maps[f"scaled-{size:g} {sign}".strip()] = size * np.diag(factors)
@@ -99,7 +97,25 @@ def linear_maps(width: int, height: int) -> dict[str, Vector]:
 
 def spoken(name: str) -> str:
     """Describe the declared numbers if the map of this name gives the true ones."""
-    return ", ".join(_SPOKEN[word] for word in name.split())
+    return ", ".join(_SPOKEN.get(word) or _size(float(word.removeprefix("scaled-"))) for word in name.split())
+
+
+def _size(factor: float) -> str:
+    """Describe declared numbers that must be multiplied by ``factor``."""
+    if factor > 1.0:
+        return "half the right size" if factor == 2.0 else f"1/{factor:.2g} of the right size"
+    return "twice the right size" if factor == 0.5 else f"{1.0 / factor:.2g} times the right size"
+
+
+def scaled(factor: float, sign: str) -> tuple[str, Vector]:
+    """Return the name and the map [2, 2] of a factor, to three digits unless it is ``whole``, and one of SIGNS."""
+    factor = factor if factor == whole(factor) else float(f"{factor:.3g}")
+    return f"scaled-{factor:.3g} {sign}".strip(), factor * np.diag(SIGNS[sign])
+
+
+def whole(factor: float) -> float:
+    """Return the whole number nearest to ``factor``, or one over a whole number below 1."""
+    return float(round(factor)) if factor > 1.0 else 1.0 / round(1.0 / factor)
 
 
 class Affine(NamedTuple):

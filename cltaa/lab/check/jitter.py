@@ -34,6 +34,7 @@ from cltaa.lab.check.hypotheses import (
     regress,
     spoken,
     sureness,
+    to_and_fro,
 )
 from cltaa.lab.check.registration import LEAST_ANCHORS, Fit, Shot, Vector, measure_shifts, squeezed_light
 from cltaa.printable import counted
@@ -328,12 +329,13 @@ def _undeclared(shot: Shot, fits: Sequence[Fit], measured: Vector, present: floa
         return []
     drift = -measured.mean(0)  # of the picture; the measured shift is that of the earlier picture
     spread = float(np.sqrt(((measured + drift) ** 2).sum(1).mean()))
-    if spread < LEAST_SHIFT_PX:  # jitter goes to and fro
+    if spread < LEAST_SHIFT_PX or not to_and_fro(measured):
         evidence = f"by ({drift[0]:.2f}, {drift[1]:.2f}) px from frame to frame, within {spread:.2f} px"
         given = [f"{name} do not" for name, there in _given(shot).items() if there]
         what = "the picture moves on and nothing says so: give motion vectors, or matrices and depth"
         if given:
             what = f"the picture moves on and {', '.join(given)} say so"
+            sure = sure if spread < LEAST_SHIFT_PX else min(sure, DOUBTFUL)  # things may move without vectors
         name = "motion-disagrees" if given else "motion-missing"
         return [mistake(name, what, evidence, sure)]
     evidence = f"still regions move by {present:.2f} px rms between frames, first by "

@@ -11,9 +11,10 @@ of the still part, and c the change of jitter. For right vectors G is the identi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ import numpy as np
 from cltaa.lab.check.camera import ROUNDED, ROUNDED_PX, UPHELD
 from cltaa.lab.check.hypotheses import (
     NEAR,
+    SIGNS,
     Affine,
     Finding,
     affine_maps,
@@ -29,11 +31,14 @@ from cltaa.lab.check.hypotheses import (
     linear_maps,
     mistake,
     regress,
+    scaled,
     spoken,
     sureness,
     to_and_fro,
+    whole,
 )
 from cltaa.lab.check.registration import (
+    BLOCK,
     COVERED,
     FARTHEST_PX,
     LEAST_POINTS,
@@ -42,10 +47,10 @@ from cltaa.lab.check.registration import (
     Picture,
     Shot,
     Vector,
+    differences,
     fit_shift,
     linearised,
     measure_shifts,
-    residual_of,
     seen_before,
     stays_inside,
 )
@@ -125,8 +130,18 @@ CLEARLY_NEARER = 0.45  # squared distance from the model, winner over declared
 LARGEST_RESIDUAL = 0.445  # of the winner: right vectors reach at most 0.42, chance at least 0.467
 AS_DECLARED = 1.03  # largest residual as declared over the least that keeps the declaration: slow vectors gain little
 ALIKE = 1.1  # residual over the least; smaller ratios count as equal, and the plainest map wins
+PLAIN, NOTHING = Affine(np.eye(2)), Affine(np.zeros((2, 2)))
+LEAST_IN_BLOCK, MOST_BLOCKS = 8, 10_000  # points of a block that counts, in all pairs; blocks of a row, at most
+SHOWN = 0.97  # residual of the winner over that without motion: highlights and plain things that turn do not follow it
+SIZES = 2.0 ** (np.arange(-16, 17) / 4.0)  # factors tried first; the best is then refined
+FINER_SIZES = (2.0**0.125, 2.0**0.0625)
+LEAST_SIZE = 1.4  # a factor nearer to 1, or to 1 over it, is none
+SAME = 1.01  # residual of a whole factor over the least that keeps the whole one
+INEXACT = 0.15  # relative error of a factor of slow vectors
+OF_GAIN = 0.15  # share of the gain over no motion that maps counted as equal may lose
 LEAST_EFFECT_PX = 0.08  # a mistake that changes the vectors by less is not reported
 MOST_POINTS = 8000  # tested for each of two dozen maps; more only cost time
+FEW_POINTS = 1500  # for each of a hundred factors
 MOST_SEEN = 800  # compared pairwise, each with each
 LEAST_PAIRS = 6  # leaves four second differences for two gains of each axis
 JITTERED = "the vectors contain the change of jitter"
@@ -143,16 +158,19 @@ def check_motion(shot: Shot, maps: Mapping[str, Affine] | None = None) -> list[F
     if not any(scene.own.any() for scene in scenes):
         return _resting_leak(shot)
     width, height = shot.window
-    maps = maps or affine_maps(width, height)
-    best = _plainest({name: float(_score(scenes, meant).mean()) for name, meant in maps.items()})
+    maps = maps or affine_maps(width, height) | _sized(scenes)
+    residuals = {name: float(_score(scenes, meant).mean()) for name, meant in maps.items()}
+    best = _plainest(residuals, float(_score(scenes, NOTHING).mean()))
     if _effect(scenes, maps[best]) < LEAST_EFFECT_PX:
         best = ""
     judges = [_staying(judge, maps[best]) for judge in judges]
-    declared, winner = (_score(judges, maps[name]) for name in ("", best))
-    wins = winner.mean() < LARGEST_RESIDUAL and (winner < declared).mean() > 0.7
+    declared, winner, nothing = (_score(judges, meant) for meant in (maps[""], maps[best], NOTHING))
+    wins = winner.mean() < min(LARGEST_RESIDUAL, SHOWN * nothing.mean()) and (winner < declared).mean() > 0.7
     ratio = float(winner.mean() / declared.mean()) if wins else 1.0
     near = ratio < FAR_BETTER or (ratio < 1.0 and _stays(scenes, maps[best]))
-    coarse = [_named(best, maps[best], declared, winner)] if best and near else []
+    coarse = list[Finding]()
+    if best and near:
+        coarse = [_named(best, maps[best], declared, winner, _sureness(judges, judges, maps[best]))]
     if coarse and ratio < CLEARLY_BETTER:
         return coarse
     finer = (_finer(scenes, judges, linear_maps(width, height)) if anchored else []) or _resting_leak(shot)
@@ -163,11 +181,36 @@ def check_motion(shot: Shot, maps: Mapping[str, Affine] | None = None) -> list[F
     return finer
 
 
-def _plainest(residuals: Mapping[str, float]) -> str:
-    """Return, of the maps with about the least residual, the one with the fewest words."""
+def _sized(scenes: Sequence[Observed]) -> dict[str, Affine]:
+    """Return the factor and sign of the vectors under which the pictures match best, by name."""
+    few = [_thinned(scene) for scene in scenes[:: max(1, len(scenes) // 3)]]
+
+    def left(sign: str, factor: float) -> float:
+        return float(_score(few, Affine(factor * np.diag(SIGNS[sign]))).mean())
+
+    sizes = [size for size in SIZES if max(size, 1.0 / size) >= LEAST_SIZE]
+    sign, best = min(product(SIGNS, sizes), key=lambda one: left(*one))
+    for step in FINER_SIZES:
+        best = min((best, best / step, best * step), key=lambda size: left(sign, size))
+    if left(sign, whole(best)) <= SAME * left(sign, best):
+        best = whole(best)
+    name, matrix = scaled(best, sign)
+    return {name: Affine(matrix)}
+
+
+def _thinned(scene: Observed) -> Observed:
+    """Return ``scene`` at a few of its points, enough to choose a factor."""
+    some = slice(None, None, -(-len(scene.x) // FEW_POINTS))
+    return scene._replace(own=scene.own[:, some], x=scene.x[some], y=scene.y[some], now=scene.now[some])
+
+
+def _plainest(residuals: Mapping[str, float], nothing: float) -> str:
+    """Return, of the maps with about the least residual, the one with the fewest words; ``nothing`` is the residual
+    without motion, which slow vectors lower by little."""
     least = min(residuals.values())
+    alike = min(ALIKE * least, least + OF_GAIN * max(nothing - least, 0.0))
     return min(
-        (name for name in residuals if residuals[name] <= (ALIKE if name else AS_DECLARED) * least),
+        (name for name in residuals if residuals[name] <= (alike if name else AS_DECLARED * least)),
         key=lambda name: (len(name.split()), residuals[name]),
     )
 
@@ -241,31 +284,55 @@ def _staying(scene: Observed, meant: Affine) -> Observed:
 
 def _score(scenes: Sequence[Observed], meant: Affine) -> Vector:
     """Return the residual of each pair under the mapped vectors."""
-    residuals = []
+    return np.array([of_pair.mean() for of_pair in _differences(scenes, meant)])
+
+
+def _differences(scenes: Sequence[Observed], meant: Affine) -> list[Vector]:
+    """Return the differences of the points of each pair under the mapped vectors."""
+    found = []
     for scene in scenes:
         u, v = meant(scene.own)
         x, y = scene.x + u, scene.y + v
-        if scene.shift is None:
-            residuals.append(fit_shift(scene.now, scene.before, x, y, scene.scale).residual)
-        else:
-            x, y = x + scene.shift[0], y + scene.shift[1]
-            residuals.append(residual_of(scene.now, scene.before, x, y, scene.scale))
-    return np.array(residuals)
+        shift = fit_shift(scene.now, scene.before, x, y, scene.scale).shift if scene.shift is None else scene.shift
+        found.append(differences(scene.now, scene.before, x + shift[0], y + shift[1], scene.scale))
+    return found
 
 
-def _named(best: str, meant: Affine, declared: Vector, winner: Vector) -> Finding:
+def _sureness(judges: Sequence[Observed], mended: Sequence[Observed], meant: Affine) -> float:
+    """Return the confidence that ``meant`` of the ``mended`` vectors is better than those declared, and than none.
+
+    All pairs show the same things, of which one highlight may speak for a wrong map: things in other places must agree.
+    """
+    places = np.concatenate([scene.y // BLOCK * MOST_BLOCKS + scene.x // BLOCK for scene in judges])
+    _, block = np.unique(places, return_inverse=True)
+    there = np.bincount(block) >= LEAST_IN_BLOCK
+
+    def left(scenes: Sequence[Observed], meant: Affine) -> tuple[Vector, Vector]:
+        of_points = _differences(scenes, meant)
+        of_blocks = np.asarray(np.bincount(block, np.concatenate(of_points))[there], np.float64)
+        return np.array([of_pair.mean() for of_pair in of_points]), of_blocks
+
+    winner = left(mended, meant)
+    others = [left(judges, PLAIN)] + ([left(judges, NOTHING)] if mended is judges else [])
+    both = [found for other in others for found in zip(other, winner, strict=True)]
+    return min(sureness(*found) if len(found[0]) else 0.0 for found in both)
+
+
+def _named(best: str, meant: Affine, declared: Vector, winner: Vector, sure: float) -> Finding:
     evidence = f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, "
     evidence += f"better in {int((winner < declared).sum())} of {len(declared)} pairs"
     what = f"the motion vectors are {spoken(best)}"
-    return mistake(f"motion-{best}", what, evidence, sureness(declared, winner), meant.fix)
+    return mistake(f"motion-{best}", what, evidence, sure, meant.fix)
 
 
 def _finer(scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping[str, Vector]) -> list[Finding]:
     """Find mistakes smaller than the width of an edge: factors of slow vectors, and jitter left in them."""
     model = fit_model(scenes)
+    maps = dict(maps) | dict(_fitted_sizes(model))
     distances = explanations(model, maps)
     best = min(distances, key=lambda name: distances[name])
-    if not best or distances[best] > CLEARLY_NEARER * distances[""]:
+    nothing = model.distance(np.zeros((2, 2)), np.zeros((2, 2)))
+    if not best or distances[best] > CLEARLY_NEARER * min(distances[""], nothing):
         return []
     held = {"jittered": 1, "jittered-reversed": -1}.get(best, 0)
     matrix = np.eye(2) if held else maps[best]
@@ -273,14 +340,36 @@ def _finer(scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping
     moved = _rms(leaks) if held else _effect(scenes, Affine(matrix))
     if moved < LEAST_EFFECT_PX or not _is_near(model, scenes, matrix, -held or None, moved):
         return []
+    if held and _rms([_unlike(scene) for scene in scenes]) > NEAR * moved:
+        return []
     fix: dict[str, object] = {"jittered": held} if held else linear_fix(matrix)
     gain, leak = model.gain.round(2).tolist(), model.leak.round(2).tolist()
-    mended = [judge._replace(own=judge.own - held * judge.jitter_change[:, None]) for judge in judges]
-    declared, winner = _score(judges, Affine(np.eye(2))), _score(mended, Affine(matrix))
+    mended = judges
+    if held:
+        mended = [judge._replace(own=judge.own - held * judge.jitter_change[:, None]) for judge in judges]
+    declared, winner = _score(judges, PLAIN), _score(mended, Affine(matrix))
+    if not held and winner.mean() > SHOWN * _score(judges, NOTHING).mean():
+        return []
     evidence = f"true vectors = {gain} x declared + {leak} x change of jitter, over {len(scenes)} pairs; "
     evidence += f"residual of other pixels {winner.mean():.3f} against {declared.mean():.3f}"
     what = JITTERED if held else f"the motion vectors are {spoken(best)}"
-    return [mistake(f"motion-{best}", what, evidence, sureness(declared, winner), fix)]
+    return [mistake(f"motion-{best}", what, evidence, _sureness(judges, mended, Affine(matrix)), fix)]
+
+
+def _unlike(scene: Observed) -> Vector:
+    """Return the measured shift less the declared one, [2, 1]: what noise hides of jitter looks like a leak."""
+    return (np.zeros(2) if scene.shift is None else scene.shift - scene.jitter_change)[:, None]
+
+
+def _fitted_sizes(model: Model) -> Iterator[tuple[str, Vector]]:
+    """Yield the name and the map of the factor nearest to the model under each sign, unless it is about 1."""
+    none = np.zeros((2, 2))
+    for sign, factors in SIGNS.items():
+        # The squared distance is a parabola of the factor f, a - 2 b f + c f^2: its values at -1, 0 and 1 give b / c.
+        back, at_0, ahead = (model.distance(f * np.diag(factors), none) for f in (-1.0, 0.0, 1.0))
+        best = (back - ahead) / 2.0 / max(back + ahead - 2.0 * at_0, 1e-12)
+        if best > 0.0 and LEAST_SIZE <= max(best, 1.0 / best) <= SIZES[-1]:
+            yield scaled(whole(best) if abs(best / whole(best) - 1.0) < INEXACT else best, sign)
 
 
 def without_leak(shot: Shot) -> Shot:

@@ -134,11 +134,14 @@ def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) 
 
 
 def residual_of(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> float:
-    """Return the mean of min(|difference| / scale, 1) over the points; 1 for points outside the earlier picture."""
-    if not len(now):
-        return 1.0
+    """Return the mean of the ``differences`` of the points."""
+    return float(differences(now, before, x, y, scale).mean()) if len(now) else 1.0
+
+
+def differences(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> Vector:
+    """Return min(|difference| / scale, 1) for each point; 1 for points outside the earlier picture."""
     difference = np.abs(now - sample(before[0], x, y)) / scale
-    return float(np.minimum(np.nan_to_num(difference, nan=1.0), 1.0).mean())
+    return np.minimum(np.nan_to_num(difference, nan=1.0), 1.0)
 
 
 def linearised(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> tuple[Vector, Vector, Vector, Mask]:

@@ -243,7 +243,7 @@ def check_folder(
         tried.append(intake.profile)
         seen, frames_read, told = _look(intake, place.folder, count, wrong)
         known = {finding.name for finding in findings}
-        # What is found again still stands: vectors four times too long are halved twice.
+        # What is found again still stands, unless mending it leads back.
         found = [one for one in seen if one.name not in known or correct(intake.profile, one.fix) not in tried]
         findings += [_with_option(finding, intake.profile) for finding in found]
         mended = intake.profile

@@ -153,6 +153,17 @@ def test_a_model_without_a_pattern_is_not_accused(shape: str, frames: int, tmp_p
     assert mistakes(check_folder(tmp_path / "drawn")[0].findings) == []
 
 
+@pytest.mark.parametrize("length", [0.5, 1.0, 3.0])
+def test_what_looks_alike_however_it_turns_does_not_judge_its_vectors(length: float, scene: Scene) -> None:
+    """Plain wheels in a still picture: the shorter the vectors, the better they match."""
+    frames = []
+    for frame in scene("still"):
+        vectors = np.zeros((frame.height, frame.width, 2), np.float32)
+        vectors[30:70, 20:70, 0] = length
+        frames.append(replace(frame, motion=vectors))
+    assert mistakes(check_frames(frames)) == []
+
+
 def grainy(frames: Frames, seed: int = 0) -> list[Frame]:
     """The noise of a path tracer of four samples."""
     rng = np.random.default_rng(seed)

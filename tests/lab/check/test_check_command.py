@@ -92,14 +92,13 @@ def test_a_jitter_from_the_corner_and_otherwise_wrong_is_read_right(mistake: str
     np.testing.assert_allclose([frame.jitter_px for frame in again], [frame.jitter_px for frame in right], atol=1e-12)
 
 
-def test_vectors_that_are_still_too_long_once_halved_are_halved_again(scene: Scene, tmp_path: Path) -> None:
-    spoilt = motion(4 * np.eye(2))(full_motion(scene("pan")))
+@pytest.mark.parametrize("factor", [4.0, -4.0, 3.0])
+def test_vectors_of_any_size_are_mended_at_once(factor: float, scene: Scene, tmp_path: Path) -> None:
+    spoilt = motion(factor * np.eye(2))(full_motion(scene("pan")))
     report, mending = check_folder(write_own(tmp_path, spoilt))
-    assert [finding.option for finding in report.mistakes] == [
-        "--input motion.scale=0.5,0.5",
-        "--input motion.scale=0.25,0.25",
-    ]
-    assert mending.motion.scale == (0.25, 0.25)
+    name = f"motion-scaled-{1 / abs(factor):.3g}" + "-negated" * (factor < 0)
+    assert [finding.name for finding in report.mistakes] == [name]
+    assert mending.motion.scale == (1 / factor, 1 / factor)
     assert check_folder(tmp_path, profile=mending)[0].mistakes == []
 
 

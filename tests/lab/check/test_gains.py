@@ -31,6 +31,8 @@ def test_messages_of_numbers_that_must_be_halved() -> None:
     """True = 0.5 x declared, so that the declared are twice the right size."""
     assert linear_maps(160, 90)["scaled-0.5 y-flipped"].tolist() == [[0.5, 0.0], [0.0, -0.5]]
     assert spoken("scaled-0.5 y-flipped") == "twice the right size, of the other sign in y"
+    assert spoken("scaled-0.333") == "3 times the right size"
+    assert spoken("scaled-1.5 negated") == "1/1.5 of the right size, of the other sign"
 
 
 @pytest.mark.parametrize(
