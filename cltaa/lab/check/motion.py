@@ -362,14 +362,17 @@ def _unlike(scene: Observed) -> Vector:
 
 
 def _fitted_sizes(model: Model) -> Iterator[tuple[str, Vector]]:
-    """Yield the name and the map of the factor nearest to the model under each sign, unless it is about 1."""
+    """Yield the name and the map of the whole factor nearest to the model under each sign, unless it is about 1.
+
+    Other factors are more often a mean of what follows its vectors and of highlights that rest.
+    """
     none = np.zeros((2, 2))
     for sign, factors in SIGNS.items():
         # The squared distance is a parabola of the factor f, a - 2 b f + c f^2: its values at -1, 0 and 1 give b / c.
         back, at_0, ahead = (model.distance(f * np.diag(factors), none) for f in (-1.0, 0.0, 1.0))
         best = (back - ahead) / 2.0 / max(back + ahead - 2.0 * at_0, 1e-12)
-        if best > 0.0 and LEAST_SIZE <= max(best, 1.0 / best) <= SIZES[-1]:
-            yield scaled(whole(best) if abs(best / whole(best) - 1.0) < INEXACT else best, sign)
+        if best > 0.0 and LEAST_SIZE <= max(best, 1.0 / best) <= SIZES[-1] and abs(best / whole(best) - 1.0) < INEXACT:
+            yield scaled(whole(best), sign)
 
 
 def without_leak(shot: Shot) -> Shot:
