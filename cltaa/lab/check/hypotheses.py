@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from itertools import product
 from typing import Any, NamedTuple
@@ -116,6 +117,11 @@ def scaled(factor: float, sign: str) -> tuple[str, Vector]:
 def whole(factor: float) -> float:
     """Return the whole number nearest to ``factor``, or one over a whole number below 1."""
     return float(round(factor)) if factor > 1.0 else 1.0 / round(1.0 / factor)
+
+
+def simple(factor: float) -> tuple[float, float]:
+    """Return the power of two nearest to ``factor``, and the nearest whole number, or one over one."""
+    return 2.0 ** round(math.log2(factor)), whole(factor)
 
 
 class Affine(NamedTuple):

@@ -32,10 +32,10 @@ from cltaa.lab.check.hypotheses import (
     mistake,
     regress,
     scaled,
+    simple,
     spoken,
     sureness,
     to_and_fro,
-    whole,
 )
 from cltaa.lab.check.registration import (
     BLOCK,
@@ -131,12 +131,18 @@ LARGEST_RESIDUAL = 0.445  # of the winner: right vectors reach at most 0.42, cha
 AS_DECLARED = 1.03  # largest residual as declared over the least that keeps the declaration: slow vectors gain little
 ALIKE = 1.1  # residual over the least; smaller ratios count as equal, and the plainest map wins
 PLAIN, NOTHING = Affine(np.eye(2)), Affine(np.zeros((2, 2)))
+# Confidence that blocks of the picture must bear out, and that over no motion: below them they are the finding's own.
+LEAST_IN_BLOCKS, LEAST_THAN_NONE = 0.75, 0.25
 LEAST_IN_BLOCK, MOST_BLOCKS = 8, 10_000  # points of a block that counts, in all pairs; blocks of a row, at most
-SHOWN = 0.97  # residual of the winner over that without motion: highlights and plain things that turn do not follow it
+# Residual under a factor that wins, over that without motion: highlights and plain things that turn follow neither, and
+# a small factor is nearly no motion. A map without such a factor has to be better, no more.
+SHOWN = 0.97
 SIZES = 2.0 ** (np.arange(-16, 17) / 4.0)  # factors tried first; the best is then refined
 FINER_SIZES = (2.0**0.125, 2.0**0.0625)
 LEAST_SIZE = 1.4  # a factor nearer to 1, or to 1 over it, is none
-SAME = 1.01  # residual of a whole factor over the least that keeps the whole one
+# Share of the gain over no motion that a power of two, or else a whole factor, may lose: where pictures are linear, a
+# factor that is wrong by 20 % loses 4 %.
+SIMPLER = 0.10
 INEXACT = 0.15  # relative error of a factor of slow vectors
 OF_GAIN = 0.15  # share of the gain over no motion that maps counted as equal may lose
 LEAST_EFFECT_PX = 0.08  # a mistake that changes the vectors by less is not reported
@@ -158,14 +164,16 @@ def check_motion(shot: Shot, maps: Mapping[str, Affine] | None = None) -> list[F
     if not any(scene.own.any() for scene in scenes):
         return _resting_leak(shot)
     width, height = shot.window
-    maps = maps or affine_maps(width, height) | _sized(scenes)
+    sized = {} if maps else _sized(scenes)
+    maps = maps or affine_maps(width, height) | sized
     residuals = {name: float(_score(scenes, meant).mean()) for name, meant in maps.items()}
     best = _plainest(residuals, float(_score(scenes, NOTHING).mean()))
     if _effect(scenes, maps[best]) < LEAST_EFFECT_PX:
         best = ""
     judges = [_staying(judge, maps[best]) for judge in judges]
     declared, winner, nothing = (_score(judges, meant) for meant in (maps[""], maps[best], NOTHING))
-    wins = winner.mean() < min(LARGEST_RESIDUAL, SHOWN * nothing.mean()) and (winner < declared).mean() > 0.7
+    shown = (SHOWN if best in sized else 1.0) * nothing.mean()
+    wins = winner.mean() < min(LARGEST_RESIDUAL, shown) and (winner < declared).mean() > 0.7
     ratio = float(winner.mean() / declared.mean()) if wins else 1.0
     near = ratio < FAR_BETTER or (ratio < 1.0 and _stays(scenes, maps[best]))
     coarse = list[Finding]()
@@ -188,14 +196,19 @@ def _sized(scenes: Sequence[Observed]) -> dict[str, Affine]:
     def left(sign: str, factor: float) -> float:
         return float(_score(few, Affine(factor * np.diag(SIGNS[sign]))).mean())
 
-    sizes = [size for size in SIZES if max(size, 1.0 / size) >= LEAST_SIZE]
+    sizes = [size for size in SIZES if _is_size(size)]
     sign, best = min(product(SIGNS, sizes), key=lambda one: left(*one))
     for step in FINER_SIZES:
         best = min((best, best / step, best * step), key=lambda size: left(sign, size))
-    if left(sign, whole(best)) <= SAME * left(sign, best):
-        best = whole(best)
+    least, nothing = left(sign, best), left(sign, 0.0)
+    most = least + SIMPLER * max(nothing - least, 0.0)
+    best = next((size for size in simple(best) if _is_size(size) and left(sign, size) <= most), best)
     name, matrix = scaled(best, sign)
     return {name: Affine(matrix)}
+
+
+def _is_size(factor: float) -> bool:
+    return max(factor, 1.0 / factor) >= LEAST_SIZE
 
 
 def _thinned(scene: Observed) -> Observed:
@@ -315,7 +328,9 @@ def _sureness(judges: Sequence[Observed], mended: Sequence[Observed], meant: Aff
     winner = left(mended, meant)
     others = [left(judges, PLAIN)] + ([left(judges, NOTHING)] if mended is judges else [])
     both = [found for other in others for found in zip(other, winner, strict=True)]
-    return min(sureness(*found) if len(found[0]) else 0.0 for found in both)
+    pairs, blocks, *than_none = (sureness(*found) if len(found[0]) else 0.0 for found in both)
+    borne_out = blocks >= LEAST_IN_BLOCKS and min(than_none, default=1.0) >= LEAST_THAN_NONE
+    return pairs if borne_out else min(pairs, blocks, *than_none)
 
 
 def _named(best: str, meant: Affine, declared: Vector, winner: Vector, sure: float) -> Finding:
@@ -328,7 +343,8 @@ def _named(best: str, meant: Affine, declared: Vector, winner: Vector, sure: flo
 def _finer(scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping[str, Vector]) -> list[Finding]:
     """Find mistakes smaller than the width of an edge: factors of slow vectors, and jitter left in them."""
     model = fit_model(scenes)
-    maps = dict(maps) | dict(_fitted_sizes(model))
+    sized = dict(_fitted_sizes(model))
+    maps = dict(maps) | sized
     distances = explanations(model, maps)
     best = min(distances, key=lambda name: distances[name])
     nothing = model.distance(np.zeros((2, 2)), np.zeros((2, 2)))
@@ -348,7 +364,7 @@ def _finer(scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping
     if held:
         mended = [judge._replace(own=judge.own - held * judge.jitter_change[:, None]) for judge in judges]
     declared, winner = _score(judges, PLAIN), _score(mended, Affine(matrix))
-    if not held and winner.mean() > SHOWN * _score(judges, NOTHING).mean():
+    if not held and winner.mean() > (SHOWN if best in sized else 1.0) * _score(judges, NOTHING).mean():
         return []
     evidence = f"true vectors = {gain} x declared + {leak} x change of jitter, over {len(scenes)} pairs; "
     evidence += f"residual of other pixels {winner.mean():.3f} against {declared.mean():.3f}"
@@ -362,7 +378,7 @@ def _unlike(scene: Observed) -> Vector:
 
 
 def _fitted_sizes(model: Model) -> Iterator[tuple[str, Vector]]:
-    """Yield the name and the map of the whole factor nearest to the model under each sign, unless it is about 1.
+    """Yield the name and the map of the simple factor near the model under each sign, unless it is about 1.
 
     Other factors are more often a mean of what follows its vectors and of highlights that rest.
     """
@@ -371,8 +387,9 @@ def _fitted_sizes(model: Model) -> Iterator[tuple[str, Vector]]:
         # The squared distance is a parabola of the factor f, a - 2 b f + c f^2: its values at -1, 0 and 1 give b / c.
         back, at_0, ahead = (model.distance(f * np.diag(factors), none) for f in (-1.0, 0.0, 1.0))
         best = (back - ahead) / 2.0 / max(back + ahead - 2.0 * at_0, 1e-12)
-        if best > 0.0 and LEAST_SIZE <= max(best, 1.0 / best) <= SIZES[-1] and abs(best / whole(best) - 1.0) < INEXACT:
-            yield scaled(whole(best), sign)
+        if best > 0.0 and _is_size(best) and 1.0 / SIZES[-1] <= best <= SIZES[-1]:
+            near = (size for size in simple(best) if _is_size(size) and abs(best / size - 1.0) < INEXACT)
+            yield from (scaled(size, sign) for size in [*near][:1])
 
 
 def without_leak(shot: Shot) -> Shot:

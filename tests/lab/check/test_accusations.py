@@ -153,6 +153,13 @@ def test_a_model_without_a_pattern_is_not_accused(shape: str, frames: int, tmp_p
     assert mistakes(check_folder(tmp_path / "drawn")[0].findings) == []
 
 
+@pytest.mark.parametrize("mistake", ["motion-negated", "motion-scaled-0.125"])
+def test_wrong_vectors_of_a_turning_model_are_named(mistake: str, tmp_path: Path) -> None:
+    """Though few blocks of the picture show them, and slow vectors match hardly better than none."""
+    (capture,) = (one for one in TUNING if one.name == "turntable-2-halton32")
+    assert mistake in mistakes(check_frames(MISTAKES[mistake].plant(capture.frames_in(tmp_path))))
+
+
 @pytest.mark.parametrize("length", [0.5, 1.0, 3.0])
 def test_what_looks_alike_however_it_turns_does_not_judge_its_vectors(length: float, scene: Scene) -> None:
     """Plain wheels in a still picture: the shorter the vectors, the better they match."""
