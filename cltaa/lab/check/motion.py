@@ -164,10 +164,13 @@ def check_motion(shot: Shot, maps: Mapping[str, Affine] | None = None) -> list[F
     if not any(scene.own.any() for scene in scenes):
         return _resting_leak(shot)
     width, height = shot.window
-    sized = {} if maps else _sized(scenes)
-    maps = maps or affine_maps(width, height) | sized
+    usual_maps = maps or affine_maps(width, height)
+    sized = {} if maps else {name: meant for name, meant in _sized(scenes).items() if name not in usual_maps}
+    maps = {**usual_maps, **sized}
     residuals = {name: float(_score(scenes, meant).mean()) for name, meant in maps.items()}
-    best = _plainest(residuals, float(_score(scenes, NOTHING).mean()))
+    usual = {name: left for name, left in residuals.items() if name not in sized}
+    explained = min(residuals.values()) < BETTER * min(usual.values())  # by a factor that is none of the usual
+    best = _plainest(residuals if explained else usual, float(_score(scenes, NOTHING).mean()))
     if _effect(scenes, maps[best]) < LEAST_EFFECT_PX:
         best = ""
     judges = [_staying(judge, maps[best]) for judge in judges]
