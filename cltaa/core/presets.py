@@ -104,7 +104,7 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
             parts[part] = msgspec.convert(merged, kind, strict=False)
         except msgspec.ValidationError as error:
             key = str(error).rpartition("`$.")[2].rstrip("`")
-            what, found = f"{origin}: {key} has no such value", str(merged.get(key))
+            what, found = f"{origin}: {key} has no such value", str(values.get(key, merged.get(key)))
             raise UsageError(what, expected=allowed(key), found=found) from None
     return msgspec.structs.replace(preset, **parts)
 
