@@ -102,9 +102,9 @@ def _share(number: Any) -> float:
 
 def _light(numbers: Any) -> Colour:
     """Check a colour of a material; raises ValueError for an invalid one."""
-    red, green, blue = (_finite(number) for number in numbers)
+    red, green, blue = found = [_finite(number) for number in numbers]
     if not (min(red, green, blue) >= 0.0 and max(red, green, blue) <= LARGEST_COLOUR):
-        raise ValueError(f"a colour {list(numbers)} in a material, expected numbers from 0 to {LARGEST_COLOUR:g}")
+        raise ValueError(f"a colour {found} in a material, expected numbers from 0 to {LARGEST_COLOUR:g}")
     return red, green, blue
 
 
