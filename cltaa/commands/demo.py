@@ -59,16 +59,8 @@ def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: s
 
 def _capture(scene: str, folder: Path, frames: int, size: tuple[int, int], *, as_json: bool) -> None:
     """Run ``cltaa capture`` in a separate process, so that no process loads both OpenGL and OpenCL."""
-    asked = [
-        "--frames",
-        str(frames),
-        "--size",
-        f"{size[0]}x{size[1]}",
-        "--reference",
-        str(TRUTH_SAMPLES),
-        *["--json"] * as_json,
-    ]
-    arguments = ["capture", scene, "-o", str(folder), *asked]
+    asked = ["--frames", str(frames), "--size", f"{size[0]}x{size[1]}", "--reference", str(TRUTH_SAMPLES)]
+    arguments = ["capture", scene, "-o", str(folder), *asked, *["--json"] * as_json]
     begun = folder.exists()
     done = call_cltaa(arguments)
     if done.returncode == UsageError.exit_code and begun:
