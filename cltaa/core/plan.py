@@ -237,15 +237,19 @@ def recursive_choices(choices: Choices) -> Choices | None:
 
 
 def _ring_holds_less(choices: Choices, settings: Settings) -> bool:
-    """True where the ring holds fewer samples than a running mean is worth: nearly twice ``sample_limit``."""
+    """True where a running mean, worth nearly twice ``sample_limit``, is at least level with the ring.
+
+    Without frames ahead a ring never holds more than all frames so far. With them it does in the first frames.
+    """
     kept = settings.history_frames + 1 + settings.look_ahead
-    return choices.history is HistoryKind.FRAMES and kept < 2 * settings.sample_limit - 1
+    less = not settings.look_ahead or kept < 2 * settings.sample_limit - 1
+    return choices.history is HistoryKind.FRAMES and less
 
 
 def _gathered(choices: Choices, *, still: bool, recursive: bool) -> Reason:
     """Return why samples are gathered, or not."""
     if recursive:
-        return Reason(GATHERING, False, "found static: a running mean holds more samples than the ring")
+        return Reason(GATHERING, False, "found static: a running mean holds as many samples as the ring or more")
     if still:
         return Reason(GATHERING, False, "declared static: plain mean of all samples")
     if choices.illumination is Illumination.WINDOW:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cltaa.core.parameters import HistoryKind
 from cltaa.core.plan import plan_frame
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
@@ -17,7 +18,7 @@ WIDTH, HEIGHT = 24, 20
 TWO = np.random.default_rng(7).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3))
 FOUND = frozenset({Effect.DISOCCLUSION})
 CHANGED = np.s_[4:16, 6:18]
-PRESETS = pytest.mark.parametrize("name", ["default", "gather-8"])
+PRESETS = pytest.mark.parametrize("name", ["default", "gather-8", "gather-48"])
 
 
 def frame_of(index: int, light: float, found: frozenset[Effect] | None = FOUND) -> Frame:
@@ -45,7 +46,8 @@ def test_four_times_as_many_samples_count(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "found"), [("default", FOUND), ("gather-8", FOUND), ("default", FOUND | {Effect.CAMERA})]
+    ("name", "found"),
+    [("default", FOUND), ("gather-8", FOUND), ("gather-48", FOUND), ("default", FOUND | {Effect.CAMERA})],
 )
 def test_light_that_changes_after_all_is_followed(name: str, found: frozenset[Effect]) -> None:
     image = last(name, [1.0] * 48 + [2.0] * 6, found)
@@ -76,3 +78,9 @@ def test_the_history_grows_and_the_filter_fades_only_where_all_is_found_static(
 ) -> None:
     plan = plan_frame(load_preset("default"), frame_of(0, 1.0, found), None)
     assert (plan.settings.sample_limit, plan.settings.filter_samples) == (limit, filtered)
+
+
+@pytest.mark.parametrize(("name", "gathers"), [("gather-48", False), ("gather-8+8", False), ("gather-24+24", True)])
+def test_only_many_frames_ahead_keep_the_ring_where_all_is_found_static(name: str, gathers: bool) -> None:
+    plan = plan_frame(load_preset(name), frame_of(0, 1.0), None)
+    assert (plan.choices.history is HistoryKind.FRAMES) == gathers
