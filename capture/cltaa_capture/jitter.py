@@ -151,7 +151,7 @@ def jitter_sequence(text: str) -> Offsets:
     if text in PUBLISHED:
         return PUBLISHED[text].copy()
     name, _, period = text.partition(":")
-    if name not in PATTERNS or not re.fullmatch("0*[1-9][0-9]{0,5}", period) or int(period) > LONGEST_PERIOD:
+    if name not in PATTERNS or not re.fullmatch("[1-9][0-9]{0,5}", period) or int(period) > LONGEST_PERIOD:
         known = ", ".join([*(f"{pattern}:N" for pattern in PATTERNS), *PUBLISHED])
         cure = f"use none or one of {known}, N from 1 to {LONGEST_PERIOD}"
         raise UsageError(f"no such jitter: {text}", cure=cure)

@@ -148,7 +148,9 @@ class Manifest:
         text = read_text(path, "a record", LARGEST_RECORD)
         try:
             content = json.loads(text)
-            settings, files_ = content["settings"], content["files"]
+            settings, files_, seconds = content["settings"], content["files"], dict(content.get("seconds_a_frame", {}))
+            # A kill may have left unlisted frames beyond those that this run asks for.
+            frames = max(self._facts["frames"], content["frames"])
             if content["format"] != FORMAT or not isinstance(settings, dict) or not isinstance(files_, dict):
                 raise ValueError("not of this format")
         except (ValueError, KeyError, TypeError, RecursionError) as error:
@@ -164,8 +166,8 @@ class Manifest:
                     raise UsageError("was begun with another content of the model", path=path, cure=RESTART_CURE)
                 what = f"was begun with another {key}"
                 raise UsageError(what, path=path, expected=asked, found=begun, cure=RESTART_CURE)
-        self._files = files_
-        self._seconds = dict(content.get("seconds_a_frame", {}))
+        self._files, self._seconds = files_, seconds
+        self._facts |= {"frames": frames}
 
     def _clear(self, names: set[str]) -> None:
         """Delete the manifest and the frames with these names, in the folder itself or as a truth."""

@@ -22,7 +22,7 @@ from cltaa.printable import counted
 from cltaa_capture.jitter import LONGEST_PERIOD, USUAL, jitter_sequence
 from cltaa_capture.manifest import REFERENCE, Manifest, code_sha256, frame_name, versions
 from cltaa_capture.osmesa import Context, open_context
-from cltaa_datasets.model_files import content_sha256
+from cltaa_datasets.model_files import content_sha256, default_motion
 from cltaa_datasets.scene import Instant, Scene
 from cltaa_datasets.scenes import FILE_PREFIX, build_scene
 
@@ -64,7 +64,10 @@ class Request:
             "code_sha256": code_sha256(),
         }
         if self.scene.startswith(FILE_PREFIX):
-            settings["model_sha256"] = content_sha256(Path(self.scene.removeprefix(FILE_PREFIX)))
+            path = Path(self.scene.removeprefix(FILE_PREFIX))
+            # Of a path only the name decides anything: that of the frames.
+            settings |= {"scene": FILE_PREFIX + path.name, "motion": self.motion or default_motion(str(path))}
+            settings["model_sha256"] = content_sha256(path)
         return settings
 
 

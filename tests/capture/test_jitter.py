@@ -159,7 +159,9 @@ def test_a_lattice_too_long_to_put_in_order_is_refused() -> None:
         jitter_sequence(f"lattice:{LONGEST_LATTICE + 1}")
 
 
-@pytest.mark.parametrize("text", ["halton", "halton:0", "halton:-3", "halton:x", "sobol:16", "", "r2:1.5", "grid:8"])
+@pytest.mark.parametrize(
+    "text", ["halton", "halton:0", "halton:08", "halton:-3", "halton:x", "sobol:16", "", "r2:1.5", "grid:8"]
+)
 def test_an_unknown_jitter_is_refused(text: str) -> None:
     with pytest.raises(UsageError) as caught:
         jitter_sequence(text)

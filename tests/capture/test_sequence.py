@@ -180,6 +180,30 @@ def test_a_model_that_changed_is_named(changed: str, tmp_path: Path) -> None:
         capture_sequence(drawn)
 
 
+@pytest.mark.parametrize("spelled", [{"motion": "turntable"}, {"scene": "file:sheet.obj"}], ids=str)
+def test_a_setting_spelled_otherwise_is_no_other_setting(
+    spelled: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sheet.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    drawn = replace(request(tmp_path / "out", f"file:{tmp_path / 'sheet.obj'}"), frames=1)
+    capture_sequence(drawn)
+    monkeypatch.chdir(tmp_path)
+    assert capture_sequence(replace(drawn, **spelled)).kept == 1  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="was begun with another motion"):
+        capture_sequence(replace(drawn, motion="orbit"))
+
+
+def test_fewer_frames_than_were_begun_forget_none(tmp_path: Path) -> None:
+    capture_sequence(request(tmp_path))
+    record = json.loads((tmp_path / "sequence.json").read_text())
+    del record["files"]["conveyor.0002.exr"]  # as a kill may leave it
+    (tmp_path / "sequence.json").write_text(json.dumps(record))
+    capture_sequence(replace(request(tmp_path), frames=1))
+    assert json.loads((tmp_path / "sequence.json").read_text())["frames"] == FRAMES
+    capture_sequence(replace(request(tmp_path), frames=1, seed=5, reference=0, restart=True))
+    assert [path.name for path in sorted(tmp_path.iterdir())] == ["conveyor.0000.exr", "sequence.json"]
+
+
 def test_what_does_not_run_is_no_other_code() -> None:
     code = "def f(x):\n    return x + 1\n"
     told = '"""A module."""\n\n\ndef f(x):  # adds\n    """Add one."""\n    return (\n        x + 1\n    )\n'
@@ -253,7 +277,9 @@ def test_files_of_another_origin_are_left_alone(tmp_path: Path, restart: bool) -
     assert stranger.read_bytes() == b"precious"
 
 
-@pytest.mark.parametrize("content", ["{", "[]", '{"format": 99, "settings": {}, "files": {}}', '{"format": 1}'])
+@pytest.mark.parametrize(
+    "content", ["{", "[]", '{"format": 99, "settings": {}, "files": {}}', '{"format": 1, "settings": {}, "files": {}}']
+)
 def test_a_damaged_manifest_is_refused(tmp_path: Path, content: str) -> None:
     (tmp_path / "sequence.json").write_text(content)
     with pytest.raises(DataError, match=r"sequence\.json: cannot be resumed from .*; use --restart to begin anew"):
