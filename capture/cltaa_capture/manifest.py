@@ -23,7 +23,7 @@ from cltaa import __version__
 from cltaa.errors import CltaaError, DataError, UsageError
 from cltaa.io.atomic import atomic_path, make_folder, remove_stale_temporaries
 from cltaa.io.content import read_text
-from cltaa.io.manifest import CAPTURE, LARGEST_RECORD, RESTART_CURE, file_sha256
+from cltaa.io.manifest import CAPTURE, LARGEST_RECORD, RESTART_CURE, begun_otherwise, file_sha256
 
 REFERENCE = "reference"
 FORMAT = 1
@@ -164,8 +164,13 @@ class Manifest:
                     raise UsageError(what, path=path, cure=RESTART_CURE)
                 if key == "model_sha256":
                     raise UsageError("was begun with another content of the model", path=path, cure=RESTART_CURE)
-                what = f"was begun with another {key}"
-                raise UsageError(what, path=path, expected=asked, found=begun, cure=RESTART_CURE)
+                if key in ("scene", "opengl"):  # no options
+                    what = f"was begun with another {key.replace('opengl', 'OpenGL')}"
+                    raise UsageError(what, path=path, expected=asked, found=begun, cure=RESTART_CURE)
+                if key in ("width", "height"):
+                    key = "size"
+                    begun, asked = (f"{its.get('width')}x{its.get('height')}" for its in (settings, self._settings))
+                raise begun_otherwise(path, f"--{key}", begun, asked)
         self._files, self._seconds = files_, seconds
         self._facts |= {"frames": frames}
 

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from cltaa.errors import DataError, StorageError, disk_cure
+from cltaa.errors import DataError, StorageError, UsageError, disk_cure
 from cltaa.io.atomic import atomic_path
 from cltaa.io.content import read_bytes, read_text
 
@@ -30,6 +30,18 @@ _SHA256 = re.compile(r"[0-9a-f]{64}")
 PIECE = 4 << 20  # bytes that are hashed at a time
 _OF_THREAD = threading.local()
 RESTART_CURE = "use --restart to begin anew, or another folder"
+
+
+def begun_otherwise(path: Path, option: str, begun: object, asked: object) -> UsageError:
+    """Return the error for a folder whose run was begun with another value of a command's ``option``."""
+
+    def told(value: object) -> str:
+        if value is None or value is False or value == []:
+            return f"without {option}"
+        text = ",".join(map(str, value)) if isinstance(value, list) else value
+        return f"with {option}" if value is True else f"with {option} {text}"
+
+    return UsageError(f"was begun {told(begun)}, not {told(asked)}", path=path, cure=RESTART_CURE)
 
 
 class Entry(NamedTuple):

@@ -20,11 +20,12 @@ from cltaa.core.debug import View
 from cltaa.core.resolver import Resolver
 from cltaa.errors import CltaaError, DataError, UsageError, several
 from cltaa.frame import Frame, Image
+from cltaa.inputs.profile import assignments_of
 from cltaa.io.atomic import remove_stale_temporaries
 from cltaa.io.exr_frame import MATRICES, Pixels, frame_attributes
 from cltaa.io.exr_layout import LOSSLESS, Layout, Windows
 from cltaa.io.exr_read import FrameFile, read_header, read_planes
-from cltaa.io.manifest import NAME, RESTART_CURE, Entry, Manifest, file_sha256
+from cltaa.io.manifest import NAME, RESTART_CURE, Entry, Manifest, begun_otherwise, file_sha256
 from cltaa.io.names import has_suffix
 from cltaa.io.pixel_statistics import Missing, is_opaque, missing_samples
 from cltaa.io.sequence import RESOLVED, FrameSequence
@@ -194,6 +195,17 @@ class Results(Protocol):
 
 
 OF_A_PART = re.compile(r"(build|preset(\.(choices|settings))?)\.")  # before a key that is called so on the command line
+# Settings whose value a user gives by an option; without it they are unset, or the option's default.
+NAMED_SO = ("compression", "debug", "denoise", "device", "effects", "half", "layers", "step")
+OPTIONS = {
+    **{name: f"--{name}" for name in NAMED_SO},
+    **{f"build.{name}": f"--{name}" for name in ("storage", "strict")},
+    "first_frame": "--frames from",
+    "last_frame": "--frames to",
+    "profile.name": "--profile",
+}
+READ_BY = "--profile, --input or --camera"
+NAMES = {"undeclared": "set of matrices and jitter that only --camera could give"}
 
 
 class OutputFolder:
@@ -226,17 +238,21 @@ class OutputFolder:
 
     def _refuse_difference(self, begun: Mapping[str, Any], asked: Mapping[str, Any], preset: str) -> None:
         before, now, path = dict(_flat(begun)), dict(_flat(asked)), self.manifest.path
-        # Options come before the code, and the build last, which follows from both.
-        late = ("build.", "found")
-        for key in sorted(before.keys() | now.keys(), key=lambda key: (key.startswith(late), key == CODE, key)):
-            if before.get(key) == now.get(key):
+        for key in sorted(before.keys() | now.keys(), key=lambda key: (_rank(key), key)):
+            begun_with, asked_for = before.get(key), now.get(key)
+            if begun_with == asked_for:
                 continue
             if key == CODE:  # 64 digits do not help a user
                 raise UsageError("was begun with another version of cltaa's code", path=path, cure=RESTART_CURE)
+            if key in OPTIONS or key.startswith("profile."):
+                if key == "profile.name" and None in (begun_with, asked_for):  # cltaa's own files, by a profile or not
+                    raise begun_otherwise(path, READ_BY, begun_with is not None, asked_for is not None)
+                option = OPTIONS.get(key, "--input")
+                raise begun_otherwise(path, option, _typed(key, begun_with), _typed(key, asked_for))
             earlier = self._preset_begun_with() if key.startswith("preset.") else preset
             what = f"preset {earlier}, not {preset}:" if earlier not in ("", preset) else "another"
-            what, name = f"was begun with {what}", OF_A_PART.sub("", key)
-            expected, found = (_said(settings.get(key)) for settings in (now, before))
+            what, name = f"was begun with {what}", OF_A_PART.sub("", NAMES.get(key, key))
+            expected, found = _said(asked_for), _said(begun_with)
             raise UsageError(f"{what} {name}", path=path, expected=expected, found=found, cure=RESTART_CURE)
 
     def _preset_begun_with(self) -> str:
@@ -294,12 +310,27 @@ def _input_now(sequence: FrameSequence, number: int, checked: Entry | None) -> s
     return input_of(number, sha256, sequence.beside_sha256(number))
 
 
+def _rank(key: str) -> int:
+    """Return the place of a setting among those that differ: options first, and last what follows from others."""
+    if key in OPTIONS and key != "last_frame":
+        return int(key != "profile.name")  # which decides the layers
+    return 4 if key.startswith(("build.", "found", "last_frame")) else 3 if key == CODE else 2
+
+
+def _typed(key: str, setting: object) -> object:
+    """Return the value of an option as a user types it."""
+    if setting == [*ALL]:
+        return "all"
+    section, _, name = key.removeprefix("profile.").partition(".")
+    return setting if setting is None or not name or key in OPTIONS else assignments_of({section: {name: setting}})
+
+
 def _said(setting: object) -> str:
     """A setting for a reader."""
     if isinstance(setting, bool):
         return "yes" if setting else "no"
     if isinstance(setting, list):
-        setting = ", ".join(map(str, setting)) or None
+        setting = (" x " if isinstance(setting[0], int) else ", ").join(map(str, setting)) if setting else None
     return "none" if setting is None else str(setting)
 
 

@@ -139,16 +139,16 @@ def test_frames_may_be_added(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        ({"seed": 2}, "seed"),
-        ({"width": 50}, "width"),
-        ({"jitter": "none"}, "jitter"),
-        ({"reference": 8}, "reference"),
-        ({"scene": "still", "reference": 0}, "scene"),
+        ({"seed": 2}, "--seed 0, not with --seed 2"),
+        ({"width": 50}, "--size 48x27, not with --size 50x27"),
+        ({"jitter": "none"}, "--jitter halton:2, not with --jitter none"),
+        ({"reference": 8}, "--reference 4, not with --reference 8"),
+        ({"scene": "still", "reference": 0}, "another scene"),
     ],
 )
 def test_another_setting_is_refused_by_name(captured: Path, change: dict[str, object], named: str) -> None:
     before = digests(captured)
-    with pytest.raises(UsageError, match=f"another {named} .*--restart"):
+    with pytest.raises(UsageError, match=f"was begun with {named}.*--restart"):
         capture_sequence(replace(request(captured), **change))  # type: ignore[arg-type]
     assert digests(captured) == before
 
@@ -189,7 +189,7 @@ def test_a_setting_spelled_otherwise_is_no_other_setting(
     capture_sequence(drawn)
     monkeypatch.chdir(tmp_path)
     assert capture_sequence(replace(drawn, **spelled)).kept == 1  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match="was begun with another motion"):
+    with pytest.raises(UsageError, match="was begun with --motion turntable, not with --motion orbit"):
         capture_sequence(replace(drawn, motion="orbit"))
 
 

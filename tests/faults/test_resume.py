@@ -102,7 +102,7 @@ def test_another_version_of_the_code_is_refused_in_words(tmp_path: Path, capsys:
     assert main(arguments(folder, output)) == 64
     assert "was begun with another version of cltaa's code; use --restart" in capsys.readouterr().err
     assert main([*arguments(folder, output), "--effects", "all"]) == 64
-    assert "was begun with another effects (expected all, found auto)" in capsys.readouterr().err
+    assert "was begun with --effects auto, not with --effects all;" in capsys.readouterr().err
 
 
 def test_other_settings_device_and_inputs_are_refused_by_name(
@@ -115,7 +115,7 @@ def test_other_settings_device_and_inputs_are_refused_by_name(
     kept = check_after_fault(output, expected)
     capsys.readouterr()
     gamma = load_preset().settings.box_scale_static
-    other = gamma + 0.25
+    other, read_by = gamma + 0.25, "--profile, --input or --camera"
     for more, difference in (
         (
             ["--set", f"box_scale_static={other}"],
@@ -123,14 +123,17 @@ def test_other_settings_device_and_inputs_are_refused_by_name(
             f"box_scale_static (expected {other}, found {gamma})",
         ),
         (["--preset", "fast"], "preset default, not fast: accumulate (expected exponential, found count)"),
-        (["--device", "0"], "another device (expected "),
-        (["--half"], "another half (expected yes, found no)"),
-        (["--effects", "all"], "another effects (expected all, found auto)"),
-        (["--storage", "half"], "another storage (expected half, found float)"),
-        (["--frames", "1-6"], "another first_frame (expected 1, found 0)"),
+        (["--preset", "gather-8+8"], "preset default, not gather-8+8: "),
+        (["--device", "0"], "--device NumPy (float32 oracle), not with --device "),
+        (["--half"], "out --half, not with --half;"),
+        (["--effects", "all"], "--effects auto, not with --effects all;"),
+        (["--storage", "half"], "--storage float, not with --storage half;"),
+        (["--frames", "1-6"], "--frames from 0, not with --frames from 1;"),
+        (["--layers", "Z,R"], "out --layers, not with --layers Z,R;"),
+        (["--input", "depth.scale=2"], f"out {read_by}, not with {read_by};"),
     ):
         assert main([*arguments(folder, output), *more]) == 64
-        assert f"was begun with {difference}" in capsys.readouterr().err
+        assert f"was begun with{difference}" in capsys.readouterr().err.replace("begun with ", "begun with")
     write_frame(folder / "synthetic.0001.exr", make_frame(1, width=9, height=7, motion=True, seed=1))
     assert main(arguments(folder, output)) == 65
     assert "synthetic.0001.exr frame 1: the input is not the one" in capsys.readouterr().err

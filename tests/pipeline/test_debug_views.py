@@ -163,7 +163,7 @@ def test_the_command_writes_layers_and_pictures(tmp_path: Path, capsys: pytest.C
         assert np.unique(np.asarray(picture)).tolist() == [255]  # no history
     # The folder goes on only with the same views.
     assert main([*arguments, str(tmp_path / "watched")]) == 64
-    assert "was begun with another debug" in capsys.readouterr().err
+    assert "was begun with --debug clip,count,motion,reject, not without --debug;" in capsys.readouterr().err
 
 
 def test_views_are_parsed_from_a_list() -> None:

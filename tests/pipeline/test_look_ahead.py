@@ -101,7 +101,7 @@ def test_where_the_whole_past_is_asked_for_a_run_goes_on_from_the_first_frame(tm
 def test_a_sequence_that_has_grown_is_refused(folder: Path, tmp_path: Path) -> None:
     resolve_sequence(open_sequence(folder), tmp_path / "out", resolver())
     write_sequence(folder, 1, first=FRAMES, width=9, height=7)
-    with pytest.raises(UsageError, match=r"was begun with another last_frame \(expected 9, found 8.*--restart"):
+    with pytest.raises(UsageError, match=r"was begun with --frames to 8, not with --frames to 9;.*--restart"):
         resolve_sequence(open_sequence(folder), tmp_path / "out", resolver())
 
 
