@@ -7,6 +7,7 @@ tuned on rasterised scenes as another tool's frames would.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from cltaa.commands.options import COUNT_OR_0, FILE_PATH, SIZE, json_option
 from cltaa.errors import UsageError
 from cltaa.frame import Camera, Frame
-from cltaa.io.atomic import make_folder
+from cltaa.io.atomic import make_folder, owned, remove_stale_temporaries, temporary_folder
 from cltaa.io.exr_write import write_frame, write_image
 from cltaa.printable import json_of
 from cltaa.progress import shown_progress
@@ -461,25 +462,45 @@ def truth_of(family: Family, index: int, size: tuple[int, int], samples: int, se
 def draw(family: str, output: Path, frames: int, size: tuple[int, int], period: int, reference: int, seed: int) -> None:
     """Write ``frames`` frames [H, W] of a family, and with ``reference`` samples their truth into ``reference/``.
 
-    Raises UsageError for a folder with EXR files in it, which would be taken for frames or the truth of this sequence,
-    and for samples that fill no square grid.
+    Keeps the files that an earlier call with these arguments has written. Raises UsageError for a folder with other EXR
+    files, which would be taken for frames or the truth of this sequence, and for samples that fill no square grid.
     """
     if (side := math.isqrt(reference)) ** 2 != reference:
         what, expected = "--reference: samples lie on a square grid", f"{side**2} or {(side + 1) ** 2}"
         raise UsageError(what, expected=expected, found=reference)
-    if any([*output.glob("*.exr"), *output.glob("reference/*.exr")]):
-        raise UsageError("holds EXR files already", path=output, cure="choose an empty folder")
     scene = FAMILIES[family](seed)
-    make_folder(output / "reference" if reference else output)
-    with shown_progress(family) as progress:
+
+    def write(path: Path, index: int) -> None:
+        write_frame(path, frame_of(scene, index, size, halton(index, period), seed))
+
+    def write_truth(path: Path, index: int) -> None:
+        truth = truth_of(scene, index, size, reference, seed).astype(np.float32)
+        channels = {channel: truth[..., place] for place, channel in enumerate("RGB")}
+        write_image(path, channels, {"cltaa:frame": index, "cltaa:samples": reference})
+
+    drawing = {output: write} | ({output / "reference": write_truth} if reference else {})
+    with owned(output), shown_progress(family) as progress:
+        for folder in filter(Path.is_dir, (output, output / "reference")):
+            remove_stale_temporaries(folder)
+            if not _is_begun(folder, family, drawing.get(folder)):
+                raise UsageError("holds EXR files of another origin", path=folder, cure="choose an empty folder")
         for index in range(frames):
-            name = f"{family}.{index:04d}.exr"
-            write_frame(output / name, frame_of(scene, index, size, halton(index, period), seed))
-            if reference:
-                truth = truth_of(scene, index, size, reference, seed).astype(np.float32)
-                channels = {channel: truth[..., place] for place, channel in enumerate("RGB")}
-                write_image(output / "reference" / name, channels, {"cltaa:frame": index, "cltaa:samples": reference})
+            for folder, draws in drawing.items():
+                path = make_folder(folder) / f"{family}.{index:04d}.exr"
+                if not path.exists():
+                    draws(path, index)
             progress(index + 1, frames)
+
+
+def _is_begun(folder: Path, family: str, draws: Callable[[Path, int], None] | None) -> bool:
+    """Return whether all EXR files in ``folder`` are named as frames, and ``draws`` gives the first the same bytes."""
+    found = sorted(folder.glob("*.exr"))
+    numbers = [int(n[1]) for path in found if (n := re.fullmatch(rf"{family}\.(\d+)\.exr", path.name))]
+    if not found or draws is None or len(numbers) < len(found):
+        return not found
+    with temporary_folder(folder) as place:
+        draws(place / found[0].name, numbers[0])
+        return (place / found[0].name).read_bytes() == found[0].read_bytes()
 
 
 @click.command(short_help="Ray-cast a scene that declares no effects.")
@@ -501,7 +522,7 @@ def raycast(
 ) -> None:
     """Ray-cast FAMILY into a jittered EXR sequence with exact depth and motion vectors, which declares no effects.
 
-    Frames of most other tools declare none either.
+    Frames of most other tools declare none either. The same command continues an interrupted run.
     """
     draw(family, output, frames, size, period, reference, seed)
     if as_json:

@@ -12,6 +12,7 @@ import cltaa
 from cltaa.camera import displacement_rows
 from cltaa.cli import main
 from cltaa_datasets.ray_cast import FAMILIES, frame_of, halton, truth_of
+from tests.capture.test_sequence import digests
 
 SIZE = 48, 27
 
@@ -77,7 +78,28 @@ def test_the_command_writes_a_sequence_with_its_truth(tmp_path: Path, capsys: py
     for path in folder.glob("*.exr"):
         path.unlink()
     assert main(["raycast", "rolling", "-o", str(folder), "--seed", "1"]) == 64  # the truth is another seed's
-    assert "balls: holds EXR files already; choose an empty folder" in capsys.readouterr().err
+    assert "reference: holds EXR files of another origin; choose an empty folder" in capsys.readouterr().err
+
+
+def test_an_interrupted_run_goes_on_with_the_same_command_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run(folder: str, frames: int, *more: str) -> int:
+        options = ["--frames", str(frames), "--size", "12x7", "--reference", "4", *more]
+        return main(["raycast", "rolling", "-o", str(tmp_path / folder), *options])
+
+    assert run("whole", 3) == run("part", 2) == 0
+    (tmp_path / "part" / "reference" / "rolling.0001.exr").unlink()
+    (tmp_path / "part" / ".rolling.0002.exr.tmp.1").touch()  # left by a killed process
+    first = tmp_path / "part" / "rolling.0000.exr"
+    written = first.stat().st_mtime_ns
+    for other in (["--seed", "1"], ["--period", "8"], ["--size", "12x8"], ["--reference", "1"]):
+        assert run("part", 3, *other) == 64, other
+        assert ": holds EXR files of another origin; choose an empty folder" in capsys.readouterr().err
+    assert run("part", 3) == 0
+    assert digests(tmp_path / "part") == digests(tmp_path / "whole")
+    assert first.stat().st_mtime_ns == written
+    assert not [*tmp_path.rglob(".*")]
 
 
 @pytest.mark.parametrize("samples", [2, 3, 8, 60])
