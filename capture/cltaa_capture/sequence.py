@@ -11,6 +11,8 @@ from statistics import median
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from cltaa.errors import CltaaError, ResourceError, UsageError
 from cltaa.frame import Effect, Frame, Image, format_effects
 from cltaa.io.atomic import make_folder, owned
@@ -186,6 +188,9 @@ class _Pen:
         cut = index > 0 and now.shot != before.shot
         with self._timed(1):
             drawn = self._renderer.draw(now, before, (x, y))
+            if np.isinf(drawn.depth).any() and not self.scene.effects & {Effect.SKY, Effect.ALPHA}:
+                what = f"frame {index} shows sky, which {self.scene.name} does not declare"
+                raise UsageError(what, cure="use a less wide --size, or fewer --frames")
             return drawn.frame(self.scene, now, index=index, jitter_px=(x, y), cut=cut)
 
     def samples(self, now: Instant, samples: int) -> Image:

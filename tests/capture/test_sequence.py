@@ -130,6 +130,13 @@ def test_a_failed_write_keeps_what_came_before(tmp_path: Path, monkeypatch: pyte
     assert not (tmp_path / "conveyor.0001.exr").exists()
 
 
+def test_a_picture_beyond_the_scene_is_refused(tmp_path: Path) -> None:
+    """Its sky is declared by nothing: walls and floors end at the sides of a very wide picture."""
+    with pytest.raises(UsageError, match=r"frame 0 shows sky, .*; use a less wide --size, or fewer --frames"):
+        capture_sequence(replace(request(tmp_path), width=64, height=8))
+    assert not list(tmp_path.rglob("*.exr"))
+
+
 def test_frames_may_be_added(tmp_path: Path) -> None:
     capture_sequence(replace(request(tmp_path), frames=1))
     more = capture_sequence(request(tmp_path))
