@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +19,14 @@ from cltaa.io.exr_frame import read_cut, read_number, wrong_attribute
 from cltaa.io.exr_layout import Layout, of_region
 
 Attributes = Mapping[str, object]
+EXPOSURE, CUT = "cltaa:exposure", "cltaa:cut"
+
+
+class Stated(NamedTuple):
+    """What the header of one of a frame's files says."""
+
+    path: Path
+    attributes: Attributes
 
 
 class Source(NamedTuple):
@@ -39,36 +47,47 @@ class Declared(NamedTuple):
     jitter_from: Source
 
 
+def stated_names(profile: Profile) -> frozenset[str]:
+    """Return the attributes that declare something of a frame."""
+    return frozenset({profile.camera.view, profile.camera.projection, profile.jitter.attribute, EXPOSURE, CUT})
+
+
+def _first(files: Sequence[Stated], *names: str) -> Stated:
+    """Return the first of a frame's files whose header has all these attributes, else the first."""
+    return next((file for file in files if file.attributes.keys() >= {*names}), files[0])
+
+
 def declared_frames(
     profile: Profile,
-    attributes: Mapping[int, Attributes],
+    files: Mapping[int, Sequence[Stated]],
     side: Mapping[int, Side],
     side_file: Path | None,
     layouts: Mapping[int, Layout],
     step: int,
 ) -> dict[int, Declared]:
-    """Return the declared values of every frame number; numbers are ``step`` apart, ``layouts`` are of the files.
-    Raises DataError for an invalid jitter, and for matrices that cannot be converted."""
-    jitters: dict[int, Offset | None] = dict.fromkeys(attributes)
-    matrices: dict[int, tuple[Matrix, Matrix] | None] = dict.fromkeys(attributes)
+    """Return the declared values of every frame number; numbers are ``step`` apart, ``layouts`` are of the pictures.
+    Of the ``files`` of a frame the first counts that says something, the colour's before the others. Raises DataError
+    for an invalid jitter, and for matrices that cannot be converted."""
+    jitters: dict[int, Offset | None] = dict.fromkeys(files)
+    matrices: dict[int, tuple[Matrix, Matrix] | None] = dict.fromkeys(files)
 
-    def source(number: int, delay: int, keys: tuple[str, ...], there: tuple[str, ...]) -> Source:
-        number = number + delay * step if number + delay * step in attributes else number
+    def source(number: int, delay: int, keys: tuple[str, ...], kind: str, *names: str) -> Source:
+        number = number + delay * step if number + delay * step in files else number
         if side_file is not None and number in side and getattr(side[number], keys[0]) is not None:
             return Source(side_file, keys)
-        return Source(layouts[number].path, there)
+        return Source(_first(files[number], *names).path, tuple(f"{kind} {name}" for name in names))
 
-    rule, keys, jitter_key = profile.camera, ("world_to_view", "view_to_clip"), ("jitter_px",)
-    in_header, attribute = (f"matrix {rule.view}", f"matrix {rule.projection}"), f"attribute {profile.jitter.attribute}"
-    own = {number: source(number, 0, keys, in_header) for number in attributes}
-    matrices_from = {number: source(number, rule.delay, keys, in_header) for number in attributes}
-    jitter_from = {number: source(number, profile.jitter.delay, jitter_key, (attribute,)) for number in attributes}
-    for number, given in attributes.items():
+    rule, keys, jitter = profile.camera, ("world_to_view", "view_to_clip"), profile.jitter
+    both = "matrix", rule.view, rule.projection
+    own = {number: source(number, 0, keys, *both) for number in files}
+    matrices_from = {number: source(number, rule.delay, keys, *both) for number in files}
+    jitter_from = {n: source(n, jitter.delay, ("jitter_px",), "attribute", jitter.attribute) for n in files}
+    for number, its in files.items():
         if profile.jitter.source == "declared":
-            jitters[number] = _jitter(profile, given, side.get(number), layouts[number].path, number)
+            jitters[number] = _jitter(profile, _first(its, jitter.attribute), side.get(number), number)
         if profile.camera.source != "none":
             with _converted(own[number].path, number):
-                matrices[number] = _matrices(profile.camera, given, side.get(number), layouts[number].path)
+                matrices[number] = _matrices(rule, _first(its, rule.view, rule.projection), side.get(number))
 
     def jitter_of(number: int) -> Offset | None:
         # At the ends of the sequence the delayed frame may not exist; the frame's own values are the best guess.
@@ -76,7 +95,7 @@ def declared_frames(
         return None if raw is None else jitter_px(raw, profile.jitter)
 
     cameras: dict[int, Camera] = {}
-    for number in attributes:
+    for number in files:
         pair = matrices.get(number + profile.camera.delay * step, matrices[number])
         if pair is not None:
             size = layouts[number].display_size
@@ -89,9 +108,9 @@ def declared_frames(
             jitter_from[number] = Source(path, (f"the jitter in {projection}",))
         cameras = dict(zip(cameras, steady, strict=True))
     frames = {}
-    for number in attributes:
+    for number, its in files.items():
         camera = of_region(cameras[number], layouts[number]) if number in cameras else None
-        exposure_and_cut = _exposure_and_cut(attributes[number], side.get(number), layouts[number].path, number)
+        exposure_and_cut = _exposure_and_cut(its, side.get(number), number)
         sources = matrices_from[number], jitter_from[number]
         frames[number] = Declared(camera, jitter_of(number), *exposure_and_cut, *sources)
     return frames
@@ -108,18 +127,20 @@ def _converted(path: Path, number: int) -> Iterator[None]:
         raise DataError("a matrix of the camera has no inverse", path=path, frame=number, cure=cure) from None
 
 
-def _exposure_and_cut(attributes: Attributes, side: Side | None, path: Path, number: int) -> tuple[float | None, bool]:
+def _exposure_and_cut(files: Sequence[Stated], side: Side | None, number: int) -> tuple[float | None, bool]:
     exposure, cut = (None, None) if side is None else (side.exposure, side.cut)
-    if exposure is None and "cltaa:exposure" in attributes:
-        exposure = read_number(attributes, "cltaa:exposure", path, default=1.0)
+    path, attributes = _first(files, EXPOSURE)
+    if exposure is None and EXPOSURE in attributes:
+        exposure = read_number(attributes, EXPOSURE, path, default=1.0)
         check_numbers((0.0, 0.0), exposure, path=path, frame=number)
+    path, attributes = _first(files, CUT)
     return exposure, read_cut(attributes, path) if cut is None else cut
 
 
-def _jitter(profile: Profile, attributes: Attributes, side: Side | None, path: Path, number: int) -> Offset | None:
+def _jitter(profile: Profile, stated: Stated, side: Side | None, number: int) -> Offset | None:
     if side is not None and side.jitter_px is not None:
         return side.jitter_px
-    value = attributes.get(profile.jitter.attribute)
+    value = stated.attributes.get(profile.jitter.attribute)
     if value is None:
         return None
     with suppress(ValueError, TypeError):
@@ -128,22 +149,22 @@ def _jitter(profile: Profile, attributes: Attributes, side: Side | None, path: P
             return float(x), float(y)
     what = f"attribute {profile.jitter.attribute} is no jitter"
     cure = "write both, or do without by --input jitter.source=none"
-    raise DataError(what, path=path, frame=number, expected="two numbers", cure=cure)
+    raise DataError(what, path=stated.path, frame=number, expected="two numbers", cure=cure)
 
 
-def _matrices(rule: Cameras, attributes: Attributes, side: Side | None, path: Path) -> tuple[Matrix, Matrix] | None:
+def _matrices(rule: Cameras, stated: Stated, side: Side | None) -> tuple[Matrix, Matrix] | None:
     if side is not None and side.world_to_view is not None and side.view_to_clip is not None:
         return side.world_to_view, side.view_to_clip
-    view, projection = (_matrix(attributes, name, path) for name in (rule.view, rule.projection))
+    view, projection = (_matrix(stated, name) for name in (rule.view, rule.projection))
     if view is None or projection is None:
         return None
     return standard_camera(view, projection, rule.near) if rule.standard else (view, projection)
 
 
-def _matrix(attributes: Attributes, name: str, path: Path) -> Matrix | None:
+def _matrix(stated: Stated, name: str) -> Matrix | None:
     """Return a matrix attribute as a NumPy matrix for column vectors (Imath: row vectors), or None if missing."""
-    value = attributes.get(name)
+    value = stated.attributes.get(name)
     if value is not None and (not isinstance(value, np.ndarray) or value.shape != (4, 4)):
         cure = "write it so, or do without by --input camera.source=none"
-        raise wrong_attribute(name, path, "M44d or M44f", value, cure)
+        raise wrong_attribute(name, stated.path, "M44d or M44f", value, cure)
     return None if value is None else np.ascontiguousarray(value.T, np.float64)

@@ -8,12 +8,13 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, field, fields
 from operator import attrgetter
+from os.path import relpath
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
-from cltaa.inputs.declared import Declared, declared_frames
+from cltaa.inputs.declared import Declared, Stated, declared_frames, stated_names
 from cltaa.inputs.profile import Profile, channels_option, load_profile, option_text, override, profile_names
 from cltaa.inputs.roles import (
     DEPTH_NAME,
@@ -247,7 +248,8 @@ def open_intake(
     _refuse_whole_numbers(first, roles)
     given = {number: header.of_channel(colour[0]) for number, header in headers.items()}
     side = {} if side_file is None else _side_of(side_file, numbers)
-    known = declared_frames(chosen, given, side, side_file, pictures | layouts, step)
+    stated = {number: [Stated(main[number], given[number]), *_beside(found, number)] for number in around}
+    known = declared_frames(chosen, stated, side, side_file, pictures | layouts, step)
     declared = {number: known[number] for number in numbers}
     delays = {"matrices": step * chosen.camera.delay, "jitter": step * chosen.jitter.delay, "exposure": 0}
     _check_complete(folder, known, numbers, delays, side_file, side)
@@ -269,6 +271,16 @@ def open_intake(
     )
     intake.notes += notes_of(intake, place) + _of_layouts(first.values(), pictures, layouts)
     return intake
+
+
+def _beside(found: _Found, number: int) -> Iterator[Stated]:
+    """Yield what the headers of a frame's other files say, where they may declare what the colour's does not."""
+    colour = found.roles["colour"][0]
+    undeclared = stated_names(found.profile) - found.first[colour.files].of_channel(colour.channel).keys()
+    for label, channel in {place.files: place.channel for its in found.roles.values() for place in its}.items():
+        if label != colour.files and undeclared & found.first[label].of_channel(channel).keys():
+            path = found.sets[label][number]
+            yield Stated(path, read_any_header(path).of_channel(channel))
 
 
 def _of_layouts(
@@ -402,7 +414,18 @@ def notes_of(intake: Intake, place: Selection) -> list[str]:
         )
     if not intake.has_jitter:
         notes.append(f"no jitter: taken as none{SHOWN}")
-    return notes + _left_out(intake, place)
+    return notes + _from_beside(intake, place) + _left_out(intake, place)
+
+
+def _from_beside(intake: Intake, place: Selection) -> list[str]:
+    """Return one line if matrices or jitter are those of other files than the colour's."""
+    first, (colour, *_) = intake.declared[min(intake.declared)], intake.roles["colour"]
+    others = {path for label, files in intake.sets.items() if label != colour.files for path in files.values()}
+    given = {"matrices": (first.camera, first.matrices_from), "jitter": (first.jitter_px, first.jitter_from)}
+    taken = {what: source.path for what, (value, source) in given.items() if value and source.path in others}
+    paths = sorted({relpath(path, place.folder) for path in taken.values()})
+    rest = "and those after it, for the colour's files have none"
+    return [f"{' and '.join(taken)}: from {' and '.join(paths)} {rest}"] if taken else []
 
 
 def _left_out(intake: Intake, place: Selection) -> list[str]:
