@@ -85,6 +85,16 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq -o out --frames -", USAGE, "is no range of frames, such as 8-47"),
     ("resolve seq -o out --look-ahead 99999", WRONG, "--look-ahead: look_ahead has no such value (expected 0 to 64"),
     ("resolve seq -o out --frames 9-99999999999999999999", WRONG, "no such frame (expected 0-2)"),
+    ("resolve seq -o out --config said.toml", WRONG, "published has no such value (expected nothing, article, engine"),
+    ("resolve seq -o out --preset deafult", WRONG, "unknown preset deafult; did you mean default?"),
+    ("resolve seq -o out --preset mine.toml", WRONG, "take a file by --config, and cltaa.load_preset"),
+    ("resolve seq -o out --set bx_scale_static=1", WRONG, "key bx_scale_static; did you mean box_scale_static?"),
+    ("resolve seq -o out --set nonsense=1", WRONG, "--set: unknown key nonsense; known keys: "),
+    ("resolve seq -o out --set sample_limit=0", WRONG, "no such value (expected 1 to 1048576, found 0)"),
+    ("resolve seq -o out --set box_scale_static=-1", WRONG, "box_scale_static has no such value (expected 0 to 64, "),
+    ("resolve seq -o out --set history_frames=7.5", WRONG, "has no such value (expected 1 to 64 (whole), found 7.5)"),
+    ("resolve seq -o out --set rectify=maybe", WRONG, "rectify has no such value (expected none, clamp, "),
+    ("resolve seq -o out --layers dpeth.Z", WRONG, "--layers: no such channel (expected B G R Z, found dpeth.Z)"),
     ("resolve seq -o out --debug rejct", WRONG, "--debug: unknown view rejct; did you mean reject?"),
     ("resolve --debug count,x seq -o out", WRONG, "unknown view x; known views: reject, count, motion, clip"),
     ("resolve seq -o out --debug foo", USAGE, "argument (foo); --debug takes views: reject, count, motion, clip; see"),
@@ -186,7 +196,7 @@ CASES: list[tuple[str, int, str]] = [
         "--only names nothing (expected variants or groups of them); leave it out for all",
     ),
     ("bench accuracy seq -o out --only colour", WRONG, "--only: unknown variant or group colour"),
-    ("bench kernels --size x", USAGE, "not WIDTHxHEIGHT"),
+    ("bench kernels --size x", USAGE, "'x' is not WIDTHxHEIGHT, such as 640x360"),
     ("bench quality --held-out 1,x", USAGE, "'1,x' is no list of whole numbers from 0 on"),
     ("capture spinner -o out --yardstick 2,1", USAGE, "from 2 on"),
     ("bench accuracy done -o out", WRONG, "done: these are results of cltaa resolve (found preset default)"),
@@ -248,6 +258,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "file.txt").write_text("not what you think")
     (folder / "latin.toml").write_bytes(b"# caf\xe9")
     (folder / "other.toml").write_text('preset = "nope"')
+    (folder / "said.toml").write_text("published = 3")
     (folder / "profile.toml").write_text("[colour]\n[jitter]\n")
     (folder / "jitter.toml").write_text("[jitter]\nscale = [-1.0, -1.0]\n")
     (folder / "large.toml").write_text("#" * 100_000)

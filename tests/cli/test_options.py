@@ -42,11 +42,6 @@ def test_wrong_option_values_are_refused(kind: click.ParamType[tuple[object, ...
         kind.convert(text, None, None)
 
 
-def test_a_size_is_reported_as_it_is_written() -> None:
-    with pytest.raises(click.BadParameter, match="'640' is not WIDTHxHEIGHT, such as 640x360"):
-        SIZE.convert("640", None, None)
-
-
 def test_a_time_may_have_its_unit() -> None:
     assert [SECONDS.convert(text, None, None) for text in ("5s", "0.5 s", "5")] == [5.0, 0.5, 5.0]
 

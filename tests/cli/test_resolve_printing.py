@@ -1,4 +1,4 @@
-"""What ``cltaa resolve`` says of a run, and what of its options reaches it."""
+"""What ``cltaa resolve`` says of a run."""
 
 from __future__ import annotations
 
@@ -10,11 +10,6 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.core.build import Storage
-from cltaa.core.debug import View
-from cltaa.core.presets import Preset
-from cltaa.core.resolver import Resolver
-from cltaa.frame import Effect
 from cltaa.inputs.intake import OPAQUE
 from cltaa.io.exr_write import write_frame
 from cltaa.pipeline.run import ResolveReport, StageTimes
@@ -95,71 +90,6 @@ def test_an_alpha_of_1_in_every_frame_of_another_tool_is_reported(
     folder = write_blender(tmp_path / "in", [make_frame(0, motion=True)])
     assert main(["resolve", str(folder), "-o", str(tmp_path / "out"), "--device", "numpy"]) == 0
     assert (OPAQUE in " ".join(capsys.readouterr().out.split())) is told
-
-
-def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: dict[str, Any] = {}
-
-    def run(_source: object, output: Path, resolver: Resolver, **more: Any) -> ResolveReport:
-        asked.update(more, output=output, resolver=resolver)
-        return outcome()
-
-    def built(preset: Preset, device: str | None, _source: object, band_rows: int | None, **more: Any) -> str:
-        asked.update(more, gamma=preset.settings.box_scale_static, device=device, band_rows=band_rows)
-        return "the resolver"
-
-    monkeypatch.setattr("cltaa.pipeline.folder.resolve_sequence", run)
-    monkeypatch.setattr("cltaa.pipeline.folder.resolver_for", built)
-    monkeypatch.setattr("cltaa.commands.resolve.stop_signals", lambda: "signals")
-    options = [
-        "--set",
-        " box_scale_static = 2 ",
-        "--device",
-        "numpy",
-        "--storage",
-        "half",
-        "--half",
-        "--strict",
-        "--band-rows",
-        "8",
-        "--compression",
-        "piz",
-        "--checkpoint",
-        "3",
-        "--restart",
-        "--debug",
-        "count",
-        "--effects",
-        "camera",
-    ]
-    out = tmp_path / "out"
-    assert main(["resolve", str(write_sequence(tmp_path / "in", 1)), "-o", str(out), *options]) == 0
-    assert asked == {
-        "gamma": 2.0,
-        "device": "numpy",
-        "jobs": 1,
-        "others": [],
-        "storage": Storage.HALF,
-        "strict": True,
-        "band_rows": 8,
-        "every_step": False,
-        "half": True,
-        "resolver": "the resolver",
-        "arrivals": None,
-        "found": None,
-        "output": out,
-        "effects": frozenset({Effect.CAMERA}),
-        "compression": "piz",
-        "preview": None,
-        "compare": None,
-        "denoise": "none",
-        "restart": True,
-        "checkpoint_every": 3,
-        "debug": (View.COUNT,),
-        "layers": (),
-        "stopping": "signals",
-        "progress": True,
-    }
 
 
 def test_what_frames_are_warned_of_is_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
