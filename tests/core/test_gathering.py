@@ -53,15 +53,6 @@ def test_a_still_pixel_is_the_mean_of_its_kept_samples() -> None:
     assert np.abs(resolved - mean).max() <= (KEPT + 3) * 2.0**-24 * 4 * 2
 
 
-def test_a_constant_image_keeps_its_bits_whatever_moves() -> None:
-    resolver = Resolver(gathering(), "numpy")
-    value = np.float32(0.1)
-    for index in range(12):
-        moved = make_frame(index, motion=True, camera=make_camera((0.07 * index, 0.0, 5.0)), effects=None)
-        resolved = resolver.resolve(replace(moved, colour=np.full_like(moved.colour, value)))
-        assert (bits(resolved) == bits(np.full_like(resolved, value))).all()
-
-
 def test_a_bad_texel_is_left_out_and_goes_nowhere() -> None:
     clean, dirty = Resolver(gathering(), "numpy"), Resolver(gathering(), "numpy")
     for index in range(4):
@@ -78,23 +69,6 @@ def test_a_bad_texel_is_left_out_and_goes_nowhere() -> None:
         reach = 1
         different[10 - reach : 11 + reach, 12 - reach : 13 + reach] = False
         assert not different.any(), index
-
-
-def test_state_can_be_kept_and_restored() -> None:
-    frames = list(hard_frames(count=6))
-    whole = Resolver(gathering(), "numpy")
-    expected = [whole.resolve(frame) for frame in frames]
-    first, second = Resolver(gathering(), "numpy"), Resolver(gathering(), "numpy")
-    for frame in frames[:3]:
-        first.resolve(frame)
-    past, buffers = first.recurrent()
-    targets = second.restore(past)
-    assert targets.keys() == buffers.keys()
-    for name, target in targets.items():
-        with target.mapped(write=True) as to, buffers[name].mapped(write=False) as source:
-            to[...] = source
-    for frame, image in zip(frames[3:], expected[3:], strict=True):
-        assert (bits(second.resolve(frame)) == bits(image)).all()
 
 
 def test_another_size_empties_the_frame_ring() -> None:

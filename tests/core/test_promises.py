@@ -16,8 +16,7 @@ from tests.core.standing import panned
 from tests.sequence_factory import any_bits, make_camera, make_frame
 
 WIDTH, HEIGHT = 20, 12
-# The same code as gather-8 and gather-8+8; tests/numerics/test_every_tier.py has our own ladder.
-PRESETS = pytest.mark.parametrize("name", [n for n in preset_names() if n not in ("gather-48", "gather-24+24")])
+PRESETS = pytest.mark.parametrize("name", preset_names())
 
 
 def declared(name: str) -> list[frozenset[Effect] | None]:

@@ -104,17 +104,6 @@ def test_a_transparent_surface_that_comes_and_leaves_has_the_bits_of_the_twin() 
         assert (bits(device.resolve(frame)) == bits(twin.resolve(frame))).all(), index
 
 
-def test_a_constant_image_keeps_its_bits_whatever_moves() -> None:
-    resolver = Resolver(load_preset("gather-48"))
-    value = np.float32(0.1)
-    for index in range(10):
-        moved = make_frame(
-            index, motion=True, camera=make_camera((0.07 * index, 0.0, 5.0)), effects=ALL - {Effect.ALPHA}
-        )
-        resolved = resolver.resolve(replace(moved, colour=np.full_like(moved.colour, value)))
-        assert (bits(resolved) == bits(np.full_like(resolved, value))).all()
-
-
 def declared(count: int) -> Iterator[Frame]:
     return (replace(frame, effects=ALL) for frame in hard_frames(count=count))
 

@@ -17,8 +17,8 @@ from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset, override
 from cltaa.core.record import Past, frame_record
 from cltaa.core.resolver import Resolver
-from cltaa.frame import Frame
 from cltaa.opencl.launcher import DeviceLauncher
+from tests.core.standing import panned
 from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import Work, run_stage
 from tests.numerics.still_frames import CAMERA, UNIT_ROUNDOFF, grey, still_frame, unfiltered
@@ -320,20 +320,13 @@ def test_b5_whole_displacements_are_lossless(launcher: DeviceLauncher, kind: His
         assert np.array_equal(bits(read), bits(history[to_y, to_x])), size
 
 
-def panned(frame: Frame, pixels: float) -> Frame:
-    """The frame seen by a camera whose picture lies ``pixels`` further to the left, at every depth."""
-    clip = frame.camera.view_to_clip.copy()
-    clip[0, 2] += 2.0 * pixels / frame.width
-    return replace(frame, camera=replace(frame.camera, view_to_clip=clip))
-
-
 @pytest.mark.parametrize("width", [37, 640, 1919])
 def test_b5_a_camera_that_pans_by_whole_pixels_is_lossless(width: int) -> None:
     preset = override(unfiltered(), {"rectify": "none", "reject": "none", "sample_limit": 2.0**20})
     resolver, shift = Resolver(preset, "numpy"), 3
     first, second = (make_frame(i, width=width, height=9, camera=make_camera(aspect=width / 9)) for i in (0, 1))
     resolver.resolve(first)
-    resolved = resolver.resolve(panned(second, shift))
+    resolved = resolver.resolve(replace(second, camera=panned(second.camera, shift, width)))
     history, current = first.colour[:, shift:], second.colour[:, :-shift]
     assert np.array_equal(bits(resolved[:, :-shift]), bits(history + np.float32(0.5) * (current - history)))
 

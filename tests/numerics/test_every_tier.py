@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from cltaa.frame import Effect, Frame
 from cltaa.opencl.launcher import DeviceLauncher
 from tests.kernels.test_resolve import hard_frames, turned
 from tests.numerics.still_frames import still_frame
-from tests.sequence_factory import any_bits, bits, make_frame
+from tests.sequence_factory import bits, make_frame
 
 WIDTH, HEIGHT = 28, 24
 TIERS = LADDER
@@ -53,18 +52,6 @@ def check_plan(resolver: Resolver, declared: str) -> None:
 
 
 @pytest.mark.parametrize("tier", TIERS)
-def test_a1_any_bits_give_finite_output_in_every_tier(tier: str) -> None:
-    for declared in DECLARED:
-        random, resolver = np.random.default_rng(71), Resolver(tier, "numpy")
-
-        for frame in moving(4, declared):
-            planes = {name: getattr(frame, name) for name in ("colour", "depth", "motion", "alpha", "reactive")}
-            channels: dict[str, Any] = {name: any_bits(random, p) for name, p in planes.items() if p is not None}
-            assert np.isfinite(resolver.resolve(replace(frame, **channels))).all(), declared
-        check_plan(resolver, declared)
-
-
-@pytest.mark.parametrize("tier", TIERS)
 def test_e1_a_constant_picture_keeps_its_bits_in_every_tier(tier: str) -> None:
     for declared in DECLARED:
         resolver, colour = Resolver(tier, "numpy"), np.array([0.1, 3.7, 2e-5], np.float32)
@@ -93,12 +80,14 @@ def test_e1_equal_frames_give_equal_bits_in_every_tier(tier: str) -> None:
 @pytest.mark.parametrize("tier", TIERS)
 def test_g6_twice_the_light_gives_twice_the_picture_in_every_tier(tier: str) -> None:
     for declared in DECLARED:
-        plain, brighter = (Resolver(override(load_preset(tier), {"weighting": "none"}), "numpy") for _ in range(2))
-        factor = np.float32(2.0**7)
+        preset, factors = override(load_preset(tier), {"weighting": "none"}), [1.0, 2.0**-30, 2.0**30]
+        resolvers = [Resolver(preset, "numpy") for _ in factors]
         for frame in moving(4, declared):
-            resolved, twice = plain.resolve(frame), brighter.resolve(replace(frame, colour=frame.colour * factor))
-            assert np.array_equal(bits(twice[..., :3]), bits(resolved[..., :3] * factor)), declared
-        check_plan(plain, declared)
+            lit = [replace(frame, colour=frame.colour * np.float32(factor)) for factor in factors]
+            plain, *others = (resolver.resolve(each)[..., :3] for resolver, each in zip(resolvers, lit, strict=True))
+            for factor, image in zip(factors[1:], others, strict=True):
+                assert np.array_equal(bits(image), bits(plain * np.float32(factor))), declared
+        check_plan(resolvers[0], declared)
 
 
 @pytest.mark.parametrize(

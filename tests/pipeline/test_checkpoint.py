@@ -29,8 +29,12 @@ def resolved(sequence: list[Frame], **options: object) -> tuple[Resolver, list[I
 
 @pytest.mark.parametrize(
     ("options", "alpha"),
-    [({"preset": "fast", "storage": Storage.HALF}, True), ({"device": "numpy"}, False)],
-    ids=["half", "numpy"],
+    [
+        ({"preset": "fast", "storage": Storage.HALF}, True),
+        ({"device": "numpy"}, False),
+        ({"preset": "gather-8", "device": "numpy"}, True),
+    ],
+    ids=["half", "numpy", "ring"],
 )
 def test_restored_resolver_gives_the_same_bits(tmp_path: Path, options: dict[str, object], alpha: bool) -> None:
     sequence = frames(6, alpha=alpha)
