@@ -74,6 +74,7 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq -o out --config empty", DATA, "empty: this is a folder (expected a TOML file)"),
     ("resolve seq -o out --config /dev/zero", DATA, "/dev/zero: this is a pipe or a device (expected a TOML file)"),
     ("resolve seq -o out --config latin.toml", DATA, "latin.toml: not UTF-8"),
+    ("resolve seq -o out --config deep.toml", DATA, "deep.toml: not TOML"),
     ("resolve seq -o out --config profile.toml", WRONG, "profile.toml: unknown key colour"),
     ("resolve seq -o out --config jitter.toml", WRONG, "jitter.toml: unknown key jitter"),
     ("resolve seq -o out --config large.toml", DATA, "large.toml: too large for a TOML file"),

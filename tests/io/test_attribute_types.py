@@ -12,11 +12,10 @@ import OpenEXR
 import pytest
 
 from cltaa.core.resolver import Resolver
-from cltaa.errors import DataError
 from cltaa.io.exr_read import read_any_header, read_planes
 from cltaa.io.sequence import open_sequence
 from cltaa.pipeline.run import resolve_sequence
-from tests.sequence_factory import read_frame, write_sequence
+from tests.sequence_factory import write_sequence
 
 Change = Callable[[Any], object]
 AS: dict[str, list[Change]] = {
@@ -54,17 +53,6 @@ def test_a_number_of_any_type_is_read_and_goes_through_a_resolve_and_its_checkpo
         assert frame.exposure == 2.0
     outcome = resolve_sequence(sequence, tmp_path / "out", Resolver(device="numpy"), checkpoint_every=1, progress=False)
     assert outcome.frames == 3
-
-
-@pytest.mark.parametrize(
-    ("name", "change"),
-    [("cltaa:exposure", lambda _: "two"), ("cltaa:frame", lambda _: 1.5), ("cltaa:jitterPx", lambda _: "0 0")],
-)
-def test_what_stands_for_no_number_is_refused_by_name(name: str, change: Change, tmp_path: Path) -> None:
-    path = sorted(write_sequence(tmp_path / "seq", 1).glob("*.exr"))[0]
-    rewrite(path, name, change)
-    with pytest.raises(DataError, match=f"attribute {name} is wrong"):
-        read_frame(path)
 
 
 @pytest.mark.parametrize("parts", [1, 2])

@@ -103,11 +103,13 @@ def test_resolved_images_are_verified_by_their_manifest(tmp_path: Path) -> None:
         ('{"files": ["a"]}', "wrong content .*a SHA-256 in hexadecimal"),
         ('{"files": "abc"}', "wrong content .*a SHA-256 in hexadecimal"),
         ("[" * 100_000, "not readable as JSON: .*; capture the sequence again"),
+        ("{", "not readable as JSON: "),
+        ("\udcff", "not UTF-8"),
         ("7", "wrong content .*a JSON object, found int"),
     ],
 )
 def test_damaged_record_is_an_error_and_not_a_pass(tmp_path: Path, content: str, says: str) -> None:
     sequence = open_sequence(write_sequence(tmp_path, 1))
-    (tmp_path / "sequence.json").write_text(content)
+    (tmp_path / "sequence.json").write_bytes(content.encode("utf-8", "surrogateescape"))
     with pytest.raises(DataError, match=rf"sequence\.json: {says}"):
         sequence.frame(0)

@@ -211,6 +211,7 @@ def test_lossy_or_unknown_compression_is_refused(tmp_path: Path, compression: st
             r"backward.u: array is wrong .*found float32 \[23, 37, 3\]",
         ),
         ({"object_id": np.full((HEIGHT, WIDTH), 0.5, np.float32)}, "channel id: array is wrong"),
+        ({"camera": Camera(np.full((4, 4), np.nan), np.eye(4))}, r"frame 7: camera\.world_to_view holds NaN"),
         ({"index": 1.5}, "index is wrong .*a whole number"),
         ({"effects": ["nonsense"]}, "effects are no set"),
         ({"effects": {"nonsense"}}, "unknown effect nonsense"),

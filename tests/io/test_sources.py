@@ -94,13 +94,6 @@ def test_select_returns_a_range_and_refuses_others(tmp_path: Path) -> None:
             sequence.select(first, last)
 
 
-@pytest.mark.parametrize("missing", [1, 2, 3])
-def test_gap_names_the_frame(tmp_path: Path, missing: int) -> None:
-    write_sequence(tmp_path, 5)
-    (tmp_path / f"synthetic.{missing:04d}.exr").unlink()
-    assert f"synthetic.{missing:04d}.exr frame {missing}: the frame is missing" in refusal(tmp_path, InputMissing)
-
-
 def test_missing_empty_and_wrong_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "folder is missing; check the name" in refusal(tmp_path / "nowhere", InputMissing)
     assert f"that its frames are in: {tmp_path}" in refusal(tmp_path / "a.####.exr", InputMissing)
@@ -114,12 +107,6 @@ def test_missing_empty_and_wrong_folders(tmp_path: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(Path, "iterdir", refuse)
     assert "cannot be read: Permission denied" in refusal(tmp_path, InputMissing)
-
-
-def test_a_step_of_nothing_is_no_step(tmp_path: Path) -> None:
-    write_sequence(tmp_path, 2)
-    with pytest.raises(UsageError, match="the step between frames is wrong"):
-        open_sequence(tmp_path, step=0)
 
 
 def test_a_folder_above_sequences_names_them(tmp_path: Path) -> None:
@@ -138,14 +125,6 @@ def test_a_folder_above_sequences_names_them(tmp_path: Path) -> None:
         open_input(tmp_path / "shots")
 
 
-def test_sizes_that_differ_are_refused(tmp_path: Path) -> None:
-    write_sequence(tmp_path, 3)
-    write_frame(tmp_path / "synthetic.0002.exr", make_frame(2, width=WIDTH + 1))
-    message = refusal(tmp_path, DataError)
-    assert "frame 2" in message
-    assert f"expected {WIDTH} x {HEIGHT}, found {WIDTH + 1} x {HEIGHT}" in message
-
-
 def test_two_sequences_and_two_files_of_one_number(tmp_path: Path) -> None:
     write_sequence(tmp_path, 2)
     shutil.copy(tmp_path / "synthetic.0001.exr", tmp_path / "synthetic.1.exr")
@@ -155,16 +134,6 @@ def test_two_sequences_and_two_files_of_one_number(tmp_path: Path) -> None:
     refused = refusal(tmp_path, DataError)
     assert "several sequences in one folder (found other, synthetic); name the files of one, such as" in refused
     assert "in Python cltaa.open" in refused
-
-
-def test_folder_and_truncated_file_in_place_of_a_frame(tmp_path: Path) -> None:
-    write_sequence(tmp_path, 3)
-    path = tmp_path / "synthetic.0001.exr"
-    path.write_bytes(path.read_bytes()[:-1])
-    assert "synthetic.0001.exr: the file is truncated" in refusal(tmp_path, DataError)
-    path.unlink()
-    path.mkdir()
-    assert "synthetic.0001.exr: this is a folder" in refusal(tmp_path, DataError)
 
 
 def test_hidden_files_are_no_frames(tmp_path: Path) -> None:
@@ -200,14 +169,6 @@ def test_a_reference_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     write_images(tmp_path / "reference", small, name="synthetic")
     with pytest.raises(DataError, match="size differs"):
         _ = open_sequence(tmp_path).reference
-
-
-@pytest.mark.parametrize("content", ["{", "[1]", "\udcff"])
-def test_a_damaged_sequence_json_is_refused(tmp_path: Path, content: str) -> None:
-    sequence = open_sequence(write_sequence(tmp_path, 1))
-    (tmp_path / "sequence.json").write_bytes(content.encode("utf-8", "surrogateescape"))
-    with pytest.raises(DataError, match=r"sequence\.json"):
-        _ = sequence.sequence_json
 
 
 def test_an_image_without_colour_is_refused(tmp_path: Path) -> None:

@@ -250,18 +250,6 @@ def test_the_text_states_the_facts_and_the_problems(capsys: pytest.CaptureFixtur
     assert "✗ frames missing: 2" in capsys.readouterr().out
 
 
-def test_nothing_to_inspect_exits_with_66(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    for folder, message in ((tmp_path / "nowhere", "folder is missing"), (tmp_path, "no frames in the folder")):
-        assert main(["inspect", str(folder)]) == 66
-        captured = capsys.readouterr()
-        assert captured.out == ""
-        assert message in captured.err
-        assert captured.err.count("\n") == 1
-    write_sequence(tmp_path, 1)
-    write_sequence(tmp_path, 1, name="other")
-    assert main(["inspect", str(tmp_path)]) == 65
-
-
 def test_gap_of_half_a_billion_frames_is_reported_at_once(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """A name may hold any number; the numbers between must not be counted out in memory."""
     write(tmp_path, [sound(0)])
