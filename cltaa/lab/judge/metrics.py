@@ -95,9 +95,10 @@ def ssim(test: Image, reference: Image, stops: float = 0.0) -> float:
         expected = f"at least {SSIM_SMALLEST_SIDE} pixels a side"
         found, cure = f"{test.shape[1]} x {test.shape[0]}", "leave it out: --metrics mse,psnr,flip"
         raise DataError("image too small for SSIM", expected=expected, found=found, cure=cure)
+    # In float32 the variances of smooth pictures are only rounding, and the mean could exceed 1.
     value = _import_skimage().structural_similarity(
-        luma(to_display(test, stops)),
-        luma(to_display(reference, stops)),
+        luma(to_display(test, stops)).astype(np.float64),
+        luma(to_display(reference, stops)).astype(np.float64),
         gaussian_weights=True,
         sigma=SSIM_SIGMA,
         use_sample_covariance=False,

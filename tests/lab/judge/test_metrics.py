@@ -16,7 +16,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.errors import DataError, UsageError
 from cltaa.frame import Image
-from cltaa.io.display import to_display
+from cltaa.io.display import luma, to_display
 from cltaa.lab.judge.metrics import (
     METRICS,
     flip_map,
@@ -91,6 +91,31 @@ def test_ssim_of_a_constant_shift_follows_its_formula() -> None:
     expected = (2 * a * b + 1e-4) / (a * a + b * b + 1e-4)
     # Luma of equal channels is off by 2^-23, and scikit-image works in float32.
     assert ssim(test, reference) == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize("size", [(24, 32), (11, 11)])
+def test_ssim_of_smooth_pictures_follows_its_formula_and_stays_below_1(size: tuple[int, int]) -> None:
+    """Written anew in float64: in float32 the variances are rounding, and the mean of these is 1.000003."""
+    reference = np.full((*size, 3), 0.9, np.float32)
+    test = noisy(reference, 1e-4)
+    taps = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
+    window = np.outer(taps, taps) / taps.sum() ** 2
+    one, other = (
+        np.lib.stride_tricks.sliding_window_view(luma(to_display(image)).astype(np.float64), (11, 11))
+        for image in (test, reference)
+    )
+
+    def mean_of(values: Any) -> Any:
+        return (values * window).sum((-2, -1))
+
+    means = mean_of(one), mean_of(other)
+    variances = mean_of(one**2) - means[0] ** 2 + mean_of(other**2) - means[1] ** 2
+    covariance = mean_of(one * other) - means[0] * means[1]
+    light = (2 * means[0] * means[1] + 0.01**2) / (means[0] ** 2 + means[1] ** 2 + 0.01**2)
+    expected = float((light * (2 * covariance + 0.03**2) / (variances + 0.03**2)).mean())
+    # Each variance is a difference of numbers near 1, rounded at 2^-53, over 0.03^2.
+    assert ssim(test, reference) == pytest.approx(expected, abs=2**-53 * 16 / 0.03**2)
+    assert ssim(test, reference) < 1
 
 
 @pytest.mark.parametrize("metric", METRICS.values(), ids=list(METRICS))
