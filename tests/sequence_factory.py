@@ -7,6 +7,7 @@ that two calls agree to the bit. Sizes default to something odd, so that a swap 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from cltaa.io.exr_read import read_frame_and_header
 from cltaa.io.exr_write import write_frame, write_image
 
 WIDTH, HEIGHT = 37, 23
+EVERY_CHANNEL: dict[str, Any] = {"motion": True, "alpha": True, "reactive": True}  # that a resolve reads
 
 # float32 bit patterns that a careless path changes: quiet and signalling NaN with payloads, -0, denormals, infinities,
 # the largest number, and values that half precision cannot hold.

@@ -13,7 +13,7 @@ from cltaa.core.presets import load_preset, override, preset_names
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame, Image
 from tests.core.standing import panned
-from tests.sequence_factory import any_bits, make_camera, make_frame
+from tests.sequence_factory import EVERY_CHANNEL, any_bits, make_camera, make_frame
 
 WIDTH, HEIGHT = 20, 12
 PRESETS = pytest.mark.parametrize("name", preset_names())
@@ -31,13 +31,12 @@ def images_of(name: str, frames: list[Frame]) -> list[Image]:
 
 @PRESETS
 def test_any_bits_give_a_finite_result(name: str) -> None:
-    channels: dict[str, Any] = dict.fromkeys(("alpha", "motion", "reactive"), True)
     for effects in declared(name):
         rng, frames = np.random.default_rng(0), []
         for number in range(3):
-            frame = make_frame(number, width=WIDTH, height=HEIGHT, effects=effects, **channels)
+            frame = make_frame(number, width=WIDTH, height=HEIGHT, effects=effects, **EVERY_CHANNEL)
             wild: dict[str, Any] = {
-                each: any_bits(rng, getattr(frame, each)) for each in ("colour", "depth", *channels)
+                each: any_bits(rng, getattr(frame, each)) for each in ("colour", "depth", *EVERY_CHANNEL)
             }
             frames.append(replace(frame, **wild))
         assert all(np.isfinite(image).all() for image in images_of(name, frames)), effects

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from cltaa.cli import main
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame, Image
 from cltaa.io.exr_write import write_frame
-from tests.sequence_factory import bits, make_camera, make_frame, read_frame
+from tests.sequence_factory import EVERY_CHANNEL, bits, make_camera, make_frame, read_frame
 
 CELL = 40  # pixels between two harmed ones
 HEIGHT, WIDTH, FRAMES = 2 * CELL, 3 * CELL, 4
@@ -46,20 +47,8 @@ PLACES = {name: (CELL // 2 + CELL * (n // 3), CELL // 2 + CELL * (n % 3)) for n,
 
 def sequence() -> list[Frame]:
     effects = frozenset({Effect.MOTION, Effect.ALPHA, Effect.REACTIVE})
-    frames = []
-    for index in range(FRAMES):
-        frame = make_frame(
-            index,
-            width=WIDTH,
-            height=HEIGHT,
-            motion=True,
-            alpha=True,
-            reactive=True,
-            camera=make_camera(aspect=WIDTH / HEIGHT),
-            effects=effects,
-        )
-        frames.append(frame)
-    return frames
+    kept: dict[str, Any] = {"width": WIDTH, "height": HEIGHT, "camera": make_camera(aspect=WIDTH / HEIGHT)}
+    return [make_frame(index, effects=effects, **kept, **EVERY_CHANNEL) for index in range(FRAMES)]
 
 
 def plane(frame: Frame, channel: str) -> Image:

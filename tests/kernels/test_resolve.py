@@ -21,7 +21,7 @@ from cltaa.core.parameters import Choices
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Camera, Effect, Frame
-from tests.sequence_factory import bits, make_frame, special_values
+from tests.sequence_factory import EVERY_CHANNEL, bits, make_frame, special_values
 
 # Every choice that shapes a kernel, with the kind of its values.
 CHOICES = get_type_hints(Choices)
@@ -46,16 +46,8 @@ def hard_frames(width: int = 70, height: int = 41, count: int = 3) -> Iterator[F
     """Random frames with every optional channel, and numbers that a careless path lets spread."""
     for index in range(count):
         random = np.random.default_rng(index)
-        frame = make_frame(
-            index,
-            width=width,
-            height=height,
-            motion=True,
-            alpha=True,
-            reactive=True,
-            camera=turned(index, width, height),
-            effects=None,
-        )
+        camera = turned(index, width, height)
+        frame = make_frame(index, width=width, height=height, camera=camera, effects=None, **EVERY_CHANNEL)
         assert frame.motion is not None
         colour, depth, motion = frame.colour.copy(), frame.depth.copy(), 8 * frame.motion
         wild = random.random((height, width)) < 0.03

@@ -38,7 +38,7 @@ from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import chain_work, differing, hard_work, run_stage
 from tests.kernels.test_resolve import turned
 from tests.numerics.kernel_text import calls_of, kernel_files
-from tests.sequence_factory import any_bits, bits, make_frame
+from tests.sequence_factory import EVERY_CHANNEL, any_bits, bits, make_frame
 
 WIDTH, HEIGHT = 48, 40
 ROW, COLUMN = 20, 24
@@ -113,17 +113,9 @@ def test_a1_any_bits_of_input_give_finite_output(
         resolver = Resolver(preset, launcher, build=Build(lanes=lanes))  # the fast build: a CPU's and a GPU's
 
         for index in range(4):
-            frame = make_frame(
-                index,
-                width=WIDTH,
-                height=HEIGHT,
-                motion=True,
-                alpha=True,
-                reactive=True,
-                camera=turned(index, WIDTH, HEIGHT),
-                effects=None,
-            )
-            names = ("colour", "depth", "motion", "alpha", "reactive")
+            camera = turned(index, WIDTH, HEIGHT)
+            frame = make_frame(index, width=WIDTH, height=HEIGHT, camera=camera, effects=None, **EVERY_CHANNEL)
+            names = ("colour", "depth", *EVERY_CHANNEL)
             channels: dict[str, Any] = {name: any_bits(random, getattr(frame, name)) for name in names}
             assert np.isfinite(resolver.resolve(replace(frame, **channels))).all(), seed
             assert resolver.plan is not None, seed
