@@ -16,10 +16,11 @@ from cltaa.commands.presets import parameter_rows
 from cltaa.core.presets import FIELDS, load_preset, preset_names
 from cltaa.core.resolver import Resolver
 from cltaa.io.exr_read import read_image
-from cltaa.io.exr_write import write_frame
+from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.preset_file import load_config
-from cltaa.io.sequence import open_sequence
-from tests.sequence_factory import bits, read_frame, write_sequence
+from cltaa.io.sequence import open_images, open_sequence
+from tests.inputs.foreign import write_blender
+from tests.sequence_factory import bits, make_frame, read_frame, write_sequence
 
 
 def test_resolved_files_hold_what_the_resolver_returns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -225,3 +226,25 @@ def test_kernel_text_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["kernels", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["kernels"]["resolve"] == told["hash"]
     assert main(["kernels", "--show", "nonsense"]) == 64
+
+
+def test_blender_frames_without_matrices_are_resolved_by_vectors(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_blender(tmp_path / "in", [make_frame(index, motion=True, effects=None) for index in range(3)])
+    assert main(["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy"]) == 0
+    said = capsys.readouterr().err
+    assert "profile blender: header attribute Software is Blender 5.0.1" in said
+    assert "no matrices: motion vectors alone" in said
+    assert len(open_images(tmp_path / "out")) == 3
+
+
+def test_nothing_but_still_colour_is_averaged(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    pictures = [np.full((8, 8), 0.5, np.float32) + rng.normal(0, 0.01, (8, 8)).astype(np.float32) for _ in range(8)]
+    (tmp_path / "in").mkdir()
+    for index, picture in enumerate(pictures):
+        write_image(tmp_path / "in" / f"a.{index:04d}.exr", dict.fromkeys("RGB", picture))
+    assert main(["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy"]) == 0
+    last = open_images(tmp_path / "out").image(7)[..., 0]
+    assert np.std(last) < 0.7 * np.std(pictures[7])  # a mean of 8 would leave 0.35 of it, rectification a little more

@@ -1,7 +1,8 @@
-"""The current filter where samples are few, and the width of the box where nothing moves."""
+"""The current filter: its weights, and where samples are few; the width of the box where nothing moves."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -9,11 +10,11 @@ import numpy as np
 import pytest
 
 from cltaa.core.build import Build, settings_record
-from cltaa.core.parameters import BoxSpace, Choices, Settings
+from cltaa.core.parameters import BoxSpace, Choices, CurrentFilter, Settings
 from cltaa.core.plan import plan_frame
 from cltaa.core.planes import Layout
 from cltaa.core.presets import Preset, load_preset, override
-from cltaa.core.record import Past, frame_record
+from cltaa.core.record import Past, axis_weights, frame_record
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame
 from cltaa.reference.neighbourhood import Statistics
@@ -129,3 +130,24 @@ def test_the_box_of_extremes_is_widened_by_gamma(gamma: float, moved: float) -> 
     )
     assert [float(v[0, 0]) for v in found.change] == [-moved, 0.0, moved]
     assert float(found.clip_distance[0, 0]) == moved / gamma
+
+
+Kernel = Callable[[np.ndarray], np.ndarray]
+FALLOFF = 1.7
+KERNELS: dict[str, Kernel] = {
+    "none": lambda _: np.array([0.0, 1.0, 0.0]),
+    "bilinear": lambda d: np.maximum(0.0, 1.0 - d),
+    "gaussian": lambda d: np.exp(-FALLOFF * d**2),
+    # As FSR writes it.
+    "lanczos": lambda d: np.where(d < 2, (25 / 16 * (0.4 * d**2 - 1) ** 2 - 9 / 16) * (0.25 * d**2 - 1) ** 2, 0.0),
+}
+
+
+@pytest.mark.parametrize("kind", CurrentFilter)
+def test_weights_are_shares_of_the_kernel_at_each_sample(kind: CurrentFilter) -> None:
+    choices, settings = Choices(current_filter=kind), Settings(filter_falloff=FALLOFF)
+    for jitter in (-0.45, 0.0, 0.3, 1.4):
+        values = KERNELS[kind](np.abs(np.array([-1.0, 0.0, 1.0]) + jitter))
+        before, _, after = values / values.sum()
+        # A dozen roundings of doubles of the order of 1.
+        assert axis_weights(jitter, choices, settings) == pytest.approx((before, after), rel=0, abs=16 * 2.0**-52)

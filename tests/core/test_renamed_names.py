@@ -12,7 +12,6 @@ from cltaa.commands.options import chosen_effects
 from cltaa.core.presets import FIELDS, load_preset, override, preset_names, words_of
 from cltaa.frame import Effect, parse_effects
 from cltaa.io.preset_file import load_config
-from cltaa.io.sequence import open_sequence
 from cltaa.renamed import EFFECTS, KEYS, MEMBERS, PRESETS, PUBLIC, WORDS, Renamed
 from tests.sequence_factory import write_sequence
 
@@ -58,13 +57,6 @@ def test_every_old_member_stands_for_its_new_one() -> None:
     for old, new in MEMBERS["Effect"].items():
         with pytest.warns(Renamed):
             assert getattr(Effect, old) is Effect[new], old
-
-
-def test_effects_of_an_old_file_are_read_by_their_new_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cltaa.io.exr_frame.format_effects", lambda _: "camera,shading,uncover")
-    folder = write_sequence(tmp_path, 1)
-    (frame,) = open_sequence(folder)
-    assert frame.effects == frozenset({Effect.CAMERA, Effect.ILLUMINATION, Effect.DISOCCLUSION})
 
 
 def test_a_command_warns_in_one_line_for_each_old_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

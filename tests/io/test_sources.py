@@ -14,6 +14,7 @@ from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.frame import Effect
 from cltaa.inputs.open import open_input
 from cltaa.io.exr_write import write_frame, write_image
+from cltaa.io.numbered import OnBreak, check_steps, even_step, missing_from
 from cltaa.io.sequence import open_images, open_sequence
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_images, write_sequence
 
@@ -189,3 +190,24 @@ def test_what_to_do_at_a_break_may_be_said_by_name(tmp_path: Path) -> None:
             UsageError, match=r"unknown way to continue after a break .*expected error, reset, found skip"
         ):
             open_sequence(folder, **{option: "skip"})  # type: ignore[arg-type]
+
+
+def test_an_even_step_is_that_of_most() -> None:
+    for numbers, apart in [
+        ([0, 7, 14, 21], 7),
+        ([3, 5, 7, 11, 13], 2),  # one is missing
+        ([0, 2, 4, 8, 12], 1),  # as many lie twice as far apart
+        ([3, 10], 1),  # two say nothing
+        ([5], 1),
+        ([0, 2, 5, 7], 1),
+    ]:
+        assert even_step(numbers) == apart, numbers
+
+
+def test_numbers_that_are_missing() -> None:
+    assert missing_from([2, 4, 10], 2) == [6, 8]
+    assert missing_from([2, 3], 1) == []
+
+
+def test_frames_outside_of_a_range_may_lie_between_its_steps() -> None:
+    check_steps({number: Path(f"a.{number}.exr") for number in (0, 1, 3, 5, 8)}, (1, 5), 2, OnBreak.ERROR)

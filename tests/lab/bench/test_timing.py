@@ -1,4 +1,4 @@
-"""The statistics of timing, on made-up times whose answer is known."""
+"""The statistics of timing, on made-up times whose answer is known; what is kept beside the numbers."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from cltaa import __version__
+from cltaa.core.build import Build, code_sha256
+from cltaa.lab import timing as module
 from cltaa.lab.bench.accuracy.measurement import CONTROL, ranking
 from cltaa.lab.timing import (
     FEWEST_RUNS,
@@ -18,6 +21,7 @@ from cltaa.lab.timing import (
     Job,
     Sample,
     Samples,
+    environment,
     interval,
     measure,
     sign_test,
@@ -206,3 +210,26 @@ def test_device_times_are_used_where_there_are_any() -> None:
 
 def test_equal_times_are_on_neither_side() -> None:
     assert sign_test(np.array([1.0, 1.0, 1.0, 2.0, 2.0])) == sign_test(np.array([2.0, 2.0])) == 0.5
+
+
+def test_it_says_what_the_numbers_depend_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cltaa.lab.timing.cpu_flags", lambda: {"sve", "avx2", "hypervisor"})
+    found = environment("a device", 1.25)
+    assert found.cpu_flags == ["avx2", "sve"]
+    assert (found.device, found.load_before, found.options) == ("a device", 1.25, [*Build().flags()])
+    assert found.cores >= 1
+    assert found.cpu
+    assert found.kernels_sha256 == code_sha256()
+
+
+def test_a_checkout_that_is_not_installed_knows_its_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def version(name: str) -> str:
+        asked.append(name)
+        return "1"
+
+    monkeypatch.setattr(module, "version", version)
+    found = environment("d", 0.0).libraries
+    assert found == {"cltaa": __version__} | dict.fromkeys(module.LIBRARIES, "1")
+    assert "cltaa" not in asked
