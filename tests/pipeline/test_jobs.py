@@ -13,14 +13,13 @@ import pytest
 import cltaa
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
-from cltaa.errors import DataError, DeviceLost, UsageError
+from cltaa.errors import DataError, UsageError
 from cltaa.frame import Frame
 from cltaa.io.sequence import open_sequence
 from cltaa.pipeline.folder import devices_of
 from cltaa.pipeline.part import Parts
 from cltaa.pipeline.run import resolve_sequence
 from cltaa.process import Stop
-from cltaa.reference.launcher import NumpyLauncher
 from tests.sequence_factory import write_sequence
 
 FRAMES = 11
@@ -180,29 +179,6 @@ def test_jobs_take_devices_of_one_name_in_turn(monkeypatch: pytest.MonkeyPatch) 
     assert devices_of(0, 2) == [0, 0]
     assert devices_of("numpy", 2) == ["numpy", "numpy"]
     assert devices_of(None, 1) == [None]
-
-
-class Lost(NumpyLauncher):
-    """A device that is lost at its fifth kernel, and for good."""
-
-    opened = 0
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.runs = 0
-        Lost.opened += 1
-
-    def run(self, *given: Any) -> Any:
-        self.runs += 1
-        if Lost.opened == 1 and self.runs > 5:
-            raise DeviceLost("the device is gone")
-        return super().run(*given)
-
-
-def test_a_device_that_is_lost_is_opened_again(shot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cltaa.reference.launcher.NumpyLauncher", Lost)
-    assert cltaa.resolve(shot, tmp_path / "out", "fast", "numpy").resolved == FRAMES
-    assert Lost.opened == 2
 
 
 def test_what_cannot_be_parted_is_refused(shot: Path, tmp_path: Path) -> None:

@@ -86,17 +86,6 @@ def test_frames_without_error_are_measured_and_read_again(tmp_path: Path, capsys
     assert found.p5 == found.frames[2] < found.mean < found.p95 == math.inf
 
 
-def test_two_sequences_of_one_name_are_refused(
-    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Plots, frames of the page and rows go by the name of the folder."""
-    other = write_sequence(tmp_path / sequence.name, 3, reference=True)
-    options = ["-o", str(tmp_path / "out"), "--only", "reject"]
-    assert main(["bench", "accuracy", str(sequence), str(other), *options]) == 64
-    assert f"{other}: two sequences of one name" in capsys.readouterr().err
-    assert not (tmp_path / "out" / "cells").exists()
-
-
 def test_what_draws_the_report_is_missed_before_the_work(
     sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -43,14 +43,6 @@ def test_to_write_alone_is_to_finish_each_frame_as_a_run_does(tmp_path: Path, mo
     assert {"alone.0000.exr", "alone.0001.exr"} <= {*finished}
 
 
-def test_nonsense_is_refused_before_anything_is_timed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("cltaa.commands.bench_times.bench_files", lambda *_, **__: pytest.fail("it timed"))
-    assert main(["bench", "files", str(write_sequence(tmp_path, 1)), "--compression", "b44"]) == 64
-    assert "unknown or lossy compression" in capsys.readouterr().err
-
-
 def test_files_of_other_tools_are_timed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     made = frames(2)
     folder = write_blender(tmp_path / "shot", made)

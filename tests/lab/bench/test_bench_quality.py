@@ -190,16 +190,6 @@ def test_the_pictures_of_a_cell_are_those_of_the_last_frame(tmp_path: Path, caps
     assert capsys.readouterr().err == ""  # no progress, for which nobody asked
 
 
-def test_a_sequence_must_have_a_truth_and_settle(tmp_path: Path) -> None:
-    with pytest.raises(InputMissing, match=r"no truth to measure against.*render it there yourself"):
-        judge_sequence(open_sequence(write_sequence(tmp_path / "a", 3)), [], NUMPY)
-    late = msgspec.structs.replace(QUALITY, settled=3)
-    with pytest.raises(
-        DataError, match=r"over before it is judged \(expected more than 3 frames, found 3\); .*--settled 0"
-    ):
-        judge_sequence(open_sequence(write_sequence(tmp_path / "b", 3, reference=True)), [], NUMPY, late)
-
-
 def test_scenes_in_which_nothing_changes_get_the_better_truth(tmp_path: Path) -> None:
     scenes = {
         "moving": frozenset({"camera", "sky"}),

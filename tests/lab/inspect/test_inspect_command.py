@@ -15,7 +15,7 @@ from cltaa.cli import main
 from cltaa.frame import Camera, Effect, Frame
 from cltaa.io.exr_write import write_frame
 from tests.inputs.foreign import side_text, write_blender
-from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame, write_images, write_sequence
+from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame, write_images
 
 OFFSETS = ((0.25, 0.125), (-0.25, 0.25), (0.0, -0.375))  # mean (0, 0)
 
@@ -268,15 +268,6 @@ def test_pixels_are_held_against_the_record(capsys: pytest.CaptureFixture[str], 
     assert "sequence.json: not readable as JSON" in problems(capsys, tmp_path, "--pixels")
 
 
-def test_an_option_that_would_change_nothing_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    folder = str(write_sequence(tmp_path / "a", 2))
-    for option in (["--preset", "gather-48"], ["--device", "numpy"], ["--effects", "all"], ["--half"], ["--jobs", "2"]):
-        assert main(["inspect", folder, *option]) == 64
-        assert capsys.readouterr().err == f"cltaa: error: {option[0]} says how to plan a resolve; add --plan\n"
-    assert main(["inspect", folder, "--plan", "--pixels"]) == 64
-    assert "--pixels and --plan are two reports; leave one of them out" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("options", [(), ("--pixels",), ("--profile", "cltaa", "--input", "depth.scale=1")])
 def test_frames_are_so_many_or_from_one_to_another(
     options: tuple[str, ...], capsys: pytest.CaptureFixture[str], tmp_path: Path
@@ -290,12 +281,6 @@ def test_frames_are_so_many_or_from_one_to_another(
     assert "0009" in findings(capsys, tmp_path, *options)["problems"][-1]
     assert main(["inspect", str(tmp_path), "--frames", "3-8", *options]) == 64
     assert "frame 8: no such frame" in capsys.readouterr().err
-
-
-def test_a_plan_covers_the_frames_that_are_asked_for(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    write(tmp_path, [sound(index) for index in range(2, 7)])
-    found = findings(capsys, tmp_path, "--plan", "--device", "numpy", "--frames", "3-5", code=0)
-    assert (found["sections"][0]["first"], found["sections"][-1]["last"]) == (3, 5)
 
 
 def test_inspect_finds_no_problem_in_resolved_frames(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -189,22 +189,3 @@ def test_the_command_prints_the_plan_by_sections(walk: Path, capsys: pytest.Capt
     assert "with every step that leaves the bits as they are (" in " ".join(out.split())
     assert "the camera stands" in out
     assert "frames 5 to 6, history begins: as frames 0 to 2" in out
-
-
-def test_an_unknown_effect_is_named(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["inspect", str(walk), "--plan", "--effects", "smell"]) == 64
-    assert "--effects: unknown effect" in capsys.readouterr().err
-
-
-def test_halves_are_planned_for_where_they_are_asked_for(walk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
-    planned = sequence_plan.plan
-
-    def noted(*arguments: Any, half: bool, **more: Any) -> Any:
-        asked.append(half)
-        return planned(*arguments, half=half, **more)
-
-    monkeypatch.setattr("cltaa.commands.inspect.plan", noted)
-    for options in ([], ["--half"]):
-        assert main(["inspect", str(walk), "--plan", "--device", "numpy", *options]) == 0
-    assert asked == [False, True]

@@ -20,6 +20,19 @@ from cltaa.io.preset_file import load_config
 from cltaa.lab.tune import Goal, Trial, Tuned, overfits, parse_goal, preset_text
 from tests.sequence_factory import write_sequence
 
+FOUND = Tuned(
+    goal=Goal(metric="flip", budget_ms=5.0),
+    start=Trial(values={"rectify": "clip"}, error=0.25, milliseconds=4.0),
+    best=Trial(values={"rectify": "none"}, error=0.125, milliseconds=3.0),
+    trials=7,
+    reached=True,
+    searched_on=["a", "b"],
+    checked_on=["c", "d"],
+    gain=2.0,
+    gain_elsewhere=1.5,
+    overfits=False,
+)
+
 
 def test_goals_are_parsed() -> None:
     assert parse_goal("5ms", None, "flip") == Goal(metric="flip", budget_ms=5.0)
@@ -73,19 +86,7 @@ def test_a_gain_that_is_not_borne_out_is_over_fitting(gain: float, elsewhere: fl
 @pytest.mark.parametrize("name", ["default", "basic", "karis"])
 def test_preset_text_is_toml_that_resolve_reads(name: str, tmp_path: Path) -> None:
     base = load_preset(name)
-    trial = Trial(values={}, error=1.0, milliseconds=1.0)
-    tuned = Tuned(
-        goal=Goal(metric="mse", budget_ms=5.0),
-        start=trial,
-        best=trial,
-        trials=3,
-        reached=True,
-        searched_on=['a "b"'],
-        checked_on=["c"],
-        gain=2.0,
-        gain_elsewhere=1.0,
-        overfits=True,
-    )
+    tuned = msgspec.structs.replace(FOUND, searched_on=['a "b"'], overfits=True)
     # Some are the values that a preset begins from, and not those of the default.
     wanted = override(
         base, {"rectify": "clip", "sample_limit": 31.7, "illumination": "static", "resampling_penalty": 1.5}
@@ -106,15 +107,15 @@ def test_search_finds_something_no_worse_and_checks_it_elsewhere(
     arguments = ["tune", *map(str, folders), "--budget", "10000ms", "--trials", "4", "-o", str(output)]
     arguments += ["--device", "numpy"]
     assert main([*arguments, "--json"]) == 0
-    tuned = json.loads(capsys.readouterr().out)
+    printed, told = capsys.readouterr()
+    assert "tuning: 4 of 4 trials, " in told
+    tuned = json.loads(printed)
     assert (tuned["searched_on"], tuned["checked_on"]) == (["a"], ["b"])
     assert tuned["reached"]
     assert tuned["best"]["error"] <= tuned["start"]["error"]
     assert tuned["gain"] == pytest.approx(tuned["start"]["error"] / tuned["best"]["error"])
     assert np.isfinite(tuned["gain_elsewhere"])
     load_config(output, load_preset())
-    assert main([*arguments, "--check", str(folders[0])]) == 64
-    assert "used both to search and to check" in capsys.readouterr().err
 
 
 def test_an_output_that_cannot_be_written_is_reported_before_the_search(
@@ -171,50 +172,6 @@ def test_the_search_does_not_end_below_a_preset_that_fits(
         assert load_config(output, load_preset()).deciding() == load_preset(best).deciding()
 
 
-def test_a_single_sequence_is_said_to_be_unchecked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = write_sequence(tmp_path / "a", 2, reference=True)
-    arguments = ["tune", str(folder), "--target", "mse=1e-9", "--trials", "2", "--device", "numpy"]
-    assert main([*arguments, "-o", str(tmp_path / "t.toml")]) == 0
-    printed, told = capsys.readouterr()
-    assert "tuning: 2 of 2 trials, " in told
-    assert "not checked on any other sequence" in printed
-    assert "the goal was not reached" in printed
-
-
-def test_it_is_said_where_nothing_better_was_found() -> None:
-    start = Trial(values={"rectify": "clip"}, error=0.1, milliseconds=1.0)
-    found = Tuned(
-        goal=Goal(metric="mse", budget_ms=5.0),
-        start=start,
-        best=start,
-        trials=2,
-        reached=True,
-        searched_on=["a"],
-        checked_on=["b"],
-        gain=1.0,
-        gain_elsewhere=1.0,
-        overfits=False,
-    )
-    better = msgspec.structs.replace(found, best=msgspec.structs.replace(start, values={"rectify": "none"}), gain=1.1)
-    for tuned, words in ((found, "nothing better"), (better, "it holds there")):
-        assert sum(words in line for line in outcome_lines(tuned)) == 1
-    assert not any("holds" in line for line in outcome_lines(found))
-
-
-FOUND = Tuned(
-    goal=Goal(metric="flip", budget_ms=5.0),
-    start=Trial(values={"rectify": "clip"}, error=0.25, milliseconds=4.0),
-    best=Trial(values={"rectify": "none"}, error=0.125, milliseconds=3.0),
-    trials=7,
-    reached=True,
-    searched_on=["a", "b"],
-    checked_on=["c", "d"],
-    gain=2.0,
-    gain_elsewhere=1.5,
-    overfits=False,
-)
-
-
 def test_what_is_said_of_the_outcome() -> None:
     began = "flip 0.125 in 3 ms a frame; it began with 0.25 in 4 ms (7 trials on a, b)"
     gained = "error 2.000 times smaller where it was searched, 1.500 times on c, d: "
@@ -226,6 +183,8 @@ def test_what_is_said_of_the_outcome() -> None:
     first, second = outcome_lines(once)
     assert first.endswith("(1 trial on a)")
     assert "not checked" in second
+    same = outcome_lines(msgspec.structs.replace(FOUND, best=FOUND.start))
+    assert same[1:] == ["nothing better than where it began was found; more --trials, or another --preset, may find it"]
 
 
 def test_the_file_says_that_its_goal_was_not_reached() -> None:
