@@ -9,6 +9,7 @@ import msgspec
 
 from cltaa.core.presets import Preset, load_preset, parse_preset
 from cltaa.io.content import read_text
+from cltaa.printable import printable
 
 LARGEST_CONFIG = 1 << 16  # bytes; every parameter with a comment takes a few thousand
 
@@ -16,7 +17,7 @@ LARGEST_CONFIG = 1 << 16  # bytes; every parameter with a comment takes a few th
 def load_config(path: Path, base: Preset) -> Preset:
     """Return ``base`` with the keys of a TOML file over it, named after both; its key ``preset`` names another base."""
     parsed = parse_preset(read_text(path, "a TOML file", LARGEST_CONFIG), str(path), base)
-    return msgspec.structs.replace(parsed, name=f"{path.name} over {parsed.name}")
+    return msgspec.structs.replace(parsed, name=f"{printable(path.name)} over {parsed.name}")
 
 
 def read_preset(named: str | Path = "default", before: Callable[[Preset], Preset] | None = None) -> Preset:

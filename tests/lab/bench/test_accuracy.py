@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import math
+import os
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +19,7 @@ from cltaa.io.exr_write import write_frame
 from cltaa.lab.bench.accuracy.report import read_report
 from cltaa.lab.judge.metrics import mean_psnr
 from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.printable import printable
 from tests.lab.bench.accuracy_tasks import FRAMES
 from tests.sequence_factory import make_frame, write_images, write_sequence
 
@@ -84,6 +87,26 @@ def test_frames_without_error_are_measured_and_read_again(tmp_path: Path, capsys
     assert found.frames[:2] == [math.inf] * 2
     assert found.mean == pytest.approx(mean_psnr(found.frames), rel=1e-12)
     assert found.p5 == found.frames[2] < found.mean < found.p95 == math.inf
+
+
+@pytest.mark.parametrize("name", ["front-door", r"a$\foo$b", os.fsdecode(b"bad\xff")])
+def test_frames_are_reported_by_the_name_that_they_have_now(
+    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    """Whatever it is, beside the frames themselves, and though they were measured under another."""
+    asked = ["-o", str(tmp_path), "--preset", "basic", "--only", "storage: half", "--rounds", "3", "--patience", "0"]
+    asked += ["--metrics", "mse", "--pixels", "1", "--rounding-frames", "0"]
+    assert main(["bench", "accuracy", str(sequence), *asked]) == 0
+    moved = shutil.copytree(sequence, tmp_path / name)
+    capsys.readouterr()
+    assert main(["bench", "accuracy", str(moved), *asked, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "accuracy.json").read_text())
+    (measured,) = read_report(tmp_path).sequences
+    assert (measured.name, measured.folder) == (printable(name), printable(moved))
+    assert sorted(path.name for path in tmp_path.glob("front-*")) == sorted(
+        {name} & {"front-door"} | {f"front-{printable(name)}.{suffix}" for suffix in ("svg", "png")}
+    )
+    assert len(list((tmp_path / "times").iterdir())) == 1
 
 
 def test_what_draws_the_report_is_missed_before_the_work(

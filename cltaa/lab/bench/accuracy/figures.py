@@ -115,9 +115,11 @@ def overview_figure(pyplot: Any, result: Accuracy, metric: str) -> Any:
     shown = [[math.nan if ratio is None else math.log2(ratio) for ratio in row.errors] for row in rows]
     image = axes.imshow(shown, cmap="RdBu_r", vmin=-span, vmax=span, aspect="auto")
     axes.set_facecolor("#bbbbbb")
-    axes.set_xticks(range(len(names)), names, rotation=90, fontsize=6)
-    axes.set_yticks(range(len(rows)), [f"{row.variant}  {row.error:.3f}" for row in rows], fontsize=6)
-    axes.set_title(f"{metric} over that of {result.variants[0].name} (behind each name: geometric mean)", fontsize=8)
+    axes.set_xticks(range(len(names)), [*map(literal, names)], rotation=90, fontsize=6)
+    axes.set_yticks(range(len(rows)), [f"{literal(row.variant)}  {row.error:.3f}" for row in rows], fontsize=6)
+    axes.set_title(
+        f"{metric} over that of {literal(result.variants[0].name)} (behind each name: geometric mean)", fontsize=8
+    )
     bar = figure.colorbar(image, ax=axes, ticks=[-span, 0, span], shrink=0.5)
     bar.ax.set_yticklabels([f"1/{MOST:g} and less", "the same", f"{MOST:g} and more"], fontsize=6)
     return figure
@@ -144,6 +146,11 @@ def import_pyplot() -> Any:
     pyplot: Any = import_extra("matplotlib.pyplot", package="matplotlib", extra="bench", purpose="drawing plots")
     pyplot.switch_backend("agg")
     return pyplot
+
+
+def literal(name: str) -> str:
+    """Return a name for matplotlib, which reads what stands between two dollars as a formula."""
+    return name.replace("$", r"\$")
 
 
 def write_plots(result: Accuracy, output: Path, pictured: int | None = None) -> Iterator[Path]:
@@ -213,7 +220,7 @@ def front_figure(pyplot: Any, measured: MeasuredSequence, metric: str, weight: f
             axis.set_minor_locator(ticker.LogLocator(subs=(2, 5) if axis is near.xaxis else range(2, 10)))
     near.tick_params(which="minor", labelsize=6)
     _name_points(near, measured, metric)
-    wide.set_title(measured.name + (" (times too noisy to rank)" if measured.noisy else ""))
+    wide.set_title(literal(measured.name) + (" (times too noisy to rank)" if measured.noisy else ""))
     return figure
 
 
@@ -254,7 +261,7 @@ def _name_points(axes: Any, measured: MeasuredSequence, metric: str) -> None:
         if metric in cell.dominated_by and cell.variant != default:
             continue
         at = cell.time.median, cell.errors[metric].mean
-        name = axes.annotate(cell.variant, at, textcoords="offset points", xytext=(5, 3), fontsize=6)
+        name = axes.annotate(literal(cell.variant), at, textcoords="offset points", xytext=(5, 3), fontsize=6)
         box = name.get_window_extent()
         if any(box.overlaps(other) for other in taken):
             name.remove()
@@ -267,7 +274,7 @@ def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: d
     name, base = measured.cells[0].variant, measured.cells[0].errors[metric].mean
     cells = [cell for cell in measured.cells if groups[cell.variant] not in (DEFAULT, PRESETS)]
     figure, both = pyplot.subplots(1, 2, figsize=(8, 0.7 + 0.19 * max(len(cells), 2)), sharey=True)
-    names = [cell.variant for cell in cells]
+    names = [literal(cell.variant) for cell in cells]
     means = [cell.errors[metric].mean for cell in cells]
     known = base and math.isfinite(base)  # unknown and infinite ratios are drawn as 1
     ratios = [mean / base if known and math.isfinite(mean) else 1.0 for mean in means]
@@ -282,7 +289,7 @@ def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: d
     ):
         axes.barh(names, [end - 1 for end in ends], left=1, **bars)
         axes.axvline(1, color="black", lw=0.6)
-        axes.set_title(f"{what} over that of {name}", fontsize=9)
+        axes.set_title(f"{what} over that of {literal(name)}", fontsize=9)
         axes.tick_params(labelsize=6)
     both[0].invert_yaxis()
     return figure

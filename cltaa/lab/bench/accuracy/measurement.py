@@ -40,6 +40,7 @@ from cltaa.lab.timing import (
 )
 from cltaa.lab.timing import measure as measure_times
 from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.printable import printable
 from cltaa.process import CORES
 from cltaa.progress import track
 
@@ -272,8 +273,7 @@ def measure_sequence(
     one = next((row.errors["mse"].mean for row in yardstick if row.samples == 1 and "mse" in row.errors), None)
     drawn = truth_samples(truth_of(captured))
     return MeasuredSequence(
-        name=captured.folder.name,
-        folder=str(captured.folder),
+        **_named(captured),
         frames=list(captured.numbers),
         width=captured.width,
         height=captured.height,
@@ -291,6 +291,11 @@ def measure_sequence(
         timed_pixels=pixels,
         profile=captured.reading.get("profile", {}).get("name", ""),
     )
+
+
+def _named(captured: FrameSequence) -> dict[str, str]:
+    """Return the name and the folder of a sequence as text that any file can hold."""
+    return {"name": printable(captured.folder.name), "folder": printable(captured.folder)}
 
 
 def _spreads(errors: Mapping[str, Sequence[float]]) -> dict[str, Spread]:
@@ -403,7 +408,8 @@ def bench_accuracy(
         if measured is None:
             measured = measure_sequence(captured, cells, launcher, timing)
             keep(path, measured)
-        sequences.append(measured)
+        # Measured once, the same frames may lie elsewhere now, and under another name.
+        sequences.append(msgspec.structs.replace(measured, **_named(captured)))
     return Accuracy(
         environment=environment(launcher.description, before, units=units),
         metrics=list(tasks[0].judging.metrics),

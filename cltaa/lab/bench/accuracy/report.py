@@ -19,12 +19,12 @@ from cltaa.errors import DataError, InputMissing
 from cltaa.frame import Frame, Image
 from cltaa.io.atomic import atomic_path
 from cltaa.io.display import Picture, heat, to_picture
-from cltaa.lab.bench.accuracy.figures import table, write_plots
+from cltaa.lab.bench.accuracy.figures import FORMATS, table, write_plots
 from cltaa.lab.bench.accuracy.measurement import Accuracy, Spread, cells_of
 from cltaa.lab.bench.cells import COUNT_WHITE, Task, packed
 from cltaa.lab.judge.comparison import truth_of
 from cltaa.lab.judge.metrics import METRICS
-from cltaa.printable import counted
+from cltaa.printable import counted, printable
 
 _FOLDER = resources.files("cltaa") / "lab" / "bench" / "accuracy" / "page"
 
@@ -39,7 +39,7 @@ def page(result: Accuracy, tasks: Sequence[Task], output: Path, pictured: int | 
         "higher_is_better": [metric.name for metric in METRICS.values() if metric.higher_is_better],
         "count_white": COUNT_WHITE,
         "pictures": {
-            measured.name: _pictures([task for task in tasks if Path(task.sequence) == Path(measured.folder)], output)
+            measured.name: _pictures([task for task in tasks if printable(task.sequence) == measured.folder], output)
             for measured in result.sequences[:pictured]
         },
     }
@@ -152,9 +152,11 @@ def write_report(
         with atomic_path(output / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
     written = {output / name for name in texts} | set(write_plots(result, output, pictured))
-    for pattern in ("front-*", "steps-*", "overview.*", "index.html") if again else ():
+    plots = [f"{name}.{suffix}" for name in ("front-*", "steps-*", "overview") for suffix in FORMATS]
+    for pattern in (*plots, "overview.md", "index.html") if again else ():
         for path in {*output.glob(pattern)} - written:
-            path.unlink()
+            if path.is_file():  # a sequence may lie beside its report
+                path.unlink()
     return whole
 
 
