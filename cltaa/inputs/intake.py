@@ -185,11 +185,13 @@ def _found_in(
     begins = {label: min([n for n in files if low <= n <= high] or files) for label, files in sets.items()}
     first = {label: read_any_header(sets[label][number]) for label, number in begins.items()}
     channels = {label: tuple(header.layout.channels) for label, header in first.items()}
-    attributes: dict[str, object] = {}
-    for header in first.values():
-        attributes = header.attributes | attributes
-    chosen, reason = (load_profile(profile), "as asked") if profile != "auto" else guessed_profile(attributes, channels)
+    attributes = {label: header.attributes for label, header in first.items()}
     views = views_of(attributes, channels, [header.views for header in first.values()])
+    chosen, reason = (
+        guessed_profile(attributes, channels, views, assignments)
+        if profile == "auto"
+        else (load_profile(profile), "as asked")
+    )
     if profile == "auto" and not may_be_colour(chosen, channels, views):
         chosen = with_usual_names(chosen, channels, views)
     chosen = override(chosen, assignments)
@@ -434,11 +436,11 @@ def _left_out(intake: Intake, place: Selection) -> list[str]:
     colour = [shown_name(place, intake.sets) for place in intake.roles["colour"]]
     if NO_LIGHT.search(colour[0]):
         notes.append(f"colour: {written(colour)} is by its name no picture; name another by --input colour.channels")
-    taken = views.of(place.channel for place in intake.roles["colour"])
+    files = intake.roles["colour"][0].files
+    taken = views.of((place.channel for place in intake.roles["colour"]), files)
     if other := next((view for view in views.names if view != taken and _shows(intake, view)), None):
         option = option_text({"colour": {"view": other}})
         notes.append(f"several views: {taken} of {', '.join(views.names)} is taken; to take {other}: {option}")
-    files = intake.roles["colour"][0].files
     if "." in intake.roles["colour"][0].channel and {*COLOUR} <= intake.first[files].channels.keys():
         names = [shown_name(Place(files, channel), intake.sets) for channel in COLOUR]
         option = channels_option("colour.channels", names)
@@ -474,10 +476,11 @@ def _late(intake: Intake) -> list[str]:
 def _like_the_colour(intake: Intake, views: Views) -> list[str]:
     """Return other layers with the colour layer's name, such as the beauty of another view layer; of its view."""
     three = [place.channel for place in intake.roles["colour"]]
-    tails, view = [views.without(name).split(".")[-2:] for name in three], views.of(three)
+    files = intake.roles["colour"][0].files
+    tails, view = [views.without(name).split(".")[-2:] for name in three], views.of(three, files)
     found: dict[str, list[list[str]]] = {}
     for name in intake.unused:
-        if views.of([name]) == view:
+        if views.of([name], files) == view:
             found.setdefault(name.rpartition(".")[0], []).append(views.without(name).split(".")[-2:])
     return [layer for layer, its in found.items() if len(tails[0]) > 1 and all(tail in its for tail in tails)]
 

@@ -13,7 +13,6 @@ from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from collections.abc import Sequence as Many
 from os.path import relpath
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import msgspec
@@ -282,18 +281,23 @@ Channels = Mapping[str, Iterable[str]]  # set of files -> its channels
 class Views(NamedTuple):
     """The views of a picture, the first view first; empty if it has only one, unnamed."""
 
-    names: tuple[str, ...] = ()
-    stated: Mapping[str, str] = MappingProxyType({})  # channel -> view, from attributes of parts
+    names: tuple[str, ...]
+    stated: Mapping[str, str]  # channel -> view, from attributes of parts
+    firsts: Mapping[str, str]  # set of files -> the view of its channels that name none, where its files list views
 
     def within(self, name: str) -> set[str]:
         """Return the views of a channel: those in its name, else the stated one; empty if unknown."""
         words = {view for view in self.names if _has_word(name, view)}
         return words or ({self.stated[name]} if name in self.stated else set())
 
-    def of(self, channels: Iterable[str]) -> str:
-        """Return the view of channels: the named or stated one, else the first; empty without views."""
+    def first_of(self, files: str) -> str:
+        """Return the view of the channels of a set of files that name none; empty without views."""
+        return self.firsts.get(files, [*self.names, ""][0])
+
+    def of(self, channels: Iterable[str], files: str) -> str:
+        """Return the view of channels of a set of files: the named or stated one, else the first of the set."""
         told = (view for name in channels for view in self.names if view in self.within(name))
-        return next(told, [*self.names, ""][0])
+        return next(told, self.first_of(files))
 
     def without(self, name: str) -> str:
         """Return a channel's name without its view."""
@@ -311,25 +315,30 @@ def _has_word(name: str, view: str) -> bool:
     return f".{view}." in f".{name.rpartition('.')[0]}."
 
 
-ONE_VIEW = Views()
+ONE_VIEW = Views((), {}, {})
+Attributes = Mapping[str, Mapping[str, object]]  # set of files -> attributes of its header
 
 
-def views_of(attributes: Mapping[str, object], channels: Channels, stated: Iterable[Mapping[str, str]]) -> Views:
+def views_of(attributes: Attributes, channels: Channels, stated: Iterable[Mapping[str, str]]) -> Views:
     """Return the views of a picture; ``stated`` maps channels to views by attribute ``view``, for each set of files."""
-    named = attributes.get("multiView", USUAL)
+    lists: dict[str, Any] = {label: its["multiView"] for label, its in attributes.items() if "multiView" in its}
+    listed = {label: [view for view in its if isinstance(view, str)] for label, its in lists.items() if _is_list(its)}
+    named = [*dict.fromkeys(view for its in listed.values() for view in its)] if listed else [*USUAL]
     every = [name for names in channels.values() for name in names]
-    if not isinstance(named, list | tuple):
-        return ONE_VIEW
-    views = [view for view in named if isinstance(view, str)]
-    # Channels of the first view may omit its name.
-    there = [view for view in views if any(_has_word(name, view) for name in every)]
-    if "multiView" in attributes:
-        return Views(tuple(views)) if there else ONE_VIEW
+    # Channels of the first view may omit its name; each file has a first view of its own.
+    there = [view for view in named if any(_has_word(name, view) for name in every)]
+    firsts = {label: its[0] for label, its in listed.items() if its}
+    if lists:
+        return Views(tuple(named), {}, firsts) if there or len({*firsts.values()}) > 1 else ONE_VIEW
     pairs = list(dict.fromkeys(pair for its in stated for pair in its.items()))
     # If each set of files holds one view and the channel names are equal, the sets distinguish the views.
     of_parts = dict(pairs) if len(dict(pairs)) == len(pairs) else {}
-    names = [*(views if len(there) > 1 else ()), *of_parts.values()]
-    return Views(tuple(dict.fromkeys([*(view for view in USUAL if view in names), *names])), of_parts)
+    names = [*(named if len(there) > 1 else ()), *of_parts.values()]
+    return Views(tuple(dict.fromkeys([*(view for view in USUAL if view in names), *names])), of_parts, {})
+
+
+def _is_list(value: object) -> bool:
+    return isinstance(value, list | tuple)
 
 
 def assign_view(profile: Profile, channels: Channels, views: Views, *, any_depth: bool = False) -> Roles:
@@ -345,7 +354,8 @@ def assign_view(profile: Profile, channels: Channels, views: Views, *, any_depth
         found = assign(profile, channels)
         if "colour" not in found and len(views.names) > 1:  # the user must choose
             return found
-        view = views.of(place.channel for place in found.get("colour", ()))
+        colour = found.get("colour", ())
+        view = views.of((place.channel for place in colour), colour[0].files if colour else "")
     asked = _asked_for(profile)
     own = {label: _of_view(label, names, view, views, asked) for label, names in channels.items()}
     roles = assign(profile, {label: tuple(named) for label, named in own.items()}, any_depth=any_depth)
@@ -370,7 +380,7 @@ def _of_view(label: str, names: Iterable[str], view: str, views: Views, asked: s
             named[views.without(name)] = name
         by_part = view in told and name in views.stated  # a pattern may ask for its full name
         in_full = told and _is_asked(Place(label, name), asked)
-        if (not told and (view == views.names[0] or "." in name)) or by_part or in_full:
+        if (not told and (view == views.first_of(label) or "." in name)) or by_part or in_full:
             others[name] = name
     return others | named
 
@@ -459,14 +469,19 @@ def _like_colour(there: Many[str]) -> list[str]:
     return []
 
 
-def guessed_profile(attributes: dict[str, object], channels: dict[str, tuple[str, ...]]) -> tuple[Profile, str]:
-    """Return the profile whose header attribute is present, else the one that fills most roles; and the reason."""
+def guessed_profile(
+    attributes: Attributes, channels: Channels, views: Views, assignments: Many[str]
+) -> tuple[Profile, str]:
+    """Return the profile whose attribute is in a header of the files that it reads, changed by ``assignments``, else
+    the one that fills most roles; and the reason."""
     profiles = [load_profile(name) for name in profile_names()]
     for profile in profiles:
         for name, word in profile.recognise.items():
-            if name in attributes and word in str(attributes[name]):
-                shown = str(attributes[name])[:40] if word else "there"
-                return profile, f"header attribute {name} is {shown}"
+            saying = {label: str(its[name]) for label, its in attributes.items() if name in its}
+            saying = {label: text for label, text in saying.items() if word in text}
+            read = _sets_read(override(profile, assignments), channels, views) if saying else ()
+            if text := next((text for label, text in saying.items() if label in read), None):
+                return profile, f"header attribute {name} is {text[:40] if word else 'there'}"
     told = {
         profile.name: not profile.telling or bool(equal_matches([(name,) for name in profile.telling], channels))
         for profile in profiles
@@ -475,3 +490,11 @@ def guessed_profile(attributes: dict[str, object], channels: dict[str, tuple[str
     # Among equal fits a profile of no tool wins: a tool would name itself in the header, and has units of its own.
     best = max(profiles, key=lambda profile: (scores[profile.name], OF_NO_TOOL.get(profile.name, 0)))
     return best, f"no header names the writer; its channel names fit best ({counted(scores[best.name], 'role')})"
+
+
+def _sets_read(profile: Profile, channels: Channels, views: Views) -> set[str]:
+    """Return the sets of files that a profile would read; all where it finds no colour, which an error will tell."""
+    if not may_be_colour(profile, channels, views):
+        profile = with_usual_names(profile, channels, views)
+    roles = assign_view(profile, channels, views)
+    return {place.files for places in roles.values() for place in places} if "colour" in roles else {*channels}

@@ -66,3 +66,13 @@ def test_a_fault_names_the_file_that_it_is_in(name: str, tmp_path: Path) -> None
     write_shot(tmp_path, **{name: "text"})
     with pytest.raises(DataError, match=rf"depth/z\.0000\.exr.*attribute {name} is "):
         read(tmp_path)
+
+
+@pytest.mark.parametrize(("channel", "chosen"), [("M", "cltaa"), ("Z", "blender")])
+def test_only_files_that_are_read_choose_the_profile(channel: str, chosen: str, tmp_path: Path) -> None:
+    write_colour(tmp_path / "beauty", frames())
+    (tmp_path / "beside").mkdir()
+    for number in range(3):
+        stated = {"Software": "Blender 5.0.1"}
+        write_image(tmp_path / "beside" / f"x.{number:04d}.exr", {channel: np.ones((48, 64), np.float32)}, stated)
+    assert open_intake(tmp_path).profile.name == chosen

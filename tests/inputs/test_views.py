@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -98,6 +99,22 @@ def test_the_first_view_may_go_without_its_name(tmp_path: Path) -> None:
     right = {"colour": "right.R right.G right.B", "depth": "right.Z", "motion": "backward.right.u backward.right.v"}
     assert taken(folder, "colour.view=right") == right
     assert open_pictures(folder, assignments=["colour.view=right"]).image(1)[0, 0, 0] == 1.0
+
+
+@pytest.mark.parametrize("beside", ["a", "z"])  # before and behind the colour's files in the alphabet
+def test_each_file_has_a_first_view_of_its_own(beside: str, tmp_path: Path) -> None:
+    """The channels of a second file that name no view are of the view that this file lists first."""
+    colour = ("R", "G", "B", "right.R", "right.G", "right.B")
+    write_image(tmp_path / "beauty.0001.exr", dict.fromkeys(colour, flat(1.0)), {"multiView": ["left", "right"]})
+    channels = {"Z": flat(2.0), "left.Z": flat(1.0)}
+    write_image(tmp_path / f"{beside}.0001.exr", channels, {"multiView": ["right", "left"]})
+    assert taken(tmp_path) == taken(tmp_path, "colour.view=left")
+    assert taken(tmp_path) == {"colour": "R G B", "depth": "left.Z"}
+    assert taken(tmp_path, "colour.view=right") == {"colour": "right.R right.G right.B", "depth": "Z"}
+    write_image(tmp_path / f"{beside}.0001.exr", {"Z": flat(2.0)}, {"multiView": ["right"]})
+    assert taken(tmp_path) == {"colour": "R G B"}
+    copied = pickle.loads(pickle.dumps(open_input(tmp_path, assignments=["colour.view=right"])))
+    assert copied.frame(1).depth[0, 0] == 2.0
 
 
 @pytest.mark.parametrize(("eye", "lost"), [("left", "Z"), ("right", "right.Z")])
