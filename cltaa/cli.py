@@ -101,7 +101,7 @@ MEASUREMENTS = {
 INTERRUPTED, CLOSED_PIPE = 130, 141  # the shells' convention: 128 plus the number of SIGINT, of SIGPIPE
 
 # The commands that resume from what they had finished.
-GOES_ON = {("capture",), ("demo",), ("resolve",), ("bench", "accuracy"), ("bench", "quality"), ("tune",)}
+GOES_ON = {("capture",), ("demo",), ("raycast",), ("resolve",), ("bench", "accuracy"), ("bench", "quality"), ("tune",)}
 
 
 @click.group(

@@ -277,7 +277,13 @@ def test_debug_behind_two_dashes_is_a_name(capsys: pytest.CaptureFixture[str]) -
 
 @pytest.mark.parametrize(
     ("command", "goes_on"),
-    [("resolve x -o y", True), ("--debug bench quality", True), ("bench kernels", False), ("compare x y", False)],
+    [
+        ("resolve x -o y", True),
+        ("raycast fog -o y", True),
+        ("--debug bench quality", True),
+        ("bench kernels", False),
+        ("compare x y", False),
+    ],
 )
 def test_an_interrupt_ends_with_130(
     command: str, goes_on: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
