@@ -101,32 +101,6 @@ def test_explain_knows_of_the_shadow_map(capsys: pytest.CaptureFixture[str]) -> 
     assert effects["shadow map"]["milliseconds"] > 0.0
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "said"),
-    [
-        (["spiner", "-o", "OUT"], 64, "no such scene: spiner; did you mean spinner? (see cltaa scenes)"),
-        (["spinner", "-o", "OUT", "--jitter", "grid:5"], 64, "use grid:9"),
-        (["spinner", "-o", "OUT", "--yardstick", "2,65537"], 64, "too many samples a pixel (expected at most 65536, "),
-        (["spinner", "-o", "OUT", "--motion", "orbit"], 64, "--motion orbit applies to file:PATH"),
-        (["file:OUT/model.blend", "-o", "OUT"], 64, "no reader for .blend"),
-        (["file:OUT/broken.glb", "-o", "OUT"], 65, "broken.glb: is no glTF 2.0 file"),
-        (["spinner", "-o", "OUT", "--frames", "0"], 2, "0"),
-    ],
-)
-def test_a_wrong_capture_prints_one_line_and_returns_its_code(
-    arguments: list[str], code: int, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "broken.glb").write_bytes(b"glTF\0\0\0 not really")
-    assert main(["capture", *(argument.replace("OUT", str(tmp_path)) for argument in arguments)]) == code
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert said in err
-    assert "Traceback" not in err
-    if code != 2:
-        assert err.startswith("cltaa: error: ")
-        assert err.count("\n") == 1
-
-
 def test_a_texture_that_is_missing_is_one_line(tmp_path: Path) -> None:
     """In a process of its own, where no test collects what trimesh logs."""
     header = ["ply", "format ascii 1.0", "comment TextureFile none.png", "element vertex 3"]

@@ -244,13 +244,6 @@ def test_what_draws_uses_nothing_that_the_sum_over_the_code_leaves_out() -> None
                 assert not [other for other in left_out if other in path.read_text(encoding="utf-8")], name
 
 
-def test_restart_begins_anew(tmp_path: Path) -> None:
-    capture_sequence(request(tmp_path))
-    begun = replace(request(tmp_path), frames=1, seed=5, reference=0, restart=True)
-    assert capture_sequence(begun).drawn == 1
-    assert [path.name for path in sorted(tmp_path.iterdir())] == ["conveyor.0000.exr", "sequence.json"]
-
-
 def test_restart_deletes_only_the_files_of_the_capture(tmp_path: Path) -> None:
     capture_sequence(request(tmp_path))
     paintings = [tmp_path / "painting.0001.exr", tmp_path / "reference" / "painting.0001.exr"]
@@ -291,17 +284,6 @@ def test_a_damaged_manifest_is_refused(tmp_path: Path, content: str) -> None:
     (tmp_path / "sequence.json").write_text(content)
     with pytest.raises(DataError, match=r"sequence\.json: cannot be resumed from .*; use --restart to begin anew"):
         capture_sequence(request(tmp_path))
-
-
-def test_a_file_in_the_way_of_the_folder(tmp_path: Path) -> None:
-    (tmp_path / "taken").touch()
-    with pytest.raises(OutputError):
-        capture_sequence(request(tmp_path / "taken"))
-
-
-def test_sizes_must_be_positive(tmp_path: Path) -> None:
-    with pytest.raises(UsageError):
-        capture_sequence(replace(request(tmp_path), fps=0.0))
 
 
 @pytest.mark.parametrize(("scene", "references"), [("charts", 1), ("conveyor", FRAMES)])

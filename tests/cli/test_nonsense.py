@@ -212,7 +212,13 @@ CASES: list[tuple[str, int, str]] = [
     ("bench quality --sequence seq --work out --page file.txt", DATA, "file.txt: the marks are missing"),
     ("tune done --budget 5ms -o out.toml", WRONG, "done: these are results of cltaa resolve"),
     ("tune seq --check done --budget 5ms -o out.toml", WRONG, "done: these are results of cltaa resolve"),
-    ("capture nonsense -o out", WRONG, "no such scene: nonsense"),
+    ("capture spiner -o out", WRONG, "no such scene: spiner; did you mean spinner? (see cltaa scenes)"),
+    ("capture spinner -o out --jitter grid:5", WRONG, "use grid:9"),
+    ("capture spinner -o out --yardstick 2,65537", WRONG, "too many samples a pixel (expected at most 65536, "),
+    ("capture spinner -o out --motion orbit", WRONG, "--motion orbit applies to file:PATH"),
+    ("capture spinner -o out --frames 0", USAGE, "0 is not in the range"),
+    ("capture file:scene.blend -o out", WRONG, "no reader for .blend (expected .glb"),
+    ("capture file:broken.glb -o out", DATA, "broken.glb: is no glTF 2.0 file"),
     ("capture '' -o out", WRONG, "no such scene"),
     ("capture spinner", WRONG, "no output folder; say where with -o DIR"),
     ("capture spinner -o ''", USAGE, "the name is empty"),
@@ -222,6 +228,7 @@ CASES: list[tuple[str, int, str]] = [
     ("capture spinner -o out --jitter nonsense", WRONG, "no such jitter"),
     ("capture spinner -o out --jitter halton:99999999999", WRONG, "N from 1 to 65536"),
     ("capture spinner -o out --fps nan", WRONG, "positive and finite"),
+    ("capture spinner -o out --fps 0", USAGE, "not in the range"),
     ("capture spinner -o out --fps inf", WRONG, "positive and finite"),
     ("capture file: -o out", WRONG, "no reader for a file without suffix"),
     ("capture file:nowhere.glb -o out", MISSING, "there is no such model; check the path behind file:"),
@@ -265,6 +272,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "file.txt").write_text("not what you think")
     (folder / "latin.toml").write_bytes(b"# caf\xe9")
     (folder / "other.toml").write_text('preset = "nope"')
+    (folder / "broken.glb").write_bytes(b"glTF\0\0\0 not really")
     (folder / "said.toml").write_text("published = 3")
     (folder / "profile.toml").write_text("[colour]\n[jitter]\n")
     (folder / "jitter.toml").write_text("[jitter]\nscale = [-1.0, -1.0]\n")

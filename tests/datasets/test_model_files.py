@@ -108,11 +108,6 @@ def test_missing_file(name: str, suffix: str, tmp_path: Path) -> None:
         load_model(tmp_path / (name + suffix))
 
 
-def test_unknown_kind(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"no reader for \.blend \(expected \.glb"):
-        load_model(tmp_path / "scene.blend")
-
-
 TEXTURED = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl red\nf 1/1 2/2 3/3\n"
 PICTURED = "ply\nformat ascii 1.0\ncomment TextureFile none.png\nelement vertex 3\nproperty float x\nproperty float y\n"
 PICTURED += "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"

@@ -22,7 +22,6 @@ from cltaa.io.exr_write import write_image
 from cltaa.io.manifest import LARGEST_RECORD
 from cltaa.io.sequence import open_sequence
 from cltaa.printable import printable
-from cltaa_datasets import FORMATS
 from cltaa_datasets.gltf_file import GltfFile
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame, read_frame, write_sequence
 from tests.test_architecture import imported, sources
@@ -212,13 +211,3 @@ def test_model_beside_its_buffer_is_read(tmp_path: Path) -> None:
     (tmp_path / "a b.bin").write_bytes(b"12345678")
     for uri in ("a%20b.bin", "data:;base64," + base64.b64encode(b"12345678").decode()):
         assert GltfFile(write_model(tmp_path / "a.gltf", uri)).json["asset"]["version"] == "2.0"
-
-
-@pytest.mark.parametrize("suffix", FORMATS)
-def test_model_of_nonsense_is_one_line(tmp_path: Path, suffix: str, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / f"model{suffix}"
-    path.write_bytes(np.random.default_rng(3).bytes(3000))
-    assert main(["capture", f"file:{path}", "-o", str(tmp_path / "out"), "--frames", "1"]) == 65
-    said = capsys.readouterr().err
-    assert said.startswith("cltaa: error: ")
-    assert said.count("\n") == 1

@@ -16,14 +16,7 @@ from cltaa.inputs.open import open_input
 from cltaa.inputs.roles import Place, describe
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.exr_write import write_image
-from cltaa.io.sequence import FrameSequence
 from tests.inputs.foreign import frames, read, side_text, write_blender, write_own, write_parts
-from tests.sequence_factory import write_sequence
-
-
-def test_own_sequences_are_opened_as_ever(tmp_path: Path) -> None:
-    sequence = open_input(write_sequence(tmp_path, 2))
-    assert type(sequence) is FrameSequence
 
 
 def assert_the_same(ours: Frame, theirs: Frame) -> None:

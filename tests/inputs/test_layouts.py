@@ -289,16 +289,6 @@ def test_a_part_that_nobody_reads_may_be_damaged(tmp_path: Path) -> None:
         open_input(folder, assignments=["colour.channels=other.R other.G other.B"]).frame(1)
 
 
-@pytest.mark.parametrize("mode", [OpenEXR.MIPMAP_LEVELS, OpenEXR.RIPMAP_LEVELS])
-def test_many_levels_are_refused_by_name(mode: object, tmp_path: Path) -> None:
-    tile = OpenEXR.TileDescription()
-    tile.xSize, tile.ySize, tile.mode = 16, 16, mode
-    made = {"type": OpenEXR.tiledimage, "compression": OpenEXR.ZIP_COMPRESSION, "tiles": tile}
-    OpenEXR.File(made, {c: of(drawn(0)["light.R"], DISPLAY) for c in "RGB"}).write(str(tmp_path / "a.0001.exr"))
-    with pytest.raises(DataError, match="mip-mapped images are not read"):
-        open_input(tmp_path).frame(1)
-
-
 def test_a_truth_and_results_may_be_cropped(tmp_path: Path) -> None:
     for number in range(COUNT):
         planes = {c: of(drawn(number)[f"light.{c}"], wandering(number)) for c in "RGB"}

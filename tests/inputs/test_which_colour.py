@@ -27,27 +27,24 @@ def test_a_colour_is_of_one_layer(tmp_path: Path) -> None:
     assert intake.profile.name == "parts"  # and not mitsuba, whose depth lies along the ray
 
 
-def test_no_colour_names_what_is_there(tmp_path: Path) -> None:
-    write_image(tmp_path / "a.0001.exr", {"Y": np.ones((4, 4), np.float32)})
-    with pytest.raises(DataError, match=r"no colour channels.*found Y.*--input colour.channels='Y Y Y'"):
-        open_intake(tmp_path)
-
-
 @pytest.mark.parametrize(
-    ("there", "cure"),
+    ("there", "said"),
     [
-        (["b", "g", "r"], "r g b"),
+        (["b", "g", "r"], "no colour channels.*name them: --input colour.channels='r g b'"),
         (
             ["a.r", "a.b", "blue.r", "diffuse.Blue", "diffuse.Green", "diffuse.Red"],
-            "diffuse.Red diffuse.Green diffuse.Blue",
+            "no colour channels.*name them: .*'diffuse.Red diffuse.Green diffuse.Blue'",
         ),
-        (["u", "v", "w"], "RED GREEN BLUE"),
-        (["X", "Y", "Z"], "RED GREEN BLUE"),  # whose Y is no grey
+        (["u", "v", "w"], "no colour channels.*name them: .*'RED GREEN BLUE'"),
+        (["X", "Y", "Z"], "no colour channels.*name them: .*'RED GREEN BLUE'"),  # whose Y is no grey
+        (["Y"], r"no colour channels.*found Y\); name them: .*'Y Y Y'"),
+        (["Y", "Z"], r"no colour channels.*found Y Z\); name them: .*'Y Y Y'"),
+        (["Y", "RY", "BY"], r"luminance and chroma \(expected R G B, found BY RY Y\); convert it to R G B"),
     ],
 )
-def test_no_colour_asks_for_names_that_are_there(tmp_path: Path, there: list[str], cure: str) -> None:
+def test_no_colour_asks_for_names_that_are_there(tmp_path: Path, there: list[str], said: str) -> None:
     write_image(tmp_path / "a.0001.exr", {name: np.ones((4, 4), np.float32) for name in there})
-    with pytest.raises(DataError, match=f"no colour channels.*name them: --input colour.channels='{cure}'"):
+    with pytest.raises(DataError, match=said):
         open_intake(tmp_path)
 
 
@@ -55,18 +52,6 @@ def test_whole_numbers_are_no_light(tmp_path: Path) -> None:
     write_image(tmp_path / "shot.0001.exr", {c: np.full((2, 3), 200, np.uint32) for c in "RGB"})
     with pytest.raises(DataError, match=r"channel R: wrong channel type \(expected half or float, found uint\)"):
         read(tmp_path)
-
-
-def test_an_option_for_a_grey_picture_beside_depth_is_printed(tmp_path: Path) -> None:
-    write_image(tmp_path / "a.0001.exr", {name: np.ones((4, 4), np.float32) for name in "YZ"})
-    with pytest.raises(DataError, match=r"found Y Z\); name them: --input colour.channels='Y Y Y'"):
-        open_intake(tmp_path)
-
-
-def test_luminance_and_chroma_are_called_so(tmp_path: Path) -> None:
-    write_image(tmp_path / "a.0001.exr", {name: np.ones((4, 4), np.float32) for name in ("Y", "RY", "BY")})
-    with pytest.raises(DataError, match=r"luminance and chroma \(expected R G B, found BY RY Y\); convert it to R G B"):
-        open_intake(tmp_path)
 
 
 @pytest.mark.parametrize("names", [("aov1.0001.exr", "aov2.0001.exr"), ("pass1/x.0001.exr", "pass2/x.0001.exr")])
