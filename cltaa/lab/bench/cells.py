@@ -480,8 +480,12 @@ def run(task: Task) -> dict[str, Cell]:
 
 
 def _in_processes(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, dict[str, Cell]]]:
-    """Yield each finished task with its cells; after a failure, still waits for and yields the running tasks."""
+    """Yield each finished task with its cells; after a failure, still waits for and yields the running tasks.
+
+    An interrupt, or an error of whoever stores the cells, ends the processes: nobody would take what they return.
+    """
     failed: list[CltaaError] = []
+    strangers = multiprocessing.active_children()
     context = multiprocessing.get_context("spawn")
     threads = max(CORES // jobs, 1)
     with ProcessPoolExecutor(jobs, context, initializer=share_processors, initargs=(threads,)) as pool:
@@ -501,8 +505,11 @@ def _in_processes(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, dict
         except BrokenProcessPool as error:
             cure = "run the same again, with fewer --jobs; what is finished is kept"
             raise ResourceError("a worker process was killed", cure=cure) from error
-        finally:
-            pool.shutdown(cancel_futures=True)  # after an error, drop the tasks that have not begun
+        except BaseException:
+            for process in multiprocessing.active_children():
+                if process not in strangers:
+                    process.terminate()  # else the pool waits for them, and for as many tasks again
+            raise
     if failed:
         raise failed[0]
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import shutil
+import signal
+from collections.abc import Generator
 from pathlib import Path
 
 import msgspec
@@ -48,6 +51,23 @@ def test_spawned_processes_find_the_same(sequence: Path, tmp_path: Path) -> None
     for folder, jobs in (("one", 1), ("two", 2)):
         assert {path(each) for each in run_all(tasks, tmp_path / folder, jobs=jobs)} == {path(each) for each in tasks}
     assert cells_of(tasks, tmp_path / "one") == cells_of(tasks, tmp_path / "two")
+
+
+def test_who_stops_waits_for_no_task_that_runs(sequence: Path, tmp_path: Path) -> None:
+    """As on an interrupt: the pool would run to their end as many as it has processes, twice, and drop their cells."""
+    strict = (False, True)
+    tasks = [
+        msgspec.structs.replace(task(sequence, place, strict=each), device="numpy")
+        for place in (0, 1)
+        for each in strict
+    ]
+    running = run_all(tasks, tmp_path, jobs=2)
+    finished = next(running)
+    workers = multiprocessing.active_children()
+    assert isinstance(running, Generator)
+    running.close()
+    assert [worker.exitcode for worker in workers] == [-signal.SIGTERM] * 2
+    assert finished.left(tmp_path) is None
 
 
 def test_what_is_finished_outlives_an_error(sequence: Path, tmp_path: Path) -> None:
