@@ -6,6 +6,7 @@ character that reverses the direction of reading, or bytes that are not UTF-8. E
 
 from __future__ import annotations
 
+import html
 import json
 import math
 import re
@@ -53,8 +54,13 @@ def markdown(heads: Iterable[str], rows: Iterable[Iterable[str]], *, figures: bo
 
 
 def markdown_row(cells: Iterable[str]) -> str:
-    """Return a line of a table in Markdown."""
-    return f"| {' | '.join(cells)} |\n"
+    """Return a line of a table in Markdown, with the text of every cell as ``literal`` writes it."""
+    return f"| {' | '.join(map(literal, cells))} |\n"
+
+
+def literal(text: str) -> str:
+    """Return text that begins no tag and ends no cell in Markdown, nor in HTML within it."""
+    return html.escape(printable(text), quote=False).replace("|", "&#124;")
 
 
 def json_of(value: Any) -> str:

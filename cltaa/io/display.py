@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cltaa.errors import DataError
 from cltaa.frame import Image
 from cltaa.io.atomic import atomic_path
+from cltaa.printable import printable
 
 Floats = TypeVar("Floats", NDArray[np.float32], NDArray[np.float64])
 
@@ -110,6 +111,7 @@ def wipe(before: Image, after: Image, share: float, labels: tuple[str, str]) -> 
 
 def label(picture: Picture, text: str) -> Picture:
     """Return a copy of a picture with ``text`` in its upper left corner, white on a dark ground."""
+    text = printable(text)
     from PIL import Image as Pillow
     from PIL import ImageDraw, ImageFont
 

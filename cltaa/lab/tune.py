@@ -29,7 +29,7 @@ from cltaa.io.sequence import FrameSequence
 from cltaa.lab.judge.comparison import content_sha256, truth_of
 from cltaa.lab.judge.metrics import METRICS, named_metrics
 from cltaa.lab.timing import Clock, measure, resolve_job, timed_frames
-from cltaa.printable import counted
+from cltaa.printable import counted, printable
 from cltaa.process import is_own
 from cltaa.progress import track
 
@@ -297,12 +297,12 @@ def _suggested(trial: Any) -> dict[str, str | float]:
 def preset_text(tuned: Tuned, preset: Preset) -> str:
     """Return the preset as TOML: a description, its base preset, and the keys that differ from that."""
     limit = f"{tuned.goal.budget_ms:g} ms" if tuned.goal.budget_ms is not None else f"{tuned.goal.target:g}"
-    searched, trials = ", ".join(tuned.searched_on), counted(tuned.trials, "trial")
+    searched, trials = printable(", ".join(tuned.searched_on)), counted(tuned.trials, "trial")
     about = f"Tuned for {tuned.goal.metric} within {limit} on {searched}, {trials}"
     if not tuned.reached:
         about += "; the goal was not reached"
     if tuned.overfits:
-        about += f"; over-fits: not borne out on {', '.join(tuned.checked_on)}"
+        about += f"; over-fits: not borne out on {printable(', '.join(tuned.checked_on))}"
     base = load_preset(preset.name if preset.name in preset_names() else "default")
     values: dict[str, Any] = {"description": about, "preset": base.name}
     ours, theirs = preset.deciding(), base.deciding()

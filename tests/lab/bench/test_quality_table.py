@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import re
 from pathlib import Path
 
 import pytest
@@ -10,7 +12,7 @@ import pytest
 from cltaa.core.presets import load_preset
 from cltaa.errors import DataError, OutputError
 from cltaa.lab.bench.cases import HELD_OUT, TRAIN
-from cltaa.lab.bench.cells import ONE_SAMPLE
+from cltaa.lab.bench.cells import ONE_SAMPLE, Judged
 from cltaa.lab.bench.quality.pictures import write_pictures
 from cltaa.lab.bench.quality.table import (
     BEGIN,
@@ -18,10 +20,12 @@ from cltaa.lab.bench.quality.table import (
     check_pages,
     ordered,
     scenes,
+    scenes_page,
     summarise,
     summary,
     write_pages,
 )
+from cltaa.printable import literal
 from cltaa.reference.launcher import NumpyLauncher
 from tests.lab.bench.quality_cells import case, scores
 
@@ -159,6 +163,26 @@ def test_each_scene_has_a_line_that_leads_to_its_table() -> None:
     assert "\n\n## pan\n\n<details><summary>all presets and scores</summary>\n\n| preset |" in scenes(table, "about")
     alone = summary(summarise([(case("pan"), {"mine": scores()})]), "about", "scenes.md")
     assert "### Each scene\n\n| scene | flip ↓ mine | samples ↑ mine |" in alone
+
+
+def pages_of(name: str, folder: Path) -> str:
+    """Return both pages of a scene, a preset and a page of that name, without the anchors of headings."""
+    cells = {
+        "default": scores(),
+        "karis": scores(),
+        name: Judged(scores=scores().scores, frames=4, not_finite=9, device=""),
+    }
+    page = folder / "page.md"
+    write_pages(page, summarise([(case(name), cells)]), f"of {name}", {name: f"{name} errs\n\n![](a.png)"})
+    texts = [path.read_text(encoding="utf-8") for path in (page, scenes_page(page))]
+    return re.sub(r"md#[^)]*\)", "md#)", "".join(texts))
+
+
+@pytest.mark.parametrize("name", ["a|b", "a<b>c", "a\nb", "a&lt;b", os.fsdecode(b"a\xffb")])
+def test_no_name_breaks_a_page(name: str, tmp_path: Path) -> None:
+    """Cells end at a bar, a tag may never end, and what is not UTF-8 cannot be written."""
+    assert not {*"|<\n"} & {*literal(name)}
+    assert pages_of(name, tmp_path) == pages_of("NAME", tmp_path).replace("NAME", literal(name))
 
 
 def test_a_preset_that_is_the_default_gets_no_picture(tmp_path: Path) -> None:

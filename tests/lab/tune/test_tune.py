@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -86,13 +87,13 @@ def test_a_gain_that_is_not_borne_out_is_over_fitting(gain: float, elsewhere: fl
 @pytest.mark.parametrize("name", ["default", "basic", "karis"])
 def test_preset_text_is_toml_that_resolve_reads(name: str, tmp_path: Path) -> None:
     base = load_preset(name)
-    tuned = msgspec.structs.replace(FOUND, searched_on=['a "b"'], overfits=True)
+    tuned = msgspec.structs.replace(FOUND, searched_on=['a "b"', os.fsdecode(b"\xff")], overfits=True)
     # Some are the values that a preset begins from, and not those of the default.
     wanted = override(
         base, {"rectify": "clip", "sample_limit": 31.7, "illumination": "static", "resampling_penalty": 1.5}
     )
     path = tmp_path / "tuned.toml"
-    path.write_text(preset_text(tuned, wanted))
+    path.write_text(preset_text(tuned, wanted), encoding="utf-8")
     assert "over-fits" in tomllib.loads(path.read_text())["description"]
     read = load_config(path, load_preset())  # as resolve --config does
     assert (read.choices, read.settings, read.published) == (wanted.choices, wanted.settings, base.published)

@@ -20,6 +20,7 @@ from cltaa.io.sequence import FrameSequence
 from cltaa.lab.bench.cells import ONE_SAMPLE, in_step
 from cltaa.lab.bench.quality.table import DEFAULT, Row, Table
 from cltaa.lab.judge.video_scores import SCORES, import_ndimage
+from cltaa.printable import literal
 from cltaa.progress import track
 
 SHARE = 4  # the image's height over the crop's side
@@ -64,7 +65,7 @@ def write_pictures(
         write_png(path, _magnified(crop))
         stale.remove(preset.name)
         link = os.path.relpath(path, path.parent if page is None else page.parent)
-        picture = f"![{preset.name}]({quote(Path(link).as_posix())})"
+        picture = f"![{literal(preset.name)}]({quote(os.fsencode(Path(link)))})"
         texts[preset.name] = f"{caption(row, preset.name, crop.frame)}\n\n{picture}"
     for name in stale:
         (output / f"{name}.png").unlink(missing_ok=True)

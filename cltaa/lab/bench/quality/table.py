@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import time
 from collections import Counter
@@ -22,7 +23,7 @@ from cltaa.lab.bench.cases import Case
 from cltaa.lab.bench.cells import COLUMNS, ONE_SAMPLE, Judged
 from cltaa.lab.judge.comparison import truth_of, truth_samples
 from cltaa.lab.judge.metrics import ALPHA, Measure, mean_of
-from cltaa.printable import markdown
+from cltaa.printable import literal, markdown, printable
 
 DEFAULT = "default"
 
@@ -207,7 +208,7 @@ def _around(path: Path, page: Path) -> tuple[str, str]:
     try:
         before, begin, rest = path.read_text(encoding="utf-8").partition(BEGIN)
     except FileNotFoundError:
-        return "# Presets judged\n\n" if path == page else f"# Each scene of {page.name}\n\n", "\n"
+        return "# Presets judged\n\n" if path == page else f"# Each scene of {literal(page.name)}\n\n", "\n"
     _, end, after = rest.partition(END)
     if not begin or not end:
         raise DataError("the marks are missing", path=path, expected=f"{BEGIN} and {END}")
@@ -216,20 +217,20 @@ def _around(path: Path, page: Path) -> tuple[str, str]:
 
 def summary(table: Table, about: str, beside: str) -> str:
     """Return the main page: method, means, comparisons, and one line per scene with a link to ``beside``."""
-    parts = [about, "### Means over sequences", *_means(table), "### Who beats whom", *_duels(table)]
+    parts = [literal(about), "### Means over sequences", *_means(table), "### Who beats whom", *_duels(table)]
     return "\n\n".join([*parts, "### Each scene", *_overview(table, beside)])
 
 
 def scenes(table: Table, about: str, pictures: Mapping[str, str] | None = None) -> str:
     """Return each scene's table, and each preset's worst picture; all collapsed."""
-    parts = [about]
+    parts = [literal(about)]
     for scene, rows in _by_scene(table).items():
-        parts += [f"## {scene}", _collapsed("all presets and scores", _scene_table(rows))]
+        parts += [f"## {literal(scene)}", _collapsed("all presets and scores", _scene_table(rows))]
     if pictures:
         parts.append("## Each preset's worst")
         for name, text in pictures.items():
             caption, _, picture = text.partition("\n\n")
-            line = f"<b>{name}.</b> {caption}"
+            line = f"<b>{literal(name)}.</b> {literal(caption)}"
             parts.append(_collapsed(line, picture) if picture else line)
     return "\n\n".join(parts)
 
@@ -258,7 +259,7 @@ def _overview(table: Table, beside: str) -> Iterable[str]:
             leaders = [_best(column, ({column.name: group[n]} for group in groups)) for n in range(len(rows))]
             for group in groups:
                 cells.append(" / ".join(_cell(v, column, best) for v, best in zip(group, leaders, strict=True)))
-        lines.append([f"[{scene}]({quote(beside)}#{_anchor(scene)})", *cells])
+        lines.append([f"[{scene}]({quote(os.fsencode(beside))}#{_anchor(printable(scene))})", *cells])
     yield markdown(["scene", *heads], lines, figures=True).rstrip()
     yield _splits(table.means)
 
@@ -292,7 +293,7 @@ def _scene_table(rows: list[Row]) -> str:
     names = ordered(_names(rows))
     grid = _grid({name: [row.presets[name].scores for row in rows] for name in names})
     broken = [
-        f"{name}: {row.presets[name].not_finite} values that are not finite in {row.key}"
+        literal(f"{name}: {row.presets[name].not_finite} values that are not finite in {row.key}")
         for row in rows
         for name in names
         if row.presets[name].not_finite
