@@ -566,6 +566,7 @@ class Resolver:
 
     def _allocate(self, layout: Layout, alpha: bool) -> Buffers:
         self._free()  # before the new ones are allocated
+        self._forget()  # what was in them
         self._buffers = self._new_buffers(layout, alpha)
         return self._buffers
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -49,9 +50,10 @@ def test_constant_image_keeps_its_bits(preset: str, effects: frozenset[Effect] |
         assert np.array_equal(bits(resolved), bits(colour))
 
 
-@pytest.mark.parametrize("change", ["cut", "gap", "reset", "size", "lens"])
-def test_history_starts_anew(change: str) -> None:
-    resolver = Resolver(override(load_preset(), {"current_filter": "none"}), "numpy")
+@pytest.mark.parametrize("change", ["cut", "gap", "reset", "size", "lens", "reserved", "no memory"])
+def test_history_starts_anew(change: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    # ``standing`` gives a history of no samples a weight.
+    resolver = Resolver(override(load_preset(), {"current_filter": "none", "accumulate": "standing"}), "numpy")
     for index in range(3):
         resolver.resolve(still_frame(index))
     frame = still_frame(3, cut=True) if change == "cut" else still_frame(9 if change == "gap" else 3)
@@ -61,6 +63,13 @@ def test_history_starts_anew(change: str) -> None:
         frame = replace(frame, camera=Camera(frame.camera.world_to_view, orthographic(2.0, 1.5)))
     if change == "reset":
         resolver.reset()
+    if change == "reserved":
+        resolver.reserve(50, 20, alpha=False)
+    if change == "no memory":
+        with monkeypatch.context() as patch:
+            patch.setattr(resolver.launcher, "allocate", Mock(side_effect=MemoryError))
+            with pytest.raises(MemoryError):
+                resolver.resolve(make_frame(3, width=50, height=20, effects=STILL))
     assert np.array_equal(bits(resolver.resolve(frame)), bits(frame.colour))
 
 
