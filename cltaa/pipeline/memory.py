@@ -118,7 +118,7 @@ def of_sequence(sequence: FrameSequence, held: DevicePlanes, layers: Mapping[str
     Memory of packed files, of groups of planes and of results is reused from frame to frame. Decoded channels exist
     beside the planes of their frame until they are moved there; this counts for one of the frames read at a time, since
     they are seldom in step. In bands, one frame at a time is in memory, its result in its place, and beside it the
-    count of each pixel, and the result in halves if those are written; nothing is reused. Readers also hash files
+    counts of each pixel, and the result itself where it has alpha or halves; nothing is reused. Readers also hash files
     without a recorded hash. Until frames of another tool are converted, each reader holds their channels twice.
     """
     width, height, channels, converted = sequence.width, sequence.height, sequence.channels, sequence.converted
@@ -134,7 +134,8 @@ def of_sequence(sequence: FrameSequence, held: DevicePlanes, layers: Mapping[str
     image = _mapped(planes * number * width * height, banded)
     carried = sum(_mapped(PIXEL_BYTES[kind] * width * height, banded) for kind in layers.values())
     texel = planes * number + sum(PIXEL_BYTES[kind] for name, kind in layers.items() if name not in MADE)
-    frames, results, decoded = (1, plane + half * image, 1) if banded else (FRAMES, RESULTS * image, AHEAD)
+    in_bands = (1 + held.changes) * plane + (half or held.steps.alpha) * image
+    frames, results, decoded = (1, in_bands, 1) if banded else (FRAMES, RESULTS * image, AHEAD)
     unpacking = (1 if converted else decoded) * OpenEXR.global_thread_count() * BLOCKS * chunk
     readers, writers = (1, 1) if banded else (AHEAD, BEHIND)
     beside = 0 if banded else sum(groups)

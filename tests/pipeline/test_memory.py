@@ -71,7 +71,7 @@ def test_what_decides_the_history_is_counted(layered: Path) -> None:
 
 def test_bands_that_are_asked_for_are_counted(layered: Path) -> None:
     whole, bands = planned(layered), planned(layered, band_rows=4)
-    assert bands.results == 4 * TEXELS  # the count of each pixel
+    assert bands.results == 4 * TEXELS  # the count of each pixel; nothing declared changes the light
     assert bands.device < whole.device
 
 

@@ -8,7 +8,9 @@ import re
 import subprocess
 import sys
 import time
+import tracemalloc
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,7 @@ from cltaa.core.planes import Layout, haloed
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect
+from cltaa.io.exr_write import write_frame
 from cltaa.io.manifest import PIECE, file_sha256
 from cltaa.io.sequence import open_sequence
 from cltaa.io.streams import AHEAD
@@ -77,6 +80,24 @@ def test_bands_take_the_halves_of_one_on_the_device() -> None:
     resolver.resolve(make_frame(0, width=50, height=31, alpha=True), half=True)
     assert resolver.plan is not None
     assert launcher.allocated == device_bytes(50, 31, DevicePlanes(resolver.plan.steps, band_rows=16, half=True))
+
+
+@pytest.mark.parametrize(("alpha", "half"), [*product((False, True), repeat=2)])
+def test_bands_take_of_the_host_what_the_formula_says(alpha: bool, half: bool, tmp_path: Path) -> None:
+    width, height, rows = 300, 400, 2
+    resolver = BandedResolver(band_rows=rows)
+    made = partial(make_frame, width=width, height=height, alpha=alpha, effects=None)
+    resolver.resolve(made(0), half=half)  # which builds
+    frame = made(1)
+    write_frame(tmp_path / "a.0001.exr", frame)
+    assert resolver.plan is not None
+    held = DevicePlanes(resolver.plan.steps, band_rows=rows, changes=True, shared=True, half=half)
+    told = of_sequence(open_sequence(tmp_path), held).results
+    tracemalloc.start()
+    resolver.resolve(frame, half=half)
+    taken = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert told <= taken < told + 4 * width * height  # less than a plane for the results of the last bands
 
 
 @pytest.mark.parametrize("alpha", [False, True])
