@@ -83,7 +83,7 @@ class _Whole(NamedTuple):
     colour: Image  # [H, W, 3]
     alpha: Image | None
     counts: NDArray[np.float32]  # [1 or 2, H, W]: samples, and with the illumination test the change
-    inverse_depth: Image
+    inverse_depth: Image | None  # where depth was given
 
     def store(self, result: _Result) -> None:
         rows = result.band.own
@@ -91,7 +91,8 @@ class _Whole(NamedTuple):
         if self.alpha is not None:
             self.alpha[rows] = result.output[3]
         self.counts[:, rows] = result.counts[: len(self.counts)]
-        self.inverse_depth[rows] = result.inverse_depth[0]
+        if self.inverse_depth is not None:
+            self.inverse_depth[rows] = result.inverse_depth[0]
 
 
 class BandedResolver(Resolver):
@@ -151,6 +152,7 @@ class BandedResolver(Resolver):
             waiting.append(_Result(band, *(band.copied(buffer) for buffer in written)))
         for result in waiting:
             whole.store(result)
+        self._previous = None  # an interrupt from here on leaves no history, rather than a half of one
         _keep(whole, buffers)
         self._previous = Past.of(frame, self._coarse)
         self.times = Times(0.0, perf_counter() - started, 0.0)
@@ -181,7 +183,7 @@ def _whole(frame: Frame, alpha: bool, counts: int) -> _Whole:
         frame.colour,
         np.empty(size, np.float32) if alpha and frame.alpha is None else frame.alpha,
         np.empty((counts, *size), np.float32),
-        frame.depth,
+        frame.depth if frame.has_depth else None,
     )
 
 
@@ -200,7 +202,7 @@ def _keep(whole: _Whole, buffers: Buffers) -> None:
     for buffer, planes in (
         (buffers.history, [*colour, *([] if whole.alpha is None else [whole.alpha])]),
         (buffers.history_count, [*whole.counts]),
-        (buffers.previous_inverse_depth, [whole.inverse_depth]),
+        (buffers.previous_inverse_depth, [] if whole.inverse_depth is None else [whole.inverse_depth]),
     ):
         with buffer.mapped(write=True) as target:
             for place, plane in zip(buffers.whole.inside(target)[: len(planes)], planes, strict=True):

@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from cltaa.cli import main
 from cltaa.core.bands import BandedResolver
 from cltaa.core.build import Steps, Storage
 from cltaa.core.planes import BLOCK_POOL
+from cltaa.core.planes import Layout as PlaneLayout
 from cltaa.core.presets import load_preset
 from cltaa.core.resolver import Resolver
 from cltaa.errors import ResourceError, UsageError
@@ -113,6 +115,17 @@ def test_state_of_one_is_the_state_of_the_other(tmp_path: Path) -> None:
     for frame in sequence[3:]:
         expected = whole.resolve(frame)
         assert np.array_equal(bits(restored.resolve(frame)), bits(expected))
+
+
+def test_a_history_that_was_kept_in_part_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    resolver, fresh = BandedResolver(band_rows=6), BandedResolver(band_rows=6)
+    first, second, *_ = frames()
+    resolver.resolve(first)
+    with monkeypatch.context() as patch:
+        patch.setattr(PlaneLayout, "extend_edges", Mock(side_effect=KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            resolver.resolve(copied(second))
+    assert np.array_equal(bits(resolver.resolve(copied(second))), bits(fresh.resolve(copied(second))))
 
 
 def test_the_image_lies_in_the_arrays_of_its_frame() -> None:
