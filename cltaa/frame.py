@@ -99,6 +99,8 @@ class Camera:
 
 # Camera of a frame that was given none. It never moves, so it causes no motion.
 NO_CAMERA = Camera(np.eye(4), np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, -1.0, -0.2], [0, 0, -1.0, 0]]))
+# The depth of a frame that was given none, one number in memory.
+SKY = np.array(np.inf, np.float32)
 PLANES = ("colour", "depth", "motion", "alpha", "reactive", "object_id", "normal")
 
 
@@ -197,9 +199,8 @@ class Frame:
         given |= {name: shared(name, given[name]) for name in PLANES}
         # NumPy's narrow integers would overflow when a step is added.
         given |= {name: int(given[name]) for name in ("index", "step") if isinstance(given[name], np.integer)}
-        if depth is None:  # the depth of the sky, one number in memory
-            size = getattr(given["colour"], "shape", ())[:2]
-            given["depth"] = np.broadcast_to(np.float32(np.inf), size)
+        if depth is None:
+            given["depth"] = np.broadcast_to(SKY, getattr(given["colour"], "shape", ())[:2])
         given["camera"] = NO_CAMERA if camera is None else camera
         given["jitter_px"] = _pair(jitter_px)
         for name, value in given.items():
@@ -214,7 +215,7 @@ class Frame:
     @property
     def has_depth(self) -> bool:
         """False where no depth was given; ``depth`` then repeats that of the sky, one number in memory."""
-        return any(self.depth.strides) or 0 in self.depth.shape or bool(self.depth.flat[0] != np.inf)
+        return any(self.depth.strides) or self.depth.base is not SKY
 
     @property
     def arrays(self) -> list[Image]:

@@ -31,7 +31,6 @@ from cltaa.commands.options import json_option
 from cltaa.commands.printing import Console
 from cltaa.errors import CltaaError, DeviceMissing, UsageError
 from cltaa.frame import Frame
-from cltaa.inputs.convert import still_camera
 from cltaa.opencl import cache as kernel_cache
 from cltaa.opencl.pocl_cpu_name import cpu_facts, cpu_flags, cpu_name, level_of
 from cltaa.printable import counted, json_of, shown
@@ -312,10 +311,9 @@ def _try_resolve() -> str:
 
     resolver = Resolver()
     random = np.random.default_rng(0)
-    camera = still_camera(WIDTH, HEIGHT)
     for index in range(3):
         colour = np.moveaxis(random.random((3, HEIGHT, WIDTH), np.float32), 0, -1)
-        frame = Frame(index=index, colour=colour, depth=np.ones((HEIGHT, WIDTH), np.float32), camera=camera)
+        frame = Frame(index=index, colour=colour, depth=np.ones((HEIGHT, WIDTH), np.float32))
         resolved = resolver.resolve(frame)
         if resolved.shape != colour.shape or not (resolved.min() >= 0.0 and resolved.max() <= 1.0):
             raise SystemExit("the resolve of three frames of noise in [0, 1] is not in [0, 1]")

@@ -188,12 +188,6 @@ def standard_camera(world_to_camera: Matrix, world_to_ndc: Matrix, near: float) 
     return view, projection
 
 
-def still_camera(width: int, height: int) -> Camera:
-    """Return a placeholder for an unknown camera; it never moves, so it causes no motion."""
-    projection = np.array([[1.0, 0, 0, 0], [0, width / height, 0, 0], [0, 0, -1.0, -0.2], [0, 0, -1.0, 0]])
-    return Camera(np.eye(4), projection)
-
-
 def device_planes(rule: Depth, camera: Camera) -> tuple[float, float]:
     """Return the inverse depth of the near and the far plane of device depth."""
     near, far = planes_of(camera.view_to_clip)

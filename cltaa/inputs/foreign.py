@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from cltaa.core.frame_checks import check_camera, check_numbers
 from cltaa.core.planes import haloed
 from cltaa.errors import CltaaError, DataError
-from cltaa.frame import Effect, Frame, Image, format_effects
-from cltaa.inputs.convert import check_depth, linear_colour, motion_px, planar_depth, still_camera
+from cltaa.frame import NO_CAMERA, Effect, Frame, Image, format_effects
+from cltaa.inputs.convert import check_depth, linear_colour, motion_px, planar_depth
 from cltaa.inputs.intake import Intake, first_frames, intake_lines, open_intake
 from cltaa.inputs.profile import Encoding, Profile, load_profile, override
 from cltaa.inputs.roles import (
@@ -33,7 +33,7 @@ from cltaa.inputs.roles import (
 )
 from cltaa.io.content import open_regular
 from cltaa.io.exr_frame import CHANNEL_OF, COLOUR, GROUPS, MATRICES, NO_PIXELS, OF_RESULTS, Pixels
-from cltaa.io.exr_layout import Layout, of_region, placed
+from cltaa.io.exr_layout import Layout, placed
 from cltaa.io.exr_read import FrameFile, ImageHeader, read_any_header, read_planes
 from cltaa.io.manifest import file_sha256
 from cltaa.io.names import Named, Selection, has_suffix, name_of, number_of, renumbered, selection_of
@@ -175,9 +175,10 @@ class ForeignSequence(FrameSequence):
 
     @property
     def channels(self) -> frozenset[str]:
-        """The channels after conversion; depth is always among them, even without a channel for it."""
+        """The channels after conversion."""
         shown = {CHANNEL_OF[part] for part in self.holds}
-        return frozenset({*COLOUR, "Z"}.union(*(group for group in GROUPS if group[0] in shown)))
+        depth = {"Z"} if "depth" in self._roles else set[str]()
+        return frozenset(depth.union(COLOUR, *(group for group in GROUPS if group[0] in shown)))
 
     def of_numbers(self, numbers: Many[int], guides: Mapping[str, tuple[Place, ...]] | None = None) -> Self:
         """Return the frames of these numbers, perhaps with other ``guides``."""
@@ -239,7 +240,7 @@ class ForeignSequence(FrameSequence):
         planes, there = self._planes(number, self._roles, kept)
         profile, outline = self.intake.profile, self.outline(number)
         colour = linear_colour(planes["colour"], profile.colour.encoding)
-        depth = np.full(colour.shape[:2], np.inf, np.float32)
+        depth: Any = None
         if "depth" in planes:
             depth = planar_depth(planes["depth"][..., 0], profile.depth, outline.camera, outline.jitter_px)
             if not self._strict:  # cltaa check looks for NaN; the resolve treats it as sky
@@ -255,9 +256,8 @@ class ForeignSequence(FrameSequence):
 
     def outline(self, number: int) -> Frame:
         """Return a frame from its header only; the channels that it has are present but empty."""
-        layout = self.layouts[number]
         declared = self.intake.declared[number]
-        camera = declared.camera or of_region(still_camera(*layout.display_size), layout)
+        camera = declared.camera or NO_CAMERA
         jitter, exposure = self._jitter(number, number), 1.0 if declared.exposure is None else declared.exposure
         if self._strict:
             matrices, source = declared.matrices_from, declared.jitter_from
@@ -269,7 +269,7 @@ class ForeignSequence(FrameSequence):
         return Frame(
             index=number,
             colour=NO_PIXELS,
-            depth=NO_PIXELS,
+            depth=NO_PIXELS if "depth" in self._roles else None,
             camera=camera,
             jitter_px=jitter,
             cut=declared.cut,

@@ -11,7 +11,10 @@ import pytest
 
 from cltaa import Effect, Frame, Resolver
 from cltaa.core.record import coarse_colours, looks_cut
+from cltaa.io.exr_read import read_colour
 from cltaa.pipeline.checkpoint import Checkpoints
+from cltaa.pipeline.folder import resolve_folder
+from tests.sequence_factory import write_images
 
 WIDTH, HEIGHT = 64, 36
 CUT = 4  # the frame that begins the second shot
@@ -58,6 +61,17 @@ def test_what_is_found_is_what_a_declaration_makes(preset: str, options: dict[st
 def test_none_is_looked_for_where_history_is_refuted_otherwise(changed: Any) -> None:
     assert looks_cut(*(coarse_colours(frame) for frame in two_shots()[CUT - 1 : CUT + 1]))
     assert [coarse_colours(changed(frame)) for frame in two_shots()] == [()] * (CUT + 3)
+
+
+def test_a_cut_is_found_in_files_without_depth_and_matrices(tmp_path: Path) -> None:
+    frames, files = two_shots(), write_images(tmp_path / "colour", [frame.colour for frame in two_shots()])
+    with Resolver() as resolver:
+        expected = [resolver.resolve(frame) for frame in frames]
+    for rows in (0, 8):
+        output = tmp_path / f"{rows}"
+        assert resolve_folder(files, output, effects="all", band_rows=rows).cuts_found == [CUT]
+        found = [read_colour(output / f"image.{frame.index:04d}.exr") for frame in frames]
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_a_published_resolve_is_left_as_it_is() -> None:
