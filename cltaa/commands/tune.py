@@ -58,9 +58,9 @@ def command(
     """Search for the settings with the least error within a time, or the least time within an error.
 
     Every SEQUENCE is a capture with its truth, or another tool's frames with the truth in a folder reference/
-    (docs/inputs.md). The search also tries every preset unchanged. It then measures the outcome on sequences that it
-    did not search on, and reports over-fitting where less than half of the gain is left. The same command continues an
-    interrupted search, also with more --trials.
+    (docs/inputs.md). The search also tries our presets that do not look ahead, unchanged. It then measures the outcome
+    on sequences that it did not search on, and reports over-fitting where less than half of the gain is left. The same
+    command continues an interrupted search, also with more --trials.
     """
     goal = parse_goal(budget, target, metric)
     if not checked and len(sequences) > 1:

@@ -9,8 +9,9 @@ from __future__ import annotations
 import hashlib
 import math
 import shutil
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from enum import StrEnum
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +25,11 @@ from cltaa.core.parameters import Choices
 from cltaa.core.presets import LADDER, Preset, load_preset, override, preset_names
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError, import_extra
+from cltaa.frame import Frame, Image
 from cltaa.io.atomic import atomic_path, keep, kept, make_folder
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.judge.comparison import content_sha256, truth_of
-from cltaa.lab.judge.metrics import METRICS, named_metrics
+from cltaa.lab.judge.metrics import METRICS, check_finite, named_metrics
 from cltaa.lab.timing import Clock, measure, resolve_job, timed_frames
 from cltaa.printable import counted, printable
 from cltaa.process import is_own
@@ -143,9 +145,13 @@ class Bench:
 
     def __init__(self, sequences: Sequence[FrameSequence], metric: str, launcher: Launcher) -> None:
         self._metric, self._launcher = METRICS[metric], launcher
+        self._sequences = sequences
         self._frames = [list(sequence) for sequence in sequences]
-        self._truths = [[truth_of(sequence).image(n) for n in sequence.numbers] for sequence in sequences]
-        self._pairs = [timed_frames(sequence) for sequence in sequences]
+        self._truths = [[*truths_of(sequence)] for sequence in sequences]
+
+    @cached_property
+    def _pairs(self) -> list[list[Frame]]:
+        return [timed_frames(sequence) for sequence in self._sequences]
 
     def error(self, preset: Preset) -> float:
         """Return the mean of the metric over all sequences, with equal weight for each."""
@@ -169,6 +175,15 @@ class Bench:
         return float(np.mean(spent))
 
 
+def truths_of(sequence: FrameSequence) -> Iterator[Image]:
+    """Yield the truth of each frame; raises InputMissing without one, DataError for NaN or infinity."""
+    truth = truth_of(sequence)
+    for number in sequence.numbers:
+        image = truth.image(number)
+        check_finite("reference", image, truth.path(number), number)
+        yield image
+
+
 def tune(
     searched: Sequence[FrameSequence],
     checked: Sequence[FrameSequence],
@@ -187,7 +202,8 @@ def tune(
     Raises UsageError without optuna, OutputError and StorageError.
     """
     for sequence in checked:
-        truth_of(sequence)  # a missing truth fails before the search
+        for _ in truths_of(sequence):  # a truth that is missing, or none, fails before the search
+            pass
     study = _study(seed)
     study.enqueue_trial(_values_of(base))
     bench = Bench(searched, goal.metric, launcher)
@@ -200,7 +216,7 @@ def tune(
         trial = _tried(bench, folder, key, override(base, values, "cltaa tune") if found else base, values)
         study.tell(asked, goal.score(trial.error, trial.milliseconds))
         found.append(trial)
-    for preset in map(load_preset, LADDER):  # the outcome must be at least as good as every preset
+    for preset in map(load_preset, LADDER):  # the outcome must be at least as good as each of these
         if preset.deciding() != base.deciding():
             found.append(_tried(bench, folder, key, preset, {PRESET: preset.name}))
     tuned, best = _judged(found, searched, checked, goal, launcher, base)
@@ -306,6 +322,8 @@ def preset_text(tuned: Tuned, preset: Preset) -> str:
     base = load_preset(preset.name if preset.name in preset_names() else "default")
     values: dict[str, Any] = {"description": about, "preset": base.name}
     ours, theirs = preset.deciding(), base.deciding()
+    if ours["published"] != theirs["published"]:  # of a file over a published preset
+        values["published"] = ours["published"]
     for part in ("choices", "settings"):
         values |= {name: value for name, value in ours[part].items() if value != theirs[part][name]}
     return tomli_w.dumps(values)

@@ -19,7 +19,7 @@ from cltaa.core.presets import Preset, load_preset, override
 from cltaa.errors import UsageError
 from cltaa.io.preset_file import load_config
 from cltaa.lab.tune import Goal, Trial, Tuned, overfits, parse_goal, preset_text
-from tests.sequence_factory import write_sequence
+from tests.sequence_factory import write_images, write_sequence
 
 FOUND = Tuned(
     goal=Goal(metric="flip", budget_ms=5.0),
@@ -84,9 +84,11 @@ def test_a_gain_that_is_not_borne_out_is_over_fitting(gain: float, elsewhere: fl
     assert overfits(gain, elsewhere) is verdict
 
 
-@pytest.mark.parametrize("name", ["default", "basic", "karis"])
-def test_preset_text_is_toml_that_resolve_reads(name: str, tmp_path: Path) -> None:
-    base = load_preset(name)
+@pytest.mark.parametrize(
+    ("name", "called"), [*[(name, name) for name in ("default", "basic", "karis")], ("karis", "x over karis")]
+)
+def test_preset_text_is_toml_that_resolve_reads(name: str, called: str, tmp_path: Path) -> None:
+    base = msgspec.structs.replace(load_preset(name), name=called)
     tuned = msgspec.structs.replace(FOUND, searched_on=['a "b"', os.fsdecode(b"\xff")], overfits=True)
     # Some are the values that a preset begins from, and not those of the default.
     wanted = override(
@@ -103,7 +105,10 @@ def test_search_finds_something_no_worse_and_checks_it_elsewhere(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cltaa.lab.tune.LADDER", ("accumulate",))  # the others take long on NumPy
-    folders = [write_sequence(tmp_path / name, 3, reference=True, seed=seed) for seed, name in enumerate("ab")]
+    # One frame, which cannot be timed, is enough to check on.
+    folders = [
+        write_sequence(tmp_path / name, count, reference=True, seed=count) for name, count in (("a", 3), ("b", 1))
+    ]
     output = tmp_path / "tuned.toml"
     arguments = ["tune", *map(str, folders), "--budget", "10000ms", "--trials", "4", "-o", str(output)]
     arguments += ["--device", "numpy"]
@@ -117,6 +122,19 @@ def test_search_finds_something_no_worse_and_checks_it_elsewhere(
     assert tuned["gain"] == pytest.approx(tuned["start"]["error"] / tuned["best"]["error"])
     assert np.isfinite(tuned["gain_elsewhere"])
     load_config(output, load_preset())
+
+
+@pytest.mark.parametrize("bad", ["a", "b"])
+def test_a_truth_that_is_no_light_is_refused_before_the_search(
+    bad: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No error against it means anything: NaN would count as black, or make every trial as good as another."""
+    monkeypatch.setattr("cltaa.lab.tune.Bench.error", lambda *_: pytest.fail("it searched"))
+    folders = [write_sequence(tmp_path / name, 2, reference=True) for name in "ab"]
+    write_images(tmp_path / bad / "reference", [np.full((23, 37, 3), np.nan, np.float32)], name="synthetic")
+    arguments = ["tune", *map(str, folders), "--budget", "5ms", "--device", "numpy", "-o", str(tmp_path / "t.toml")]
+    assert main(arguments) == 65
+    assert f"{bad}/reference/synthetic.0000.exr frame 0: NaN or infinity in 2553 values" in capsys.readouterr().err
 
 
 def test_an_output_that_cannot_be_written_is_reported_before_the_search(
