@@ -61,8 +61,8 @@ def bench_files(
     steps: dict[str, Callable[[Path], object]] = {
         "read": lambda _: _read_all(sequence),
         "resolve": lambda _: [
-            resolver.resolve(replace(held[index % len(held)], index=index, cut=index == 0), half=half)
-            for index in range(count)
+            resolver.resolve(replace(held[place % len(held)], index=place * sequence.step, cut=place == 0), half=half)
+            for place in range(count)
         ],
         "write": lambda folder: _write(folder, resolved, compression, count),
         "whole": lambda folder: resolve_sequence(

@@ -5,14 +5,18 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cltaa.cli import main
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Frame
+from cltaa.io.exr_write import write_frame
 from cltaa.lab.bench.files import FilesBench
 from cltaa.lab.timing import Interval, environment
 from tests.inputs.foreign import frames, side_text, write_blender
-from tests.sequence_factory import write_sequence
+from tests.sequence_factory import make_frame, write_sequence
 
 
 def test_the_command_and_its_stages_are_timed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -41,6 +45,24 @@ def test_to_write_alone_is_to_finish_each_frame_as_a_run_does(tmp_path: Path, mo
     arguments = ["--compression", "none", "--rounds", "3", "--json"]
     assert main(["bench", "files", str(write_sequence(tmp_path / "in", 2)), *arguments]) == 0
     assert {"alone.0000.exr", "alone.0001.exr"} <= {*finished}
+
+
+def test_the_history_goes_on_where_numbers_are_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also in the frames that are resolved alone, which are numbered anew."""
+    (tmp_path / "in").mkdir()
+    for number in (0, 2, 4):
+        write_frame(tmp_path / "in" / f"x.{number:04d}.exr", make_frame(number))
+    numbers: list[int] = []
+    resolve = Resolver.resolve
+
+    def noted(resolver: Resolver, frame: Frame, **options: Any) -> Any:
+        numbers.append(frame.index)
+        return resolve(resolver, frame, **options)
+
+    monkeypatch.setattr("cltaa.lab.bench.files.Resolver.resolve", noted)
+    options = ["--step", "2", "--compression", "none", "--rounds", "3", "--device", "numpy"]
+    assert main(["bench", "files", str(tmp_path / "in"), *options]) == 0
+    assert {*numbers} == {0, 2, 4}
 
 
 def test_files_of_other_tools_are_timed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
