@@ -128,6 +128,7 @@ from cltaa.process import stop_signals
 @click.option("--restart", is_flag=True, help="Delete an earlier run's frames in the output folder and begin again.")
 @click.option(
     "--checkpoint",
+    "checkpoint_every",
     type=COUNT,
     default=CHECKPOINT_EVERY,
     help="Save the history every N frames, for a run that is killed.",
@@ -151,18 +152,13 @@ def resolve(
     config: Path | None,
     changes: tuple[str, ...],
     look_ahead: int | None,
-    device: str | None,
     effects: str,
     frames: int | tuple[int, int] | None,
     follow: bool,
-    idle: float | None,
     preview: Path | None,
     compare: str | None,
     storage: str,
-    gaps: str,
-    on_resize: str,
     denoise: str,
-    checkpoint: int,
     views: str,
     as_json: bool,
     **options: Any,
@@ -184,9 +180,9 @@ def resolve(
         cure = f"say which: --frames 1-{frames}"
         raise UsageError("--follow cannot tell yet which frames are the first", found=f"--frames {frames}", cure=cure)
     # The remaining options go to resolve_folder unchanged.
-    reading = {name: options.pop(name) for name in ("profile", "assignments", "side_file", "step", "verify")}
-    chosen = frames if follow else frame_range(named, frames, **reading)
-    reading |= {"gaps": OnBreak(gaps), "on_resize": OnBreak(on_resize), "frames": chosen}
+    names = ("profile", "assignments", "side_file", "step", "verify", "gaps", "on_resize")
+    reading = {name: options.pop(name) for name in names}
+    reading["frames"] = frames if follow else frame_range(named, frames, **reading)
     source = sequence if follow else open_input(named, **reading)
     notes = () if isinstance(source, Path) else source.notes
     if notes:
@@ -199,18 +195,15 @@ def resolve(
         source,
         output,
         settings,
-        device,
         effects=declared,
         storage=Storage(storage),
         debug=parse_views(views),
         progress=True,
         follow=follow,
-        idle=idle,
         reading=reading if follow else {},
         preview=preview,
         denoise=denoise,
         compare=compare,
-        checkpoint_every=checkpoint,
         stopping=stop_signals(),
         **options,
     )
