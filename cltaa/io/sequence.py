@@ -6,6 +6,7 @@ the first frame is processed. Only one frame is in memory at a time, unless the 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import replace
@@ -30,6 +31,7 @@ from cltaa.io.numbered import (
     check_same_size,
     even_step,
     frame_missing,
+    named_frames,
     no_such_frame,
     no_truth,
     numbered_files,
@@ -272,7 +274,17 @@ def open_sequence(
             number = number_of(path)
             if number is not None and name_of(path) == sequence.name and number not in sequence.layouts:
                 raise frame_missing(path, number)
+    _warn_of_lacking(sequence)
     return sequence
+
+
+def _warn_of_lacking(sequence: FrameSequence) -> None:
+    """Warn where some frames lack motion, alpha or the reactive mask, as in a folder of two captures."""
+    for part, name in CHANNEL_OF.items():
+        lacking = [number for number in sequence.numbers if name not in sequence.layouts[number].channels]
+        if 0 < len(lacking) < len(sequence):
+            rest = "unlike the others: each frame is resolved with what it has"
+            warnings.warn(f"{sequence.folder}: no {part} in {named_frames(lacking)}, {rest}", stacklevel=4)
 
 
 def open_images(

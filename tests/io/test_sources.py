@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -159,6 +160,17 @@ def test_frames_that_declare_other_effects(tmp_path: Path) -> None:
     write_frame(tmp_path / "synthetic.0001.exr", make_frame(1, effects=None))
     with pytest.raises(DataError, match=r"other effects .*expected camera, found nothing declared"):
         open_sequence(tmp_path).frame(1)
+
+
+@pytest.mark.parametrize("part", ["alpha", "motion", "reactive"])
+def test_a_channel_that_comes_and_goes_is_reported(part: str, tmp_path: Path) -> None:
+    """As where two captures share a folder; each frame is resolved with what it has."""
+    folder, has_it = write_sequence(tmp_path, 4), dict[str, Any]({part: True})
+    for number in (1, 3):
+        write_frame(folder / f"synthetic.{number:04d}.exr", make_frame(number, **has_it))
+    with pytest.warns(UserWarning, match=f"{folder}: no {part} in frames 0, 2, unlike the others: each frame is"):
+        assert part in open_sequence(folder).holds
+    assert part in open_sequence(folder, frames=(3, 3)).holds
 
 
 def test_a_reference_that_does_not_fit_is_refused(tmp_path: Path) -> None:
