@@ -31,6 +31,7 @@ from cltaa_datasets.scenes import FILE_PREFIX, build_scene
 if TYPE_CHECKING:
     from cltaa_capture.render import SceneRenderer
 
+FASTEST = 1e6  # frames a second; slowest is its inverse: times of any frame are finite, and differ
 UNWRITTEN = 3  # most finished pictures in memory that are not written yet
 
 
@@ -92,9 +93,9 @@ def capture_sequence(request: Request, progress: Callable[[int, int], None] | No
     ``sequence.json``. The same request continues an interrupted run; two runs of one request are bit-identical.
     Raises UsageError, InputMissing, DataError, DeviceMissing, OutputError, StorageError and ResourceError.
     """
-    if min(request.frames, request.width, request.height) < 1 or not 0.0 < request.fps < float("inf"):
+    if min(request.frames, request.width, request.height) < 1 or not 1.0 / FASTEST <= request.fps <= FASTEST:
         found = f"{counted(request.frames, 'frame')} of {request.width} x {request.height} at {request.fps:g} fps"
-        raise UsageError("frames, size and fps must be positive and finite", found=found)
+        raise UsageError(f"frames and size must be positive, fps must be {1.0 / FASTEST:g} to {FASTEST:g}", found=found)
     if max(request.width, request.height) > LARGEST_SIDE:
         expected, found = f"at most {LARGEST_SIDE} pixels a side", f"{request.width} x {request.height}"
         raise UsageError("the frames are too large", expected=expected, found=found)
