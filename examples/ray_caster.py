@@ -51,4 +51,4 @@ with cltaa.Resolver() as resolver:
         image = resolver.resolve(cltaa.Frame(index, colour, depth, camera, (jitter[0], jitter[1])))
 truth = np.stack([cast(index, np.array([x, y]) / 8 - 0.4375)[0] for x in range(8) for y in range(8)]).mean(0)
 for name, shown in (("drawn", colour), ("resolved", image)):
-    print(f"{name}: {cltaa.measure(shown, truth)['psnr']:.1f} dB")
+    print(f"{name}: {cltaa.measure(shown, truth, 'psnr')['psnr']:.1f} dB")
