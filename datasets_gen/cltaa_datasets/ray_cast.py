@@ -389,7 +389,7 @@ def _directions(pose: Pose, size: tuple[int, int], at: Array) -> Array:
 
 
 def halton(index: int, period: int) -> tuple[float, float]:
-    """Return sample ``index`` of Halton (2, 3), less the mean over a period."""
+    """Return sample ``index`` of Halton (2, 3), less the mean over a period, in [-0.5, 0.5)."""
 
     def inverse(i: int, base: int) -> float:
         value, scale = 0.0, 1.0 / base
@@ -399,7 +399,8 @@ def halton(index: int, period: int) -> tuple[float, float]:
         return value
 
     points = np.array([[inverse(i + 1, base) for base in (2, 3)] for i in range(period)])
-    x, y = (points - points.mean(0))[index % period].tolist()
+    # Without the mean, of less than a half, the last of a long period may lie beyond the pixel by a thousandth.
+    x, y = np.clip(points - points.mean(0), -0.5, np.nextafter(0.5, 0.0))[index % period].tolist()
     return x, y
 
 

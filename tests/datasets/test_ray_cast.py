@@ -45,6 +45,14 @@ def test_a_ball_that_rolls_has_no_slip_where_it_touches() -> None:
         assert np.linalg.norm(velocity) == pytest.approx(speed, abs=1e-4)
 
 
+@pytest.mark.parametrize("period", [1, 2, 64, 93, 256])
+def test_jitter_is_centred_and_lies_in_the_pixel(period: int) -> None:
+    offsets = np.array([halton(index, period) for index in range(period)])
+    assert offsets.min() >= -0.5
+    assert offsets.max() < 0.5
+    assert np.abs(offsets.mean(0)).max() < 1e-5  # what less than a thousandth of a pixel does to one of 93 offsets
+
+
 @pytest.mark.parametrize("family", sorted(FAMILIES))
 def test_every_family_is_drawn_finite_and_again_the_same(family: str) -> None:
     frames = [frame_of(FAMILIES[family](3), 2, SIZE, halton(2, 8), 3) for _ in range(2)]
