@@ -329,11 +329,7 @@ def kernel_seconds(launcher: Launcher, work: Callable[[], object]) -> float | No
     if not isinstance(launcher, DeviceLauncher):
         work()
         return None
-    events: list[tuple[str, Any]] = []
-    launcher.events = events
-    work()
-    launcher.events = None
-    return device_seconds(events)
+    return device_seconds(launcher.timed(work))
 
 
 def device_seconds(events: list[tuple[str, Any]]) -> float:

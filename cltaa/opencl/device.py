@@ -204,7 +204,7 @@ class Device(OneProcess):
         self.cl_device = choose_device(requested)
         try:
             self.context = context_of(self.cl_device)
-            self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
+            self.queue = cl.CommandQueue(self.context)
         except cl.Error as error:
             raise DeviceMissing(f"{self.description} cannot be opened: {error}", cure="see: cltaa doctor") from error
         self._describe()
@@ -215,6 +215,13 @@ class Device(OneProcess):
         if queue.properties & cl.command_queue_properties.OUT_OF_ORDER_EXEC_MODE_ENABLE:
             self.queue = cl.CommandQueue(self.context, self.cl_device)
         self._describe()
+
+    def time_commands(self) -> None:
+        """Let events tell the device's time of their commands, which costs a GPU's driver 4 us for each."""
+        timed = cl.command_queue_properties.PROFILING_ENABLE
+        if not self.queue.properties & timed:
+            self.finish()
+            self.queue = cl.CommandQueue(self.context, properties=timed)
 
     def _describe(self) -> None:
         self.errors = DriverErrors(self.cl_device)  # around each call

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -38,7 +38,7 @@ class DeviceLauncher(OneProcess):
         self.description, self.shares_memory = self.device.description, self.device.shares_memory
         self.stages = not self.shares_memory
         self._kernels: dict[tuple[str, Build], Kernel] = {}
-        self.events: list[tuple[str, Any]] | None = None  # a list set here collects each started kernel and its event
+        self._events: list[tuple[str, Any]] | None = None
         self._started: dict[tuple[Any, ...], tuple[Kernel, tuple[int, ...], tuple[int, ...]]] = {}
 
     def build(self, plan_build: Build) -> Build:
@@ -89,9 +89,20 @@ class DeviceLauncher(OneProcess):
         else:
             with self.device.errors:
                 event = started[0].enqueue(self.device.queue, *started[1:], arguments)
-        if self.events is not None:
-            self.events.append((kernel, event))
+        if self._events is not None:
+            self._events.append((kernel, event))
         return event
+
+    def timed(self, work: Callable[[], object]) -> list[tuple[str, Any]]:
+        """Return name and event of each kernel that ``work`` starts and waits for; events tell the device's time."""
+        self.device.time_commands()
+        events: list[tuple[str, Any]] = []
+        self._events = events
+        try:
+            work()
+        finally:
+            self._events = None
+        return events
 
     def _start_first(
         self, key: tuple[Any, ...], name: str, build: Build, layout: Layout, arguments: Mapping[str, Any]

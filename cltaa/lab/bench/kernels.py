@@ -65,6 +65,7 @@ class PlainPort:
     """``kernels/bench/plain.cl`` on a device: interleaved pixels, one per work-item, no halo."""
 
     def __init__(self, launcher: DeviceLauncher, width: int, height: int) -> None:
+        launcher.device.time_commands()
         self._launcher, self._size = launcher, (width, height)
         build = Build(choices=BASELINE.choices, real=Real.FLOAT, lanes=1, rows=1)
         self._kernel = launcher.kernel("bench/plain", build)
@@ -103,6 +104,7 @@ class PlainPort:
 
 def copy_job(launcher: DeviceLauncher, moved: int) -> Job:
     """Return a job that copies ``moved`` bytes, half read and half written: the floor for kernels that move as many."""
+    launcher.device.time_commands()
     items = max(moved // (2 * COPY_BYTES), 1)
     source, target = (launcher.allocate((items, COPY_BYTES // 4)) for _ in range(2))
     kernel = launcher.kernel("bench/copy", Build(lanes=1, rows=1))

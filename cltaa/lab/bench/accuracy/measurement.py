@@ -215,10 +215,7 @@ def stage_seconds(variant: Variant, launcher: DeviceLauncher, frames: Sequence[F
     seen: dict[str, list[float]] = {}
     for _ in range(STAGE_PASSES):
         for frame in frames:
-            events: list[tuple[str, Any]] = []
-            launcher.events = events
-            resolver.resolve(frame)
-            launcher.events = None
+            events = launcher.timed(partial(resolver.resolve, frame))
         seen.setdefault("upload", []).append(resolver.times.upload)
         for kernel in dict.fromkeys(name for name, _ in events):
             own = [(name, event) for name, event in events if name == kernel]
