@@ -41,7 +41,17 @@ from cltaa.lab.bench.cases import (
     open_case,
     planned,
 )
-from cltaa.lab.bench.cells import COLUMNS, QUALITY, Judged, check_judged, import_judges, launcher_of, run_all, task_of
+from cltaa.lab.bench.cells import (
+    COLUMNS,
+    ONE_SAMPLE,
+    QUALITY,
+    Judged,
+    check_judged,
+    import_judges,
+    launcher_of,
+    run_all,
+    task_of,
+)
 from cltaa.lab.bench.quality.pictures import write_pictures
 from cltaa.lab.bench.quality.table import (
     Table,
@@ -55,7 +65,7 @@ from cltaa.lab.bench.quality.table import (
 )
 from cltaa.lab.bench.variants import Variant
 from cltaa.lab.judge.metrics import ALPHA, METRICS, versions_of
-from cltaa.printable import json_of, printable, shown
+from cltaa.printable import counted, json_of, printable, shown
 
 ALL_SCENES = "all"  # all that cltaa scenes lists
 
@@ -145,8 +155,10 @@ def quality(
     cases = [Case(folder.name, GIVEN, folder) for folder in folders]
     shape = Shape(*size, frames, samples, jitter)
     if scenes or not folders:
-        seeds = dict.fromkeys(train, TRAIN) | dict.fromkeys(held_out, HELD_OUT)
-        cases += planned(_effects_of(scenes), seeds, shape, work / "sequences")
+        cases += planned(_effects_of(scenes), _seeds(train, held_out), shape, work / "sequences")
+        if frames <= settled:
+            found, cure = counted(frames, "frame"), "ask for more --frames, or judge sooner: --settled 0"
+            raise UsageError("captures would end before they are judged", found=found, cure=cure)
     if msgspec.structs.replace(reading, effects="auto") != DEFAULT_READING and not folders:
         what, cure = ("profile, input, camera, step and truth are of frames that are there", "name them: --sequence")
         raise UsageError(what, cure=cure)
@@ -164,7 +176,7 @@ def quality(
             sequence, how = opened[case.folder], ways[case.folder]
         else:
             how = Reading(effects=reading.effects)
-            sequence = open_case(case) or capture(case, shape)
+            sequence = (None if case.of_a_model else open_case(case)) or capture(case, shape)
             if how != DEFAULT_READING:  # effects other than those that the scene declares
                 sequence = how.open(case.folder)
         task = task_of(sequence, variants, device, judging, how)
@@ -194,13 +206,26 @@ def chosen_presets(names: Sequence[str], configs: Sequence[Path]) -> list[Preset
     """Return the named presets and one preset for each TOML file, named as the file; without either all of cltaa's.
 
     A file overrides the default unless it names another preset; its description says which one.
-    Raises UsageError for two files of one name, and what ``load_preset`` and ``load_config`` raise.
+    Raises UsageError for two files of one name, for one named as a preset, and what ``load_preset`` and ``load_config``
+    raise.
     """
     chosen = [load_preset(name) for name in dict.fromkeys(names) or (() if configs else preset_names())]
     for name, path in by_name(configs, "presets").items():
+        if name in (ONE_SAMPLE, *preset_names()):
+            raise UsageError("this is the name of a preset, and tables go by it", path=path, cure="rename the file")
         over = load_config(path, load_preset())
         chosen.append(msgspec.structs.replace(over, name=name, description=over.name))
     return chosen
+
+
+def _seeds(train: Sequence[int], held_out: Sequence[int]) -> dict[int, str]:
+    """Return the split of each seed; raises UsageError for none, and for one of both splits."""
+    if both := {*train} & {*held_out}:
+        cure = "leave it out of --train or of --held-out"
+        raise UsageError(f"seed {min(both)} was either tuned on or not", cure=cure)
+    if not train and not held_out:
+        raise UsageError("no seed to capture with", cure="name one by --train or --held-out")
+    return dict.fromkeys(train, TRAIN) | dict.fromkeys(held_out, HELD_OUT)
 
 
 def _effects_of(scenes: tuple[str, ...]) -> dict[str, frozenset[str]]:

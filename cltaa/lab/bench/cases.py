@@ -81,9 +81,14 @@ class Case(NamedTuple):
         return self.folder.name
 
     @property
+    def of_a_model(self) -> bool:
+        """True if a model is drawn, whose file may change: then only the capture knows whether its frames are right."""
+        return self.scene.startswith(MODEL)
+
+    @property
     def title(self) -> str:
         """The scene's name in tables: for a model its file name only."""
-        return f"{MODEL}{Path(self.scene).name}" if self.scene.startswith(MODEL) else self.scene
+        return f"{MODEL}{Path(self.scene).name}" if self.of_a_model else self.scene
 
 
 @cache
@@ -102,12 +107,16 @@ def check_scenes(names: Iterable[str], also: Collection[str] = ()) -> None:
 
 
 def planned(scenes: dict[str, frozenset[str]], seeds: dict[int, str], shape: Shape, work: Path) -> list[Case]:
-    """Return a case for every scene and seed; the folder's name contains the arguments of the capture."""
+    """Return a case for every scene and seed; the folder's name contains the arguments of the capture.
+
+    Raises UsageError for two models of one name.
+    """
     size, jitter = f"{shape.width}x{shape.height}x{shape.frames}", shape.jitter.replace(":", "")
     cases = []
+    by_name((Path(scene.removeprefix(MODEL)) for scene in scenes if scene.startswith(MODEL)), "models")
     for scene, effects in scenes.items():
         samples = shape.samples * (1 if effects & _CHANGES else STILL)
-        name = Path(scene.removeprefix(MODEL)).stem if scene.startswith(MODEL) else scene
+        name = Path(scene.removeprefix(MODEL)).name  # of a model with its suffix, which no scene has
         for seed, split in seeds.items():
             folder = work / f"{name}-seed{seed}-{size}-{jitter}-{samples}"
             cases.append(Case(scene, split, folder, seed, samples))

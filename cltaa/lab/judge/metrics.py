@@ -93,7 +93,7 @@ def ssim(test: Image, reference: Image, stops: float = 0.0) -> float:
     """
     if min(test.shape[:2]) < SSIM_SMALLEST_SIDE:
         expected = f"at least {SSIM_SMALLEST_SIDE} pixels a side"
-        found, cure = f"{test.shape[1]} x {test.shape[0]}", "leave it out: --metrics mse,psnr,flip"
+        found, cure = f"{test.shape[1]} x {test.shape[0]}", "judge by other metrics, as mse,psnr,flip, or larger images"
         raise DataError("image too small for SSIM", expected=expected, found=found, cure=cure)
     # In float32 the variances of smooth pictures are only rounding, and the mean could exceed 1.
     value = _import_skimage().structural_similarity(

@@ -202,9 +202,25 @@ def test_scenes_in_which_nothing_changes_get_the_better_truth(tmp_path: Path) ->
         ("moving-seed5-32x18x8-r264-256", HELD_OUT),
         ("still-seed0-32x18x8-r264-1024", TRAIN),
         ("still-seed5-32x18x8-r264-1024", HELD_OUT),
-        ("b-seed0-32x18x8-r264-256", TRAIN),
-        ("b-seed5-32x18x8-r264-256", HELD_OUT),
+        ("b.glb-seed0-32x18x8-r264-256", TRAIN),
+        ("b.glb-seed5-32x18x8-r264-256", HELD_OUT),
     ]
+
+
+def test_whether_frames_are_of_a_model_is_left_to_its_capture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file may have changed under its name; a scene of that name is another, as is a model of another suffix."""
+    drawn: list[Path] = []
+
+    def draw(case: Case, _: Shape) -> FrameSequence:
+        drawn.append(write_sequence(case.folder, 3, reference=True))
+        return open_sequence(case.folder)
+
+    monkeypatch.setattr("cltaa.commands.bench_quality.open_case", lambda _: pytest.fail("nobody looked at the model"))
+    monkeypatch.setattr("cltaa.commands.bench_quality.capture", draw)
+    arguments = ["bench", "quality", "--frames", "3", "--settled", "1", "--held-out", ",", "--preset", "accumulate"]
+    arguments += ["--device", "numpy", "--work", str(tmp_path)]
+    assert main([*arguments, "--scene", "file:a/pan.obj", "--scene", "file:pan.glb"]) == 0
+    assert [folder.name.partition("-")[0] for folder in drawn] == ["pan.obj", "pan.glb"]
 
 
 @pytest.mark.parametrize(("jitter", "again"), [("halton:64", "r2:64"), ("r2:64", "halton:64")])

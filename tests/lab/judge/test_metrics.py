@@ -174,7 +174,9 @@ def test_sizes_that_differ_and_images_too_small() -> None:
     with pytest.raises(DataError, match="differ in size"):
         measure(picture(), picture(size=(24, 31)))
     small = picture(size=(10, 40))
-    with pytest.raises(DataError, match=r"too small for SSIM.*found .*--metrics mse,psnr,flip"):
+    with pytest.raises(
+        DataError, match=r"too small for SSIM.*found .*judge by other metrics, as mse,psnr,flip, or larger"
+    ):
         measure(small, small, [METRICS["ssim"]])
 
 
