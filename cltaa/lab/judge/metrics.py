@@ -366,7 +366,10 @@ def equal_quality(
     means = [(samples, sum(errors) / len(errors)) for samples, errors in yardsticks.items() if any(errors)]
     curve = [(1, one_sample_mse), *means]
     if falls(curve):
+        samples = samples_on_curve(test_mse, curve)
+        if count is not None and samples >= count:  # a yardstick may have more, but the truth proves no more
+            return EqualQuality(float(count), "measured", "at least")
         bound = "at most" if test_mse > one_sample_mse else "at least" if test_mse < curve[-1][1] else None
-        return EqualQuality(samples_on_curve(test_mse, curve), "measured", bound)
+        return EqualQuality(samples, "measured", bound)
     samples = equal_quality_samples(test_mse, one_sample_mse, truth_samples=count)
     return EqualQuality(samples, "n^-1.5 law", "at least" if samples == count else None)

@@ -21,6 +21,10 @@ def test_samples_of_the_truth_limit_the_answer(
     truth = list(open_images(capture / "reference"))
     write_images(capture / "reference", truth, name="synthetic", samples=2)
     assert run_json(capsys, resolved, capture, "--metrics", "mse")["equal_quality_samples"]["samples"] <= 2
+    write_images(capture / "reference-4", list(open_images(resolved)), name="synthetic")  # the same error
+    found = run_json(capsys, resolved, capture, "--metrics", "mse")["equal_quality_samples"]
+    assert found == {"samples": 2, "method": "measured", "bound": "at least"}
+    shutil.rmtree(capture / "reference-4")
     write_images(resolved, truth, name="synthetic")
     found = run_json(capsys, resolved, capture, "--metrics", "mse")["equal_quality_samples"]
     assert found == {"samples": 2, "method": "n^-1.5 law", "bound": "at least"}
