@@ -107,6 +107,13 @@ def several(given: object, argument: str, kind: type = str) -> list[Any]:
     return each
 
 
+def check_flags(**flags: object) -> None:
+    """Raise UsageError for a flag that is text: "no" would mean yes."""
+    for name, value in flags.items():
+        if isinstance(value, str):
+            raise UsageError(f"{name} is a flag", expected="True or False", found=repr(value))
+
+
 DISK_CURES = {
     errno.EFBIG: "the shell limits the size of a file, and of a copy in memory: ulimit -f unlimited",
     errno.EMFILE: "the shell limits how many files are open: ulimit -n 4096",

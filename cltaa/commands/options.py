@@ -150,7 +150,10 @@ def listed(text: str) -> tuple[str, ...]:
 
 def _layers(text: str) -> tuple[str, ...]:
     """Split a comma-separated list of channels; a name that contains a comma is quoted."""
-    return tuple(name for (name,) in names_in(text) if name)
+    names = tuple(name for (name,) in names_in(text) if name)
+    if not names:
+        raise click.BadParameter(f"{text!r} names no channel; none keeps none")
+    return names
 
 
 def _whole_numbers(least: int, text: str) -> tuple[int, ...]:

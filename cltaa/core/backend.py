@@ -106,5 +106,7 @@ def launcher_for(device: str | int | Launcher | Queue | None) -> Launcher:
 
     if not isinstance(device, str | int | None):
         return DeviceLauncher(cast(Queue, device))
+    if device == "":  # an unset variable of a script, which every device's name contains
+        raise UsageError("the name of a device is empty", cure="leave it out for the first device")
     requested = str(device) if isinstance(device, int) else device or os.environ.get(DEVICE_VARIABLE)
     return NumpyLauncher() if requested == "numpy" else DeviceLauncher(requested)

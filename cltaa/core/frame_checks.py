@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.planes import Layout
-from cltaa.errors import DataError, known
+from cltaa.errors import DataError, UsageError, known
 from cltaa.frame import PLANES, Camera, Effect, Frame, on_device
 
 # Kernels count the texels of a plane in 32 bits, and steps from one to another in 31.
@@ -53,6 +54,13 @@ def check_frame(frame: Frame) -> None:
         raise _wrong(frame, "step", WHOLE)
     _check_depth(frame)
     _warn_of_motion(frame)
+
+
+def each_frame(frames: Iterable[Frame]) -> Iterator[Frame]:
+    """Iterate ``frames``, unchecked; raises UsageError for what holds none."""
+    if not isinstance(frames, Iterable):
+        raise UsageError("no frames", expected="several cltaa.Frame, as an open sequence", found=repr(frames))
+    return iter(frames)
 
 
 def check_fields(frame: Frame) -> None:

@@ -18,14 +18,14 @@ from cltaa.core.backend import Buffer, Launcher, Queue, launcher_for, storage_dt
 from cltaa.core.buffers import Buffers, FrameRing, LastRun, upload
 from cltaa.core.build import HALVES, Build, Steps, Storage, build_of, code_sha256, edge_build, storage_of
 from cltaa.core.debug import decided, parse_views
-from cltaa.core.frame_checks import check_frame
+from cltaa.core.frame_checks import check_frame, each_frame
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.passes import Passes
 from cltaa.core.plan import JittersBefore, Plan, channel_steps, from_ring_alone, plan_frame, recursive_choices
 from cltaa.core.planes import Layout, checked_out, empty_result, result_shape
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.record import Coarse, Past, coarse_colours, frame_record, looks_cut
-from cltaa.errors import ResourceError, UsageError
+from cltaa.errors import ResourceError, UsageError, check_flags
 from cltaa.frame import Array, Frame, on_device, outline
 from cltaa.process import OneProcess, no_copy
 
@@ -90,6 +90,7 @@ class Resolver:
         build: Build | None = None,
         look_ahead: int | None = None,
     ) -> None:
+        check_flags(strict=strict, every_step=every_step)
         self.every_step = every_step
         if not isinstance(preset, str | Preset):
             raise UsageError("no preset", expected="a name or a cltaa.Preset", found=repr(preset))
@@ -100,8 +101,7 @@ class Resolver:
                 f"preset {self.preset.name} keeps no frames, so it cannot look ahead",
                 cure="take one that gathers, as gather-8+8",
             )
-        self._device = device
-        self.launcher = launcher_for(device)
+        self._device, self.launcher = device, launcher_for(device)
         self._asked = build or Build(strict=strict, storage=storage_of(storage))
         self._builds: dict[tuple[Choices, Settings, Steps], Build] = {}
         # State for the next frame: facts about the last one, memory of its size, and a frame ring.
@@ -207,13 +207,13 @@ class Resolver:
         Of float32 or float16. Pinned memory is scarce and slow to allocate: allocate as many arrays as are in use,
         once. Raises UsageError for other types, and ResourceError.
         """
-        if np.dtype(dtype) not in (np.float32, np.float16):
-            raise UsageError("unsupported type of numbers", expected="float32 or float16", found=np.dtype(dtype))
         try:
+            if np.dtype(dtype) not in (np.float32, np.float16):
+                raise UsageError("unsupported type of numbers", expected="float32 or float16", found=np.dtype(dtype))
             wanted = np.empty(shape, dtype)  # takes no memory until it is touched
         except (TypeError, ValueError):
             expected = "whole numbers from 0 on that memory can hold"
-            raise UsageError("empty: unusable shape", expected=expected, found=repr(shape)) from None
+            raise UsageError("empty: unusable shape or type", expected=expected, found=repr((shape, dtype))) from None
         except MemoryError as error:
             raise ResourceError(f"not enough memory for an array: {error}") from None
         return self.launcher.pinned(wanted.nbytes).view(wanted.dtype).reshape(wanted.shape)
@@ -295,7 +295,7 @@ class Resolver:
 
         ``planar`` stores each channel of an image by itself.
         """
-        for frame in frames:
+        for frame in each_frame(frames):
             if self.look_ahead:
                 yield from self._fed(frame, half=half, planar=planar)
             elif planar:

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
+from cltaa.errors import CltaaError, DataError, InputMissing, UsageError, several
 from cltaa.inputs.declared import Declared, Stated, declared_frames, stated_names
 from cltaa.inputs.profile import Profile, channels_option, load_profile, option_text, override, profile_names
 from cltaa.inputs.roles import (
@@ -218,7 +218,7 @@ def open_intake(
     *,
     profile: str | Path | Profile = "auto",
     assignments: Many[str] = (),
-    side_file: Path | None = None,
+    side_file: str | Path | None = None,
     gaps: OnBreak = OnBreak.ERROR,
     on_resize: OnBreak = OnBreak.ERROR,
     frames: FrameRange | None = None,
@@ -232,6 +232,9 @@ def open_intake(
     consecutive frame numbers. ``damaged`` maps files to leave out to their frame numbers.
     """
     place, gaps, on_resize = selection_of(named), OnBreak(gaps), OnBreak(on_resize)
+    if not isinstance(side_file, str | Path | None):
+        raise UsageError("this is no name of a side file", expected="a text or a path", found=repr(side_file))
+    side_file, assignments = None if side_file is None else Path(side_file), several(assignments, "assignments")
     folder, profile = place.folder, str(profile) if isinstance(profile, Path) else profile
     frames = None if frames is None else checked_range(frames, folder)
     sets, first, chosen, reason, views, roles = found = _found_in(place, profile, assignments, damaged, frames)

@@ -44,9 +44,7 @@ def open_input(
     """
     for name in options.keys() - ARGUMENTS:
         raise UsageError(f"open takes no {name}", cure=known(name, sorted(ARGUMENTS), "arguments"))
-    if not isinstance(side_file, str | Path | None):
-        raise UsageError("this is no name of a side file", expected="a text or a path", found=repr(side_file))
-    place, side_file = selection_of(named), None if side_file is None else Path(side_file)
+    place = selection_of(named)
     if not isinstance(profile, str | Path):
         from cltaa.inputs.profile import load_profile
 

@@ -288,10 +288,10 @@ def _no_such_value(path: str, values: dict[str, Any], origin: str, expected: str
 
 
 def override(profile: Profile, assignments: Sequence[str]) -> Profile:
-    """Apply ``SECTION.KEY=VALUE`` assignments, or a single one as text, to ``profile``; raises UsageError."""
+    """Apply ``SECTION.KEY=VALUE`` assignments to ``profile``; raises UsageError."""
     values = msgspec.to_builtins(profile)
-    for assignment in [assignments] if isinstance(assignments, str) else assignments:
-        key, equals, text = str(assignment).partition("=")
+    for assignment in assignments:
+        key, equals, text = assignment.partition("=")
         section, dot, name = key.strip().partition(".")
         if not (equals and dot):
             raise UsageError(f"--input {assignment}: no value", expected="SECTION.KEY=VALUE", found=assignment)

@@ -16,7 +16,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from cltaa.errors import DataError, UsageError
+from cltaa.errors import DataError, UsageError, check_flags
 from cltaa.frame import Effect, Frame, Image, name_effects
 from cltaa.io.exr_frame import CHANNEL_OF, OF_FRAMES, check_float_channels, frame_outline
 from cltaa.io.exr_layout import Layout, covers
@@ -263,6 +263,7 @@ def open_sequence(
     others are ignored, and UsageError is raised unless both exist. ``step`` is the distance between numbers; each frame
     then directly follows the one before.
     """
+    check_flags(verify=verify)
     place = selection_of(named)
     sequence = FrameSequence(
         *numbered_files(place), verify=verify, gaps=gaps, on_resize=on_resize, frames=frames, step=step

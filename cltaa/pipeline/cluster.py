@@ -52,7 +52,7 @@ def connected(address: str) -> Iterator[Any]:
             logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as error:
+    except (OSError, TimeoutError, TypeError, ValueError) as error:
         raise UsageError(f"no Dask scheduler answers at {address}: {error}", cure="start one: dask scheduler") from None
     with client:
         yield client

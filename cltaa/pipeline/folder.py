@@ -20,7 +20,7 @@ from cltaa.core.debug import parse_views
 from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.presets import Preset, Published, override
 from cltaa.core.resolver import Resolver
-from cltaa.errors import ResourceError, UsageError, known
+from cltaa.errors import ResourceError, UsageError, check_flags, known
 from cltaa.frame import Asked, Effect, format_effects
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.found import Evidence, Found, check_headers, find_effects, with_found
@@ -149,6 +149,8 @@ def how_read(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the arguments of opening ``source``, and among the others those of ``resolve_sequence``; raises UsageError
     for a name that neither takes, and for any of the former where ``source`` is open."""
+    if not isinstance(reading, Mapping):
+        raise UsageError("reading holds arguments of cltaa.open", expected="a dict of them", found=repr(reading))
     told = {**reading, **{name: options[name] for name in READING & options.keys()}}
     rest = {name: value for name, value in options.items() if name not in READING}
     for name in told.keys() - READING:
@@ -201,6 +203,7 @@ def resolve_folder(
     """
     if idle is not None and not follow:
         raise UsageError("--idle needs --follow", cure="give both, or neither")
+    check_flags(half=half, strict=strict, progress=progress, follow=follow, restart=options.get("restart"))
     reading, options = how_read(source, reading, options)
     denoised = denoiser(options.get("denoise", "none")) is not None
     if not isinstance(preset, Preset):
@@ -224,7 +227,7 @@ def resolve_folder(
         **options,
         "effects": effects,
         "half": half,
-        "compression": compression or carried_compression(sequence),
+        "compression": carried_compression(sequence) if compression is None else compression,
         "debug": parse_views(debug, "debug"),
         "layers": carried,
         "progress": progress,

@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 import cltaa as public
 from cltaa.errors import CltaaError
+from tests.inputs.foreign import write_colour
 from tests.sequence_factory import make_frame, write_sequence
 
 cltaa: Any = public  # whose types forbid what is tried here
@@ -111,7 +112,21 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "a profile of None": (lambda seq: cltaa.open(seq, profile=None), "unknown profile None"),
     "no profile's file": (lambda seq: cltaa.open(seq, profile=Path("x.toml")), "x.toml: the file is missing"),
     "an assignment by text": (lambda seq: cltaa.open(seq, assignments="depth.scle=2"), "--input depth.scle=2: no such"),
-    "a number for an assignment": (lambda seq: cltaa.open(seq, assignments=[5]), "--input 5: no value"),
+    "a number for an assignment": (lambda seq: cltaa.open(seq, assignments=[5]), "assignments takes names .*found 5"),
+    "assignments of None": (lambda seq: cltaa.check(seq, assignments=None), "assignments takes names .*found None"),
+    "a side file to inspect": (lambda seq: cltaa.inspect(seq, side_file="no.txt"), "no.txt: the file is missing"),
+    "a number to check by": (lambda seq: cltaa.check(seq, side_file=3), "no name of a side file .*found 3"),
+    "reading by text": (lambda seq: cltaa.resolve(seq, "out", reading="x"), "reading holds arguments of .*found 'x'"),
+    "images of None": (lambda _: [*cltaa.Resolver(device="numpy").images(None)], "no frames .*found None"),
+    "images of a frame": (lambda _: [*cltaa.Resolver(device="numpy").images(make_frame())], "no frames .*found Frame"),
+    "an array of foo": (lambda _: cltaa.Resolver(device="numpy").empty((2, 2), "foo"), "unusable shape or type.*'foo'"),
+    "no device's name": (lambda _: cltaa.Resolver(device=""), "the name of a device is empty"),
+    "no compression": (lambda seq: cltaa.resolve(seq, "out", compression=""), "unknown or lossy compression"),
+    "restart by text": (lambda seq: cltaa.resolve(seq, "out", restart="no"), "restart is a flag .*found 'no'"),
+    "halves by text": (lambda seq: cltaa.resolve(seq, "out", half="no"), "half is a flag .*found 'no'"),
+    "verify by text": (lambda seq: cltaa.open(seq, verify="no"), "verify is a flag .*found 'no'"),
+    "strict by text": (lambda _: cltaa.Resolver(device="numpy", strict="no"), "strict is a flag .*found 'no'"),
+    "pixels by text": (lambda seq: cltaa.inspect(seq, pixels="no"), "pixels is a flag .*found 'no'"),
     "effects of None": (lambda seq: cltaa.open(seq, effects=None), "no such declaration of effects"),
     "effects in a list": (lambda seq: cltaa.open(seq, effects=["camera"]), "no such declaration of effects"),
     "a step by text": (lambda seq: cltaa.open(seq, step="1"), "the step between frames is wrong .*found 1"),
@@ -204,6 +219,13 @@ def test_a_preset_in_a_file_is_loaded_and_resolves(tmp_path: Path, monkeypatch: 
     assert cltaa.load_preset(Path(name)).choices == cltaa.load_preset("fast").choices
     report = cltaa.resolve(write_sequence(tmp_path / "in", 2), tmp_path / "out", name, device="numpy")
     assert report.preset == "a.toml over fast"
+
+
+def test_a_single_assignment_may_be_text(tmp_path: Path) -> None:
+    for name in ("", "reference"):
+        write_colour(tmp_path / name, [make_frame(number) for number in range(2)])
+    sequence = cltaa.open(tmp_path, assignments="colour.encoding=srgb")
+    assert np.array_equal(sequence.reference.image(1), sequence.frame(1).colour)
 
 
 def test_metrics_are_named() -> None:

@@ -222,7 +222,6 @@ def check_folder(
     each round the files are read again with all corrections, because a wrong depth hides a wrong jitter. Unreadable
     files become findings and are left out. Raises what opening raises, and what reading raises if no frame is readable.
     """
-    side_file = None if side_file is None else Path(side_file)
     count, only = (frames, None) if isinstance(frames, int) else (None, frames)
     if count is not None and count < 1:
         raise UsageError("no frames to check", expected="a number of 1 or more, or (first, last)", found=count)
@@ -269,7 +268,7 @@ def check_folder(
     return report, mended
 
 
-def profile_options(profile: str, side_file: Path | None, step: int) -> str:
+def profile_options(profile: str, side_file: str | Path | None, step: int) -> str:
     """Return the options, for a shell, that read a folder by ``profile``, ``side_file`` and ``step``."""
     words = ["--profile", profile]
     if step != 1:

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from cltaa.core.plan import CHANGING, nothing_changes
-from cltaa.errors import CltaaError
+from cltaa.errors import CltaaError, check_flags
 from cltaa.frame import Effect, Frame, Matrix
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import OPAQUE, Intake, damaged_files, open_with_gaps
@@ -424,7 +424,7 @@ def inspect_input(
     *,
     profile: str | Path | Profile = "auto",
     assignments: Sequence[str] = (),
-    side_file: Path | None = None,
+    side_file: str | Path | None = None,
     step: int = 1,
     frames: FrameRange | None = None,
     pixels: bool = False,
@@ -434,6 +434,7 @@ def inspect_input(
 
     Raises UsageError for no such profile, InputMissing where no frames are, DataError for files that no profile reads.
     """
+    check_flags(pixels=pixels)
     place, asked = selection_of(named), bool(assignments) or side_file is not None
     if not asked and (profile == "cltaa" or (profile == "auto" and is_own(place))):
         return inspect_folder(place, pixels=pixels, step=step, frames=frames, advance=advance)
