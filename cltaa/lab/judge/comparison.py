@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Iterable, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
@@ -279,7 +280,7 @@ def content_sha256(sequence: FrameSequence, others: Iterable[NumberedFiles] = ()
     digest = hashlib.sha256()
     for path in paths:
         name = _name(path, sequence)
-        digest.update(f"{name} {recorded.get(name) or file_sha256(path)}\n".encode())
+        digest.update(os.fsencode(f"{name} {recorded.get(name) or file_sha256(path)}\n"))
     for number in sequence.numbers:
         if (beside := sequence.beside_sha256(number)) is not None:
             digest.update(f"{number} {beside}\n".encode())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -114,7 +115,7 @@ def read_facts(path: Path) -> Facts:
     for key, value in said.items():
         if key not in Facts.__struct_fields__:
             raise DataError(f"unknown key {key}", path=path, cure=known(key, Facts.__struct_fields__, "keys"))
-        number = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf
+        number = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= sys.float_info.max
         if not (number if key == "milliseconds" else isinstance(value, str)):
             expected = "a number above 0" if key == "milliseconds" else "a text in quotes"
             raise DataError(f"{key} has no such value", path=path, expected=expected, found=value)

@@ -189,8 +189,9 @@ def test_a_report_keeps_nothing_of_the_one_before(tmp_path: Path) -> None:
     }
 
 
-def test_a_file_that_is_no_report_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "accuracy.json").write_text("{")
+@pytest.mark.parametrize("text", ["{", "[" * 100_000])
+def test_a_file_that_is_no_report_is_refused(text: str, tmp_path: Path) -> None:
+    (tmp_path / "accuracy.json").write_text(text)
     with pytest.raises(DataError, match=r"accuracy\.json: not the numbers of a report"):
         read_report(tmp_path)
 

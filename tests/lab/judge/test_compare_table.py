@@ -295,6 +295,7 @@ def test_what_is_no_table_is_refused(
     [
         ('milliseconds = "fast"', "milliseconds has no such value (expected a number above 0, found fast)"),
         ("milliseconds = -1", "milliseconds has no such value (expected a number above 0, found -1)"),
+        (f"milliseconds = 1{400 * '0'}", "milliseconds has no such value (expected a number above 0, found 1000"),
         ("milliseconds = nan", "milliseconds has no such value (expected a number above 0, found nan)"),
         ("name = 3", "name has no such value (expected a text in quotes, found 3)"),
         ('nmae = "x"', "unknown key nmae; did you mean name?"),

@@ -167,7 +167,7 @@ def read_report(folder: Path) -> Accuracy:
         return msgspec.convert(_restored(msgspec.json.decode(path.read_bytes())), Accuracy)
     except FileNotFoundError:
         raise InputMissing("not a report", path=path, cure="make one: cltaa bench accuracy SEQUENCE -o DIR") from None
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, RecursionError) as error:
         raise DataError(f"not the numbers of a report: {error}", path=path) from None
 
 
