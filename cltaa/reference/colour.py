@@ -43,7 +43,7 @@ def inner(a: Colour, b: Colour) -> Array:
     return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
 
 
-def to_boxed(v: Colour, build: Build) -> Colour:
+def to_box_space(v: Colour, build: Build) -> Colour:
     """RGB to 4 Y, 2 Co, 4 Cg (or unchanged where the box is in RGB)."""
     if build.choices.box_space is BoxSpace.RGB:
         return v
@@ -57,18 +57,18 @@ def in_units(v: Colour, build: Build) -> Colour:
     return a_channel([1.0 / each for each in box_units(build)]) * v
 
 
-def to_box_space(v: Colour, build: Build) -> Colour:
-    """RGB to Y, Co, Cg (or unchanged where the box is in RGB)."""
-    return in_units(to_boxed(v, build), build)
+def from_units(v: Colour, build: Build) -> Colour:
+    """The inverse of ``in_units``."""
+    return a_channel(box_units(build)) * v
 
 
 def from_box_space(v: Colour, build: Build) -> Colour:
     """The inverse of ``to_box_space``."""
     if build.choices.box_space is BoxSpace.RGB:
         return v
-    y, co, cg = v
-    t = y - cg
-    return np.stack((t + co, y + cg, t - co))
+    a, b, c = v
+    t = 0.25 * (a - c)
+    return np.stack((t + 0.5 * b, 0.25 * (a + c), t - 0.5 * b))
 
 
 def luminance(v: Colour) -> Array:

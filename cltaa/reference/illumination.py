@@ -20,7 +20,7 @@ from cltaa.reference.colour import (
     repaired_planes,
     sample_is_missing,
     share_in_domain,
-    to_boxed,
+    to_box_space,
     to_range,
 )
 from cltaa.reference.neighbourhood import spread_of_three
@@ -70,7 +70,7 @@ def nine_differences(difference: Callable[[int, int], tuple[Array, Array]]) -> t
 
 
 def illumination_difference(now: Colour, past: Colour, run: Run) -> Colour:
-    """Current minus history in the kernels' coordinates (``to_boxed``)."""
+    """Current minus history in the kernels' coordinates (``to_box_space``)."""
     was = history_in_range(past, run)
     if run.choices.box_space is not BoxSpace.YCOCG:
         return now - was
@@ -140,7 +140,7 @@ def illumination_test(
     )
 
     def difference(i: int, j: int) -> tuple[Colour, Array]:
-        now = to_boxed(to_range(neighbour(colour, i, j, run.layout), run.build), run.build)
+        now = to_box_space(to_range(neighbour(colour, i, j, run.layout), run.build), run.build)
         past = history[:3, row + j, column + i].astype(real)
         return illumination_difference(now, past, run), np.abs(now[0])
 

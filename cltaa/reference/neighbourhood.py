@@ -10,7 +10,7 @@ import numpy as np
 from cltaa.core.build import Build, Record
 from cltaa.core.constants import value
 from cltaa.core.parameters import Box, BoxSpace, CurrentFilter, Dilation, Neighbourhood, Variance
-from cltaa.reference.colour import Colour, from_box_space, in_units, luminance, to_box_space, to_boxed, to_range
+from cltaa.reference.colour import Colour, from_box_space, luminance, to_box_space, to_range
 from cltaa.reference.real import Array, Mask, Run, greater, lesser, limit, neighbour, number, outside_domain
 
 
@@ -113,7 +113,7 @@ class Row(NamedTuple):
 
 
 class Statistics(NamedTuple):
-    """Statistics of the neighbourhood, in the box space."""
+    """Statistics of the neighbourhood, in the kernels' coordinates."""
 
     mean: Colour
     deviation: Colour
@@ -166,7 +166,7 @@ def neighbourhood_statistics(above: Row, centre: Row, below: Row, run: Run) -> S
     if run.choices.neighbourhood in (Neighbourhood.LUMINANCE, Neighbourhood.JITTERED):
         mean, deviation = weighted_statistics((*above.texels, *centre.texels, *below.texels), run)
         mean = limit(mean, m.low, m.high)
-    return Statistics(*(in_units(colour, run.build) for colour in (mean, deviation, m.low, m.high)))
+    return Statistics(mean, deviation, m.low, m.high)
 
 
 def filter_three(before: Colour, middle: Colour, after: Colour, first: Any, last: Any, build: Build) -> Colour:
@@ -201,7 +201,7 @@ def read_row(colour: Array, inverse_depth: Array, motion: Array | None, dy: int,
         return neighbour(planes, dx, dy, run.layout)
 
     left, centre, right = [to_range(window(colour, dx), run.build) for dx in (-1, 0, 1)]
-    texels = to_boxed(left, run.build), to_boxed(centre, run.build), to_boxed(right, run.build)
+    texels = to_box_space(left, run.build), to_box_space(centre, run.build), to_box_space(right, run.build)
     in_domain = inverse_depth_or_sky(inverse_depth[0], run.frame)
     zl, zc, zr = (window(in_domain, dx) for dx in (-1, 0, 1))
     to_left = zl > zc

@@ -9,7 +9,7 @@ import numpy as np
 from cltaa.core.build import Build
 from cltaa.core.constants import value
 from cltaa.core.parameters import Accumulate, AntiFlicker, Box, Rectify
-from cltaa.reference.colour import Colour, a_channel, from_box_space, inner, to_box_space
+from cltaa.reference.colour import Colour, a_channel, box_units, from_box_space, in_units, inner, to_box_space
 from cltaa.reference.neighbourhood import Statistics
 from cltaa.reference.real import Array, Run, greater, lesser, limit, number
 from cltaa.reference.reprojection import Motion
@@ -46,18 +46,20 @@ def neighbourhood_box(s: Statistics, gamma: Array, run: Run) -> BoxOf:
         if run.choices.box is Box.BOTH:
             low, high = greater(s.mean - wide, low), lesser(s.mean + wide, high)
         if run.choices.box is Box.UNIT:
-            low, high = lesser(low, 1.0), greater(high, 0.0)
+            low, high = lesser(low, a_channel(box_units(run.build))), greater(high, 0.0)
         extent = 0.5 * (high - low)
         centre = low + extent
         if run.choices.box is Box.EXTREMES:
-            by = (gamma - 1.0) * extent
+            by = (0.5 * (gamma - 1.0)) * (high - low)
             low, high, extent = low - by, high + by, extent + by
+    first, second, _ = units = box_units(run.build)
     if run.choices.rectify in (Rectify.CLIP, Rectify.ELLIPSOID):
         a, b, c = np.abs(centre)
-        size = greater(a, greater(b, c))
-        extent = greater(extent, run.settings["box_floor"] * size + value("TINY"))
+        size = greater(a, greater(first / second * b, c))
+        least = run.settings["box_floor"] * size + first * value("TINY")
+        extent = greater(extent, a_channel([unit / first for unit in units]) * least)
     if run.choices.rectify is Rectify.CLIP_UNGUARDED:
-        extent = extent + value("ADDED_EXTENT")
+        extent = extent + a_channel([unit * value("ADDED_EXTENT") for unit in units])
     return BoxOf(centre, extent, low, high)
 
 
@@ -127,7 +129,7 @@ def anti_flicker_factor_of(history: Array, centre: Array, extent: Array, build: 
     if build.choices.anti_flicker is not AntiFlicker.CLAMP_DISTANCE:
         return np.ones_like(history)
     d = lesser(np.abs(history - (centre - extent)), np.abs(history - (centre + extent)))
-    return d / ((d + (extent + extent)) + value("TINY"))
+    return d / ((d + (extent + extent)) + box_units(build)[0] * value("TINY"))
 
 
 def rectify(history: Colour, current: Colour, s: Statistics, m: Motion, gamma: Array, run: Run) -> Rectification:
@@ -142,11 +144,11 @@ def rectify(history: Colour, current: Colour, s: Statistics, m: Motion, gamma: A
     box = neighbourhood_box(s, gamma, run)
     r = rectify_history(h, to_box_space(current, run.build), box, run.build)
     moved = r - h
-    least = run.settings["box_floor"] * np.abs(box.centre[0]) + value("TINY")
+    least = run.settings["box_floor"] * np.abs(box.centre[0]) + box_units(run.build)[0] * value("TINY")
     return Rectification(
         from_box_space(moved, run.build),
         np.abs(moved[0]) / greater(box.extent[0], least),
-        blend_boost_of(m, moved, run),
+        blend_boost_of(m, in_units(moved, run.build), run),
         anti_flicker_factor_of(h[0], box.centre[0], box.extent[0], run.build),
     )
 

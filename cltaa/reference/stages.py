@@ -10,7 +10,7 @@ from cltaa.core.build import Build, Record
 from cltaa.core.parameters import FilterUse
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel, load_shares, rectified_alpha, resolve_pixel, without_missing
-from cltaa.reference.colour import Colour, colour_in_domain, repaired_planes
+from cltaa.reference.colour import Colour, colour_in_domain, from_units, in_units, repaired_planes
 from cltaa.reference.dilation import borrowed_surface
 from cltaa.reference.fireflies import without_firefly
 from cltaa.reference.history import History, sample_history
@@ -42,7 +42,8 @@ def neighbourhood_statistics_kernel(
     rows = read_rows(current, inverse_depth, motion, run)
     near = neighbourhood_statistics(*rows, run)
     sample = current_sample(*rows, near, run)
-    _store(statistics_out, layout, (part for colour in (*near, sample) for part in colour))
+    in_box = (in_units(colour, build) for colour in near)
+    _store(statistics_out, layout, (part for colour in (*in_box, sample) for part in colour))
 
 
 @quiet
@@ -157,8 +158,8 @@ def _load(planes: Array, run: Run) -> Array:
 def _load_statistics(planes: Array, run: Run) -> tuple[Statistics, Colour]:
     """The statistics of the neighbourhood, and the current sample."""
     v = _load(planes, run)
-    mean, deviation, low, high, sample = (v[i : i + 3] for i in range(0, 15, 3))
-    return Statistics(mean, deviation, low, high), sample
+    parts = (from_units(v[i : i + 3], run.build) for i in range(0, 12, 3))
+    return Statistics(*parts), v[12:]
 
 
 def _store(planes: Array, layout: Layout, values: Iterable[Array]) -> None:

@@ -94,6 +94,15 @@ def test_same_bits_for_every_choice_that_stands_alone(changes: dict[str, object]
     assert differing(changes, list(hard_frames()), 8, 7) == 0
 
 
+def test_same_bits_where_numbers_lose_their_digits() -> None:
+    """A box that is flat but for denormals, whose digits depend on the scale of its coordinates."""
+    frames = [make_frame(index, effects=None) for index in range(3)]
+    for frame in frames:
+        frame.colour[...] = 0.375
+        frame.colour[np.random.default_rng(frame.index).random(frame.depth.shape) < 0.1] = (0.0, 2.0**-149, 0.0)
+    assert differing({"rectify": "clip-current", "box": "variance", "current_filter": "none"}, frames, 8, 7) == 0
+
+
 @pytest.mark.parametrize("level", [1e-22, 1e14])
 def test_same_bits_where_squares_begin_and_end(level: float) -> None:
     """Squares of differences become denormal, or infinite where history is brought to a brighter exposure."""
