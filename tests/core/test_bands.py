@@ -68,10 +68,18 @@ def test_bands_of_any_height_give_the_bits_of_whole_images() -> None:
             assert np.array_equal(bits(resolver.resolve(copied(frame))), bits(expected)), rows
 
 
-@pytest.mark.parametrize("storage", [Storage.HALF_STOCHASTIC, Storage.DOUBLE])
-def test_bands_with_every_channel_and_storage(storage: Storage) -> None:
-    whole, banded = Resolver("fast", storage=storage), BandedResolver("fast", storage=storage, band_rows=6)
-    for frame in frames(alpha=True, motion=True, reactive=True):
+@pytest.mark.parametrize(
+    ("how", "channels"),
+    [
+        ({"storage": Storage.HALF_STOCHASTIC}, ("alpha", "motion", "reactive")),
+        ({"storage": Storage.DOUBLE}, ("alpha", "motion", "reactive")),
+        ({"every_step": True}, ()),
+    ],
+    ids=str,
+)
+def test_bands_with_every_channel_storage_and_step(how: dict[str, Any], channels: tuple[str, ...]) -> None:
+    whole, banded = Resolver("fast", **how), BandedResolver("fast", band_rows=6, **how)
+    for frame in frames(**dict.fromkeys(channels, True)):
         expected = whole.resolve(frame)
         assert np.array_equal(bits(banded.resolve(copied(frame))), bits(expected))
 
@@ -91,13 +99,6 @@ def test_bands_where_kernels_are_built_for_one_size(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(Device, "shape", property(lambda _: Shape(lanes=1, rows=5, group=(1, 1), one_size=True)))
     whole, banded = Resolver("fast"), BandedResolver("fast", band_rows=6)
     for frame in frames()[:3]:
-        expected = whole.resolve(frame)
-        assert np.array_equal(bits(banded.resolve(copied(frame))), bits(expected))
-
-
-def test_bands_with_every_step_give_the_bits_of_whole_images() -> None:
-    whole, banded = Resolver("fast", every_step=True), BandedResolver("fast", every_step=True, band_rows=6)
-    for frame in frames():
         expected = whole.resolve(frame)
         assert np.array_equal(bits(banded.resolve(copied(frame))), bits(expected))
 

@@ -39,20 +39,6 @@ def dotted(index: int, **changes: Any) -> Frame:
     return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0), **changes)
 
 
-@pytest.mark.parametrize("history", ["accumulated", "frames"])
-def test_the_filter_has_the_share_of_one_sample(history: str) -> None:
-    resolver = Resolver(few(history), "numpy")
-    side = np.exp(-np.float32(resolver.preset.settings.filter_falloff))
-    middle = 1 / (1 + 2 * side) ** 2
-    for number in (1, 2, 3, 4):
-        value = resolver.resolve(dotted(number - 1))[10, 12, 0]
-        # The recurrent image keeps what the filter took of each sample: 1/n of the n-th. Kept samples are filtered anew
-        # in each frame, by 1/(n^2 - 1).
-        kept = sum(1 / n for n in range(1, number + 1)) / number
-        taken = 1 / max(number**2 - 1, 1) if history == "frames" else kept
-        assert abs(value - (1 - (1 - middle) * taken)) < 1e-6
-
-
 def test_jitter_weighs_the_corners_that_it_leads_to() -> None:
     """Left and up: what is drawn to the right of a sample and below it lies nearer to its pixel's centre."""
     frame, preset = dotted(1, jitter_px=(-0.25, -0.1)), few("accumulated", filter_use="always")
@@ -62,16 +48,17 @@ def test_jitter_weighs_the_corners_that_it_leads_to() -> None:
 
 
 @pytest.mark.parametrize("history", ["accumulated", "frames"])
-@pytest.mark.parametrize("beyond", [1.0, 3.0])
-def test_what_the_filter_leaves_in_a_history_fades_sooner(history: str, beyond: float) -> None:
+@pytest.mark.parametrize("beyond", [1.0, 3.0, 8.0])
+def test_the_filter_has_the_share_of_one_sample_and_fades_sooner(history: str, beyond: float) -> None:
     resolver = Resolver(few(history, filter_samples=beyond), "numpy")
     side = np.exp(-np.float32(resolver.preset.settings.filter_falloff))
     middle = 1 / (1 + 2 * side) ** 2
     kept = 0.0
     for number in range(1, 9):
         value = resolver.resolve(dotted(number - 1))[10, 12, 0]
+        # The recurrent image keeps what the filter took of each sample: 1/n of the n-th, and less beyond the setting.
         kept += min(1 / number, beyond / number**2) if number > 1 else 1.0
-        # Kept samples are filtered anew in each frame: nothing adds up, and the setting is not asked.
+        # Kept samples are filtered anew in each frame, by 1/(n^2 - 1): nothing adds up, and the setting is not asked.
         taken = 1 / max(number**2 - 1, 1) if history == "frames" else kept / number
         assert abs(value - (1 - (1 - middle) * taken)) < 1e-6
 

@@ -71,21 +71,17 @@ def test_a_bad_texel_is_left_out_and_goes_nowhere() -> None:
         assert not different.any(), index
 
 
-def test_another_size_empties_the_frame_ring() -> None:
+@pytest.mark.parametrize(
+    "after",
+    [[make_frame(index, width=45, height=31) for index in (3, 4)], [replace(still(3), cut=True)]],
+    ids=["another size", "a cut"],
+)
+def test_the_frame_ring_is_emptied_by(after: list[Frame]) -> None:
     resolver, fresh = Resolver(gathering(), "numpy"), Resolver(gathering(), "numpy")
     for index in range(3):
         resolver.resolve(still(index))
-    for index in range(3, 5):
-        frame = make_frame(index, width=45, height=31)
+    for frame in after:
         assert (bits(resolver.resolve(frame)) == bits(fresh.resolve(frame))).all()
-
-
-def test_a_cut_empties_the_frame_ring() -> None:
-    resolver, fresh = Resolver(gathering(), "numpy"), Resolver(gathering(), "numpy")
-    for index in range(3):
-        resolver.resolve(still(index))
-    cut = replace(still(3), cut=True)
-    assert (bits(resolver.resolve(cut)) == bits(fresh.resolve(cut))).all()
 
 
 def test_samples_are_gathered_where_something_changes() -> None:

@@ -53,16 +53,12 @@ def test_a_cache_that_names_no_place_is_the_users_own(variable: str, monkeypatch
     assert os.environ["POCL_CACHE_DIR"] == str(Path.home() / ".cache" / "cltaa" / "pocl")
 
 
-def test_a_cache_of_another_owner_exits_with_69(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
-    (tmp_path / "cache").mkdir(mode=0o555)
-    code, said = unprivileged(arguments(on_device[0], tmp_path / "out"), POCL_CACHE_DIR=str(tmp_path / "cache"))
-    assert code == 69, said
-    assert f"{tmp_path / 'cache'}: the kernel cache cannot be written: Permission denied" in said
-
-
-def test_locks_of_another_owner_exit_with_69(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
-    (tmp_path / "cache" / "locks").mkdir(parents=True)
-    (tmp_path / "cache" / "locks").chmod(0o555)
+@pytest.mark.parametrize("theirs", ["cache", "cache/locks"])
+def test_a_cache_of_another_owner_exits_with_69(
+    theirs: str, tmp_path: Path, on_device: tuple[Path, dict[str, str]]
+) -> None:
+    (tmp_path / theirs).mkdir(parents=True)
+    (tmp_path / theirs).chmod(0o555)
     code, said = unprivileged(arguments(on_device[0], tmp_path / "out"), POCL_CACHE_DIR=str(tmp_path / "cache"))
     assert code == 69, said
     assert f"{tmp_path / 'cache'}: the kernel cache cannot be written: Permission denied; free some space there" in said

@@ -70,19 +70,14 @@ def test_folder_of_any_name(
     assert said.err.strip("\n").isprintable()
 
 
-def test_file_names_of_255_bytes_are_resolved(tmp_path: Path) -> None:
-    name = "é" * 123  # two bytes each: 246, and 9 of ".0000.exr"
+# Of the first 123 characters each has two bytes: 246, and 9 of ".0000.exr".
+@pytest.mark.parametrize("name", ["é" * 123, os.fsdecode(b"caf\xe9")], ids=["255 bytes", "no UTF-8"])
+def test_odd_file_names_are_resolved(name: str, tmp_path: Path) -> None:
     write_sequence(tmp_path / "in", 2, name=name)
     assert main(["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy"]) == 0
-    assert len(list((tmp_path / "out").glob("*.exr"))) == 2
-
-
-def test_file_name_that_is_no_utf8(tmp_path: Path) -> None:
-    name = os.fsdecode(b"caf\xe9")
-    write_sequence(tmp_path / "in", 2, name=name)
-    assert main(["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy"]) == 0
-    channels, _ = read_image(tmp_path / "out" / f"{name}.0001.exr")
-    assert np.isfinite(channels["R"]).all()
+    for number in range(2):
+        channels, _ = read_image(tmp_path / "out" / f"{name}.{number:04d}.exr")
+        assert np.isfinite(channels["R"]).all()
 
 
 def run(arguments: list[str], environment: dict[str, str], before: str = "") -> str:

@@ -104,16 +104,18 @@ def test_damaged_side_files_are_refused_in_one_line(name: str, tmp_path: Path) -
         assert "\n" not in str(caught.value), text
 
 
-def test_the_mark_that_spreadsheets_write_is_none_of_the_first_column(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\ufeffframe,jitter_px.0,jitter_px.1\r\n1,0.25,-0.5\r\n",
+        "frame;jitter_px.0;jitter_px.1\r\n1;0,25;-0,5\r\n",
+        "frame;jitter_px.0;jitter_px.1\r\n1;0.25;-0.5\r\n",
+    ],
+    ids=["mark", "decimal commas", "semicolons"],
+)
+def test_a_table_may_be_as_spreadsheets_write_it(text: str, tmp_path: Path) -> None:
     path = tmp_path / "camera.csv"
-    path.write_bytes(b"\xef\xbb\xbfframe,jitter_px.0,jitter_px.1\r\n1,0.25,-0.5\r\n")
-    assert read_side_file(path)[1].jitter_px == (0.25, -0.5)
-
-
-@pytest.mark.parametrize("row", ["1;0,25;-0,5", "1;0.25;-0.5"])
-def test_semicolons_stand_between_columns_where_commas_stand_in_decimals(row: str, tmp_path: Path) -> None:
-    path = tmp_path / "camera.csv"
-    path.write_text(f"frame;jitter_px.0;jitter_px.1\r\n{row}\r\n")
+    path.write_text(text, encoding="utf-8")
     assert read_side_file(path)[1].jitter_px == (0.25, -0.5)
 
 

@@ -274,19 +274,18 @@ def test_files_with_words_behind_a_number_are_no_frames_beside_those_without(tmp
     assert open_input(tmp_path, assignments=["colour.channels=R G B"]).numbers == (0, 1)
 
 
-def test_a_pass_may_be_named_by_a_pattern_with_words_behind_its_number(tmp_path: Path) -> None:
-    write_numbers(tmp_path, "rgb.{:04d}.exr", range(2))
+@pytest.mark.parametrize(
+    ("colour", "depth", "patterns"),
+    [("rgb.{}.exr", "d.{}.depth.exr", ["rgb.####.exr", "d.####.depth.exr"]), ("{}_rgb.exr", "{}_depth.exr", ["."])],
+    ids=["named", "found"],
+)
+def test_words_of_a_pass_may_stand_behind_its_number(
+    colour: str, depth: str, patterns: list[str], tmp_path: Path
+) -> None:
+    write_numbers(tmp_path, colour.format("{:04d}"), range(2))
     for number in range(2):
-        write_image(tmp_path / f"d.{number:04d}.depth.exr", {"Z": np.full((4, 6), 3, np.float32)})
-    read = open_input([tmp_path / "rgb.####.exr", tmp_path / "d.####.depth.exr"])
-    assert [(frame.colour[0, 0, 0], frame.depth[0, 0]) for frame in read] == [(10, 3), (11, 3)]
-
-
-def test_passes_that_are_named_behind_the_number_are_found(tmp_path: Path) -> None:
-    write_numbers(tmp_path, "{:04d}_rgb.exr", range(2))
-    for number in range(2):
-        write_image(tmp_path / f"{number:04d}_depth.exr", {"Z": np.full((4, 6), 3, np.float32)})
-    read = open_input(tmp_path)
+        write_image(tmp_path / depth.format(f"{number:04d}"), {"Z": np.full((4, 6), 3, np.float32)})
+    read = open_input([tmp_path / pattern for pattern in patterns])
     assert [(frame.colour[0, 0, 0], frame.depth[0, 0]) for frame in read] == [(10, 3), (11, 3)]
 
 

@@ -94,26 +94,17 @@ def test_two_images_that_fail_side_by_side_are_one_failure(tmp_path: Path) -> No
     assert stream_threads() == []
 
 
-def test_exception_in_the_block_stands_beside_an_image_that_failed(tmp_path: Path) -> None:
-    def interrupted() -> None:
+def test_exception_in_the_block_stands_and_queued_images_are_written(tmp_path: Path) -> None:
+    def interrupted(*names: str) -> None:
         with Writer() as writer:
-            writer.write(tmp_path / "missing" / "0.exr", image(0))
+            for name in names:
+                writer.write(tmp_path / name, image(0))
             raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert stream_threads() == []
-
-
-def test_exception_in_the_block_stands_and_and_queued_images_are_written(tmp_path: Path) -> None:
-    def interrupted() -> None:
-        with Writer() as writer:
-            writer.write(tmp_path / "0.exr", image(0))
-            writer.write(tmp_path / "1.exr", image(1))
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
+    for names in (["0.exr", "1.exr"], ["missing/0.exr"]):  # even beside an image that failed
+        with pytest.raises(KeyboardInterrupt):
+            interrupted(*names)
+        assert stream_threads() == []
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0.exr", "1.exr"]
 
 

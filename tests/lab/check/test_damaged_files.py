@@ -60,27 +60,18 @@ def test_damaged_and_missing_frames_are_all_named_and_the_rest_is_looked_at(tmp_
     write_shot(tmp_path)
     for number in (1, 6):
         truncate(tmp_path / f"own.{number:04d}.exr")
+    spoil_pixels(tmp_path / "own.0003.exr")
     (tmp_path / "own.0004.exr").write_bytes(b"")
     (tmp_path / "own.0007.exr").unlink()
     report = checked(tmp_path)
-    truncated, empty = damage(report)
+    truncated, empty, spoilt = damage(report)
     assert "own.0001.exr: the file is truncated" in truncated
     assert truncated.endswith("the same in frame 6")
     assert "own.0004.exr: the file is empty" in empty
+    assert "own.0003.exr" in spoilt
+    assert "pixels are damaged" in spoilt
     assert missing(report) == ["frames are missing: 7"]
-    assert report["frames"] == 4
-
-
-def test_damaged_pixels_are_named_too(tmp_path: Path) -> None:
-    write_shot(tmp_path)
-    spoil_pixels(tmp_path / "own.0003.exr")
-    (tmp_path / "own.0007.exr").unlink()
-    report = checked(tmp_path)
-    (found,) = damage(report)
-    assert "own.0003.exr" in found
-    assert "pixels are damaged" in found
-    assert missing(report) == ["frames are missing: 7"]
-    assert report["frames"] == 6
+    assert report["frames"] == 3
 
 
 def test_a_convention_that_is_wrong_is_found_beside_damage(scene: Scene, tmp_path: Path) -> None:
