@@ -175,8 +175,7 @@ class Manifest:
         self._facts |= {"frames": frames}
 
     def _clear(self, names: set[str]) -> None:
-        """Delete the manifest and the frames with these names, in the folder itself or as a truth."""
-        (self._folder / CAPTURE).unlink()
+        """Delete the frames with these names, in the folder itself or as a truth, and at last the manifest."""
         for folder in self._folders():
             for path in folder.glob("*.exr"):
                 if path.name in names:
@@ -185,6 +184,7 @@ class Manifest:
             if folder != self._folder:
                 with suppress(OSError):
                     folder.rmdir()
+        (self._folder / CAPTURE).unlink()
 
     def has_finished(self, path: Path) -> bool:
         """Return whether a file is finished: listed, with the listed SHA-256."""

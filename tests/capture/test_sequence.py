@@ -257,6 +257,24 @@ def test_restart_deletes_only_the_files_of_the_capture(tmp_path: Path) -> None:
     assert [path.name for path in sorted(tmp_path.glob("conveyor.*"))] == ["conveyor.0000.exr"]
 
 
+def test_a_restart_that_was_killed_can_be_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    capture_sequence(request(tmp_path))
+    again = replace(request(tmp_path), frames=1, seed=5, reference=0, restart=True)
+    unlink = Path.unlink
+
+    def killed(path: Path, missing_ok: bool = False) -> None:
+        if path.name == "conveyor.0001.exr":
+            raise KeyboardInterrupt
+        unlink(path, missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", killed)
+    with pytest.raises(KeyboardInterrupt):
+        capture_sequence(again)
+    monkeypatch.undo()
+    assert capture_sequence(again).drawn == 1
+    assert [path.name for path in sorted(tmp_path.iterdir())] == ["conveyor.0000.exr", "sequence.json"]
+
+
 def test_restart_deletes_nothing_by_a_damaged_record(tmp_path: Path) -> None:
     stranger = tmp_path / "render.0001.exr"
     stranger.write_bytes(b"precious")
