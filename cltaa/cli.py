@@ -98,6 +98,7 @@ MEASUREMENTS = {
     "quality": Entry("cltaa.commands.bench_quality", "quality", "Judge presets on scenes against the truth."),
 }
 
+COMPLETION, SHELLS = "_CLTAA_COMPLETE", ("bash", "fish", "zsh")
 INTERRUPTED, CLOSED_PIPE = 130, 141  # the shells' convention: 128 plus the number of SIGINT, of SIGPIPE
 
 # The commands that resume from what they had finished.
@@ -158,6 +159,7 @@ def _outcome(arguments: list[str]) -> int:
     stop = Stop()
     try:
         with one_line_each(), interrupts(stop):
+            _check_completion()
             outcome: Any = root.main(arguments, prog_name="cltaa", standalone_mode=False)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
@@ -180,6 +182,16 @@ def _outcome(arguments: list[str]) -> int:
     if stop.requested:  # the command did not notice, and has printed its output
         return _interrupted(arguments, answered=True)
     return outcome if isinstance(outcome, int) else 0
+
+
+def _check_completion() -> None:
+    """Raise UsageError where the variable for completion asks for none: click would end without a line."""
+    asked, words = os.environ.get(COMPLETION, ""), os.environ.keys() & {"COMP_WORDS", "COMP_CWORD"}
+    shell, _, what = asked.partition("_")
+    place = shell == "fish" or os.environ.get("COMP_CWORD", "").isdigit()  # fish has the word itself there
+    if asked and (shell not in SHELLS or not (what == "source" or (what == "complete" and len(words) == 2 and place))):
+        expected = ", ".join(f"{shell}_source" for shell in SHELLS)
+        raise UsageError(f"{COMPLETION}={asked} asks for no completion", expected=expected)
 
 
 class _LossyFile(io.FileIO):

@@ -45,6 +45,7 @@ class _Name(click.ParamType[str]):
 
 
 PRESET = _Name("cltaa.core.presets", "preset_names")
+PROFILE_ALONE = _Name("cltaa.inputs.profile", "profile_names", or_file=True)
 PROFILE = _Name("cltaa.inputs.profile", "profile_names", also="auto", or_file=True)
 KERNEL, SCENE = _Name("cltaa.core.build", "kernel_names"), _Name("cltaa.lab.bench.cases", "known_scenes")
 

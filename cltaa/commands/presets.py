@@ -11,7 +11,7 @@ import tomli_w
 from rich.markup import escape
 from rich.padding import Padding
 
-from cltaa.commands.options import KERNEL, PRESET, PROFILE, json_option
+from cltaa.commands.options import KERNEL, PRESET, PROFILE_ALONE, json_option
 from cltaa.commands.printing import Console, listing
 from cltaa.core.build import Build, Steps, kernel_names, source, source_hash
 from cltaa.core.parameters import Choices, Settings
@@ -126,7 +126,7 @@ def _print_parameters(rows: list[dict[str, Any]], preset: Preset | None) -> None
 
 
 @click.command()
-@click.argument("name", required=False, type=PROFILE)
+@click.argument("name", required=False, type=PROFILE_ALONE)
 @json_option
 def profiles(name: str | None, as_json: bool) -> None:
     """List the reader profiles; with NAME, print all its keys as TOML, to start your own from."""

@@ -194,7 +194,9 @@ def _load(name: str, above: Names) -> Profile:
     if name in profile_names():
         return _parse(name, (_FOLDER / f"{name}.toml").read_text(encoding="utf-8"), name, above)
     if not name.endswith(".toml"):
-        cure = known(name, ["auto", *profile_names(), "FILE.toml"], "profiles")
+        # What auto takes depends on the files; it is no profile of its own to print or to extend.
+        names = [*(["auto"] if name != "auto" and not above else []), *profile_names(), "FILE.toml"]
+        cure = "the name of a profile's file ends with .toml" if "." in name else known(name, names, "profiles")
         raise UsageError(f"unknown profile {name}", path=above[-1] if above else None, cure=cure)
     if name in above:
         raise DataError("the profile extends itself", path=name, cure="name another profile in its first line")

@@ -81,6 +81,18 @@ def completed(words: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
     return [line for line in capsys.readouterr().out.splitlines() if line]
 
 
+@pytest.mark.parametrize("asked", ["bsh_source", "bash", "bash_complete"])
+def test_a_wrong_word_for_completion_is_reported(
+    asked: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("_CLTAA_COMPLETE", asked)
+    assert cli.main([]) == 64
+    told = (
+        f"cltaa: error: _CLTAA_COMPLETE={asked} asks for no completion (expected bash_source, fish_source, zsh_source)"
+    )
+    assert capsys.readouterr().err == told + "\n"
+
+
 def test_names_are_completed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     for words, offered in [
         ("cltaa resolve x --preset bab", "babylon-reproject-clamp"),

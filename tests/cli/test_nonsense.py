@@ -131,6 +131,12 @@ CASES: list[tuple[str, int, str]] = [
     ),
     ("resolve seq -o out --device numpy --preview no/x.mp4", OUTPUT, "no/x.mp4: the file cannot be created"),
     ("resolve seq -o out --profile nonsense", WRONG, "unknown profile nonsense"),
+    (
+        "resolve seq -o out --profile a.txt",
+        WRONG,
+        "a.txt; the name of a profile's file ends with .toml",
+    ),
+    ("profiles auto", WRONG, "unknown profile auto; known profiles: arnold, blender"),
     ("resolve seq -o out --profile blendr", WRONG, "unknown profile blendr; did you mean blender?"),
     ("resolve seq -o out --profile nowhere.toml", MISSING, "nowhere.toml: the file is missing"),
     ("resolve seq -o out --profile large.toml", DATA, "large.toml: too large for a profile"),
