@@ -509,7 +509,7 @@ def _is_begun(folder: Path, family: str, draws: Callable[[Path, int], None] | No
 @click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder for the sequence; created if missing.")
 @click.option("--frames", type=click.IntRange(1), default=48, help="Number of frames.")
 @click.option("--size", type=SIZE, default="320x180", help="Size of a frame in pixels.")
-@click.option("--period", type=click.IntRange(1), default=64, help="Period of the Halton jitter.")
+@click.option("--period", type=click.IntRange(1, 1 << 16), default=64, help="Period of the Halton jitter.")
 @click.option(
     "--reference",
     type=COUNT_OR_0,

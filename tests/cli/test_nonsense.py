@@ -241,6 +241,7 @@ CASES: list[tuple[str, int, str]] = [
     ("capture spinner -o out --size 99999x99999", WRONG, "the frames are too large"),
     ("capture spinner -o out --jitter nonsense", WRONG, "no such jitter"),
     ("capture spinner -o out --jitter halton:99999999999", WRONG, "N from 1 to 65536"),
+    ("raycast fog -o out --period 1000000000", USAGE, "1<=x<=65536"),
     ("capture spinner -o out --fps nan", WRONG, "fps must be 1e-06 to 1e+06"),
     ("capture spinner -o out --fps 0", USAGE, "not in the range"),
     ("capture spinner -o out --fps inf", WRONG, "fps must be 1e-06 to 1e+06"),
