@@ -25,9 +25,10 @@ from cltaa.inputs.open import Reading
 from cltaa.io.display import to_picture
 from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.sequence import FrameSequence, open_sequence
+from cltaa.lab.bench.accuracy.measurement import drawing_seconds
 from cltaa.lab.bench.cases import HELD_OUT, REDRAWN, TRAIN, Case, Shape, capture, planned
 from cltaa.lab.bench.cells import ONE_SAMPLE, QUALITY, Judged, Judging, in_step, judge_sequence, task_of
-from cltaa.lab.bench.quality.table import BEGIN, END
+from cltaa.lab.bench.quality.table import BEGIN, END, about_of, summarise
 from cltaa.lab.bench.variants import Variant
 from cltaa.lab.judge.metrics import flip_map
 from cltaa.lab.judge.video_scores import Sums, VideoScores
@@ -249,6 +250,17 @@ def test_a_given_sequence_is_described_from_its_files(capsys: pytest.CaptureFixt
     assert found["about"] in text
     assert found["versions"].keys() == {"cltaa", "numpy", "scikit-image", "flip-evaluator"}
     assert found["definitions"].keys() == found["rows"][0]["presets"]["basic"]["scores"].keys()
+
+
+@pytest.mark.parametrize(
+    "record", ['{"settings": [1], "seconds_a_frame": [2]}', '{"settings": {}, "seconds_a_frame": {"1": "x", "4": NaN}}']
+)
+def test_a_record_that_another_tool_left_there_states_nothing(tmp_path: Path, record: str) -> None:
+    folder = write_sequence(tmp_path / "mine", 2, reference=True)
+    (folder / "sequence.json").write_text(record)
+    sequence = open_sequence(folder)
+    assert "jitter unknown, " in about_of(summarise([]), [sequence], 0, [])
+    assert drawing_seconds(sequence) == {}
 
 
 def test_what_the_pictures_show_is_printed_and_of_which_there_is_none(

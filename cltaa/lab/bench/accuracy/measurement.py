@@ -339,8 +339,15 @@ def yardstick_errors(sequence: FrameSequence, metrics: Iterable[str]) -> dict[in
     return found
 
 
+def drawing_seconds(captured: FrameSequence) -> dict[str, float]:
+    """Return the seconds a frame of a capture by samples a pixel, as far as its record has numbers there."""
+    told = captured.sequence_json.get("seconds_a_frame")
+    seconds = told.items() if isinstance(told, dict) else ()
+    return {samples: each for samples, each in seconds if isinstance(each, int | float) and math.isfinite(each)}
+
+
 def _yardstick(captured: FrameSequence, metrics: Iterable[str]) -> list[Yardstick]:
-    seconds: dict[str, float] = captured.sequence_json.get("seconds_a_frame", {})
+    seconds = drawing_seconds(captured)
     one, unit = seconds.get("1"), 1e9 / (captured.width * captured.height)
     rows = []
     for samples, errors in yardstick_errors(captured, metrics).items():

@@ -153,7 +153,8 @@ def about_of(table: Table, sequences: Collection[FrameSequence], settled: int, p
     counts = " and ".join(f"{count} {split}" for split, count in splits.items())
     sizes = _either(f"{sequence.width} × {sequence.height}" for sequence in sequences)
     frames = _either_of((len(sequence) for sequence in sequences), "frame")
-    jitters = _either(sequence.sequence_json.get("settings", {}).get("jitter") for sequence in sequences)
+    settings = [sequence.sequence_json.get("settings") for sequence in sequences]
+    jitters = _either(str(each["jitter"]) if isinstance(each, dict) and "jitter" in each else None for each in settings)
     truths = _either_of((truth_samples(truth_of(sequence)) for sequence in sequences), "sample")
     profiles = list(dict.fromkeys(each.reading["profile"]["name"] for each in sequences if "profile" in each.reading))
     read = f", read by profile {' or '.join(profiles)}" if profiles else ""
