@@ -18,10 +18,11 @@ from __future__ import annotations
 
 import errno
 import importlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
+from functools import wraps
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from cltaa.printable import printable
 
@@ -105,6 +106,39 @@ def several(given: object, argument: str, kind: type = str) -> list[Any]:
         if not isinstance(one, str | kind):
             raise UsageError(f"{argument} takes names", expected="a text, or several", found=repr(one))
     return each
+
+
+Call = TypeVar("Call", bound=Callable[..., Any])
+
+
+def public(name: str) -> Callable[[Call], Call]:
+    """Decorate what programs call as ``name``: arguments that it does not take raise UsageError with the nearest."""
+
+    def decorated(call: Call) -> Call:
+        @wraps(call)
+        def told(*given: Any, **named: Any) -> Any:
+            try:
+                return call(*given, **named)
+            except TypeError:
+                check_arguments(name, call, given, named)
+                raise
+
+        return cast(Call, told)
+
+    return decorated
+
+
+def check_arguments(name: str, call: Callable[..., Any], given: tuple[Any, ...], named: Mapping[str, Any]) -> None:
+    """Raise UsageError where ``call`` does not take these arguments: a TypeError came from the call itself."""
+    from inspect import signature  # imported here: it is slow, and most calls are right
+
+    try:
+        (its := signature(call)).bind(*given, **named)
+    except TypeError as error:
+        names = [each for each in its.parameters if each != "self"]
+        for each in named.keys() - its.parameters.keys():
+            raise UsageError(f"{name} takes no {each}", cure=known(each, names, "arguments")) from None
+        raise UsageError(f"{name}: {error}") from None
 
 
 def check_flags(**flags: object) -> None:

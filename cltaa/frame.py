@@ -15,7 +15,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.errors import DataError
+from cltaa.errors import DataError, public
 from cltaa.renamed import EFFECTS, RenamedMembers, current
 
 Image = NDArray[np.float32]
@@ -174,6 +174,7 @@ class Frame:
     path: Path | None
     found: frozenset[Effect] | None
 
+    @public("Frame")
     def __init__(
         self,
         index: int,

@@ -16,11 +16,12 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import wraps
 from pathlib import Path
 from types import FrameType
-from typing import Any, SupportsIndex
+from typing import Any, SupportsIndex, TypeVar, cast
 
-from cltaa.errors import CltaaError, UsageError
+from cltaa.errors import CltaaError, UsageError, check_arguments
 
 # Defaults that the user's environment overrides. pyopencl's cache would only repeat the drivers', and its lock outlives
 # a killed process. NumPy's linear algebra starts a thread per core, which then busy-waits, and our matrices are 4x4.
@@ -208,3 +209,30 @@ def _handled(handler: Callable[[int, FrameType | None], Any]) -> Iterator[Callab
         yield restore
     finally:
         restore()
+
+
+INSIDE = "_inside"  # the attribute that holds the thread inside
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+def one_thread(method: Method) -> Method:
+    """Make ``method`` raise UsageError while another thread uses the same object.
+
+    It does not wait for the other: frames come in order, and which of two threads is first is chance.
+    """
+
+    @wraps(method)
+    def alone(owner: Any, *given: Any, **named: Any) -> Any:
+        # Records the thread, without a lock: an interrupt between acquire and try would leave that held for good.
+        state, me = vars(owner), threading.get_ident()
+        if state.setdefault(INSIDE, me) != me:
+            raise UsageError("two threads use one resolver at once", cure="frames come in order: take one a thread")
+        try:
+            return method(owner, *given, **named)
+        except TypeError:
+            check_arguments(f"Resolver.{method.__name__}", method, (owner, *given), named)
+            raise
+        finally:
+            state.pop(INSIDE, None)
+
+    return cast(Method, alone)

@@ -25,9 +25,10 @@ from cltaa.core.parameters import HistoryKind
 from cltaa.core.passes import Passes
 from cltaa.core.planes import Layout, checked_out
 from cltaa.core.record import Past, frame_record
-from cltaa.core.resolver import Resolver, Times, one_thread
+from cltaa.core.resolver import Resolver, Times
 from cltaa.errors import UsageError
 from cltaa.frame import Frame, Image
+from cltaa.process import one_thread
 
 BAND_ROWS = 512  # a band of 16384 columns takes 400 MB
 

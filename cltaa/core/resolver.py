@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from functools import wraps
-from threading import get_ident
 from time import perf_counter
-from typing import Any, Literal, NamedTuple, NoReturn, Self, SupportsIndex, TypeVar, cast, overload
+from typing import Any, Literal, NamedTuple, NoReturn, Self, SupportsIndex, TypeVar, overload
 
 import msgspec
 import numpy as np
@@ -25,35 +23,11 @@ from cltaa.core.plan import JittersBefore, Plan, channel_steps, from_ring_alone,
 from cltaa.core.planes import Layout, checked_out, empty_result, result_shape
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.record import Coarse, Past, coarse_colours, frame_record, looks_cut
-from cltaa.errors import ResourceError, UsageError, check_flags
+from cltaa.errors import ResourceError, UsageError, check_flags, public
 from cltaa.frame import Array, Frame, on_device, outline
-from cltaa.process import OneProcess, no_copy
+from cltaa.process import OneProcess, no_copy, one_thread
 
-INSIDE = "_inside"  # the attribute that holds the thread inside
-Method = TypeVar("Method", bound=Callable[..., Any])
 Out = TypeVar("Out", bound=Array)
-
-
-def one_thread(method: Method) -> Method:
-    """Make ``method`` raise UsageError while another thread uses the same object.
-
-    It does not wait for the other: frames come in order, and which of two threads is first is chance.
-    """
-
-    @wraps(method)
-    def alone(owner: Any, *given: Any, **named: Any) -> Any:
-        # Records the thread, without a lock: an interrupt between acquire and try would leave that held for good.
-        state, me = vars(owner), get_ident()
-        if state.setdefault(INSIDE, me) != me:
-            raise UsageError("two threads use one resolver at once", cure="frames come in order: take one a thread")
-        try:
-            return method(owner, *given, **named)
-        finally:
-            state.pop(INSIDE, None)
-
-    return cast(Method, alone)
-
-
 CUTS_KEPT = 1024  # most found cuts that a resolver remembers
 
 
@@ -79,6 +53,7 @@ class Resolver:
     when N more have come. Raises UsageError where the preset keeps no frames.
     """
 
+    @public("Resolver")
     def __init__(
         self,
         preset: str | Preset = "default",
@@ -289,6 +264,7 @@ class Resolver:
         buffers.swap()
         self._previous = Past.of(frame, self._coarse)
 
+    @public("Resolver.images")
     def images(self, frames: Iterable[Frame], *, half: bool = False, planar: bool = False) -> Iterator[NDArray[Any]]:
         """Yield the image of each of ``frames``, in their order, as ``resolve`` returns it; with look-ahead they come
         later.
@@ -306,6 +282,7 @@ class Resolver:
             del frame  # before the wait for the next
         yield from self._flushed(half=half, planar=planar)
 
+    @public("Resolver.feed")
     def feed(self, frame: Frame, *, half: bool = False) -> list[NDArray[Any]]:
         """Take the next frame; returns the images that are now ready, in the order of their frames.
 
@@ -315,6 +292,7 @@ class Resolver:
         """
         return list(self._fed(frame, half=half)) if self.look_ahead else [self.resolve(frame, half=half)]
 
+    @public("Resolver.flush")
     def flush(self, *, half: bool = False) -> list[NDArray[Any]]:
         """Return the images of the frames that wait for later ones, from those that there are."""
         self._alone()

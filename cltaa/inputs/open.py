@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from cltaa.errors import CltaaError, UsageError, known
+from cltaa.errors import CltaaError, UsageError, known, public
 from cltaa.frame import ASKED, Asked, Effect, format_effects, parse_effects
 from cltaa.inputs.found import find_effects, with_found
 from cltaa.io.exr_frame import MATRICES
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 PLACE = "{}"  # stands for the sequence's folder in a file name that applies to several sequences
 
 
+@public("open")
 def open_input(
     named: Named,
     *,

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.core.frame_checks import check_fields
-from cltaa.errors import DataError, StorageError, UsageError
+from cltaa.errors import DataError, StorageError, UsageError, public
 from cltaa.frame import Frame
 from cltaa.io.atomic import atomic_path
 from cltaa.io.exr_frame import STRUCTURAL, Pixels, Single, frame_attributes, frame_planes
@@ -153,6 +153,7 @@ def _stepped(planes: list[Bytes], rows: int) -> Iterator[tuple[Bytes, Bytes]]:
 _STANDARD_FLOATS = frozenset({"pixelAspectRatio", "screenWindowWidth", "whiteLuminance", "xDensity", "expTime"})
 
 
+@public("write_frame")
 def write_frame(path: str | Path, frame: Frame, *, compression: str = "zip") -> None:
     """Write one frame as a multi-channel EXR of float32 channels (``id`` uint32), atomically.
 

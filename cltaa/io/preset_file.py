@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 
 from cltaa.core.presets import Preset, load_preset, parse_preset
+from cltaa.errors import public
 from cltaa.io.content import read_text
 from cltaa.printable import printable
 
@@ -20,6 +21,7 @@ def load_config(path: Path, base: Preset) -> Preset:
     return msgspec.structs.replace(parsed, name=f"{printable(path.name)} over {parsed.name}")
 
 
+@public("load_preset")
 def read_preset(named: str | Path = "default", before: Callable[[Preset], Preset] | None = None) -> Preset:
     """Return the preset of that name, or of a file ``FILE.toml`` over the default; ``before`` changes what is below.
     Raises UsageError, and for a file InputMissing and DataError."""

@@ -285,7 +285,7 @@ def _warn_of_lacking(sequence: FrameSequence) -> None:
         lacking = [number for number in sequence.numbers if name not in sequence.layouts[number].channels]
         if 0 < len(lacking) < len(sequence):
             rest = "unlike the others: each frame is resolved with what it has"
-            warnings.warn(f"{sequence.folder}: no {part} in {named_frames(lacking)}, {rest}", stacklevel=4)
+            warnings.warn(f"{sequence.folder}: no {part} in {named_frames(lacking)}, {rest}", stacklevel=5)
 
 
 def open_images(

@@ -20,7 +20,7 @@ from cltaa.core.debug import parse_views
 from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.presets import Preset, Published, override
 from cltaa.core.resolver import Resolver
-from cltaa.errors import ResourceError, UsageError, check_flags, known
+from cltaa.errors import ResourceError, UsageError, check_flags, known, public
 from cltaa.frame import Asked, Effect, format_effects
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.found import Evidence, Found, check_headers, find_effects, with_found
@@ -163,6 +163,7 @@ def how_read(
     return told, rest
 
 
+@public("resolve")
 def resolve_folder(
     source: Named | FrameSequence,
     output: str | Path,

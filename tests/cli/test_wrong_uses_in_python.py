@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 import cltaa as public
 from cltaa.errors import CltaaError
+from cltaa.errors import public as reported
 from tests.inputs.foreign import write_colour
 from tests.sequence_factory import make_frame, write_sequence
 
@@ -169,6 +170,43 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
         "comparison side needs a film; name it: preview",
     ),
 }
+
+
+# What a program calls, an argument that it does not take, and what is said instead of a bare TypeError.
+UNKNOWN: list[tuple[Callable[..., Any], str, str]] = [
+    (cltaa.open, "profil", "open takes no profil; did you mean profile?"),
+    (cltaa.check, "frame", "check takes no frame; did you mean frames?"),
+    (cltaa.inspect, "pixel", "inspect takes no pixel; did you mean pixels?"),
+    (cltaa.plan, "presett", "plan takes no presett; did you mean preset?"),
+    (cltaa.measure, "metric", "measure takes no metric; did you mean metrics?"),
+    (cltaa.resolve, "presett", "resolve takes no presett; did you mean preset?"),
+    (cltaa.write_frame, "compresion", "write_frame takes no compresion; did you mean compression?"),
+    (cltaa.load_preset, "nme", "load_preset takes no nme; did you mean named?"),
+    (cltaa.Frame, "color", "Frame takes no color; did you mean colour?"),
+    (cltaa.Resolver, "lookahead", "Resolver takes no lookahead; did you mean look_ahead?"),
+    (cltaa.Resolver(device="numpy").resolve, "outt", "Resolver.resolve takes no outt; did you mean out?"),
+    (cltaa.Resolver(device="numpy").images, "halff", "Resolver.images takes no halff; did you mean half?"),
+    (cltaa.Resolver(device="numpy").feed, "halff", "Resolver.feed takes no halff; did you mean half?"),
+    (cltaa.Resolver(device="numpy").flush, "halff", "Resolver.flush takes no halff; did you mean half?"),
+]
+
+
+def test_an_argument_that_nobody_takes_is_named_with_the_nearest(tmp_path: Path) -> None:
+    for call, name, line in UNKNOWN:
+        given: tuple[object, ...] = (LIGHT, LIGHT) if call is cltaa.measure else (tmp_path, tmp_path)
+        with pytest.raises(CltaaError, match=f"^{re.escape(line)}"):
+            call(*given[: 2 if call in (cltaa.measure, cltaa.resolve) else 1], **{name: 1})
+    with pytest.raises(CltaaError, match=r"^check: missing a required argument: 'named'"):
+        cltaa.check()
+
+
+def test_a_type_error_of_the_call_itself_stays_one() -> None:
+    @reported("faulty")
+    def faulty(number: int) -> None:
+        raise TypeError(f"of the call with {number}")
+
+    with pytest.raises(TypeError, match="of the call with 3"):
+        faulty(number=3)
 
 
 def refusal(name: str, sequence: Path) -> str:

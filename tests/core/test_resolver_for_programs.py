@@ -21,12 +21,13 @@ from pyopencl import invoker
 from cltaa.core.bands import BandedResolver
 from cltaa.core.plan import Reason
 from cltaa.core.presets import load_preset, override, preset_names
-from cltaa.core.resolver import INSIDE, Resolver
+from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError, UsageError
 from cltaa.frame import Camera, Frame
 from cltaa.io.exr_write import write_frame
 from cltaa.io.sequence import open_sequence
 from cltaa.lab.judge.metrics import measure
+from cltaa.process import INSIDE
 from cltaa.reference.launcher import NumpyLauncher
 from tests.core.standing import still_frame
 from tests.sequence_factory import bits, make_camera, make_frame, write_sequence

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from cltaa.errors import CltaaError, DataError, UsageError
+from cltaa.errors import CltaaError, DataError, UsageError, public
 from cltaa.frame import Frame
 from cltaa.inputs.convert import correct
 from cltaa.inputs.foreign import ForeignSequence
@@ -207,6 +207,7 @@ class Report(msgspec.Struct, kw_only=True):
         return [finding for finding in self.findings if finding.question]
 
 
+@public("check")
 def check_folder(
     named: Named,
     *,

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from cltaa.core.plan import CHANGING, nothing_changes
-from cltaa.errors import CltaaError, check_flags
+from cltaa.errors import CltaaError, check_flags, public
 from cltaa.frame import Effect, Frame, Matrix
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import OPAQUE, Intake, damaged_files, open_with_gaps
@@ -419,6 +419,7 @@ def describe_input(
     return found
 
 
+@public("inspect")
 def inspect_input(
     named: Named,
     *,

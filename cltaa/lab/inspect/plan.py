@@ -20,6 +20,7 @@ from cltaa.core.plan import JittersBefore, Plan, from_ring_alone, plan_frame, re
 from cltaa.core.presets import Preset, Published
 from cltaa.core.record import Past
 from cltaa.core.resolver import Resolver
+from cltaa.errors import public
 from cltaa.frame import Asked, format_effects
 from cltaa.inputs.found import Found, with_found
 from cltaa.inputs.open import check_declared, looked_for, open_input
@@ -73,6 +74,7 @@ class SequencePlan(msgspec.Struct, kw_only=True):
     found: Found | None = None  # the effects, if none are declared
 
 
+@public("plan")
 def plan(
     sequence: FrameSequence | Named,
     preset: str | Preset = "default",

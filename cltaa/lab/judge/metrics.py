@@ -20,7 +20,7 @@ import numpy as np
 
 from cltaa import __version__
 from cltaa.core.frame_checks import EXPOSURE_STOPS
-from cltaa.errors import DataError, UsageError, import_extra, known, several
+from cltaa.errors import DataError, UsageError, import_extra, known, public, several
 from cltaa.frame import Image, shared
 from cltaa.io.display import luma, shown_light, to_display
 from cltaa.printable import counted
@@ -214,6 +214,7 @@ def named_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
     return tuple(metrics)
 
 
+@public("measure")
 def measure(
     test: Image,
     reference: Image,
