@@ -197,6 +197,7 @@ FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "box_above": ("float", "weight of the row above, over that of the middle one"),
     "box_below": ("float", "weight of the row below"),
     "own_vectors": ("int", "1: the frame was given with motion vectors"),
+    "camera_moved": ("int", "1: the camera differs from that of the frame before"),
 }
 
 # A struct of a kernel as a 0-dimensional structured array.

@@ -178,5 +178,6 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
         *weights,
         *_box_weights(frame.jitter_px, plan),
         int(frame.motion is not None),
+        int(not is_still(frame.camera, earlier)),
     )
     return np.array(values, FRAME_DTYPE)

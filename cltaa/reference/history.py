@@ -70,8 +70,9 @@ def find_occlusion(
 ) -> Occlusion:
     """Find from the previous inverse depth [rows, stride] how occluders affect each pixel's history."""
     no, count_limit = np.zeros(m.u.shape, np.bool_), np.full_like(m.u, value("DOMAIN_LIMIT"))
-    steps = run.steps
-    if run.choices.reject is not Reject.DEPTH or not (steps.camera_motion or steps.own_motion):
+    steps, frame = run.steps, run.frame
+    moves = (steps.camera_motion and frame["camera_moved"]) or (steps.own_motion and frame["own_vectors"])
+    if run.choices.reject is not Reject.DEPTH or not moves:
         return Occlusion(no, no, no, no, count_limit)
     _, high = surface_range(s, m, run)
     nearer_beside, passed, covered, background = any_nearer(previous, high), no, no, no
@@ -83,7 +84,7 @@ def find_occlusion(
         count_limit = edge_count_limit(previous, corners, s, m, run)
     if run.build.terms.covered_share:
         covered = occluder_covered(previous, corners, high, f, run.settings["covered_share"])
-        covered &= passed | bool(steps.own_motion and run.frame["own_vectors"])
+        covered &= passed | bool(steps.own_motion and frame["own_vectors"])
     return Occlusion(nearer_beside, passed, covered, background, count_limit)
 
 

@@ -151,7 +151,7 @@ STAGE occlusion find_occlusion(plane_in previous_inverse_depth, quad previous, f
     occlusion o = { 0 };
     o.count_limit = SPLAT(DOMAIN_LIMIT);
     // Without motion, jitter alone shows something nearer now and then.
-    if ((REJECT != REJECT_DEPTH) | !(CAMERA_MOTION | OWN_MOTION))
+    if ((REJECT != REJECT_DEPTH) | !((CAMERA_MOTION & frame.camera_moved) | (OWN_MOTION & frame.own_vectors)))
         return o;
     const real high = surface_range(s, m, settings).high;
     o.nearer_beside = any_nearer(previous, high);

@@ -29,6 +29,7 @@ CALLS: dict[str, dict[str, object]] = {
     "a moving camera": {"effects": frozenset({Effect.CAMERA, Effect.HDR})},
     "own motion": {"camera": STANDING, "motion": True, "effects": frozenset({Effect.MOTION, Effect.HDR})},
     "alpha and reactive": {"alpha": True, "reactive": True, "effects": frozenset({Effect.CAMERA, Effect.ALPHA})},
+    "an undeclared camera that stands": {"camera": STANDING, "effects": None},
     "undeclared": {"motion": True, "alpha": True, "reactive": True, "effects": None},
 }
 
