@@ -137,7 +137,7 @@ def resolved_by_us(
 ) -> Iterator[list[Entry]]:
     """Resolve with our own presets, with no declared effects, and yield their entries in a temporary folder.
 
-    Other tools' sequences are opened by ``reading``, as ``pair_up`` opens them; cltaa's own only by its step.
+    Other tools' sequences are opened by ``reading``, as ``pair_up`` opens them; cltaa's own by its step and ``verify``.
     """
     from cltaa.pipeline.folder import resolve_folder
 
@@ -147,7 +147,8 @@ def resolved_by_us(
         for place, (preset, settings) in enumerate(read.items()):
             folders = {name: Path(folder) / str(place) / name for name in sequences}
             for name, output in folders.items():
-                how = {"step": reading.get("step", 1)} if is_own(sequences[name]) else reading
+                own = is_own(sequences[name])
+                how = {key: reading[key] for key in reading if key in ("step", "verify") or not own}
                 resolve_folder(sequences[name], output, settings, effects="find", layers=(), reading=how)
             entries.append(Entry(preset, Facts(settings="nothing declared"), folders))
         yield entries
@@ -233,7 +234,7 @@ def judged_entries(
     if ours:  # reports what is wrong with entries before the presets are resolved
         entered = {name: sequences[name] for name in sequences if any(name in entry.folders for entry in entries)}
         rounds(entries, entered, frames, **reading)
-    with resolved_by_us(ours, sequences, {name: reading[name] for name in reading if name != "verify"}) as own:
+    with resolved_by_us(ours, sequences, reading) as own:
         played = rounds([*entries, *own], sequences, frames, **reading)
         rows = [row for one in played for row in _judged(one, metrics, stops, cvvdp=cvvdp)]
         for one in played if film is not None else ():

@@ -199,6 +199,12 @@ def test_a_preset_of_ours_may_be_a_file_anywhere(
     assert mine_row["mean"] == ours_row["mean"]
 
 
+@pytest.mark.parametrize(("option", "code"), [("--verify", 65), ("--no-verify", 0)])
+def test_our_presets_read_what_is_not_verified_either(sequences: list[Path], option: str, code: int) -> None:
+    (sequences[0] / "sequence.json").write_text(json.dumps({"files": {"synthetic.0002.exr": 64 * "0"}}))
+    assert main(["compare", "--table", *words(sequences[0], "--ours", "accumulate", option, *METRICS)]) == code
+
+
 def test_an_entry_of_a_region_is_refused(
     capsys: pytest.CaptureFixture[str], sequences: list[Path], entry: Path
 ) -> None:
