@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 import msgspec
+from click.core import ParameterSource
 
 from cltaa.commands.options import (
     COUNT,
@@ -68,6 +69,7 @@ from cltaa.lab.judge.metrics import ALPHA, METRICS, versions_of
 from cltaa.printable import counted, json_of, printable, shown
 
 ALL_SCENES = "all"  # all that cltaa scenes lists
+OF_CAPTURES = ("size", "frames", "samples", "jitter", "train", "held_out")  # options
 
 
 @click.command("quality")
@@ -122,7 +124,9 @@ ALL_SCENES = "all"  # all that cltaa scenes lists
 )
 @partial(measured_options, effects="find")
 @json_option
+@click.pass_context
 def quality(
+    ctx: click.Context,
     scenes: tuple[str, ...],
     folders: tuple[Path, ...],
     presets: tuple[str, ...],
@@ -162,6 +166,8 @@ def quality(
     if msgspec.structs.replace(reading, effects="auto") != DEFAULT_READING and not folders:
         what, cure = ("profile, input, camera, step and truth are of frames that are there", "name them: --sequence")
         raise UsageError(what, cure=cure)
+    if folders and not scenes:
+        _check_options(ctx)
     by_name(folders, "sequences")
     opened = open_each(folders, reading)
     for sequence in opened.values():
@@ -200,6 +206,14 @@ def quality(
         _print(table)
         if pictures is not None:
             _print_captions(texts, pictures)
+
+
+def _check_options(ctx: click.Context) -> None:
+    """Raise UsageError for an option of captures where none is asked for, rather than ignore it."""
+    for option in ctx.command.params:
+        given = ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE
+        if given and option.name in OF_CAPTURES:
+            raise UsageError(f"{option.opts[0]} is of captures", cure="name their --scene too, or leave it out")
 
 
 def chosen_presets(names: Sequence[str], configs: Sequence[Path]) -> list[Preset]:
