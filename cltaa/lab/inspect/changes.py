@@ -34,6 +34,9 @@ CHANGED_SHARE = 0.25
 # Share of disoccluded pixels, two pixels away from any occluder, because two samples of a pixel and a rounded position
 # are up to 1.5 apart. Worst seen without disocclusion: 2e-4, in hair against the sky (160x90).
 DISOCCLUDED_SHARE = 5e-4
+# Pixels of a frame; in smaller ones samples lie so far apart that still scenes exceed these shares: at 64x36 0.27 of the
+# colours, and 9e-4 disoccluded; at 96x54 no share does.
+SMALLEST = 5000
 # One camera step may disocclude less than a pixel: compare frames 1, 2, 4 ... after one, then restart from the last.
 FARTHEST = 16
 
@@ -59,7 +62,7 @@ class DepthChange:
             return False
         if jitter_px == self._first[0]:
             return not _close(depth, self._first[1]).all()
-        return float(_outside(depth, self._last, DEPTH_SLACK).mean()) > MOVED_SHARE
+        return depth.size >= SMALLEST and float(_outside(depth, self._last, DEPTH_SLACK).mean()) > MOVED_SHARE
 
 
 class ColourChange:
@@ -78,7 +81,7 @@ class ColourChange:
         means = _block_means(colour)
         known = self._means.setdefault(header.jitter_px, means)
         changed = bool((np.abs(means - known) > COLOUR_SLACK * np.maximum(means, known)).any())
-        if known is means and self._last is not None:
+        if known is means and self._last is not None and colour[0].size >= SMALLEST:
             outside = [_outside(*planes, COLOUR_SLACK) for planes in zip(colour, self._last, strict=True)]
             changed = float(np.logical_or.reduce(outside).mean()) > CHANGED_SHARE
         if changed and self.frame is None:
@@ -96,7 +99,7 @@ class Uncovering:
     def look(self, header: Frame, channels: Mapping[str, Pixels]) -> None:
         """Examine one frame."""
         frame, before = _geometry(header, channels), self._before
-        if before is None or frame.cut or frame.depth.shape != before.depth.shape:
+        if before is None or frame.cut or frame.depth.shape != before.depth.shape or frame.depth.size < SMALLEST:
             self._before = frame
             return
         # Own motion leads only to the previous frame.

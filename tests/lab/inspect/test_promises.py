@@ -10,6 +10,7 @@ import pytest
 
 from cltaa.frame import Effect, Frame
 from cltaa.io.exr_write import write_frame
+from cltaa.lab.inspect import changes
 from cltaa.lab.inspect.findings import Inspection, inspect_folder
 from tests.sequence_factory import make_camera, make_frame
 
@@ -27,9 +28,16 @@ def still(index: int, effects: set[Effect], **changes: object) -> Frame:
 
 
 def inspected(tmp_path: Path, *frames: Frame) -> Inspection:
+    tmp_path.mkdir(exist_ok=True)
     for frame in frames:
         write_frame(tmp_path / f"a.{frame.index:04d}.exr", frame)
     return inspect_folder(tmp_path, pixels=True)
+
+
+@pytest.fixture(autouse=True)
+def small_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    """These frames have no texture that is finer than their pixels."""
+    monkeypatch.setattr(changes, "SMALLEST", 0)
 
 
 def test_a_still_scene_agrees_with_its_declaration(tmp_path: Path) -> None:
@@ -61,6 +69,16 @@ def test_colour_that_changes_in_a_still_scene(tmp_path: Path, frames: int, at: i
     assert problem == f"colour changes at frame {at}, but no effect out of {CHANGING} is declared"
     lit = [replace(frame, effects=frozenset({Effect.SKY, Effect.ILLUMINATION})) for frame in shown]
     assert inspected(tmp_path, *lit).problems == []
+
+
+def test_small_frames_of_different_jitter_are_not_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    frames = [sliding(index, {Effect.MOTION}, 2.0, by_camera=False) for index in range(2)]
+    assert inspected(tmp_path, *frames).problems == []
+    shown = [still(index, set()) for index in range(2)]
+    shown[1].colour[:, :19] *= 0.7
+    shown[1].depth[5:15, 5:20] = 1.5
+    assert inspected(tmp_path / "still", *shown).problems == []
 
 
 def test_one_step_of_light_that_no_eight_bits_show_is_none(tmp_path: Path) -> None:
