@@ -34,8 +34,8 @@ CHANGED_SHARE = 0.25
 # Share of disoccluded pixels, two pixels away from any occluder, because two samples of a pixel and a rounded position
 # are up to 1.5 apart. Worst seen without disocclusion: 2e-4, in hair against the sky (160x90).
 DISOCCLUDED_SHARE = 5e-4
-# Pixels of a frame; in smaller ones samples lie so far apart that still scenes exceed these shares: at 64x36 0.27 of the
-# colours, and 9e-4 disoccluded; at 96x54 no share does.
+# Pixels of a frame; samples of smaller ones lie so far apart that still scenes exceed these shares: at 64x36 0.27 of
+# the colours, and 9e-4 disoccluded; at 96x54 no share does.
 SMALLEST = 5000
 # One camera step may disocclude less than a pixel: compare frames 1, 2, 4 ... after one, then restart from the last.
 FARTHEST = 16
