@@ -23,7 +23,7 @@ from cltaa.printable import counted, printable
 @click.argument("sequences", nargs=-1, required=True, type=FOLDER, metavar="SEQUENCE...")
 @click.option("--budget", metavar="TIME", help="Find the least error within this kernel time a frame, such as 5ms.")
 @click.option("--target", metavar="METRIC=VALUE", help="Find the least time within this error, such as flip=0.02.")
-@click.option("--metric", default="mse", help="Error to minimise within a --budget; see cltaa compare.")
+@click.option("--metric", help="Error to minimise within a --budget; see cltaa compare.  [default: mse]")
 @click.option(
     "--check",
     "checked",
@@ -44,7 +44,7 @@ def command(
     sequences: tuple[Path, ...],
     budget: str | None,
     target: str | None,
-    metric: str,
+    metric: str | None,
     checked: tuple[Path, ...],
     preset: str,
     config: Path | None,

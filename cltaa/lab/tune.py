@@ -72,7 +72,7 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
         return milliseconds <= self.budget_ms if self.budget_ms is not None else error <= (self.target or 0.0)
 
 
-def parse_goal(budget: str | None, target: str | None, metric: str) -> Goal:
+def parse_goal(budget: str | None, target: str | None, metric: str | None = None) -> Goal:
     """Parse the goal of ``--budget 5ms`` or ``--target flip=0.02``; raises UsageError for anything else."""
     if budget is not None and target is not None:
         cure = "leave one out: the other is then minimised, --budget with --metric NAME"
@@ -81,7 +81,9 @@ def parse_goal(budget: str | None, target: str | None, metric: str) -> Goal:
         raise UsageError("one of --budget and --target is needed", expected="--budget 5ms, or --target flip=0.02")
     name, _, number = (target or "").partition("=")
     text = number if budget is None else budget.removesuffix("ms").strip()
-    name = name.strip() if target is not None else metric
+    name = name.strip() if target is not None else metric or "mse"
+    if target is not None and metric not in (None, name):
+        raise UsageError(f"--metric {metric} is of a --budget", cure="leave it out: a --target names its own")
     try:
         value = float(text)
     except ValueError:

@@ -262,6 +262,11 @@ CASES: list[tuple[str, int, str]] = [
     ("tune seq -o out.toml --budget 5ms --trials 1", USAGE, "x>=2"),
     ("tune seq -o out.toml --budget 5ms --seed 4294967296", USAGE, "0<=x<=4294967295"),
     ("tune seq -o out.toml --target flip", WRONG, "no goal (expected --budget 5ms, or --target flip=0.02"),
+    (
+        "tune seq -o out.toml --target flip=0.1 --metric mse",
+        WRONG,
+        "--metric mse is of a --budget; leave it out: a --target names its own",
+    ),
     ("tune seq -o out.toml --budget 5ms --metric psnr", WRONG, "no metric to minimise"),
     ("capture spinner -o out --motion play", WRONG, "not to scene spinner; leave it out"),
     ("demo -o file.txt", OUTPUT, "the folder cannot be created"),
