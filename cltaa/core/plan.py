@@ -8,7 +8,7 @@ rectification, weights, tests) and each threshold that effects decide give *anot
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from functools import lru_cache
@@ -65,8 +65,9 @@ SURER = 2.0  # factor of drift_t, where no illumination change is known
 # that one frame counts for: less than illumination_t then, so that a lone frame proves nothing away from occluders.
 UNLIKELY, UNLIKELY_T = 1.5, 2.5
 STATIC_SAMPLES = 4.0  # factor of sample_limit, where all is found static
-# filter_samples where nothing moves: the jitter places samples evenly, so a history soon needs no filter.
-STATIC_FILTER_SAMPLES = 1.0
+# filter_samples where nothing moves: the jitter places samples evenly, so a history soon needs no filter. A jitter that
+# repeats within FEW_POSITIONS frames leaves gaps, which only the filter fills, at its whole share of 1 / n.
+STATIC_FILTER_SAMPLES, FEW_POSITIONS = 1.0, 16
 # With noise. Factor of falling_t, because dim samples of noise agree and bright ones do not, and of a box of
 # deviations, which noise widens.
 NOISY_FALLING, NOISY_BOX = 1.2, 0.5
@@ -241,9 +242,13 @@ def _ring_holds_less(choices: Choices, settings: Settings) -> bool:
 
     Without frames ahead a ring never holds more than all frames so far. With them it does in the first frames.
     """
-    kept = settings.history_frames + 1 + settings.look_ahead
-    less = not settings.look_ahead or kept < 2 * settings.sample_limit - 1
+    less = not settings.look_ahead or _places(settings) < 2 * settings.sample_limit - 1
     return choices.history is HistoryKind.FRAMES and less
+
+
+def _places(settings: Settings) -> int:
+    """Return the number of frames in a ring."""
+    return settings.history_frames + 1 + settings.look_ahead
 
 
 def _gathered(choices: Choices, *, still: bool, recursive: bool) -> Reason:
@@ -327,7 +332,7 @@ class Facts(NamedTuple):
     word: str  # which of the two
     first: bool  # at the start and after a cut
     moves: bool  # the camera, since the previous frame
-    repeats: bool  # the jitter, within the ring
+    period: int  # frames after which the jitter has repeated; 0: not yet, or it has one position
     width: int  # pixels
 
 
@@ -341,12 +346,12 @@ def plan_frame(
 ) -> Plan:
     """Return the plan of ``frame``, whose predecessor has the camera ``previous`` (None at the start and after a cut).
 
-    ``jitters`` are those of the previous frames that one ring can hold, in pixels (``JittersBefore``). ``every`` adds
+    ``jitters`` are those of previous frames, the latest last, in pixels (``JittersBefore``). ``every`` adds
     each step that the preset allows and the frame does not need: it costs time and changes no bit.
     """
-    ring = set(jitters)  # one that holds this jitter too, and another, holds every position of the jitter sequence
     effects, word = _known(frame.effects, frame.found)
     noisy = effects is not None and Effect.NOISE in effects  # a position shows something else every time
+    period = 0 if noisy or previous is None else _period(list(jitters), frame.jitter_px)
     facts = Facts(
         frame.motion is not None,
         frame.alpha is not None,
@@ -358,17 +363,23 @@ def plan_frame(
         word,
         previous is None,
         previous is not None and not is_still(frame.camera, previous),
-        previous is not None and frame.jitter_px in ring and len(ring) > 1 and not noisy,
+        period,
         frame.width,
     )
     return _planned(preset, facts, every)
 
 
+def _period(before: Sequence[tuple[float, float]], now: tuple[float, float]) -> int:
+    """Return how many frames ago the jitter was where it is ``now``; 0 if it never was, or is always there."""
+    ago = before[::-1].index(now) + 1 if now in before else 0
+    return ago if len(set(before)) > 1 else 0
+
+
 class JittersBefore:
-    """Jitters of the previous frames of one history, as many as a ring of ``preset`` has places."""
+    """Jitters of the previous frames of one history, as many as a ring of ``preset`` has places, or FEW_POSITIONS."""
 
     def __init__(self, preset: Preset) -> None:
-        self._places = preset.settings.history_frames + 1 + preset.settings.look_ahead
+        self._places = max(_places(preset.settings), FEW_POSITIONS)
         self._of: dict[int, tuple[float, float]] = {}
 
     def of(self, frame: Frame, *, goes_on: bool) -> list[tuple[float, float]]:
@@ -379,9 +390,13 @@ class JittersBefore:
         self._of[frame.index] = frame.jitter_px
         return jitters
 
-    def restore(self, before: Iterable[tuple[int, tuple[float, float]]]) -> None:
-        """Continue after frames of these numbers and jitters."""
-        self._of = dict(sorted(before))
+    def kept(self) -> tuple[tuple[int, tuple[float, float]], ...]:
+        """Return the number and the jitter of each frame that is kept."""
+        return tuple(self._of.items())
+
+    def restore(self, kept: Iterable[tuple[int, tuple[float, float]]]) -> None:
+        """Continue after the frames that were ``kept``."""
+        self._of = dict(kept)
 
 
 def _known(declared: frozenset[Effect] | None, found: frozenset[Effect] | None) -> tuple[frozenset[Effect] | None, str]:
@@ -428,10 +443,13 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
         dilation = choices.dilation if choices.dilation is Dilation.BESIDE else Dilation.NONE
         choices = msgspec.structs.replace(choices, reject=Reject.NONE, dilation=dilation)
         estimated = [Reason(REJECTION, False, "no depth") if why.step == REJECTION else why for why in estimated]
-    if (moves or facts.repeats) and choices.recursion is not Recursion.NONE:
+    if 0 < facts.period <= FEW_POSITIONS:
+        settings = msgspec.structs.replace(settings, filter_samples=2.0**20)
+    repeats = 0 < facts.period <= _places(settings)
+    if (moves or repeats) and choices.recursion is not Recursion.NONE:
         choices = msgspec.structs.replace(choices, recursion=Recursion.NONE)
         why = "no previous frame" if facts.first else "the camera moves, so no pixel is static"
-        why = "the jitter repeats within the ring" if facts.repeats else why
+        why = "the jitter repeats within the ring" if repeats else why
         alone = Reason(RECURSION, False, why)
         estimated = [alone if reason.step == RECURSION else reason for reason in estimated]
     return Plan(choices, settings, steps, (*reasons, *estimated))

@@ -61,6 +61,7 @@ class Past(msgspec.Struct, frozen=True):
     holds_changes: bool = False  # whether its counts hold illumination changes
     coarse: Coarse = ()  # for finding a cut, where none is declared
     earlier: tuple[Past, ...] = ()  # the previous frames whose samples are kept, the latest first
+    jitters: tuple[tuple[int, tuple[float, float]], ...] = ()  # in a checkpoint: those known, by frame (JittersBefore)
     slot: int = 0  # its place in the ring, where it is kept there
 
     @classmethod

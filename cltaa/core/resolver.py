@@ -461,7 +461,8 @@ class Resolver:
             raise ValueError("there is no history")
         self._buffers.settle_counts()
         memory = self._buffers.recurrent()
-        past = msgspec.structs.replace(self._previous, holds_changes=self._buffers.holds_changes)
+        holds_changes, jitters = self._buffers.holds_changes, self._jitters.kept()
+        past = msgspec.structs.replace(self._previous, holds_changes=holds_changes, jitters=jitters)
         if self._frame_ring is None:
             return past, memory
         past = msgspec.structs.replace(past, earlier=self._frame_ring.past)
@@ -473,7 +474,7 @@ class Resolver:
         layout = Layout(past.shape[1], past.shape[0])
         buffers = self._allocate(layout, past.alpha or self.every_step)
         self._previous, self._frame_ring = past, None
-        self._jitters.restore((each.index, each.jitter_px) for each in (past, *past.earlier))
+        self._jitters.restore(past.jitters)
         buffers.holds_changes = past.holds_changes
         if past.holds_changes:
             buffers.hold_changes()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from cltaa.core.plan import plan_frame
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame, Image
+from cltaa.pipeline.checkpoint import Checkpoints
 from tests.sequence_factory import bits, make_camera, make_frame
 
 WIDTH, HEIGHT = 24, 20
@@ -84,3 +86,25 @@ def test_the_history_grows_and_the_filter_fades_only_where_all_is_found_static(
 def test_only_many_frames_ahead_keep_the_ring_where_all_is_found_static(name: str, gathers: bool) -> None:
     plan = plan_frame(load_preset(name), frame_of(0, 1.0), None)
     assert (plan.choices.history is HistoryKind.FRAMES) == gathers
+
+
+def jittered(index: int, period: int) -> Frame:
+    return replace(frame_of(index, 1.0), jitter_px=(0.01 * (index % period), 0.0))
+
+
+@pytest.mark.parametrize("period", [1, 8, 16, 17])
+def test_a_history_of_few_positions_keeps_the_whole_filter(period: int, tmp_path: Path) -> None:
+    """It is as a resumed run has it."""
+    whole, begun, goes_on = (Resolver("default", "numpy") for _ in range(3))
+    checkpoints = Checkpoints(tmp_path, "same")
+    for index in range(20):
+        expected = whole.resolve(jittered(index, period))
+    for index in range(18):
+        begun.resolve(jittered(index, period))
+    checkpoints.save(begun, "inputs")
+    assert checkpoints.restore(goes_on, dict.fromkeys(range(18), "inputs")) == 17
+    *_, image = goes_on.images(jittered(index, period) for index in (18, 19))
+    assert np.array_equal(bits(image), bits(expected))
+    plans = [resolver.plan for resolver in (whole, goes_on)]
+    expected_samples = 2.0**20 if 1 < period <= 16 else 1.0
+    assert [plan.settings.filter_samples for plan in plans if plan] == 2 * [expected_samples]
