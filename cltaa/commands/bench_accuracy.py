@@ -139,13 +139,13 @@ def _table(result: Accuracy, measured: MeasuredSequence) -> Table:
     table.columns[-1].justify = "left"
     for cell in sorted(measured.cells, key=lambda cell: cost(metric, cell.errors[metric].mean)):
         table.add_row(
-            cell.variant,
+            shown(cell.variant),
             three_digits(cell.time.median),
             "noisy" if measured.noisy else f"{cell.ratio.median:.3f}",
             f"{cell.ratio.low:.2f}–{cell.ratio.high:.2f}",
             *(f"{cell.errors[name].mean:.4g}" for name in result.metrics),
             "–" if cell.rounding is None else "all" if cell.rounding.rms == 0 else f"{cell.rounding.bits:.1f}",
-            cell.dominated_by.get(metric, ""),
+            shown(cell.dominated_by.get(metric, "")),
         )
     for row in measured.yardstick:
         added = "–" if row.added is None else three_digits(row.added)

@@ -256,7 +256,7 @@ def _print(table: Table) -> None:
         heads = [column.head for column in columns]
         grid = figures(f"means over sequences, {split}", "preset", *heads, named=True)
         for name in ordered(means):
-            grid.add_row(name, *(written(means[name].get(column.name), column) for column in columns))
+            grid.add_row(shown(name), *(written(means[name].get(column.name), column) for column in columns))
         print_table(grid)
     for duel in table.duels:
         losses = f"; not in {', '.join(duel.not_better)}" if duel.not_better else ""

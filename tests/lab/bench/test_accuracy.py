@@ -89,6 +89,32 @@ def test_frames_without_error_are_measured_and_read_again(tmp_path: Path, capsys
     assert found.p5 == found.frames[2] < found.mean < found.p95 == math.inf
 
 
+def test_a_file_of_parameters_may_have_another_name_now(
+    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And what rich takes for a style in one is part of it."""
+    asked = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "out"), "--preset", "basic", "--rounds", "3"]
+    asked += [
+        "--only",
+        "storage: half",
+        "--metrics",
+        "mse",
+        "--pixels",
+        "1",
+        "--rounding-frames",
+        "0",
+        "--pictured",
+        "0",
+    ]
+    for name in ("a.toml", "[bold]b.toml"):
+        (tmp_path / name).write_text("sample_limit = 4\n")
+        assert main([*asked, "--patience", "0", "--pictured", "0", "--config", str(tmp_path / name)]) == 0
+        assert f"│ {name} over basic " in capsys.readouterr().out
+    quality = ["bench", "quality", "--sequence", str(sequence), "--settled", "1", "--work", str(tmp_path / "work")]
+    assert main([*quality, "--device", "numpy", "--config", str(tmp_path / name)]) == 0
+    assert f"│ {name} " in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("name", ["front-door", r"a$\foo$b", os.fsdecode(b"bad\xff")])
 def test_frames_are_reported_by_the_name_that_they_have_now(
     sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str

@@ -432,7 +432,8 @@ def _path(
     output: Path, tasks: Sequence[Task], captured: FrameSequence, launcher: DeviceLauncher, timing: Timing
 ) -> Path:
     """Return the file of a finished sequence, named by a hash of everything that it depends on."""
-    cells = [task.path(output, variant).name for task in tasks for variant in task.variants]
+    # With the names of the variants, which what was measured holds, and a file of parameters may have another now.
+    cells = [f"{task.path(output, variant).name} {variant.name}" for task in tasks for variant in task.variants]
     beside = content_sha256(captured, open_yardsticks(captured).values()), repr(captured.sequence_json)
     digest = hashlib.sha256("\0".join([*cells, *beside, launcher.description, repr(timing)]).encode())
     return output / "times" / f"{digest.hexdigest()[:16]}.msgpack"
