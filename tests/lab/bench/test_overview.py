@@ -216,11 +216,14 @@ def test_reports_that_cannot_be_one_are_refused(tmp_path: Path, capsys: pytest.C
     one, two = accuracy(sequence("one", (1.0, 4.0, 0.5))), accuracy(sequence("two", (2.0, 2.0, 1.0)))
     elsewhere = msgspec.structs.replace(two, environment=msgspec.structs.replace(two.environment, device="another"))
     threads = msgspec.structs.replace(two, environment=msgspec.structs.replace(two.environment, units=1))
-    folders = [report(tmp_path / str(place), result) for place, result in enumerate((one, elsewhere, one, threads))]
+    changed = msgspec.structs.replace(two, variants=[msgspec.structs.replace(each, strict=True) for each in VARIANTS])
+    results = enumerate((one, elsewhere, one, threads, changed))
+    folders = [report(tmp_path / str(place), result) for place, result in results]
     for wrong, words in (
         (folders[1], "another device than in"),
         (folders[2], "the sequence one is in two reports"),
         (folders[3], "another number of compute units than in"),
+        (folders[4], f"other parameters of {VARIANTS[0].name} than in {folders[0]}; measure both with the same"),
     ):
         assert main(["bench", "overview", folders[0], wrong, "-o", str(tmp_path / "out")]) == 65
         assert words in capsys.readouterr().err

@@ -187,6 +187,10 @@ def merged(reports: Sequence[tuple[Path, Accuracy]]) -> Accuracy:
         for what, expected in _agreed(first).items():
             if (found := _agreed(other)[what]) != expected:
                 raise DataError(f"another {what} than in {reports[0][0]}", path=path, expected=expected, found=found)
+        for ours, theirs in zip(first.variants, other.variants, strict=True):
+            if ours != theirs:
+                what, cure = f"other parameters of {ours.name} than in {reports[0][0]}", "measure both with the same"
+                raise DataError(what, path=path, cure=cure)
     sequences = [measured for _, report in reports for measured in report.sequences]
     names = [measured.name for measured in sequences]
     twice = next((name for name in names if names.count(name) > 1), None)
