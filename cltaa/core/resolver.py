@@ -224,8 +224,6 @@ class Resolver:
         check_frame(frame)
         into = None if out is None else checked_out(out, frame)
         started = perf_counter()
-        if self._lends:  # an interrupted frame may still read or write arrays of the host
-            self.launcher.finish()
         previous, build = self._begin(frame)
         buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
         self._lends = True
@@ -312,8 +310,6 @@ class Resolver:
         check_frame(frame)
         if self._waiting:
             raise UsageError("frames are still waiting for later ones", cure="call flush()")
-        if self._lends:
-            self.launcher.finish()
         self._previous = self._latest if self.look_ahead else self._previous
         started, (previous, build) = perf_counter(), self._begin(frame)
         assert self.plan is not None
@@ -365,12 +361,14 @@ class Resolver:
         latest, waiting, self.last = self._latest, self._waiting, None
         self._forget_ahead()  # an interrupt from here on leaves no waiting frames, rather than some of them
         buffers = self._fitting(Layout(frame.width, frame.height), steps.alpha)
+        self._lends = True
         upload(frame, buffers, steps, self.preset)
         ring = self._ring(latest if goes_on else None, buffers.layout, steps)
         ring.keep(frame, buffers, steps)
         self.launcher.finish()
         buffers.let_go()
         buffers.give_back()
+        self._lends = False
         self._latest, self._waiting = Past.of(frame, coarse), waiting
         waiting.append(outline(frame))
         self.times = Times(perf_counter() - started, 0.0, 0.0)
@@ -539,6 +537,8 @@ class Resolver:
 
     def _fitting(self, layout: Layout, alpha: bool) -> Buffers:
         """Return memory for images of a size: the present one, if it fits."""
+        if self._lends:  # an interrupted frame may still read or write arrays of the host
+            self.launcher.finish()
         if self._buffers is None or not self._buffers.fit(layout, alpha):
             return self._allocate(layout, alpha)
         return self._buffers

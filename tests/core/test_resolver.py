@@ -158,6 +158,20 @@ def test_a_frame_that_was_interrupted_is_resolved_to_the_same_bits(
         assert np.array_equal(bits(resolver.resolve(frame)), bits(whole.resolve(frame)))
 
 
+@pytest.mark.parametrize("preset", ["default", "gather-8+8"])
+def test_what_an_interrupted_frame_lent_is_waited_for(preset: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    resolver = Resolver(preset, "numpy")
+    with monkeypatch.context() as patch:
+        patch.setattr(resolver.launcher, "finish", Mock(side_effect=KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            resolver.feed(make_frame(0))
+    called: list[str] = []
+    for name in ("finish", "run"):
+        monkeypatch.setattr(resolver.launcher, name, lambda *_, name=name, **__: called.append(name))
+    resolver.feed(make_frame(1, cut=True))
+    assert called[0] == "finish"
+
+
 def test_a_resolver_closes_at_the_end_of_its_block_and_starts_anew_after_it() -> None:
     frames = [make_frame(number) for number in range(2)]
     with Resolver(device="numpy") as resolver:
