@@ -1,4 +1,5 @@
-"""Images too large for several copies in memory: resolved in bands of rows, to the same bits as in one piece.
+"""Images too large for several copies in memory: resolved in bands of rows, to the same bits as in one piece, but for
+fills, which see only the rows that a band holds.
 
 History, counts and inverse depth are held whole, once; of the current frame and its result the device holds one band at
 a time, and the result overwrites the frame's own arrays band by band. A band includes rows above and below, so that
