@@ -90,6 +90,8 @@ def accuracy(
     other --jobs, continues where the last one stopped. This process itself does all timing, in shuffled rounds, after
     all errors.
     """
+    if work["dask"] is not None and work["jobs"] > 1:
+        raise UsageError("--jobs and --dask both say who measures errors", cure="leave one of them out")
     names = tuple(metric.name for metric in parse_metrics(metrics))
     variants = chosen_variants(preset_of(preset, config), only)
     judging = Judging(metrics=names, rounding_frames=rounding_frames, pictures=True)
