@@ -29,7 +29,7 @@ from cltaa.frame import Frame, Image
 from cltaa.io.atomic import atomic_path, keep, kept, make_folder
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.judge.comparison import content_sha256, truth_of
-from cltaa.lab.judge.metrics import METRICS, check_finite, named_metrics
+from cltaa.lab.judge.metrics import METRICS, check_finite, named_metrics, versions_of
 from cltaa.lab.timing import Clock, measure, resolve_job, timed_frames
 from cltaa.printable import counted, printable
 from cltaa.process import is_own
@@ -210,7 +210,8 @@ def tune(
     study.enqueue_trial(_values_of(base))
     bench = Bench(searched, goal.metric, launcher)
     folder = make_folder(output.with_name(f".{output.name}.trials"))
-    key = key_of(goal.metric, launcher.description, sequences=searched)
+    versions = versions_of(named_metrics([goal.metric]))
+    key = key_of(goal.metric, versions, launcher.description, sequences=searched)
     found: list[Trial] = []
     for _ in track(range(trials), trials, "tuning", unit="trials"):
         asked = study.ask()

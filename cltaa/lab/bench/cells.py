@@ -57,6 +57,7 @@ from cltaa.lab.judge.metrics import (
     measure,
     mse,
     named_metrics,
+    versions_of,
 )
 from cltaa.lab.judge.video_scores import SCORES, Sums, VideoScores, import_ndimage
 from cltaa.pipeline.cluster import connected
@@ -142,7 +143,8 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
         """Return the file of a variant's cell (None: the single samples'), independent of the variant's name."""
         ways = None if variant is None else msgspec.structs.replace(variant, name="", group="")
         device = self.device or os.environ.get(DEVICE_VARIABLE)
-        whole = self.content, self.reading.step, self.judging, device, ways, code_sha256()
+        code = code_sha256(), _versions(self.judging.metrics)
+        whole = self.content, self.reading.step, self.judging, device, ways, *code
         return output / "cells" / f"{hashlib.sha256(msgspec.json.encode(whole)).hexdigest()[:24]}.msgpack"
 
     def finished(self, output: Path) -> dict[str, Cell]:
@@ -167,6 +169,12 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
     def _wanted(self) -> dict[str, Variant | None]:
         single = {ONE_SAMPLE: None} if self.judging.in_time else {}
         return single | {variant.name: variant for variant in self.variants}
+
+
+@cache
+def _versions(metrics: tuple[str, ...]) -> dict[str, str]:
+    """Return the versions of the packages that judge, which decide a score as the kernels do."""
+    return versions_of(named_metrics(metrics))
 
 
 def task_of(
