@@ -116,6 +116,17 @@ def test_each_sequence_has_the_presets_in_a_row() -> None:
     assert rows[2:] == ["| still | 2 | 1 | 0.50, 2 |", "| noise | 0 | noisy | –, noisy |"]
 
 
+def test_no_name_breaks_the_table() -> None:
+    """Neither that of what all is compared with, nor of a sequence, in the table or in the text around it."""
+    odd = msgspec.structs.replace(VARIANTS[0], name="a<b>|c")
+    result = accuracy(sequence("a<b>|c", (1.0, 4.0, 0.5)), sequence("noise<b>|c", (1.0, 4.0, 0.5), noisy=True))
+    variants = [odd, msgspec.structs.replace(VARIANTS[1], group="preset"), VARIANTS[2]]
+    text = table(msgspec.structs.replace(result, variants=variants), ["mse"])
+    assert "a&lt;b&gt;&#124;c" in text
+    assert "<" not in text
+    assert {line.count("|") for line in text.splitlines() if line} == {0, 5, 8}
+
+
 def test_a_sequence_without_error_counts_for_nothing() -> None:
     worst = overall(accuracy(sequence("one", (0.0, 4.0, 0.0)), sequence("two", (2.0, 8.0, 1.0))), "mse")[-1]
     assert worst.errors == [None, 4.0]

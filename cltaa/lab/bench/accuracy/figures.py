@@ -15,7 +15,7 @@ from cltaa.lab.bench.accuracy.measurement import Accuracy, Measured, MeasuredSeq
 from cltaa.lab.bench.variants import DEFAULT, PRESETS
 from cltaa.lab.judge.metrics import METRICS
 from cltaa.lab.timing import Interval
-from cltaa.printable import counted, markdown
+from cltaa.printable import counted, literal, markdown
 
 MOST = 2.0  # ratio to the default's error at which the colour scale ends, both ways
 
@@ -86,7 +86,7 @@ def by_sequence(result: Accuracy, metric: str) -> str:
         rows.append([measured.name, *own, *others])
     base = result.variants[0].name
     heads = "sequence", f"{base}: {metric}", "ms a megapixel", *presets
-    return f"\nBy sequence, {metric} and time of each preset over those of {base}:\n\n{markdown(heads, rows)}"
+    return f"\nBy sequence, {metric} and time of each preset over those of {literal(base)}:\n\n{markdown(heads, rows)}"
 
 
 def _beside(measured: MeasuredSequence, cell: Measured, metric: str) -> str:
@@ -100,7 +100,7 @@ def _about(result: Accuracy) -> str:
     without = f" Times without those that were too noisy to rank: {', '.join(noisy)}." if noisy else ""
     where, base = result.environment, result.variants[0].name
     over = counted(len(result.sequences), "sequence")
-    return (
+    return literal(
         f"{where.hardware}; {where.cpu}; {where.date} UTC. Multiples of those of {base}, geometric means"
         f" over {over}; rounding is the relative rms distance from float64.{without}"
     )
@@ -115,10 +115,10 @@ def overview_figure(pyplot: Any, result: Accuracy, metric: str) -> Any:
     shown = [[math.nan if ratio is None else math.log2(ratio) for ratio in row.errors] for row in rows]
     image = axes.imshow(shown, cmap="RdBu_r", vmin=-span, vmax=span, aspect="auto")
     axes.set_facecolor("#bbbbbb")
-    axes.set_xticks(range(len(names)), [*map(literal, names)], rotation=90, fontsize=6)
-    axes.set_yticks(range(len(rows)), [f"{literal(row.variant)}  {row.error:.3f}" for row in rows], fontsize=6)
+    axes.set_xticks(range(len(names)), [*map(plain, names)], rotation=90, fontsize=6)
+    axes.set_yticks(range(len(rows)), [f"{plain(row.variant)}  {row.error:.3f}" for row in rows], fontsize=6)
     axes.set_title(
-        f"{metric} over that of {literal(result.variants[0].name)} (behind each name: geometric mean)", fontsize=8
+        f"{metric} over that of {plain(result.variants[0].name)} (behind each name: geometric mean)", fontsize=8
     )
     bar = figure.colorbar(image, ax=axes, ticks=[-span, 0, span], shrink=0.5)
     bar.ax.set_yticklabels([f"1/{MOST:g} and less", "the same", f"{MOST:g} and more"], fontsize=6)
@@ -148,7 +148,7 @@ def import_pyplot() -> Any:
     return pyplot
 
 
-def literal(name: str) -> str:
+def plain(name: str) -> str:
     """Return a name for matplotlib, which reads what stands between two dollars as a formula."""
     return name.replace("$", r"\$")
 
@@ -220,7 +220,7 @@ def front_figure(pyplot: Any, measured: MeasuredSequence, metric: str, weight: f
             axis.set_minor_locator(ticker.LogLocator(subs=(2, 5) if axis is near.xaxis else range(2, 10)))
     near.tick_params(which="minor", labelsize=6)
     _name_points(near, measured, metric)
-    wide.set_title(literal(measured.name) + (" (times too noisy to rank)" if measured.noisy else ""))
+    wide.set_title(plain(measured.name) + (" (times too noisy to rank)" if measured.noisy else ""))
     return figure
 
 
@@ -261,7 +261,7 @@ def _name_points(axes: Any, measured: MeasuredSequence, metric: str) -> None:
         if metric in cell.dominated_by and cell.variant != default:
             continue
         at = cell.time.median, cell.errors[metric].mean
-        name = axes.annotate(literal(cell.variant), at, textcoords="offset points", xytext=(5, 3), fontsize=6)
+        name = axes.annotate(plain(cell.variant), at, textcoords="offset points", xytext=(5, 3), fontsize=6)
         box = name.get_window_extent()
         if any(box.overlaps(other) for other in taken):
             name.remove()
@@ -274,7 +274,7 @@ def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: d
     name, base = measured.cells[0].variant, measured.cells[0].errors[metric].mean
     cells = [cell for cell in measured.cells if groups[cell.variant] not in (DEFAULT, PRESETS)]
     figure, both = pyplot.subplots(1, 2, figsize=(8, 0.7 + 0.19 * max(len(cells), 2)), sharey=True)
-    names = [literal(cell.variant) for cell in cells]
+    names = [plain(cell.variant) for cell in cells]
     means = [cell.errors[metric].mean for cell in cells]
     known = base and math.isfinite(base)  # unknown and infinite ratios are drawn as 1
     ratios = [mean / base if known and math.isfinite(mean) else 1.0 for mean in means]
@@ -289,7 +289,7 @@ def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: d
     ):
         axes.barh(names, [end - 1 for end in ends], left=1, **bars)
         axes.axvline(1, color="black", lw=0.6)
-        axes.set_title(f"{what} over that of {literal(name)}", fontsize=9)
+        axes.set_title(f"{what} over that of {plain(name)}", fontsize=9)
         axes.tick_params(labelsize=6)
     both[0].invert_yaxis()
     return figure
