@@ -9,6 +9,7 @@ import pytest
 
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
+from cltaa.frame import Frame
 from cltaa.lab.bench.accuracy.measurement import enlarged
 from cltaa.lab.timing import resolve_job
 from tests.kernels.test_resolve import hard_frames
@@ -55,3 +56,6 @@ def test_an_enlarged_frame_moves_as_far_in_pictures() -> None:
     np.testing.assert_array_equal(large.motion[::3, ::3], 3 * frame.motion)
     assert large.alpha is not None
     assert large.alpha.shape == large.depth.shape
+    assert large.has_depth
+    bare = enlarged(Frame(index=0, colour=frame.colour), 3)  # an enlarged stand-in would be tested for disocclusions
+    assert (bare.has_depth, bare.has_camera, bare.depth.shape) == (False, False, large.depth.shape)

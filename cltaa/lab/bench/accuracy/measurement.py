@@ -202,11 +202,11 @@ def ranking(samples: Samples, default: str, controls: int, *, is_cpu: bool, unit
 def enlarged(frame: Frame, factor: int) -> Frame:
     """Return the frame with every pixel repeated ``factor`` times along both axes, and its motion scaled by it."""
     given: dict[str, Image | None] = {name: getattr(frame, name) for name in PLANES}
-    there = {name: image for name, image in given.items() if image is not None}
+    there = {name: image for name, image in given.items() if image is not None and (name != "depth" or frame.has_depth)}
     large: dict[str, Any] = {name: image.repeat(factor, 0).repeat(factor, 1) for name, image in there.items()}
     if "motion" in large:
         large["motion"] *= np.float32(factor)
-    return replace(frame, **large)
+    return replace(frame, **{"depth": None} | large)
 
 
 def stage_seconds(variant: Variant, launcher: DeviceLauncher, frames: Sequence[Frame]) -> dict[str, float]:
