@@ -126,6 +126,7 @@ def declared_jitter(frames: Sequence[Frame]) -> Vector:
     return np.array([frame.jitter_px for frame in frames[:MOST_FRAMES]], float)
 
 
+LEAST_POSITIONS = 5  # of samples in a pixel; distances between fewer fit many maps, and to and fro between two any
 LEAST_PAIRS = 4  # two unknown gains for each axis, plus a rest to separate signal from noise
 LEAST_JITTER_PX, MOST_APART = 0.2, 0.5  # least undeclared jitter; largest difference of two halves, over the shift
 MOST_LEFT_PX = 0.45  # root mean square; with a greater error something else than jitter moved the picture
@@ -145,7 +146,10 @@ CLEARLY_SMOOTHER = 0.87  # scatter of another map of the same size over that as 
 def check_jitter(shot: Shot) -> list[Finding]:
     """Return findings about the declared jitter."""
     found = check_mean(shot)
-    likeness = measure_likeness(shot) if np.ptp(declared_jitter(shot.frames), axis=0).any() else None
+    positions = len(np.unique(declared_jitter(shot.frames), axis=0))
+    if positions == 2:
+        return found
+    likeness = measure_likeness(shot) if positions >= LEAST_POSITIONS else None
     judged = None if likeness is None else _by_likeness(shot, likeness)
     return found + (_by_shifts(shot) if judged is None else judged)
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cltaa.frame import Frame
+from cltaa.io.sequence import open_sequence
 from cltaa.lab.check.jitter import declared_jitter, measure_likeness
 from cltaa.lab.check.registration import Shot
 from cltaa.lab.check.report import check_frames
+from cltaa_capture.sequence import Request, capture_sequence
 from tests.lab.check.conftest import Scene
 from tests.lab.check.mistakes import MISTAKES
 from tests.sequence_factory import make_camera, make_frame
@@ -23,6 +26,14 @@ def mistakes(frames: list[Frame]) -> list[str]:
 @pytest.mark.parametrize("name", ["morphing", "smoke", "cloth", "everything"])
 def test_patterns_finer_than_a_pixel_raise_no_alarm(name: str, small: Scene) -> None:
     assert mistakes(small(name)) == []
+
+
+@pytest.mark.parametrize(
+    ("scene", "jitter"), [("occluder", "r2:2"), ("occluder", "halton:2"), ("occluder", "r2:3"), ("still", "r2:4")]
+)
+def test_few_positions_fit_many_maps_and_raise_no_alarm(scene: str, jitter: str, tmp_path: Path) -> None:
+    capture_sequence(Request(scene, tmp_path, frames=12, width=96, height=54, jitter=jitter, fps=24.0, seed=1))
+    assert mistakes(list(open_sequence(tmp_path))) == []
 
 
 @pytest.mark.parametrize(
