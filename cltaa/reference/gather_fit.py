@@ -148,5 +148,5 @@ def resolve_gathered(g: SampleSums, far: SampleSums, layers: Layers, p: Pixel, m
         chosen = np.where(missing, np.where(any_of, past, p.filled), chosen)
     stored = storable(from_range(chosen, run.build), current, run.build)
     if run.choices.alpha_from is AlphaFrom.BLEND:
-        alpha = alpha + np.where(missing, one, share) * (g.alpha / weight)
+        alpha = limit(alpha + np.where(missing, one, share) * (g.alpha / weight), 0.0, 1.0)
     return Resolved(stored, alpha, samples)

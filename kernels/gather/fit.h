@@ -150,7 +150,7 @@ STAGE resolved resolve_gathered(sample_sums g, sample_sums far, layers_t l, pixe
     out.rgb = storable_colour(from_range(chosen), current);
     out.alpha = p.alpha;
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
-        out.alpha = p.alpha + (p.missing ? one : share) * (g.alpha / weight);
+        out.alpha = limit(p.alpha + (p.missing ? one : share) * (g.alpha / weight), zero, one);
     out.count = samples;
     return out;
 }

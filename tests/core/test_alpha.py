@@ -64,3 +64,14 @@ def test_alpha_leaves_no_trail_that_its_colour_does_not_leave(name: str) -> None
         for alpha in (lit[:, 3], black[:, 3]):
             # A mean of samples leaves more than a fit of them, which colour is gathered by. Seen: 0.11.
             assert np.all(alpha <= (1e-6 if rectifies else colour + 0.15)), scene.__name__
+
+
+def test_gathered_alpha_of_missing_samples_is_a_share() -> None:
+    """The mean of others is a difference from the pixel's own alpha, and their sum is rounded: 1 + 2^-22 was seen."""
+    resolver = Resolver(load_preset("gather-8").replace(illumination="static", recursion="none"), "numpy")
+    for number in range(6):
+        frame = make_frame(number, width=96, height=64, effects=None)
+        alpha = np.random.default_rng(number).random(frame.depth.shape, np.float32) ** 4
+        frame = replace(frame, alpha=np.ones_like(alpha) if number < 5 else alpha)
+        frame.colour[...] = frame.colour if number < 5 else np.nan
+        assert resolver.resolve(frame)[..., 3].max() <= 1.0
