@@ -14,7 +14,7 @@ map from one to the other identifies the mistake.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import product
+from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -36,7 +36,7 @@ from cltaa.lab.check.hypotheses import (
     sureness,
     to_and_fro,
 )
-from cltaa.lab.check.registration import LEAST_ANCHORS, Fit, Shot, Vector, measure_shifts, squeezed_light
+from cltaa.lab.check.registration import LEAST_ANCHORS, Fit, Shifts, Shot, Vector, measure_shifts, squeezed_light
 from cltaa.printable import counted
 
 MOST_FRAMES = 16  # compared pairwise, each with each
@@ -97,14 +97,12 @@ def measure_likeness(shot: Shot) -> Likeness | None:
         return None
     lights = [squeezed_light(frame.colour) for frame in frames]
     scale = max(2.0 * float(np.std([light[rows, columns] for light in lights])), 1e-6)
+    around = [[light[rows + down, columns + right] for right, down in NEIGHBOURS] for light in lights]
     found = []
-    for now, before in product(range(len(frames)), repeat=2):
-        if now > before:
-            here = lights[now][rows, columns]
-            for right, down in NEIGHBOURS:
-                there = lights[before][rows + down, columns + right]
-                mean = np.minimum(np.abs(here - there) / scale, 1.0).mean()
-                found.append((float(mean), right, down, now, before))
+    for before, now in combinations(range(len(frames)), 2):
+        here = lights[now][rows, columns]
+        for (right, down), there in zip(NEIGHBOURS, around[before], strict=True):
+            found.append((float(np.minimum(np.abs(here - there) / scale, 1.0).mean()), right, down, now, before))
     table = np.array(found)
     if table[:, 0].mean() < LEAST_DIFFERENCE:
         return None
@@ -218,11 +216,21 @@ def bears_out(shot: Shot) -> str:
     known, _, measured, change = changes_of(shot)
     if len(known) < LEAST_PAIRS:
         return ""
-    ones = np.ones(len(known))
-    left, size = (left_over(shifts, change, np.eye(2), ones) for shifts in (measured, 0.0 * measured))
+    # A steady drift is no jitter: the halo of things that move reaches what rests.
+    left, size = (float(np.hypot(*shifts.std(0))) for shifts in (measured - change, change))
     if left >= LARGEST_LEFT * size:
         return ""
     return f"shifts of {len(known)} pairs follow it to {left:.2f} px rms, of {size:.2f}"
+
+
+def settled_shifts(shot: Shot) -> Shifts:
+    """Return the shifts of ``measure_shifts``, but the declared ones if pixels at rest bear the jitter out: fine
+    patterns put measured ones up to a pixel off."""
+    fits, anchored = measure_shifts(shot)
+    if anchored and bears_out(shot):
+        both = zip(fits, shot.pairs, strict=True)
+        fits = [None if fit is None else fit._replace(shift=pair.jitter_change) for fit, pair in both]
+    return fits, anchored
 
 
 def _by_shifts(shot: Shot) -> list[Finding]:

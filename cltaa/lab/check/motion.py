@@ -45,12 +45,12 @@ from cltaa.lab.check.registration import (
     Fit,
     Pair,
     Picture,
+    Shifts,
     Shot,
     Vector,
     differences,
     fit_shift,
     linearised,
-    measure_shifts,
     seen_before,
     stays_inside,
 )
@@ -153,13 +153,13 @@ LEAST_PAIRS = 6  # leaves four second differences for two gains of each axis
 JITTERED = "the vectors contain the change of jitter"
 
 
-def check_motion(shot: Shot, maps: Mapping[str, Affine] | None = None) -> list[Finding]:
-    """Return findings about the motion channel.
+def check_motion(shot: Shot, settled: Shifts, maps: Mapping[str, Affine] | None = None) -> list[Finding]:
+    """Return findings about the motion channel, from the ``settled_shifts`` of the picture.
 
     ``maps`` are its possible meanings, the declared one under the empty name; by default all. One half of the pixels
     chooses and fits a meaning, the other half judges it.
     """
-    shifts, anchored = measure_shifts(shot)
+    shifts, anchored = settled
     scenes, judges = _scenes(shot, shifts, anchored)
     if not any(scene.own.any() for scene in scenes):
         return _resting_leak(shot)

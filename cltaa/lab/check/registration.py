@@ -111,6 +111,9 @@ class Fit(NamedTuple):
     judge: Callable[[float, float], float] = lambda _x, _y: 0.0
 
 
+Shifts = tuple[list[Fit | None], bool]  # of each pair, and whether they were measured without motion vectors
+
+
 def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> Fit:
     """Fit ``now`` = ``before`` at (x, y) + shift, positions in texels; ``scale`` is the difference with residual 1."""
     shift = np.zeros(2)
@@ -237,7 +240,7 @@ class Shot:
     has_depth: bool = True
     has_jitter: bool = True
     pairs: list[Pair] = field(default_factory=list)
-    shifts: tuple[list[Fit | None], bool] | None = None  # cached by ``measure_shifts``
+    shifts: Shifts | None = None  # cached by ``measure_shifts``
 
     @property
     def narrow(self) -> bool:
@@ -302,7 +305,7 @@ LEAST_ANCHORS = 4 * LEAST_POINTS  # least resting points of a pair; with fewer, 
 LARGEST_RESIDUAL = 0.6  # above it the pictures do not match, and a shift means nothing
 
 
-def measure_shifts(shot: Shot) -> tuple[list[Fit | None], bool]:
+def measure_shifts(shot: Shot) -> Shifts:
     """Return the shift of the picture by jitter for each pair, and whether it was measured without motion vectors."""
     if shot.shifts is None:
         anchors = [pair.usable & ~pair.moving for pair in shot.pairs]

@@ -35,7 +35,7 @@ from cltaa.lab.check.camera import (
 from cltaa.lab.check.colour import check_channels, check_colour, check_exposure
 from cltaa.lab.check.depth import AS_DECLARED, check_depth, check_depth_scale, check_sign, tell_device
 from cltaa.lab.check.hypotheses import ASKED, DOUBTFUL, Finding, mistake
-from cltaa.lab.check.jitter import check_jitter, check_mean, check_size
+from cltaa.lab.check.jitter import check_jitter, check_mean, check_size, settled_shifts
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion, without_leak
 from cltaa.lab.check.projection import check_held_jitter, check_projection_jitter
 from cltaa.lab.check.registration import Shot, measure_shifts
@@ -138,7 +138,7 @@ def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
             if any(finding.settled.mistake for finding in jitter):
                 return found + jitter
         _, anchored = measure_shifts(shot)
-        wrong_vectors = check_motion(shot)
+        wrong_vectors = check_motion(shot, settled_shifts(shot))
         found += wrong_vectors
         # Shifts measured with wrong vectors say nothing about the jitter.
         if anchored or not wrong_vectors:

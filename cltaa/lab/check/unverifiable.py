@@ -25,9 +25,9 @@ from cltaa.lab.check.camera import (
 )
 from cltaa.lab.check.depth import is_coarse, tells_kind
 from cltaa.lab.check.hypotheses import MEANINGS, Affine, linear_maps
-from cltaa.lab.check.jitter import bears_out, declared_jitter
+from cltaa.lab.check.jitter import bears_out, declared_jitter, settled_shifts
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
-from cltaa.lab.check.registration import COVERED, LEAST_POINTS, LEAST_SIDE, Pair, Shot, Vector, measure_shifts
+from cltaa.lab.check.registration import COVERED, LEAST_POINTS, LEAST_SIDE, Pair, Shifts, Shot, Vector
 
 MOST = 0.95  # quantile of the points, because a few near the edge move farther under any mistake
 WHAT = {"inverse": "their direction", "y-flipped": "their y"}
@@ -134,7 +134,8 @@ def _motion(shot: Shot) -> Iterator[str]:
     if longest < LEAST_EFFECT_PX:
         yield f"the vectors' sign, axes and unit: none is longer than {LEAST_EFFECT_PX:g} px"
         return
-    hidden = [what for name, what in VECTORS.items() if not _shows_vectors(shot, name)]
+    settled = settled_shifts(shot)
+    hidden = [what for name, what in VECTORS.items() if not _shows_vectors(shot, settled, name)]
     for what, axis in AXES.items():
         # A flipped sign changes a vector by twice its component on that axis.
         if max(2 * float(np.sqrt((vectors[axis] ** 2).mean())) for vectors in own) < LEAST_EFFECT_PX:
@@ -144,18 +145,18 @@ def _motion(shot: Shot) -> Iterator[str]:
         yield f"the vectors: {', '.join(dict.fromkeys(hidden))}: the pictures match about as well either way"
 
 
-def _shows_vectors(shot: Shot, name: str) -> bool:
-    """Return True if the check finds this mistake after it is applied to the declared vectors."""
+def _shows_vectors(shot: Shot, settled: Shifts, name: str) -> bool:
+    """Return True if the check finds this mistake after it is applied to the declared vectors,
+    with which the shifts were ``settled``."""
     leak = {"jittered": 1.0, "jittered-reversed": -1.0}.get(name, 0.0)
     meant = Affine(np.eye(2) if leak else linear_maps(*shot.window)[name])
     wrong = Affine(np.asarray(np.linalg.inv(meant.matrix), np.float64))
     if not leak and tells_map(shot, wrong):
         return True
     spoilt = copy(shot)
-    spoilt.shifts = measure_shifts(shot)  # measured with the declared vectors, not the wrong ones
     spoilt.pairs = [replace(p, own=wrong(p.own) + leak * p.jitter_change[:, None]) for p in shot.pairs]
     maps = {"": Affine(np.eye(2))} | ({} if leak else {name: meant})
-    return any(finding.settled.mistake for finding in check_motion(spoilt, maps))
+    return any(finding.settled.mistake for finding in check_motion(spoilt, settled, maps))
 
 
 def _jitter(shot: Shot) -> Iterator[str]:

@@ -13,7 +13,7 @@ import pytest
 from cltaa.frame import Camera, Frame
 from cltaa.lab.check.depth import check_depth
 from cltaa.lab.check.hypotheses import SURE, Affine, Finding
-from cltaa.lab.check.jitter import check_jitter
+from cltaa.lab.check.jitter import check_jitter, settled_shifts
 from cltaa.lab.check.motion import check_motion
 from cltaa.lab.check.registration import Fit, Shot
 from cltaa.lab.check.report import check_frames
@@ -61,13 +61,26 @@ OFFSETS = np.array([(-0.5, 0.2), (0.3, -0.4), (0.1, 0.5), (-0.2, -0.3), (0.5, 0.
 
 
 def judged(declared: np.ndarray, measured: np.ndarray) -> list[str]:
-    """What shifts ``measured`` between frames say of a jitter ``declared``, before a camera that travels."""
+    """What frames ``measured`` apart say of a jitter ``declared``."""
+    return names(check_jitter(before_a_camera_that_travels(declared, np.diff(measured, axis=0))))
+
+
+def before_a_camera_that_travels(declared: np.ndarray, measured: np.ndarray) -> Shot:
+    """Frames of a jitter ``declared``, between which shifts of ``measured`` were found."""
     frames = [
         replace(make_frame(index, camera=make_camera((0.1 * index, 0.0, 5.0))), jitter_px=(float(x), float(y)))
         for index, (x, y) in enumerate(declared)
     ]
-    fits: list[Fit | None] = [Fit(shift, np.eye(2), 0.1) for shift in np.diff(measured, axis=0)]
-    return names(check_jitter(Shot(frames, (frames[0].width, frames[0].height), shifts=(fits, True))))
+    fits: list[Fit | None] = [Fit(shift, np.eye(2), 0.1) for shift in measured]
+    return Shot(frames, (frames[0].width, frames[0].height), shifts=(fits, True))
+
+
+@pytest.mark.parametrize(("share", "borne_out"), [(0.6, True), (0.4, False)])
+def test_a_jitter_that_shifts_follow_settles_them_whatever_drifts(share: float, borne_out: bool) -> None:
+    changes = np.diff(OFFSETS, axis=0)
+    measured = share * changes + [1.0, 0.0]
+    fits, _ = settled_shifts(before_a_camera_that_travels(OFFSETS, measured))
+    assert np.array_equal([fit.shift for fit in fits if fit], changes if borne_out else measured)
 
 
 @pytest.mark.parametrize(("size", "found"), [(0.05, []), (1.0, ["jitter-absent"])])
@@ -128,7 +141,7 @@ def test_vectors_are_judged_by_other_pixels_than_those_that_choose() -> None:
     ]
     noting = Noting(np.eye(2))
     Noting.asked = []
-    check_motion(Shot(frames, (width, height), shifts=([None], False)), {"": noting})
+    check_motion(Shot(frames, (width, height)), ([None], False), {"": noting})
     chosen, judged = Noting.asked[0], Noting.asked[-1]
     assert chosen
     assert judged
