@@ -73,9 +73,8 @@ _SPOKEN = {
     "swapped": "y before x",
     "units-uv": "fractions of the picture",
     "units-ndc": "halves of the picture, y up",
-    "centred-on-half": "around 0.5",
-    "uv": "in fractions of the picture",
-    "ndc": "in halves of the picture, y up",
+    "centred-on-half-uv": "around 0.5, in fractions of the picture",
+    "centred-on-half-ndc": "around 0.5, in halves of the picture, y up",
 }
 SIGNS = {"": (1.0, 1.0), "negated": (-1.0, -1.0), "x-negated": (-1.0, 1.0), "y-flipped": (1.0, -1.0)}
 
@@ -145,7 +144,7 @@ def affine_maps(width: int, height: int) -> dict[str, Affine]:
     maps = {name: Affine(matrix) for name, matrix in linear_maps(width, height).items()}
     for name, unit in (("uv", (width, height)), ("ndc", (width, -height))):
         for sign in (1.0, -1.0):
-            maps[f"centred-on-half {name}{' negated' if sign < 0 else ''}"] = Affine(sign * np.diag(unit), 0.5)
+            maps[f"centred-on-half-{name}{' negated' if sign < 0 else ''}"] = Affine(sign * np.diag(unit), 0.5)
     return maps
 
 

@@ -11,6 +11,7 @@ of the still part, and c the change of jitter. For right vectors G is the identi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
@@ -36,6 +37,7 @@ from cltaa.lab.check.hypotheses import (
     spoken,
     sureness,
     to_and_fro,
+    whole,
 )
 from cltaa.lab.check.registration import (
     BLOCK,
@@ -140,8 +142,8 @@ SHOWN = 0.97
 SIZES = 2.0 ** (np.arange(-16, 17) / 4.0)  # factors tried first; the best is then refined
 FINER_SIZES = (2.0**0.125, 2.0**0.0625)
 LEAST_SIZE = 1.4  # a factor nearer to 1, or to 1 over it, is none
-# Share of the gain over no motion that a power of two, or else a whole factor, may lose. Where pictures are linear, a
-# factor that is wrong by x loses x^2: 1/4 in place of 1/5 loses 6 %, 4 in place of 3 11 %.
+# Share of the gain over no motion that a whole factor may lose. Where pictures are linear, a factor that is wrong by x
+# loses x^2: 1/4 in place of 1/5 loses 6 %, 4 in place of 3 11 %.
 SIMPLER = 0.10
 INEXACT = 0.15  # relative error of a factor of slow vectors
 OF_GAIN = 0.15  # share of the gain over no motion that maps counted as equal may lose
@@ -167,9 +169,10 @@ def check_motion(shot: Shot, settled: Shifts, maps: Mapping[str, Affine] | None 
     usual_maps = maps or affine_maps(width, height)
     sized = {} if maps else {name: meant for name, meant in _sized(scenes).items() if name not in usual_maps}
     maps = {**usual_maps, **sized}
+    odd = [name for name, meant in sized.items() if math.log2(abs(meant.matrix[0, 0])) % 1.0]
     residuals = {name: float(_score(scenes, meant).mean()) for name, meant in maps.items()}
-    usual = {name: left for name, left in residuals.items() if name not in sized}
-    explained = min(residuals.values()) < BETTER * min(usual.values())  # by a factor that is none of the usual
+    usual = {name: left for name, left in residuals.items() if name not in odd}
+    explained = min(residuals.values()) < BETTER * min(usual.values())  # by an odd factor alone
     best = _plainest(residuals if explained else usual, float(_score(scenes, NOTHING).mean()))
     if _effect(scenes, maps[best]) < LEAST_EFFECT_PX:
         best = ""
@@ -178,14 +181,14 @@ def check_motion(shot: Shot, settled: Shifts, maps: Mapping[str, Affine] | None 
     shown = (SHOWN if best in sized else 1.0) * nothing.mean()
     wins = winner.mean() < min(LARGEST_RESIDUAL, shown) and (winner < declared).mean() > 0.7
     ratio = float(winner.mean() / declared.mean()) if wins else 1.0
-    near = ratio < FAR_BETTER or (ratio < 1.0 and _stays(scenes, maps[best]))
     coarse = list[Finding]()
-    if best and near:
+    if best and ratio < 1.0:
         coarse = [_named(best, maps[best], declared, winner, _sureness(judges, judges, maps[best]))]
-    if coarse and ratio < CLEARLY_BETTER:
+    near = bool(coarse) and (ratio < FAR_BETTER or _stays(scenes, maps[best]))
+    if near and ratio < CLEARLY_BETTER:
         return coarse
     finer = (_finer(scenes, judges, linear_maps(width, height)) if anchored else []) or _resting_leak(shot)
-    if coarse and ratio < BETTER and not any("jittered" in finding.name for finding in finer):
+    if near and ratio < BETTER and not any("jittered" in finding.name for finding in finer):
         return coarse
     if coarse and anchored and not finer and _confirmed(scenes, maps[best]):
         return coarse
@@ -193,7 +196,8 @@ def check_motion(shot: Shot, settled: Shifts, maps: Mapping[str, Affine] | None 
 
 
 def _sized(scenes: Sequence[Observed]) -> dict[str, Affine]:
-    """Return the factor and sign of the vectors under which the pictures match best, by name."""
+    """Return the factor and sign of the vectors under which the pictures match best, and the powers of two beside it,
+    by name."""
     few = [_thinned(scene) for scene in scenes[:: max(1, len(scenes) // 3)]]
 
     def left(sign: str, factor: float) -> float:
@@ -204,10 +208,11 @@ def _sized(scenes: Sequence[Observed]) -> dict[str, Affine]:
     for step in FINER_SIZES:
         best = min((best, best / step, best * step), key=lambda size: left(sign, size))
     least, nothing = left(sign, best), left(sign, 0.0)
-    most = least + SIMPLER * max(nothing - least, 0.0)
-    best = next((size for size in simple(best) if _is_size(size) and left(sign, size) <= most), best)
-    name, matrix = scaled(best, sign)
-    return {name: Affine(matrix)}
+    plain = whole(best)
+    below = 2.0 ** math.floor(math.log2(best))
+    best = plain if left(sign, plain) <= least + SIMPLER * max(nothing - least, 0.0) else best
+    made = (scaled(size, sign) for size in (below, 2.0 * below, best) if _is_size(size))
+    return {name: Affine(matrix) for name, matrix in made}
 
 
 def _is_size(factor: float) -> bool:

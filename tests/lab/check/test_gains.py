@@ -40,7 +40,7 @@ def test_messages_of_numbers_that_must_be_halved() -> None:
     [("uv", (40, 22.5)), ("uv negated", (-40, -22.5)), ("ndc", (40, -22.5)), ("ndc negated", (-40, 22.5))],
 )
 def test_vectors_around_a_half(unit: str, expected: tuple[float, float]) -> None:
-    meant = affine_maps(160, 90)[f"centred-on-half {unit}"]
+    meant = affine_maps(160, 90)[f"centred-on-half-{unit}"]
     assert meant(np.array([[0.75], [0.75]])).ravel().tolist() == list(expected)
     assert meant.fix == {"scale": [4 * number for number in expected], "offset": [0.5, 0.5]}
 
