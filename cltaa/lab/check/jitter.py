@@ -87,10 +87,13 @@ class Likeness(NamedTuple):
 
 
 def measure_likeness(shot: Shot) -> Likeness | None:
-    """Return the likeness of all frames of a still camera at resting points; None if it moves or the light is flat."""
+    """Return the likeness of all frames of a still camera at resting points; None if it moves, the light is flat, or
+    the jitter has few positions."""
     frames = shot.frames[:MOST_FRAMES]
     stands = all(is_still(frame.camera, frames[0].camera) for frame in frames)
     if not (shot.has_camera and stands and 0 < len(shot.pairs) == len(shot.frames) - 1):  # no cut, no gap
+        return None
+    if _positions(shot) < LEAST_POSITIONS:
         return None
     rows, columns = _resting(shot)
     if len(rows) < LEAST_ANCHORS:
@@ -124,6 +127,10 @@ def declared_jitter(frames: Sequence[Frame]) -> Vector:
     return np.array([frame.jitter_px for frame in frames[:MOST_FRAMES]], float)
 
 
+def _positions(shot: Shot) -> int:
+    return len(np.unique(declared_jitter(shot.frames), axis=0))
+
+
 LEAST_POSITIONS = 5  # of samples in a pixel; distances between fewer fit many maps, and to and fro between two any
 LEAST_PAIRS = 4  # two unknown gains for each axis, plus a rest to separate signal from noise
 LEAST_JITTER_PX, MOST_APART = 0.2, 0.5  # least undeclared jitter; largest difference of two halves, over the shift
@@ -144,10 +151,9 @@ CLEARLY_SMOOTHER = 0.87  # scatter of another map of the same size over that as 
 def check_jitter(shot: Shot) -> list[Finding]:
     """Return findings about the declared jitter."""
     found = check_mean(shot)
-    positions = len(np.unique(declared_jitter(shot.frames), axis=0))
-    if positions == 2:
+    if _positions(shot) == 2:
         return found
-    likeness = measure_likeness(shot) if positions >= LEAST_POSITIONS else None
+    likeness = measure_likeness(shot)
     judged = None if likeness is None else _by_likeness(shot, likeness)
     return found + (_by_shifts(shot) if judged is None else judged)
 
