@@ -72,10 +72,10 @@ def find_occlusion(
     no, count_limit = np.zeros(m.u.shape, np.bool_), np.full_like(m.u, value("DOMAIN_LIMIT"))
     steps, frame = run.steps, run.frame
     moves = (steps.camera_motion and frame["camera_moved"]) or (steps.own_motion and frame["own_vectors"])
-    if run.choices.reject is not Reject.DEPTH or not moves:
+    if run.choices.reject is not Reject.DEPTH or not (steps.camera_motion or steps.own_motion):
         return Occlusion(no, no, no, no, count_limit)
     _, high = surface_range(s, m, run)
-    nearer_beside, passed, covered, background = any_nearer(previous, high), no, no, no
+    nearer_beside, passed, covered, background = any_nearer(previous, high) & bool(moves), no, no, no
     corners = sample_corners(previous_inverse_depth, f, m.u.dtype)
     if steps.camera_motion:
         nearest = greater(nearest_of(previous), nearest_of(corners))

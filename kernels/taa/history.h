@@ -150,11 +150,13 @@ STAGE occlusion find_occlusion(plane_in previous_inverse_depth, quad previous, f
 {
     occlusion o = { 0 };
     o.count_limit = SPLAT(DOMAIN_LIMIT);
-    // Without motion, jitter alone shows something nearer now and then.
-    if ((REJECT != REJECT_DEPTH) | !((CAMERA_MOTION & frame.camera_moved) | (OWN_MOTION & frame.own_vectors)))
+    if ((REJECT != REJECT_DEPTH) | !(CAMERA_MOTION | OWN_MOTION))
         return o;
+    // Without motion, jitter alone shows something nearer now and then. A mask: a GPU's compiler moves no load past a
+    // branch on what it does not know.
+    const int moves = (CAMERA_MOTION & frame.camera_moved) | (OWN_MOTION & frame.own_vectors);
     const real high = surface_range(s, m, settings).high;
-    o.nearer_beside = any_nearer(previous, high);
+    o.nearer_beside = any_nearer(previous, high) & (whole)(moves ? -1 : 0);
     if (!(TESTS_LIGHT & CAMERA_MOTION)) {
         if (!COVERED_SHARE)
             return o;
