@@ -292,13 +292,15 @@ def _no_such_value(path: str, values: dict[str, Any], origin: str, expected: str
 def override(profile: Profile, assignments: Sequence[str]) -> Profile:
     """Apply ``SECTION.KEY=VALUE`` assignments to ``profile``; raises UsageError."""
     values = msgspec.to_builtins(profile)
+    sections = {name: keys for name, keys in values.items() if isinstance(keys, dict) and name != "recognise"}
     for assignment in assignments:
         key, equals, text = assignment.partition("=")
         section, dot, name = key.strip().partition(".")
         if not (equals and dot):
-            raise UsageError(f"--input {assignment}: no value", expected="SECTION.KEY=VALUE", found=assignment)
-        if name not in values.get(section, {}):
-            keys = [f"{s}.{k}" for s, keys in values.items() if isinstance(keys, dict) for k in keys]
+            what = f"--input {assignment}: no {'section' if equals else 'value'}"
+            raise UsageError(what, expected="SECTION.KEY=VALUE", found=assignment)
+        if name not in sections.get(section, {}):
+            keys = [f"{s}.{k}" for s, its in sections.items() for k in its]
             raise UsageError(f"--input {assignment}: no such key", cure=known(key.strip(), keys, "keys"))
         text, before = text.strip(), values[section][name]
         values[section][name] = _array(text) if f"{section}.{name}" in COUNTS else _value(text, before)

@@ -233,6 +233,8 @@ _PARTS = re.compile(rf"(?P<number>{COUNTED.pattern})|(?P<any>\*+)|(?P<one>\?)|(?
 def _pattern(path: Path) -> re.Pattern[str]:
     """Return the expression of a pattern of names, with group ``number`` where it shows the number's place."""
     text, made, place = path.name, "", 0
+    if len([*COUNTED.finditer(text)]) > 1:
+        raise UsageError("only one place in a name is the number of a frame", path=path, expected="<name>.####.exr")
     for part in _PARTS.finditer(text):
         made += re.escape(text[place : part.start()])
         place = part.end()
