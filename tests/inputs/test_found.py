@@ -364,8 +364,10 @@ def test_a_sequence_stays_as_it_was_opened(tmp_path: Path) -> None:
     assert sequence.found is None
 
 
-@pytest.mark.parametrize(("preset", "gathered"), [("gather-8", False), ("gather-8+8", False), ("gather-48", True)])
-def test_where_all_stands_a_running_mean_replaces_a_smaller_ring(tmp_path: Path, preset: str, gathered: bool) -> None:
+@pytest.mark.parametrize(("preset", "gathered"), [("gather-8", False), ("gather-48", False), ("gather-24+24", True)])
+def test_where_all_stands_a_running_mean_replaces_a_ring_without_many_frames_ahead(
+    tmp_path: Path, preset: str, gathered: bool
+) -> None:
     for name, pan, expected in (("standing", 0.0, gathered), ("sliding", 0.03, True)):
         sections = plan(drawn(tmp_path / name, pan=pan), preset, "numpy", rounds=0).sections
         assert {step.name: step.on for step in sections[-1].steps}["gathering"] == expected
