@@ -151,7 +151,7 @@ def difference_factor(current: Colour, history: Colour, settings: Record) -> Arr
     """Factor of the weight by the difference of the luminances (Lottes)."""
     x, h = luminance(current), luminance(history)
     size = greater(greater(x, h), settings["difference_knee"])
-    u = 1.0 - np.abs(x - h) / size
+    u = greater(1.0 - np.abs(x - h) / size, 0.0)
     differing, agreeing = number(settings["differing_share"], x), number(settings["agreeing_share"], x)
     return differing + (u * u) * (agreeing - differing)
 

@@ -111,7 +111,8 @@ STAGE colour weighted_difference(colour v, colour other, settings_t settings)
 STAGE real difference_factor(real current, real history, settings_t settings)
 {
     const real size = greater(greater(current, history), K(4.0) * SPLAT(settings.difference_knee));
-    const real u = SPLAT(1.0) - quotient(absolute(current - history), size);
+    // Luminances of two signs may differ by more than `size`: u^2 would grow again, and the weight fall below 0.
+    const real u = greater(SPLAT(1.0) - quotient(absolute(current - history), size), SPLAT(0.0));
     return K(settings.differing_share) + (u * u) * (K(settings.agreeing_share) - K(settings.differing_share));
 }
 

@@ -75,3 +75,11 @@ def test_gathered_alpha_of_missing_samples_is_a_share() -> None:
         frame = replace(frame, alpha=np.ones_like(alpha) if number < 5 else alpha)
         frame.colour[...] = frame.colour if number < 5 else np.nan
         assert resolver.resolve(frame)[..., 3].max() <= 1.0
+
+
+def test_light_of_two_signs_leaves_alpha_a_share() -> None:
+    resolver = Resolver(load_preset("playdead").replace(rectify="none"), "numpy")
+    for number, (light, share) in enumerate(((-4.0, 1.0), (0.01, 0.0))):
+        frame = laid(np.full((HEIGHT, WIDTH), share), number)
+        resolved = resolver.resolve(replace(frame, colour=np.full_like(frame.colour, light)))
+        assert resolved[..., 3].max() <= 1.0
