@@ -210,7 +210,7 @@ def changes_of(shot: Shot) -> tuple[list[int], list[Fit], Vector, Vector]:
     return [*fits], [*fits.values()], measured, declared
 
 
-def bears_out(shot: Shot) -> str:
+def jitter_evidence(shot: Shot) -> str:
     """Return the evidence that the pixels follow the declared jitter; empty if there is no clear one."""
     declared = declared_jitter(shot.frames)
     likeness = measure_likeness(shot)
@@ -230,10 +230,10 @@ def bears_out(shot: Shot) -> str:
 
 
 def settled_shifts(shot: Shot) -> Shifts:
-    """Return the shifts of ``measure_shifts``, but the declared ones if pixels at rest bear the jitter out: fine
+    """Return the shifts of ``measure_shifts``, but the declared ones if pixels at rest follow them: fine
     patterns put measured ones up to a pixel off."""
     fits, anchored = measure_shifts(shot)
-    if anchored and bears_out(shot):
+    if anchored and jitter_evidence(shot):
         both = zip(fits, shot.pairs, strict=True)
         fits = [None if fit is None else fit._replace(shift=pair.jitter_change) for fit, pair in both]
     return fits, anchored

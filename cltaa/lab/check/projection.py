@@ -15,7 +15,7 @@ from cltaa.camera import is_still
 from cltaa.frame import Frame
 from cltaa.inputs.convert import without_jitter
 from cltaa.lab.check.hypotheses import DOUBTFUL, MEANINGS, Finding, mistake, regress, to_and_fro
-from cltaa.lab.check.jitter import LEAST_PAIRS, bears_out
+from cltaa.lab.check.jitter import LEAST_PAIRS, jitter_evidence
 from cltaa.lab.check.registration import COVERED, Pair, Shot, Vector
 
 LARGEST_HELD_PX = 1.0  # from the mean; a larger movement is a lens shift
@@ -56,7 +56,7 @@ def check_held_jitter(shot: Shot) -> list[Finding]:
     if shot.frames[0].camera.view_to_clip[1, 1] < 0.0:  # possibly a mistake, which also flips the jitter
         flip = MEANINGS["y-flipped"].change
         readings.append(_read_so(shot, [replace(frame, camera=flip(frame.camera)) for frame in shot.frames]))
-    told = next(filter(None, map(bears_out, readings)), "")
+    told = next(filter(None, map(jitter_evidence, readings)), "")
     centre = f"the projection's centre moves by {moved[0]:.2f}, {moved[1]:.2f} pixels from frame to frame"
     name, otherwise = "jitter-missing", "no jitter is declared, and"
     if any(np.any(frame.jitter_px) for frame in shot.frames):

@@ -25,7 +25,7 @@ from cltaa.lab.check.camera import (
 )
 from cltaa.lab.check.depth import is_coarse, tells_kind
 from cltaa.lab.check.hypotheses import MEANINGS, Affine, linear_maps
-from cltaa.lab.check.jitter import bears_out, declared_jitter, settled_shifts
+from cltaa.lab.check.jitter import declared_jitter, jitter_evidence, settled_shifts
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
 from cltaa.lab.check.registration import COVERED, LEAST_POINTS, LEAST_SIDE, Pair, Shifts, Shot, Vector
 
@@ -160,5 +160,5 @@ def _shows_vectors(shot: Shot, settled: Shifts, name: str) -> bool:
 
 
 def _jitter(shot: Shot) -> Iterator[str]:
-    if np.ptp(declared_jitter(shot.frames), axis=0).any() and not bears_out(shot):
+    if np.ptp(declared_jitter(shot.frames), axis=0).any() and not jitter_evidence(shot):
         yield "the jitter: its sign, axes and size: nothing that rests shows it clearly"
