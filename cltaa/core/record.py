@@ -63,6 +63,7 @@ class Past(msgspec.Struct, frozen=True):
     earlier: tuple[Past, ...] = ()  # the previous frames whose samples are kept, the latest first
     jitters: tuple[tuple[int, tuple[float, float]], ...] = ()  # in a checkpoint: those known, by frame (JittersBefore)
     slot: int = 0  # its place in the ring, where it is kept there
+    only_kept: bool = False  # in the ring, so that no history holds it
 
     @classmethod
     def of(cls, frame: Frame, coarse: Coarse = ()) -> Past:

@@ -326,7 +326,7 @@ class Resolver:
         buffers.let_go()
         buffers.give_back()
         self._lends = False
-        self._previous = self._latest = Past.of(frame, coarse)
+        self._previous = self._latest = msgspec.structs.replace(Past.of(frame, coarse), only_kept=True)
         self.times = Times(perf_counter() - started, 0.0, 0.0)
 
     def _fed(self, frame: Frame, *, half: bool, planar: bool = False) -> Iterator[NDArray[Any]]:
@@ -493,7 +493,8 @@ class Resolver:
         self._coarse, self.last = coarse_colours(frame), None  # the frame's channels overwrite those of the last one
         if previous is not None:
             goes_on = previous.continues_in(frame, self.preset.choices)
-            if not goes_on or self._is_cut(previous, frame, self._coarse):
+            alone = not previous.only_kept or from_ring_alone(self.preset, "auto", frame.effects, frame.found)
+            if not (goes_on and alone) or self._is_cut(previous, frame, self._coarse):
                 previous = None
         jitters = self._jitters.of(frame, goes_on=previous is not None)
         camera = previous.camera if previous else None

@@ -213,6 +213,18 @@ def test_drift_has_to_be_surer_where_no_light_is_known_to_change() -> None:
     assert drift_t(OWN) == 2.0 * own
 
 
+def test_a_history_that_lacks_frames_that_were_only_kept_is_not_read() -> None:
+    """They declare other effects than the one after them, whose mean would hold what was resolved before them."""
+    resolver = Resolver("gather-48", "numpy")
+    for index in range(4):
+        resolver.resolve(replace(drawn(index), effects=OWN))
+    for index in range(4, 8):
+        resolver.keep(replace(drawn(index), effects=OWN))
+    after = replace(drawn(8), effects=frozenset())
+    image = resolver.resolve(after)
+    assert np.array_equal(bits(image), bits(Resolver("gather-48", "numpy").resolve(after)))
+
+
 def jittered(index: int, period: int) -> Frame:
     return replace(drawn(index), jitter_px=(0.01 * (index % period), 0.0))
 
