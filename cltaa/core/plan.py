@@ -443,7 +443,8 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
         dilation = choices.dilation if choices.dilation is Dilation.BESIDE else Dilation.NONE
         choices = msgspec.structs.replace(choices, reject=Reject.NONE, dilation=dilation)
         estimated = [Reason(REJECTION, False, "no depth") if why.step == REJECTION else why for why in estimated]
-    if 0 < facts.period <= FEW_POSITIONS:
+    fades_sooner = settings.filter_samples < preset.settings.filter_samples
+    if fades_sooner and 0 < facts.period <= FEW_POSITIONS:
         settings = msgspec.structs.replace(settings, filter_samples=2.0**20)
     repeats = 0 < facts.period <= _places(settings)
     if (moves or repeats) and choices.recursion is not Recursion.NONE:

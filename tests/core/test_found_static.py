@@ -13,7 +13,7 @@ from cltaa.core.plan import plan_frame
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame, Image
-from cltaa.pipeline.checkpoint import Checkpoints
+from tests.core.standing import plans_of_equal_runs
 from tests.sequence_factory import bits, make_camera, make_frame
 
 WIDTH, HEIGHT = 24, 20
@@ -95,16 +95,15 @@ def jittered(index: int, period: int) -> Frame:
 @pytest.mark.parametrize("period", [1, 8, 16, 17])
 def test_a_history_of_few_positions_keeps_the_whole_filter(period: int, tmp_path: Path) -> None:
     """It is as a resumed run has it."""
-    whole, begun, goes_on = (Resolver("default", "numpy") for _ in range(3))
-    checkpoints = Checkpoints(tmp_path, "same")
-    for index in range(20):
-        expected = whole.resolve(jittered(index, period))
-    for index in range(18):
-        begun.resolve(jittered(index, period))
-    checkpoints.save(begun, "inputs")
-    assert checkpoints.restore(goes_on, dict.fromkeys(range(18), "inputs")) == 17
-    *_, image = goes_on.images(jittered(index, period) for index in (18, 19))
-    assert np.array_equal(bits(image), bits(expected))
-    plans = [resolver.plan for resolver in (whole, goes_on)]
+    plans = plans_of_equal_runs("default", [jittered(index, period) for index in range(20)], tmp_path)
     expected_samples = 2.0**20 if 1 < period <= 16 else 1.0
-    assert [plan.settings.filter_samples for plan in plans if plan] == 2 * [expected_samples]
+    assert [plan.settings.filter_samples for plan in plans] == 2 * [expected_samples]
+
+
+@pytest.mark.parametrize(("effect", "samples"), [(Effect.MOTION, 8.0), (Effect.CAMERA, 8.0), (None, 2.0)])
+def test_few_positions_change_no_filter_but_a_faded_one(effect: Effect | None, samples: float) -> None:
+    frame, preset = jittered(8, 8), override(load_preset(), {"filter_samples": samples})
+    found = replace(frame, found=FOUND | ({effect} if effect else set()))
+    before = [jittered(index, 8).jitter_px for index in range(8)]
+    plan = plan_frame(preset, found, frame.camera, jitters=before)
+    assert plan.settings.filter_samples == (samples if effect else 2.0**20)

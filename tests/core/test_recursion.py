@@ -16,9 +16,9 @@ from cltaa.errors import UsageError
 from cltaa.frame import Effect, Frame
 from cltaa.opencl.device import Device
 from cltaa.opencl.shape import Cut, Shape
-from cltaa.pipeline.checkpoint import Checkpoints
 from cltaa.reference.launcher import NumpyLauncher
 from cltaa.reference.real import Array
+from tests.core.standing import plans_of_equal_runs
 from tests.sequence_factory import bits, make_camera, make_frame
 
 WIDTH, HEIGHT = 24, 20
@@ -231,16 +231,7 @@ def jittered(index: int, period: int) -> Frame:
 
 @pytest.mark.parametrize("period", [4, 64], ids=["off again", "on"])
 def test_a_checkpoint_goes_on_to_the_same_bits(period: int, tmp_path: Path) -> None:
-    whole, begun, goes_on = (Resolver("gather-8", "numpy") for _ in range(3))
-    checkpoints = Checkpoints(tmp_path, "same")
-    for index in range(12):
-        expected = whole.resolve(jittered(index, period))
-    for index in range(10):
-        begun.resolve(jittered(index, period))
-    checkpoints.save(begun, "inputs")
-    assert checkpoints.restore(goes_on, dict.fromkeys(range(10), "inputs")) == 9
-    *_, image = goes_on.images(jittered(index, period) for index in (10, 11))
-    assert np.array_equal(bits(image), bits(expected))
+    plans_of_equal_runs("gather-8", [jittered(index, period) for index in range(12)], tmp_path)
 
 
 def test_a_ring_ahead_holds_a_period_too() -> None:
