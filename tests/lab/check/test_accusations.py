@@ -1,6 +1,6 @@
 """What is right is not accused, and what is less than sure is asked.
 
-The heavy test makes the table of ``docs/inputs.md`` again, from captures of every scene under other seeds and of models
+The heavy test makes the table of ``docs/check.md`` again, from captures of every scene under other seeds and of models
 made of primitives; a capture's place in the list decides everything about it. Margins are set on ``TUNING``, and
 ``COUNTED`` are looked at for the table alone.
 """
