@@ -108,7 +108,7 @@ def pair_up(
     reference: Named | None,
     frames: FrameRange | None = None,
     *,
-    side_file: Path | None = None,
+    side_file: str | Path | None = None,
     step: int = 1,
     verify: bool = True,
     gaps: OnBreak = OnBreak.ERROR,
@@ -124,7 +124,7 @@ def pair_up(
     Raises UsageError, InputMissing and DataError for sequences that do not match.
     """
     against = selection_of(tests[0] if reference is None else reference)
-    capture = _capture(against, verify, step, reading | {"side_file": side_file})
+    capture = _capture(against, verify, step, {"side_file": side_file, **({} if is_own(against) else reading)})
     images = [open_pictures(test, verify=verify, gaps=gaps, frames=frames, **reading) for test in tests]
     truth = None if capture is None else capture.known_reference()
     if truth is None:
@@ -142,9 +142,12 @@ def pair_up(
 
 def _capture(place: Selection, verify: bool, step: int, reading: Mapping[str, Any]) -> FrameSequence | None:
     if place.alone or not (place.folder / "reference").is_dir():  # a picture named by itself is no capture
+        if reading["side_file"] is not None:
+            cure = "leave it out, or name a capture with its truth in reference/"
+            raise UsageError("--camera is of a capture", path=str(place), cure=cure)
         return None
     # A missing frame becomes an error when it is read.
-    return open_input(place, verify=verify, gaps=OnBreak.RESET, step=step, **({} if is_own(place) else reading))
+    return open_input(place, verify=verify, gaps=OnBreak.RESET, step=step, **reading)
 
 
 def truth_of(sequence: FrameSequence) -> ImageSequence:

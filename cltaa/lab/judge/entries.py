@@ -17,7 +17,7 @@ import msgspec
 
 from cltaa.errors import DataError, InputMissing, UsageError, known
 from cltaa.inputs.foreign import is_png
-from cltaa.inputs.open import is_own
+from cltaa.inputs.open import Reading, is_own, readings
 from cltaa.io.atomic import make_folder
 from cltaa.io.content import read_text
 from cltaa.io.names import number_of
@@ -133,11 +133,14 @@ def numbered(folder: Path) -> dict[int, Path]:
 
 @contextmanager
 def resolved_by_us(
-    presets: Sequence[str], sequences: Mapping[str, Path], reading: Mapping[str, Any]
+    presets: Sequence[str],
+    sequences: Mapping[str, Path],
+    side_files: Mapping[str, str | None],
+    reading: Mapping[str, Any],
 ) -> Iterator[list[Entry]]:
     """Resolve with our own presets, with no declared effects, and yield their entries in a temporary folder.
 
-    Other tools' sequences are opened by ``reading``, as ``pair_up`` opens them; cltaa's own by its step and ``verify``.
+    Other tools' sequences are opened by ``reading``, as ``pair_up`` opens them; cltaa's own without its profile.
     """
     from cltaa.pipeline.folder import resolve_folder
 
@@ -149,13 +152,18 @@ def resolved_by_us(
             for name, output in folders.items():
                 own = is_own(sequences[name])
                 how = {key: reading[key] for key in reading if key in ("step", "verify") or not own}
+                how |= {"side_file": side_files[name]}
                 resolve_folder(sequences[name], output, settings, effects="find", layers=(), reading=how)
             entries.append(Entry(preset, Facts(settings="nothing declared"), folders))
         yield entries
 
 
 def rounds(
-    entries: Sequence[Entry], sequences: Mapping[str, Path], frames: int | FrameRange | None, **reading: Any
+    entries: Sequence[Entry],
+    sequences: Mapping[str, Path],
+    frames: int | FrameRange | None,
+    side_files: Mapping[str, str | None],
+    **reading: Any,
 ) -> list[Round]:
     """Return each sequence with the entries that have it, paired over their common frames: the range ``frames``, or
     the first this many.
@@ -182,7 +190,8 @@ def rounds(
         tests = [tuple(one[number] for number in numbers) for one in files]
         # A list of one file would mean a picture named by itself.
         folders = [test if len(test) > 1 else test[0].parent for test in tests]
-        paired = pair_up(folders, sequence, frames=(numbers[0], numbers[-1]), gaps=OnBreak.RESET, **reading)
+        how = {**reading, "frames": (numbers[0], numbers[-1]), "gaps": OnBreak.RESET}
+        paired = pair_up(folders, sequence, side_file=side_files[name], **how)
         for each in paired:
             if each.region is not None:
                 expected, shown = (images.layouts[images.first].size for images in (each.reference, each.test))
@@ -210,6 +219,7 @@ def judged_entries(
     stops: float,
     cvvdp: bool,
     film: Path | None,
+    side_file: Path | None,
     **reading: Any,
 ) -> tuple[list[Row], list[str]]:
     """Return a row for each entry and preset of ``ours`` on each captured sequence of ``paths``, and the warnings.
@@ -226,6 +236,8 @@ def judged_entries(
     if without:
         what, cure = "no entry to judge on this sequence", "name one, or presets of ours by --ours default,fast"
         raise UsageError(what, path=sequences[without[0]], cure=cure)
+    allotted = readings(sequences.values(), Reading(side_file=None if side_file is None else str(side_file)))
+    side_files = {name: allotted[sequence].side_file for name, sequence in sequences.items()}
     if cvvdp:
         import_cvvdp()
     if film is not None:
@@ -233,9 +245,9 @@ def judged_entries(
         make_folder(film)
     if ours:  # reports what is wrong with entries before the presets are resolved
         entered = {name: sequences[name] for name in sequences if any(name in entry.folders for entry in entries)}
-        rounds(entries, entered, frames, **reading)
-    with resolved_by_us(ours, sequences, reading) as own:
-        played = rounds([*entries, *own], sequences, frames, **reading)
+        rounds(entries, entered, frames, side_files, **reading)
+    with resolved_by_us(ours, sequences, side_files, reading) as own:
+        played = rounds([*entries, *own], sequences, frames, side_files, **reading)
         rows = [row for one in played for row in _judged(one, metrics, stops, cvvdp=cvvdp)]
         for one in played if film is not None else ():
             assert film is not None

@@ -17,7 +17,7 @@ from cltaa.io.manifest import file_sha256
 from cltaa.io.sequence import open_images, open_sequence
 from cltaa.lab.judge.metrics import mean, measure
 from tests.inputs.foreign import frames as foreign_frames
-from tests.inputs.foreign import side_text, write_blender, write_colour
+from tests.inputs.foreign import side_text, write_blender, write_colour, write_own
 from tests.lab.judge.test_compare_command import refusal, run_json
 from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame, write_images, write_sequence
 
@@ -261,25 +261,26 @@ def test_a_truth_that_a_resolve_wrote_is_reported(capsys: pytest.CaptureFixture[
     assert run_json(capsys, tmp_path / "out", capture / "reference")["warnings"] == []  # two resolves
 
 
+@pytest.mark.parametrize("own", [False, True])
 def test_options_that_read_the_frames_differently_from_the_resolve_are_reported(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+    own: bool, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     """By B's depth, vectors and matrices --video follows things: read as planes and in pixels, they lead elsewhere."""
     made, dump, out = foreign_frames(3), tmp_path / "dump", tmp_path / "out"
-    write_blender(dump, made)
-    write_colour(dump / "reference", made, name="shot")
+    (write_own if own else write_blender)(dump, made)
+    write_colour(dump / "reference", made, name=next(dump.glob("*.exr")).name.partition(".")[0])
     side = tmp_path / "camera.txt"
     side.write_text(side_text(made))
-    options = ("--camera", str(side), "--input", "motion.scale=-1,1")
+    options = ("--camera", str(side), *(() if own else ("--input", "motion.scale=-1,1")))
     assert main(["resolve", str(dump), "-o", str(out), "--device", "numpy", *options]) == 0
     asked = ["compare", str(out), str(dump), "--metrics", "mse"]
-    for given, told in (((), 1), (options[:2], 1), (options[2:], 1), (options, 0)):
+    for given, told in (((), 1), (options[:2], not own), (options[2:], 1), (options, 0)):
         capsys.readouterr()
         assert main([*asked, *given, "--video"]) == 0
         said = capsys.readouterr().err
         assert said.count("warning: A was resolved from B as other options read it: give --profile") == told
-        assert "B: profile blender" in said
+        assert ("B: profile" in said) is (not own or given != ())
         assert "A: " not in said  # files of cltaa's own
-        assert ("no matrices: " in said) is ("--camera" not in given)
+        assert ("no matrices: " in said) is (not own and "--camera" not in given)
     assert main(asked) == 0  # the colour is the same either way
     assert "warning" not in capsys.readouterr().err
