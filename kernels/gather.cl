@@ -31,7 +31,7 @@ __kernel void gather_kernel(plane_in current, plane_in inverse_depth, plane_in m
         if (has_edges(l))
             gather_samples(&far, ring, past, 0, frames, 0, p, x, y, frame, settings);
 
-        // Rectify and accumulate: fit the pixel's colour to these samples, and move it into the range of the 3x3.
+        // Accumulate: fit the pixel's colour to these samples, rectified if the preset does so.
         const resolved out = resolve_gathered(near.sums, far.sums, l, p, m, current, x, y, frame, settings);
 
         // Store.

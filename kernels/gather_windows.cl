@@ -70,7 +70,8 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
             store_window(windows, UNMOVED, out, error, x, y, frame);
         }
 
-        // The window of this frame alone, which repeats the one before where it is not valid, and the recursive result.
+        // The window of this frame alone, where history is refuted; elsewhere a copy of the window before, with an
+        // error that gives it no weight. Then the recursive result.
         if (RECURSION == RECURSION_STANDING) {
             const mask refuted = history_is_refuted(m, p, held, before);
             out.rgb = choose_colour(refuted, storable_colour(from_range(p.filtered), p.own), out.rgb);

@@ -2,6 +2,7 @@
 #include "gather/drift.h"
 #include "schedule/window.h"
 
+// storable_colour lets light be negative only as far as a sample is: here, as the darkest window.
 STAGE colour darker(colour a, colour b) { return (colour) { lesser(a.r, b.r), lesser(a.g, b.g), lesser(a.b, b.b) }; }
 
 // The pixel of row `turn` of a round, from its windows; `rows` holds the sums of the rows around it.

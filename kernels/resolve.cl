@@ -8,9 +8,9 @@
 // The prelude defines the names in capitals, frame_t (the numbers of this frame) and settings_t (those of the preset).
 // cltaa/core/build.py writes it in front of this text; `cltaa kernels --show resolve` prints it.
 //
-// sample_history also runs the illumination-change test and the disocclusion test, hence its arguments `current`,
-// `alpha` and `rows.below.texels`. extend_stored does nothing on a GPU, where extend_edges_kernel of store.cl repeats
-// the edges.
+// sample_history also tests the history for disocclusion and for changed light, hence its arguments `current`, `alpha`
+// and `rows.below.texels`. extend_stored repeats the image's edges into the halo; on a GPU, extend_edges_kernel of
+// store.cl does so instead.
 #include "taa/fireflies.h"
 #include "schedule/window.h"
 
@@ -38,7 +38,7 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
         history_t h = sample_history(current, alpha, rows.below.texels, rows.centre.has_missing, history, history_count,
             previous_inverse_depth, m, s, x, y, frame, settings, &cache);
 
-        // Rectify: move the history into the range of the 3x3.
+        // Rectify: move the history into the box of the 3x3. The default does not: its tests drop wrong history.
         h.alpha = rectified_alpha(alpha, h.alpha, x, y, frame);
         const rectification r = rectify(h.rgb, p.filtered, p.stats, m, box_scale_of(m, settings), frame, settings);
 
@@ -47,7 +47,7 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
 
         // Accumulate: blend the sample with the history, by the history's effective sample count.
         resolved out = resolve_pixel(p, h, r, settings);
-        if (rows.centre.has_missing)
+        if (rows.centre.has_missing) // a pixel whose sample is NaN keeps its history
             out = without_missing(out, h, current, x, y, frame);
 
         // Store: this result is the history of the next frame.

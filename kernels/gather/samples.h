@@ -150,7 +150,7 @@ STAGE void gather_sample(sample_sums* g, view_t v, int right, int down, pixel_t 
         const mask moves = !no_motion_vector(texel_at(moved, v.f, stride), texel_at(moved + plane, v.f, stride));
         good = good & !(v.static_ahead & moves);
     }
-    mask near = (s.x == s.x);
+    mask near = (mask)(-1);
     if (GATHER_FIT != GATHER_FIT_MEAN) {
         near = !l.edge | (q > l.cut * v.m.scale + v.m.shift);
         good = far_only ? good & !near : good;
@@ -288,7 +288,7 @@ STAGE void gather_samples(path_t* path, plane_in ring, frame_records past, int f
         v.grid = sample_grid(SPLAT(0.5) - v.f.fx, SPLAT(0.5) - v.f.fy, jacobian);
         v.reach = reach;
         v.recent = k < recent;
-        v.static_ahead = ahead ? !t.own : t.own & !t.own;
+        v.static_ahead = ahead ? !t.own : (mask)(0);
         prefetch_planes(v.planes, RING_PLANES, v.f.at, frame);
         const neighbours_t near = neighbours_within(v);
         for (int down = near.top; down <= near.bottom; ++down)

@@ -20,7 +20,7 @@ STAGE subpixel_feature search_subpixel_feature(mask open, surface s, plane_in ri
     const int stride = row_stride(frame), wanted = (int)settings.subpixel_frames,
               count = LOOK_AHEAD || frames < wanted ? frames : wanted;
     const real px = LANE_INDEX + K(x), py = SPLAT(y);
-    subpixel_feature feature = { open & !open, SPLAT(SUBPIXEL_REACH), s.inverse_depth };
+    subpixel_feature feature = { (mask)(0), SPLAT(SUBPIXEL_REACH), s.inverse_depth };
     for (int k = 0; k < count; ++k) {
         const frame_t then = past[k];
         if (LOOK_AHEAD && (then.ahead > wanted || then.ahead < -wanted))

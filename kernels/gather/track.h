@@ -9,7 +9,7 @@
 #define RING_REACTIVE (RING_ALPHA + ALPHA)
 #define RING_PLANES (RING_REACTIVE + REACTIVE)
 
-// One record a frame of the ring: the latest first, in turn with the next ones.
+// One record a frame of the ring, the nearest first; with look-ahead, earlier and later frames in turn.
 typedef __global const frame_t* restrict frame_records;
 
 // Track of a surface with own motion from frame to frame: its displacement, its change of inverse depth, and its latest
@@ -26,7 +26,7 @@ STAGE mask no_motion_vector(real u, real v) { return outside_domain(u) | outside
 STAGE track_t begin_track(surface s)
 {
     const real zero = SPLAT(0.0);
-    track_t t = { s.x != s.x, s.x != s.x, s.u, s.v, zero, zero, zero };
+    track_t t = { (mask)(0), (mask)(0), s.u, s.v, zero, zero, zero };
     if (OWN_MOTION)
         t.own = !no_motion_vector(s.u, s.v);
     return t;
@@ -45,10 +45,10 @@ STAGE track_t begin_track_ahead(surface s)
 STAGE mask matches_surface(real inverse_depth, surface s, motion_t m, settings_t settings)
 {
     const quad alone = { inverse_depth, inverse_depth, inverse_depth, inverse_depth };
-    return REJECT == REJECT_NONE ? (inverse_depth == inverse_depth) : same_surface(alone, s, m, settings);
+    return REJECT == REJECT_NONE ? (mask)(-1) : same_surface(alone, s, m, settings);
 }
 
-// Where the sample at a footprint has no motion vector, takes that of its neighbour nearest to the camera with one.
+// Where the sample at a footprint has no motion vector, takes that of the nearest surface of its 3x3 with one.
 STAGE void nearest_motion(real* u, real* v, mask missing, plane_in p, footprint there, size_t plane, int stride)
 {
     if (GATHER_FIT != GATHER_FIT_LAYERS || !any_of(missing))

@@ -24,10 +24,9 @@ STAGE int window_end(int window, int frames)
 }
 
 // Squared distances of the latest samples, the current one among them, from a window's result, over all channels and
-// alpha.
-// Colours have luminance weights: else the edge of a highlight would outweigh all displayable light around it. A window
-// contains these samples and lies the nearer to them the fewer others it has; dividing by (1 - 1 / count)^2 corrects
-// that (leave one out).
+// alpha. Colours have luminance weights: else the edge of a highlight would outweigh all displayable light around it. A
+// window contains these samples and lies the nearer to them the fewer others it has; dividing by (1 - 1 / count)^2
+// corrects that (leave one out).
 STAGE real window_error(sample_sums g, pixel_t now, resolved window, settings_t settings)
 {
     const real one = SPLAT(1.0), two = SPLAT(2.0);

@@ -2,8 +2,8 @@
 #include "taa/history.h"
 #include "taa/rectify.h"
 
-// Sample count after one more sample. With `standing`, a pixel that moves begins anew with 1, and one at rest gains
-// STANDING_GAIN.
+// Sample count after one more sample. With `standing` (Bevy), a pixel that moves begins anew with 1, and one at rest
+// gains STANDING_GAIN.
 STAGE real next_count(real count, real blend_boost)
 {
     if (ACCUMULATE == ACCUMULATE_STANDING)
@@ -11,8 +11,8 @@ STAGE real next_count(real count, real blend_boost)
     return count + K(1.0);
 }
 
-// Weight for `capped`: the sample has the odds of blend_weight, the history a weight of count / sample_limit, at most
-// 1, and in motion at most what gives the sample moving_weight.
+// Weight for `capped` (FSR 3): the sample has the odds of blend_weight, the history a weight of count / sample_limit,
+// at most 1, and in motion at most what gives the sample moving_weight.
 STAGE real capped_weight(real count, real blend_boost, settings_t settings)
 {
     const real one = SPLAT(1.0), least = SPLAT(settings.blend_weight), most = SPLAT(settings.moving_weight);
@@ -106,7 +106,7 @@ STAGE colour weighted_difference(colour v, colour other, settings_t settings)
     return (colour) { a * v.r - b * other.r, a * v.g - b * other.g, a * v.b - b * other.b };
 }
 
-// Lottes' measure u = 1 - |dY| / max(Y, Y, knee). Returns a factor of the weight that rises with u^2 from
+// Lottes' measure u = 1 - |dY| / max(Y_x, Y_h, knee). Returns a factor of the weight that rises with u^2 from
 // differing_share, where luminances differ, to agreeing_share, where they agree. `current` and `history` are 4 Y.
 STAGE real difference_factor(real current, real history, settings_t settings)
 {

@@ -50,13 +50,12 @@ STAGE boxed from_units(boxed v) { return (boxed) { v.a * K(BOX_A), v.b * K(BOX_B
 STAGE real luminance(colour v) { return K(0.25) * (v.r + v.b) + K(0.5) * v.g; }
 STAGE real luminance_4(colour v) { return (v.r + v.b) + K(2.0) * v.g; }
 
-// max(r, g, b, 0).
+// The largest channel. At least 0, so that no tone curve divides by less than 1.
 STAGE real peak(colour v) { return greater(greater(greater(v.r, v.g), v.b), SPLAT(0.0)); }
 
 STAGE colour plus(colour a, colour b) { return (colour) { a.r + b.r, a.g + b.g, a.b + b.b }; }
 STAGE colour minus(colour a, colour b) { return (colour) { a.r - b.r, a.g - b.g, a.b - b.b }; }
 STAGE colour scaled(colour v, real k) { return (colour) { v.r * k, v.g * k, v.b * k }; }
-// v + k d.
 STAGE colour plus_scaled(colour v, real k, colour d)
 {
     return (colour) { v.r + k * d.r, v.g + k * d.g, v.b + k * d.b };
@@ -65,10 +64,9 @@ STAGE colour quotients(colour v, real by)
 {
     return (colour) { quotient(v.r, by), quotient(v.g, by), quotient(v.b, by) };
 }
-// Sum of the products, channel by channel.
 STAGE real inner(colour a, colour b) { return (a.r * b.r + a.g * b.g) + a.b * b.b; }
 
-// c / (1 + max(r, g, b)).
+// Tone curve c / (1 + peak). One factor for all three channels keeps the hue.
 STAGE colour peak_range(colour v) { return scaled(v, SPLAT(1.0) / (SPLAT(1.0) + peak(v))); }
 
 // Tonemaps for the blend alone.

@@ -93,12 +93,12 @@ STAGE texel_row nearest_row(history_in p, footprint n, int j, size_t plane, int 
 // Clamps the stored illumination change to +-MOST_CHANGE, so that it decays within some frames, and flushes denormals.
 STAGE real stored_change(real change)
 {
-    const real cache = limit(change, SPLAT(-MOST_CHANGE), SPLAT(MOST_CHANGE));
-    return absolute(cache) < SPLAT(TINY) ? SPLAT(0.0) : cache;
+    const real limited = limit(change, SPLAT(-MOST_CHANGE), SPLAT(MOST_CHANGE));
+    return absolute(limited) < SPLAT(TINY) ? SPLAT(0.0) : limited;
 }
 
-// Mean of three differences, and 3/2 of their spread. Unlike the moments of colours, it has no separate shift: under
-// constant light the differences are near 0, and under changing light their last digits do not matter.
+// Mean and spread of three differences. Unlike the moments of colours they have no separate shift: under constant light
+// the differences are near 0, and under changing light their last digits do not matter.
 typedef struct
 {
     real mean, spread;
@@ -222,11 +222,11 @@ typedef struct
     real count, change;
 } illumination_result;
 
-// Divides the history's `held` samples by max(1, |change| / threshold)^2: history that is off by one standard error is
-// worth one sample, by k standard errors 1 / k^2 of it. `change` is Student's t of the channel that changed most, with
-// the sign of the first one, luminance, or of alpha where that changed most, plus illumination_decay times the stored
+// Divides the history's `held` samples by max(1, |change| / threshold)^2. Squared, since history that is off by k
+// standard deviations errs as much as the mean of 1 / k^2 samples. `change` is Student's t of the channel that changed
+// most, with the sign of luminance, or of alpha where that changed most, plus illumination_decay times the stored
 // change of the previous frame. Jitter moves all nine differences one way in one frame and another way in the next, a
-// light change goes on, so jitter stays small in the sum. Where light falls, falling_t * threshold replaces it: nine
+// light change goes on, so jitter stays small in the sum. Where light falls, falling_t times the threshold counts: nine
 // dim samples of noise agree, nine with a bright one do not. `next` is the row below the pixel's.
 STAGE illumination_result illumination_test(real held, real threshold, plane_in current, plane_in alpha, boxed_row next,
     history_in history, plane_in count, footprint f, int x, int y, frame_t frame, settings_t settings,

@@ -1,14 +1,14 @@
 // The 3x3 neighbourhood, gathered row by row so that a window sliding down a column reads and converts each row once.
 #include "taa/colour.h"
 
-// Shifted first and second moments: mean = shift + offset, spread = sum of squared distances from the mean; 3/2 of it
-// in a row of three and in the 3x3.
+// Shifted first and second moments of a row of three or of the 3x3: mean = shift + offset, and spread is 3/2 of the sum
+// of squared distances from the mean, which saves a factor a row.
 typedef struct
 {
     real shift, offset, spread, low, high;
 } moments;
 
-// 3/2 of the spread of a, b and 0. Nothing cancels: it is (a^2 + b^2 + (a - b)^2) / 2, and never less than 0.
+// The spread of a, b and 0. Nothing cancels: it is (a^2 + b^2 + (a - b)^2) / 2, and never less than 0.
 STAGE real spread_of_three(real a, real b) { return a * (a - b) + b * b; }
 
 // Three texels of a row. The shift is the centre texel, so the differences are exact for neighbours within a factor of
@@ -89,7 +89,7 @@ STAGE real deviation_of(moments m)
 STAGE moments neighbourhood_moments(moments above, moments centre, moments below, joined upper, joined lower)
 {
     moments m = window_moments(centre, below, upper, lower);
-    if (BOX == BOX_ROUNDED) {
+    if (BOX == BOX_ROUNDED) { // halfway to the extremes of the five texels without the corners (Pedersen 2016)
         m.low = K(0.5) * (m.low + lesser(lesser(above.shift, below.shift), centre.low));
         m.high = K(0.5) * (m.high + greater(greater(above.shift, below.shift), centre.high));
     }

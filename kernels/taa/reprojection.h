@@ -15,7 +15,7 @@ typedef struct
 // Matrices.
 STAGE motion_t motion_from_depth(surface s, real x, real y, frame_t frame)
 {
-    motion_t m = { SPLAT(0.0), SPLAT(0.0), SPLAT(1.0), SPLAT(0.0), s.centre == s.centre };
+    motion_t m = { SPLAT(0.0), SPLAT(0.0), SPLAT(1.0), SPLAT(0.0), (mask)(-1) };
     if (!CAMERA_MOTION)
         return m;
     const real px = (x + s.x) + K(frame.origin_x), py = (y + s.y) + K(frame.origin_y), q = s.inverse_depth;
