@@ -24,6 +24,7 @@ from cltaa.frame import Camera, Effect, Frame, Image, format_effects, outline
 from cltaa.io.display import LUMA
 from cltaa.io.exr_frame import MATRICES
 from cltaa.io.manifest import RESTART_CURE
+from cltaa.io.pixel_statistics import is_missing
 from cltaa.io.sequence import FrameSequence
 from cltaa.io.streams import ReadAhead
 from cltaa.printable import counted
@@ -61,7 +62,6 @@ LOOKED_AT = 2**20  # most pixels examined in a pair of frames, in whole rows
 LEAP = 0.25  # share of the picture that points at infinity may move in a frame; a cut moves them farther
 BRIGHT = 8.0  # radiance "far above 1"
 GROUND = 0.5  # light beneath transparent texels, where a black shadow changes nothing but alpha
-LARGEST = 2.0**50  # greater light counts as missing
 
 NO_FRAME = "no frame looked at: each place has a cut, or cannot be read"
 
@@ -315,20 +315,22 @@ class _Witness:
 
 class _Look:
     """A frame, its inverse depth and its light x / (1 + x) over a grey ground, [H, W], tonemapped so that no highlight
-    dominates."""
+    dominates. Both are NaN where they are missing, which is evidence of nothing."""
 
     def __init__(self, frame: Frame) -> None:
         self.frame = outline(frame)
         depth = np.asarray(frame.depth, np.float32)
         self.inverse: NDArray[np.float32] = np.empty((frame.height, frame.width), np.float32)
         inverse_depth(depth, self.inverse, parallel=frame.camera.orthographic)
+        self.inverse[np.isnan(depth)] = np.nan
         self.sky, self.depth = bool(np.isinf(depth).any()), bool(np.isfinite(depth).any())
-        colour = np.where((frame.colour > 0) & (frame.colour < LARGEST), frame.colour, np.float32(0))
+        missing = is_missing(frame.colour)
+        colour = np.where(missing[..., None], np.float32(0), np.maximum(frame.colour, 0))
         self.brightest = float(colour.max(initial=0.0))
         light = colour @ (LUMA / np.float32(frame.exposure))
         if frame.alpha is not None:
             light += np.float32(GROUND) * (1 - np.clip(np.nan_to_num(frame.alpha, nan=1.0), 0, 1))
-        self.light = light / (1 + light)
+        self.light = np.where(missing, np.float32(np.nan), light / (1 + light))
 
 
 class _View:
@@ -359,7 +361,7 @@ class _View:
         return float((self.inside & (there - self.expected > DEPTH_SLACK * np.abs(there))).mean())
 
     def light(self) -> tuple[Array, Mask]:
-        """Return the bilinear light there, and True where all four samples are on the surface."""
+        """Return the bilinear light there, and True where all four samples are on the surface and none is missing."""
         column, row = self.column.astype(np.intp), self.row.astype(np.intp)
         right, below = self.column - column, self.row - row
         result, same = np.zeros(column.shape), self.inside.copy()
@@ -369,7 +371,7 @@ class _View:
                 result += self.before.light[place] * by_row * by_column
                 there = self.before.inverse[place]
                 same &= np.abs(there - self.expected) <= DEPTH_SLACK * np.maximum(np.abs(there), np.abs(self.expected))
-        return result, same
+        return result, same & np.isfinite(result)
 
 
 def _moved(now: _Look, before: Camera, rows: Array, columns: Array) -> tuple[Array, Array, Array, Mask]:
@@ -435,9 +437,11 @@ class _Span:
         """
         place = self._rows.astype(np.intp), self._columns.astype(np.intp)
         near = self._anchor.inverse[place] > 0 if not self._anchor.frame.camera.orthographic else True
-        seen = (self._count == self.frames) & near & (True if self.moving is None else ~self.moving)
+        most = self._count.max(initial=0)
+        seen = (self._count >= most - 1) & near & (True if self.moving is None else ~self.moving)  # one may be missing
         square = (*seen.shape[:2], BLOCK, BLOCK)
-        mean, seen = (self._total / max(self.frames, 1)).reshape(square), seen.reshape(square)
+        count = np.maximum(self._count, 2)
+        mean, seen = (self._total / count).reshape(square), seen.reshape(square)
         tells = seen[:, :, 1:-1, 1:-1]
         steps = np.zeros(tells.shape)
         for axis in (2, 3):
@@ -446,9 +450,9 @@ class _Span:
                 tells = tells & seen[:, :, *beside]
                 steps += (mean[:, :, *beside] - mean[:, :, 1:-1, 1:-1]) ** 2 / 2
         small = self._anchor.light.size < NOISE_PIXELS
-        if small or self.frames < NOISE_FRAMES or tells.sum() < LEAST_SHARE * max(tells.size, 1):
+        if small or most < NOISE_FRAMES or tells.sum() < LEAST_SHARE * max(tells.size, 1):
             return None
-        scatter = (self._ripples - self._ripple**2 / self.frames).reshape(square)[:, :, 1:-1, 1:-1] / (self.frames - 1)
+        scatter = ((self._ripples - self._ripple**2 / count) / (count - 1)).reshape(square)[:, :, 1:-1, 1:-1]
         ratio = scatter / np.maximum(steps, np.finfo(np.float64).tiny)
         return float(np.median(np.where(scatter > (NOISE_LEAST * mean[:, :, 1:-1, 1:-1]) ** 2, ratio, 0.0)[tells]))
 
@@ -457,6 +461,7 @@ class _Span:
         if self.frames < SPAN or self._rows.size == 0:
             return None
         tiles = np.array(self._tiles)
+        tiles = tiles[np.isfinite(tiles).any(1)]  # a frame may lack all its samples
         tells = np.isfinite(tiles).all(0)
         if not _enough(tells):
             return None

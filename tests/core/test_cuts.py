@@ -29,6 +29,12 @@ def shot(seed: int, index: int, pan: int = 0) -> Frame:
     return Frame(index=index, colour=(np.roll(light, pan, 1) * grain).astype(np.float32))
 
 
+def lost(frame: Frame, columns: slice, value: float = np.nan) -> Frame:
+    colour = frame.colour.copy()
+    colour[:, columns] = value
+    return replace(frame, colour=colour)
+
+
 def two_shots() -> list[Frame]:
     return [shot(0 if index < CUT else 1, index) for index in range(CUT + 3)]
 
@@ -85,17 +91,24 @@ def test_a_published_resolve_is_left_as_it_is() -> None:
         shot(0, 1, pan=1),
         replace(shot(0, 1), colour=16.0 * shot(0, 1).colour),
         replace(shot(0, 1), colour=np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)),
-        replace(shot(0, 1), colour=np.full((HEIGHT, WIDTH, 3), np.nan, np.float32)),
+        lost(shot(0, 1), slice(None)),
+        lost(shot(0, 1), slice(20, 40)),
+        lost(shot(0, 1), slice(20, 40), np.inf),
+        lost(shot(1, 1), slice(6, None)),
+        lost(replace(shot(0, 1), colour=np.full_like(shot(0, 1).colour, 0.5)), slice(20)),
         Frame(index=1, colour=np.random.default_rng(5).random((HEIGHT, WIDTH, 3), np.float32)),
     ],
-    ids=["grain", "pan", "exposure", "plain", "nan", "noise"],
+    ids=["grain", "pan", "exposure", "plain", "nan", "nan tile", "infinite tile", "little left", "plain left", "noise"],
 )
 def test_a_continued_shot_is_no_cut(after: Frame) -> None:
     assert not looks_cut(coarse_colours(shot(0, 0)), coarse_colours(after))
 
 
-def test_it_is_found_after_a_run_was_cut_short_too(tmp_path: Path) -> None:
+@pytest.mark.parametrize("left", [0, 20])
+def test_it_is_found_after_a_run_was_cut_short_too(tmp_path: Path, left: int) -> None:
+    """Also where a tile of the last frame before is missing."""
     frames = two_shots()
+    frames[CUT - 1] = lost(frames[CUT - 1], slice(left))
     whole, _ = resolved(frames)
     with Resolver(device="numpy") as first, Resolver(device="numpy") as second:
         for frame in frames[:CUT]:

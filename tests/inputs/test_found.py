@@ -104,6 +104,18 @@ def a_lid(frame: Frame, _across: Array, index: int) -> Frame:
     return replace(lit(frame, np.where(there, 3.0, 1.0)), depth=depth)
 
 
+def lost(rows: slice, columns: slice, *, scene: Change | None = None) -> Change:
+    """Colour and depth of these pixels are missing in one frame."""
+
+    def change(frame: Frame, across: Array, index: int) -> Frame:
+        frame = frame if scene is None else scene(frame, across, index)
+        if index == 1:
+            frame.colour[rows, columns], frame.depth[rows, columns] = np.nan, np.nan
+        return frame
+
+    return change
+
+
 def a_shadow_alone(frame: Frame, across: Array, index: int) -> Frame:
     """As for a composite: black, and transparent elsewhere."""
     alpha = np.where(across < -2.4 + 0.1 * index, 0.5, 0.0).astype(np.float32)
@@ -139,6 +151,13 @@ CASES: dict[str, tuple[Change | None, float, set[Effect]]] = {
     "noise": (noisy, 0.0, STANDING | {Effect.NOISE}),
     "noise, a camera that slides": (noisy, 0.03, STANDING | {Effect.CAMERA, Effect.NOISE}),
     "noise, on a belt that carries all of the wall": (a_belt, 0.0, STANDING | {Effect.MOTION}),
+    "a tile without samples": (lost(slice(20, 60), slice(30, 70)), 0.0, STANDING),
+    "a frame without samples": (lost(slice(None), slice(None)), 0.0, STANDING),
+    "noise, a frame without samples": (
+        lost(slice(None), slice(None), scene=noisy),
+        0.0,
+        STANDING | {Effect.NOISE},
+    ),
     "wires": (a_wire, 0.0, STANDING | {Effect.THIN}),
     "a lattice, a camera that slides": (a_lattice, 0.06, STANDING | {Effect.CAMERA, Effect.THIN}),
     "a lamp that lights the little that is seen for a frame": (a_lid, 0.0, STANDING),
