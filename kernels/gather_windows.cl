@@ -1,5 +1,5 @@
-// As gather.cl, but where light may change: resolves the pixel from several windows of its past, with the error of
-// each. mix_windows.cl mixes the windows.
+// As gather.cl, but where light may change: resolves the pixel from several windows of its past (gather/window.h), with
+// the error of each. mix_windows.cl mixes the windows.
 #include "gather/subpixel.h"
 #include "gather/window.h"
 #include "schedule/window.h"

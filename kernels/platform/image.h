@@ -1,5 +1,6 @@
 // Images: planes of floats with a halo of PAD_X columns left and right and PAD_Y rows above and below, one stride for
-// all. The halo repeats the edge, so that a 3x3 or 4x4 window needs no clamps and every device reads the same layout.
+// all. The halo repeats the edge, so that no window or filter clamps coordinates, and every device reads the same
+// layout.
 //
 // A large image may be resolved in bands: input and output planes then hold band_rows rows from first_row on (and the
 // rows around them), while the history is whole. Coordinates are always those of the image.
