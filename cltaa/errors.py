@@ -20,9 +20,10 @@ import errno
 import importlib
 from collections.abc import Callable, Iterable, Mapping
 from functools import wraps
+from numbers import Integral, Real
 from pathlib import Path
-from types import ModuleType
-from typing import Any, TypeVar, cast
+from types import ModuleType, SimpleNamespace, UnionType
+from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from cltaa.printable import printable
 
@@ -111,15 +112,20 @@ def several(given: object, argument: str, kind: type = str) -> list[Any]:
 Call = TypeVar("Call", bound=Callable[..., Any])
 
 
+# What Python and NumPy raise for an argument of a wrong type.
+WRONG_TYPES = (TypeError, ValueError, AttributeError)
+
+
 def public(name: str) -> Callable[[Call], Call]:
-    """Decorate what programs call as ``name``: arguments that it does not take raise UsageError with the nearest."""
+    """Decorate what programs call as ``name``: where it fails because of arguments that it does not take, or of wrong
+    types, it raises UsageError."""
 
     def decorated(call: Call) -> Call:
         @wraps(call)
         def told(*given: Any, **named: Any) -> Any:
             try:
                 return call(*given, **named)
-            except TypeError:
+            except WRONG_TYPES:
                 check_arguments(name, call, given, named)
                 raise
 
@@ -129,22 +135,51 @@ def public(name: str) -> Callable[[Call], Call]:
 
 
 def check_arguments(name: str, call: Callable[..., Any], given: tuple[Any, ...], named: Mapping[str, Any]) -> None:
-    """Raise UsageError where ``call`` does not take these arguments: a TypeError came from the call itself."""
+    """Raise UsageError where ``call`` does not take these arguments, or one has another type than it declares: an error
+    came from the call itself."""
     from inspect import signature  # imported here: it is slow, and most calls are right
 
     try:
-        (its := signature(call)).bind(*given, **named)
+        bound = (its := signature(call)).bind(*given, **named)
     except TypeError as error:
         names = [each for each in its.parameters if each != "self"]
         for each in named.keys() - its.parameters.keys():
             raise UsageError(f"{name} takes no {each}", cure=known(each, names, "arguments")) from None
         raise UsageError(f"{name}: {error}") from None
+    for each, value in bound.arguments.items():
+        declared = call.__annotations__.get(each)
+        if declared is not None and not _fits(value, _evaluated(declared, call)):
+            found = repr(value) if isinstance(value, str | int | float | tuple) else type(value).__name__
+            raise UsageError(f"{name}: {each} is wrong", expected=declared, found=found) from None
+
+
+def _evaluated(declared: Any, call: Any) -> Any:
+    """Return the type that ``call`` declares as text; Any where its module imports that for the checker alone."""
+    try:
+        return get_type_hints(SimpleNamespace(__annotations__={"it": declared}), call.__globals__)["it"]
+    except NameError:
+        return Any
+
+
+def _fits(value: object, hint: Any) -> bool:
+    """Return False where ``value`` surely has another type than ``hint``."""
+    kind, parts = get_origin(hint) or hint, get_args(hint)
+    if kind in (Union, UnionType):
+        return any(_fits(value, part) for part in parts)
+    if kind is Literal:
+        return isinstance(value, str) and value in parts
+    if kind is tuple and ... not in parts:
+        return isinstance(value, tuple) and len(value) == len(parts) and all(map(_fits, value, parts))
+    try:
+        return isinstance(value, {int: Integral, float: Real}.get(kind, kind))
+    except TypeError:  # Any, and protocols
+        return True
 
 
 def check_flags(**flags: object) -> None:
-    """Raise UsageError for a flag that is text: "no" would mean yes."""
+    """Raise UsageError for a flag that is neither a truth value nor a number: the text "no" would mean yes."""
     for name, value in flags.items():
-        if isinstance(value, str):
+        if not isinstance(value, int | None) and type(value).__name__ not in ("bool", "bool_"):  # NumPy's
             raise UsageError(f"{name} is a flag", expected="True or False", found=repr(value))
 
 

@@ -216,7 +216,7 @@ class Frame:
     @property
     def has_depth(self) -> bool:
         """False where no depth was given; ``depth`` then repeats that of the sky, one number in memory."""
-        return any(self.depth.strides) or self.depth.base is not SKY
+        return any(getattr(self.depth, "strides", ())) or getattr(self.depth, "base", None) is not SKY
 
     @property
     def arrays(self) -> list[Image]:
@@ -242,9 +242,10 @@ class Frame:
     def __repr__(self) -> str:
         """Show size and channels, not their numbers."""
         there = " ".join(
-            name for name in PLANES if getattr(self, name) is not None and (name != "depth" or self.has_depth)
+            name for name in PLANES if getattr(self, name) is not None and getattr(self, f"has_{name}", True)
         )
-        return f"Frame({self.index}: {self.width} x {self.height}, {there}{', cut' if self.cut else ''})"
+        size = " x ".join(map(str, reversed(getattr(self.colour, "shape", ())[:2]))) or "no image"
+        return f"Frame({self.index}: {size}, {there}{', cut' if self.cut else ''})"
 
 
 def outline(frame: Frame) -> Frame:

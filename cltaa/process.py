@@ -21,7 +21,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, SupportsIndex, TypeVar, cast
 
-from cltaa.errors import CltaaError, UsageError, check_arguments
+from cltaa.errors import WRONG_TYPES, CltaaError, UsageError, check_arguments
 
 # Defaults that the user's environment overrides. pyopencl's cache would only repeat the drivers', and its lock outlives
 # a killed process. NumPy's linear algebra starts a thread per core, which then busy-waits, and our matrices are 4x4.
@@ -229,7 +229,7 @@ def one_thread(method: Method) -> Method:
             raise UsageError("two threads use one resolver at once", cure="frames come in order: take one a thread")
         try:
             return method(owner, *given, **named)
-        except TypeError:
+        except WRONG_TYPES:
             check_arguments(f"Resolver.{method.__name__}", method, (owner, *given), named)
             raise
         finally:

@@ -69,8 +69,10 @@ def check_fields(frame: Frame) -> None:
     _check_effects(frame)
     for name in PLANES:
         array = getattr(frame, name)
-        if array is not None and not isinstance(array, np.ndarray):
-            raise _error(frame, f"{name} is no array", "one of the host", type(array).__name__)
+        if array is None and name != "colour":
+            continue
+        if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiub":
+            raise _error(frame, f"{name} is no array", "one of the host, of numbers", _kind(array))
     _check_colour(frame)
 
 
@@ -185,12 +187,13 @@ def _check_floats(frame: Frame) -> None:
 
 
 def _check_effects(frame: Frame) -> None:
-    if frame.effects is None:
-        return
-    if not isinstance(frame.effects, set | frozenset):
-        expected = "frozenset of cltaa.Effect, or None"
-        raise _error(frame, "effects are no set", expected, type(frame.effects).__name__)
-    for name in frame.effects - _EFFECTS:
+    for what, effects in (("effects", frame.effects), ("found effects", frame.found)):
+        if not isinstance(effects, set | frozenset | None):
+            expected = "frozenset of cltaa.Effect, or None"
+            raise _error(frame, f"{what} are no set", expected, type(effects).__name__)
+    for name in (*(frame.effects or ()), *(frame.found or ())):
+        if name in _EFFECTS:
+            continue
         cure = known(str(name), Effect, "effects")
         raise DataError(f"unknown effect {name}", path=frame.path, frame=frame.index, cure=cure)
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from cltaa.core.parameters import Choices, Settings
 from cltaa.errors import DataError, UsageError, known
+from cltaa.printable import printable
 from cltaa.renamed import KEYS, PRESETS, WORDS, current
 
 LADDER = ("accumulate", "basic", "fast", "default", "gather-8", "gather-48")  # our own, from the fastest to the best
@@ -114,7 +115,7 @@ def _as_number(value: object) -> object:
     try:
         return float(value) if isinstance(value, str) else value
     except ValueError:
-        return value
+        return printable(str(value))  # bytes that are no text cannot be converted
 
 
 def preset_names() -> list[str]:

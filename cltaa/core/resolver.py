@@ -66,6 +66,8 @@ class Resolver:
         look_ahead: int | None = None,
     ) -> None:
         check_flags(strict=strict, every_step=every_step)
+        if not isinstance(build, Build | None):
+            raise UsageError("no build", expected="None, or that of a measurement", found=repr(build))
         self.every_step = every_step
         if not isinstance(preset, str | Preset):
             raise UsageError("no preset", expected="a name or a cltaa.Preset", found=repr(preset))
@@ -222,6 +224,7 @@ class Resolver:
                 cure="take one that does not; in Python call feed() and flush()",
             )
         check_frame(frame)
+        check_flags(half=half)
         into = None if out is None else checked_out(out, frame)
         started = perf_counter()
         previous, build = self._begin(frame)
@@ -294,6 +297,7 @@ class Resolver:
     def flush(self, *, half: bool = False) -> list[NDArray[Any]]:
         """Return the images of the frames that wait for later ones, from those that there are."""
         self._alone()
+        check_flags(half=half)
         return list(self._flushed(half=half))
 
     @one_thread
@@ -331,6 +335,7 @@ class Resolver:
 
     def _fed(self, frame: Frame, *, half: bool, planar: bool = False) -> Iterator[NDArray[Any]]:
         check_frame(frame)
+        check_flags(half=half)
         if self._latest is not None:
             self._latest.refuse_again(frame)
         coarse = coarse_colours(frame)

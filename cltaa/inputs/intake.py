@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from cltaa.errors import CltaaError, DataError, InputMissing, UsageError, several
+from cltaa.errors import CltaaError, DataError, InputMissing, UsageError, public, several
 from cltaa.inputs.declared import Declared, Stated, declared_frames, stated_names
 from cltaa.inputs.profile import Profile, channels_option, load_profile, option_text, override, profile_names
 from cltaa.inputs.roles import (
@@ -213,6 +213,7 @@ def first_frames(
     return numbers[0], numbers[-1]
 
 
+@public("open")
 def open_intake(
     named: Named,
     *,

@@ -86,7 +86,7 @@ def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) 
 
 def checked_range(frames: FrameRange, folder: Path) -> FrameRange:
     """Return ``frames``; raises UsageError unless they are a first and a last number in their order."""
-    if not (isinstance(frames, tuple | list) and len(frames) == 2):
+    if not (isinstance(frames, tuple | list) and len(frames) == 2 and all(isinstance(n, Integral) for n in frames)):
         expected = "the first and the last of them, as (8, 47)"
         raise UsageError("invalid range of frames", path=folder, expected=expected, found=repr(frames))
     first, last = frames

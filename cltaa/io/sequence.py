@@ -16,7 +16,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from cltaa.errors import DataError, UsageError, check_flags
+from cltaa.errors import DataError, UsageError, check_flags, public
 from cltaa.frame import Effect, Frame, Image, name_effects
 from cltaa.io.exr_frame import CHANNEL_OF, OF_FRAMES, check_float_channels, frame_outline
 from cltaa.io.exr_layout import Layout, covers
@@ -41,6 +41,7 @@ from cltaa.io.numbered import (
 class ImageSequence(NumberedFiles):
     """Colour only: a reference, or resolved frames. Iteration yields ``[H, W, 3]`` linear float32 in frame order."""
 
+    @public("ImageSequence.image")
     def image(self, number: int, *, alpha: bool = False) -> Image:
         """Read one frame number, [H, W, 3] linear float32; ``alpha`` appends A where the file has it."""
         path, picture = self.path(number), self.layouts[number]
@@ -209,6 +210,7 @@ class FrameSequence(NumberedFiles):
         stacked = {role: [planes[name] for name in triple] for role, triple in guides.items()}
         return {role: np.stack(its, -1).astype(np.float32) for role, its in stacked.items()}
 
+    @public("FrameSequence.frame")
     def frame(self, number: int) -> Frame:
         """Read one frame by its number; raises UsageError for an unknown one, DataError where header and sequence
         disagree."""
@@ -244,6 +246,7 @@ def other_effects(path: Path, number: int, first: frozenset[Effect] | None, its:
     )
 
 
+@public("open")
 def open_sequence(
     named: Named,
     *,

@@ -27,7 +27,7 @@ from cltaa.core.parameters import HistoryKind
 from cltaa.core.planes import BLOCK_POOL
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
-from cltaa.errors import DeviceLost, UsageError
+from cltaa.errors import DeviceLost, UsageError, public
 from cltaa.frame import Asked
 from cltaa.inputs.found import Found
 from cltaa.io.atomic import atomic_path, check_creatable, move_into, owned, temporary_folder
@@ -184,6 +184,7 @@ class Elsewhere(Protocol):
 COMPARISONS = ("side", "wipe")  # of a film
 
 
+@public("resolve")
 def resolve_sequence(
     sequence: FrameSequence,
     output: str | Path,

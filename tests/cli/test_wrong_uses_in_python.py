@@ -128,6 +128,41 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "verify by text": (lambda seq: cltaa.open(seq, verify="no"), "verify is a flag .*found 'no'"),
     "strict by text": (lambda _: cltaa.Resolver(device="numpy", strict="no"), "strict is a flag .*found 'no'"),
     "pixels by text": (lambda seq: cltaa.inspect(seq, pixels="no"), "pixels is a flag .*found 'no'"),
+    "halves of 1.5": (lambda _: cltaa.Resolver(device="numpy").feed(make_frame(), half=1.5), "half is a flag .*1.5"),
+    "halves by text, flushed": (lambda _: cltaa.Resolver(device="numpy").flush(half="no"), "half is a flag .*'no'"),
+    "when to stop by number": (
+        lambda seq: cltaa.resolve(seq, "out", stopping=3),
+        r"^resolve: stopping is wrong .expected AbstractContextManager.Stop. . None, found 3",
+    ),
+    "a build by text": (lambda _: cltaa.Resolver(device="numpy", build="x"), "no build .*measurement, found 'x'"),
+    "rounds by text": (lambda seq: cltaa.plan(seq, rounds="x"), "invalid number of rounds .*found 'x'"),
+    "rounds below 0": (lambda seq: cltaa.plan(seq, rounds=-1), "invalid number of rounds .*found -1"),
+    "a frame by a list": (
+        lambda seq: cltaa.open(seq).frame([0]),
+        "^FrameSequence.frame: number is wrong .expected int, found list",
+    ),
+    "frames of text": (lambda seq: cltaa.open(seq, frames=(0, "1")), "invalid range of frames .*found .0, '1'"),
+    "a list for a compression": (
+        lambda _: cltaa.write_frame("x.0000.exr", make_frame(), compression=["zip"]),
+        "^write_frame: compression is wrong .expected str, found list",
+    ),
+    "an advance of None": (
+        lambda seq: cltaa.inspect(seq, pixels=True, advance=3),
+        "^inspect: advance is wrong .*found 3",
+    ),
+    "a step of 1.5 to inspect": (lambda seq: cltaa.inspect(seq, step=1.5), "the step between frames is wrong"),
+    "a choice that is no text": (
+        lambda _: cltaa.load_preset().replace(rectify="\udcff"),
+        r"rectify has no such value .*found .udcff",
+    ),
+    "found effects by name": (
+        lambda _: cltaa.Resolver(device="numpy").resolve(cltaa.Frame(0, LIGHT, found="camera")),
+        "found effects are no set .*found str",
+    ),
+    "no colour to write": (
+        lambda _: cltaa.write_frame("x.0000.exr", cltaa.Frame(0, None)),
+        "colour is no array .expected one of the host, of numbers, found NoneType",
+    ),
     "effects of None": (lambda seq: cltaa.open(seq, effects=None), "no such declaration of effects"),
     "effects in a list": (lambda seq: cltaa.open(seq, effects=["camera"]), "no such declaration of effects"),
     "a step by text": (lambda seq: cltaa.open(seq, step="1"), "the step between frames is wrong .*found 1"),
@@ -264,6 +299,10 @@ def test_a_single_assignment_may_be_text(tmp_path: Path) -> None:
         write_colour(tmp_path / name, [make_frame(number) for number in range(2)])
     sequence = cltaa.open(tmp_path, assignments="colour.encoding=srgb")
     assert np.array_equal(sequence.reference.image(1), sequence.frame(1).colour)
+
+
+def test_a_frame_of_wrong_arrays_can_be_printed() -> None:
+    assert repr(cltaa.Frame(0, None, depth=[1.0])) == "Frame(0: no image, depth)"
 
 
 def test_metrics_are_named() -> None:

@@ -36,6 +36,7 @@ from cltaa.io.numbered import (
     Problems,
     as_pictures,
     check_size,
+    checked_step,
     chosen_numbers,
     even_step,
     named_frames,
@@ -436,6 +437,7 @@ def inspect_input(
     Raises UsageError for no such profile, InputMissing where no frames are, DataError for files that no profile reads.
     """
     check_flags(pixels=pixels)
+    checked_step(step)
     place, asked = selection_of(named), bool(assignments) or side_file is not None
     if not asked and (profile == "cltaa" or (profile == "auto" and is_own(place))):
         return inspect_folder(place, pixels=pixels, step=step, frames=frames, advance=advance)

@@ -20,7 +20,7 @@ from cltaa.core.plan import JittersBefore, Plan, from_ring_alone, plan_frame, re
 from cltaa.core.presets import Preset, Published
 from cltaa.core.record import Past
 from cltaa.core.resolver import Resolver
-from cltaa.errors import public
+from cltaa.errors import UsageError, check_flags, public
 from cltaa.frame import Asked, format_effects
 from cltaa.inputs.found import Found, with_found
 from cltaa.inputs.open import check_declared, looked_for, open_input
@@ -97,6 +97,9 @@ def plan(
     and memory of the denoiser itself, and those of films and debug views, are not included. Raises what opening the
     device and reading raise, and UsageError for an unknown layer, and for jobs of a preset that does not gather.
     """
+    check_flags(half=half)
+    if not isinstance(rounds, int) or rounds < 0:
+        raise UsageError("invalid number of rounds", expected="a whole number, 0 for no times", found=repr(rounds))
     denoised = denoises(denoise)
     if not isinstance(preset, Preset):
         preset = read_preset(preset, for_denoised if denoised else None)
