@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import cltaa
 
-width, height, frames = (int(text) for text in sys.argv[1:4]) if len(sys.argv) > 3 else (320, 180, 24)
+width, height, frames = (int(text) for text in sys.argv[1:] or ("320", "180", "24"))
 near, far, focal = 0.1, 100.0, 2.0
 projection = np.array([[focal * height / width, 0, 0, 0], [0, focal, 0, 0], [0, 0, 0, 0], [0, 0, -1, 0]])
 projection[2, 2:] = (far + near) / (near - far), 2 * far * near / (near - far)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import cltaa
 
 Image = NDArray[np.float32]
-width, height, frames = (int(text) for text in sys.argv[1:4]) if len(sys.argv) > 3 else (320, 180, 24)
+width, height, frames = (int(text) for text in sys.argv[1:] or ("320", "180", "24"))
 focal = 1 / np.tan(np.radians(60) / 2)
 projection = np.array([[focal * height / width, 0, 0, 0], [0, focal, 0, 0], [0, 0, -1, -0.2], [0, 0, -1, 0]])
 jitters = np.random.default_rng(0).permutation(np.mgrid[:4, :4].reshape(2, 16).T / 4 - 0.375)  # centred on the pixel

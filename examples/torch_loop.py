@@ -11,7 +11,7 @@ import torch
 
 import cltaa
 
-width, height, frames = (int(text) for text in sys.argv[1:4]) if len(sys.argv) > 3 else (320, 180, 24)
+width, height, frames = (int(text) for text in sys.argv[1:] or ("320", "180", "24"))
 rows, columns = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
 samples = np.random.default_rng(0)
 result = torch.empty(height, width, 3)

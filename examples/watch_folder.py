@@ -1,4 +1,4 @@
-"""A folder that a farm writes, resolved while it does: python examples/watch_folder.py [FOLDER OUTPUT]
+"""A folder that a farm writes, resolved while it does: python examples/watch_folder.py [FOLDER [OUTPUT]]
 
 Without a folder a thread plays the farm: it writes frames one by one, as a renderer would, and is done after a while.
 From a shell the same is: cltaa resolve FOLDER -o OUTPUT --follow --idle 5
@@ -29,11 +29,9 @@ def farm(folder: Path) -> None:
         cltaa.write_frame(folder / f"wall.{index:04d}.exr", frame)
 
 
-if len(sys.argv) > 2:
-    folder, output = Path(sys.argv[1]), Path(sys.argv[2])
-else:
-    folder = Path(tempfile.mkdtemp())
-    output = folder / "resolved"
+folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
+output = Path(sys.argv[2]) if len(sys.argv) > 2 else folder / "resolved"
+if len(sys.argv) == 1:
     threading.Thread(target=farm, args=[folder]).start()
 
 # Each frame as soon as its file is whole, in their order; ends when none came for two seconds. With

@@ -13,6 +13,7 @@ import pytest
 
 import cltaa
 from cltaa.opencl.cache import cache_folder
+from tests.sequence_factory import write_sequence
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 MOST_LINES = 60
@@ -34,6 +35,22 @@ def test_an_example_runs(name: str, tmp_path: Path) -> None:
     arguments, printed, package = RUNS[name]
     if package and importlib.util.find_spec(package) is None:
         pytest.skip(f"{package} is not installed")
+    assert re.fullmatch(printed, said(name, tmp_path, *arguments))
+
+
+def test_a_folder_that_is_named_is_watched(tmp_path: Path) -> None:
+    folder = write_sequence(tmp_path / "shot", 2)
+    for output, arguments in ((folder / "resolved", [folder]), (tmp_path / "out", [folder, tmp_path / "out"])):
+        assert said("watch_folder.py", tmp_path, *map(str, arguments)) == f"2 frames resolved into {output}\n"
+
+
+def test_a_size_without_a_count_of_frames_is_not_ignored(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match="not enough values to unpack"):
+        said("ray_caster.py", tmp_path, "64", "36")
+
+
+def said(name: str, tmp_path: Path, *arguments: str) -> str:
+    """What an example prints."""
     command = [sys.executable, "-W", "error", str(EXAMPLES / name), *arguments]
     path = {"PYTHONPATH": str(EXAMPLES.parent), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path), "TMPDIR": str(tmp_path)}
     # Of kernels that are built already, as they are built.
@@ -41,7 +58,7 @@ def test_an_example_runs(name: str, tmp_path: Path) -> None:
     path |= {"POCL_CACHE_DIR": str(cache_folder()), "PYOPENCL_BUILD_OPTIONS": options}
     done = subprocess.run(command, env=path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert re.fullmatch(printed, done.stdout), done.stdout
+    return done.stdout
 
 
 @pytest.mark.parametrize("name", RUNS)
