@@ -78,7 +78,7 @@ def print_plan(plan: SequencePlan) -> None:
 def _evidence(found: Found) -> Table:
     table = listing("effect", "found", "why")
     for each in found.evidence:
-        table.add_row(each.effect, "yes" if each.found else "no", each.why)
+        table.add_row(each.effect, "yes" if each.found else "no", shown(each.why))
     return table
 
 
@@ -93,7 +93,8 @@ def _table(section: Section, title: str) -> Table:
     for step in section.steps:
         cost = "" if step.milliseconds is None else f"{step.milliseconds:+.2f}"
         # Brackets mark the cost that a step would have if it ran.
-        table.add_row(step.name, "yes" if step.on else "no", step.why, cost if step.on or not cost else f"({cost})")
+        cost = cost if step.on or not cost else f"({cost})"
+        table.add_row(step.name, "yes" if step.on else "no", shown(step.why), cost)
     return table
 
 
@@ -266,5 +267,5 @@ def _statistics(statistics: dict[str, ChannelStatistics]) -> Table:
     table = figures(None, "channel", "lowest", "highest", "NaN", "infinite", named=True)
     for name, channel in statistics.items():
         ends = (f"{channel.lowest:.6g}", f"{channel.highest:.6g}") if channel.lowest <= channel.highest else ("–", "–")
-        table.add_row(name, *ends, str(channel.nan), str(channel.infinite))
+        table.add_row(shown(name), *ends, str(channel.nan), str(channel.infinite))
     return table

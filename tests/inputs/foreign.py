@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -28,8 +30,10 @@ def frames(count: int = 3) -> list[Frame]:
     return made
 
 
-def write_own(folder: Path, frames: Sequence[Frame], **attributes: object) -> Path:
-    """Write frames in cltaa's own form, whatever their matrices say."""
+def write_own(
+    folder: Path, frames: Sequence[Frame], channels: Any = MappingProxyType({}), **attributes: object
+) -> Path:
+    """Write frames in cltaa's own form, whatever their matrices say, with other ``channels`` beside."""
     for frame in frames:
         path = folder / f"own.{frame.index:04d}.exr"
         folder.mkdir(parents=True, exist_ok=True)
@@ -41,7 +45,7 @@ def write_own(folder: Path, frames: Sequence[Frame], **attributes: object) -> Pa
             "cltaa:cut": int(frame.cut),
             "cltaa:exposure": frame.exposure,
         }
-        write_image(path, frame_planes(frame, path), header | attributes)
+        write_image(path, {**frame_planes(frame, path), **channels}, header | attributes)
     return folder
 
 

@@ -12,6 +12,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.frame import Effect
 from cltaa.io.exr_write import write_frame
+from tests.inputs.foreign import write_own
 from tests.lab.inspect.test_inspect_command import sound, write
 from tests.sequence_factory import HEIGHT, WIDTH, read_frame, write_images
 
@@ -46,6 +47,13 @@ def test_a_mean_of_next_to_nothing_has_no_sign(capsys: pytest.CaptureFixture[str
     rows = rows_of(capsys, tmp_path)
     assert rows["jitter"][0].startswith("no repetition, mean (0, 0) px, ")
     assert (rows["exposure"], rows["reference"]) == (["1"], ["none"])
+
+
+def test_the_name_of_a_channel_is_printed_to_the_letter(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """What rich would take for markup."""
+    name = "[bold]x"
+    write_own(tmp_path, [sound(0)], channels={name: np.full((HEIGHT, WIDTH), 2.5, np.float32)})
+    assert rows_of(capsys, tmp_path, "--pixels")[name] == ["2.5", "2.5", "0", "0"]
 
 
 def test_each_number_of_the_pixels_stands_under_its_heading(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
