@@ -32,6 +32,7 @@ MOST_PARTS, MOST_ATTRIBUTES, MOST_CHANNELS = 256, 4096, 1024  # renderers write 
 JOINERS = "\u200c\u200d"  # within Persian and Indic words, and signs of several
 LONGEST_NAME = 255  # bytes, by the file layout
 UNKNOWN = ord("?")  # in place of the first letter of a type, makes it one that nobody knows
+ODD = ("rational", "string", "stringvector", "deepImageState")  # types whose values may need that
 PIXEL_TYPES = ("uint", "half", "float")  # in the order of their numbers in the file
 
 Header = dict[str, bytes]  # raw values of attributes by name
@@ -136,17 +137,26 @@ def odd_types(header: bytes, parts: int) -> list[int]:
 
     Such values are valid in a file. Of a type that nobody knows the module passes on the bytes.
     """
-    places, place = list[int](), 8
+    return [place for place, kind, value in _types(header, parts) if _is_odd(kind, value)]
+
+
+def hidden_types(header: bytes) -> dict[int, bytes]:
+    """Return the places of types of one part that a reader made ``UNKNOWN``, and the first letter of each."""
+    hidden = {chr(UNKNOWN) + kind[1:]: kind[:1].encode() for kind in ODD}
+    return {place: hidden[kind] for place, kind, _ in _types(header, 1) if kind in hidden}
+
+
+def _types(header: bytes, parts: int) -> Iterator[tuple[int, str, bytes]]:
+    """Yield the place of each attribute's type, the type and the value."""
+    place = 8
     for _ in range(parts):
         while header[place] != 0:
             kind_at = _name(header, place)[1]
             kind, start = _name(header, kind_at)
             (size,) = struct.unpack_from("<i", header, start)
             place = start + 4 + size
-            if _is_odd(kind, header[start + 4 : place]):
-                places.append(kind_at)
+            yield kind_at, kind, header[start + 4 : place]
         place += 1
-    return places
 
 
 def _is_odd(kind: str, value: bytes) -> bool:

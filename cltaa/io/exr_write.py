@@ -26,7 +26,7 @@ from cltaa.errors import DataError, StorageError, UsageError, public
 from cltaa.frame import Frame
 from cltaa.io.atomic import atomic_path
 from cltaa.io.exr_frame import STRUCTURAL, Pixels, Single, frame_attributes, frame_planes
-from cltaa.io.exr_header import places_of, read_headers, read_layout
+from cltaa.io.exr_header import UNKNOWN, hidden_types, places_of, read_at, read_headers, read_layout
 from cltaa.io.exr_layout import COMPRESSION_NUMBERS, Windows, check_lossless
 from cltaa.io.openexr import OpenEXR
 
@@ -210,9 +210,20 @@ def write_image(
                 # OpenEXR does not report a write that fails on closing the file; the table of chunks is then
                 # incomplete.
                 read_layout(temporary)
+            if any(getattr(value, "typeName", "").startswith(chr(UNKNOWN)) for value in header.values()):
+                _show_types(temporary)
         except (RuntimeError, ValueError, TypeError, DataError) as error:
             what = f"OpenEXR could not write it: {error}"
             raise StorageError(what, path=path, cure="check the free space") from error
+
+
+def _show_types(path: Path) -> None:
+    """Give each attribute its own type again that the reader hid from OpenEXR's Python module."""
+    with path.open("r+b") as file:
+        *_, end = read_headers(path, file)
+        for place, letter in hidden_types(read_at(file, 0, end)).items():
+            file.seek(place)
+            file.write(letter)
 
 
 def _attribute(name: str, value: object) -> object:

@@ -12,6 +12,7 @@ import OpenEXR
 import pytest
 
 from cltaa.core.resolver import Resolver
+from cltaa.inputs.open import open_input
 from cltaa.io.exr_read import read_any_header, read_planes
 from cltaa.io.sequence import open_sequence
 from cltaa.pipeline.run import resolve_sequence
@@ -65,7 +66,7 @@ def test_a_number_of_any_type_is_read_and_goes_through_a_resolve_and_its_checkpo
         ("deepImageState", b"\0"),
     ],
 )
-def test_a_value_that_openexr_cannot_represent_does_not_prevent_reading(
+def test_a_value_that_openexr_cannot_represent_is_read_and_written_as_it_is(
     kind: str, value: bytes, parts: int, tmp_path: Path
 ) -> None:
     path, stands_in = tmp_path / "x.0001.exr", b"n" * 14 + b"\0string\0" + struct.pack("<i", len(value))
@@ -79,3 +80,5 @@ def test_a_value_that_openexr_cannot_represent_does_not_prevent_reading(
     assert all(name.endswith(tuple("RGB")) for name in read_any_header(path).layout.channels)
     found = read_planes(path, {"p0.R", "R"})
     assert [plane.tolist() for plane in found.values()] == [[[0.5] * 3] * 2]
+    resolve_sequence(open_input(tmp_path), tmp_path / "out", Resolver(device="numpy"), progress=False)
+    assert there in (tmp_path / "out" / path.name).read_bytes()  # a result has it as it was
