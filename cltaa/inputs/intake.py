@@ -444,7 +444,8 @@ def _left_out(intake: Intake, place: Selection) -> list[str]:
     taken = views.of((place.channel for place in intake.roles["colour"]), files)
     if other := next((view for view in views.names if view != taken and _shows(intake, view)), None):
         option = option_text({"colour": {"view": other}})
-        notes.append(f"several views: {taken} of {', '.join(views.names)} is taken; to take {other}: {option}")
+        told = f"{taken} of {', '.join(views.names)}" if taken else "the one without a name"
+        notes.append(f"several views: {told} is taken; to take {other}: {option}")
     if "." in intake.roles["colour"][0].channel and {*COLOUR} <= intake.first[files].channels.keys():
         names = [shown_name(Place(files, channel), intake.sets) for channel in COLOUR]
         option = channels_option("colour.channels", names)

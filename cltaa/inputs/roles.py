@@ -334,7 +334,10 @@ def views_of(attributes: Attributes, channels: Channels, stated: Iterable[Mappin
     # If each set of files holds one view and the channel names are equal, the sets distinguish the views.
     of_parts = dict(pairs) if len(dict(pairs)) == len(pairs) else {}
     names = [*(named if len(there) > 1 else ()), *of_parts.values()]
-    return Views(tuple(dict.fromkeys([*(view for view in USUAL if view in names), *names])), of_parts, {})
+    views = Views(tuple(dict.fromkeys([*(view for view in USUAL if view in names), *names])), of_parts, {})
+    # Beside rgba.right, rgba is a view without a name.
+    nameless = (label for label, its in channels.items() if {*map(views.without, of_parts)} & {*its} - of_parts.keys())
+    return views._replace(firsts=dict.fromkeys(nameless, ""))
 
 
 def _is_list(value: object) -> bool:

@@ -184,6 +184,15 @@ def test_a_view_that_an_attribute_of_parts_names_is_one(eye: str, tmp_path: Path
         open_intake(folder, assignments=["colour.view=middle"])
 
 
+def test_beside_a_view_that_is_stated_one_without_a_name_is_another(tmp_path: Path) -> None:
+    folder = of_parts(tmp_path / "in", {"rgba": None, "rgba_right": "right", "depth_right": "right"})
+    nameless = {"colour": "rgba.R rgba.G rgba.B", "alpha": "rgba.A"}
+    assert taken(folder) == taken(folder, f"colour.channels={nameless['colour']}") == nameless
+    assert taken(folder, "colour.view=right")["depth"] == "depth_right.Z"
+    note = "several views: the one without a name is taken; to take right: --input colour.view=right"
+    assert note in open_intake(folder).notes
+
+
 @pytest.mark.parametrize("eye", EYES)
 def test_the_camera_is_that_of_the_view(eye: str, tmp_path: Path) -> None:
     """Each part has its own; a part without one, such as a matte of no view, changes nothing."""
