@@ -33,7 +33,7 @@ from cltaa.inputs.found import Found
 from cltaa.io.atomic import atomic_path, check_creatable, move_into, owned, temporary_folder
 from cltaa.io.exr_layout import check_lossless
 from cltaa.io.manifest import REFERENCE
-from cltaa.io.names import Selection, real_path
+from cltaa.io.names import SUFFIXES, Selection, has_suffix, real_path
 from cltaa.io.numbered import OnBreak
 from cltaa.io.pixel_statistics import Missing
 from cltaa.io.sequence import FrameSequence, ImageSequence, open_images
@@ -305,6 +305,9 @@ def refuse_place(output: str | Path, sequence: FrameSequence) -> None:
     if not isinstance(output, str | Path) or output == "":
         raise UsageError("no folder for the results is named", found=repr(output))
     output = Path(output)
+    if has_suffix(output, *SUFFIXES) and not output.is_dir():
+        what, cure = "results go into a folder, under the names of their inputs", f"name it alone: {output.parent}"
+        raise UsageError(what, path=output, cure=cure)
     cure, place, folder = "name another folder with -o", real_path(output), real_path(sequence.folder)
     links = {path for path in sequence.files if path.is_symlink()}
     parents = {path.parent for path in sequence.files}

@@ -65,6 +65,7 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq -o", USAGE, "requires an argument; see cltaa resolve --help"),
     ("resolve seq -o ''", USAGE, "the name is empty"),
     ("resolve seq -o seq", WRONG, "would overwrite the sequence"),
+    ("resolve seq -o out/x.####.exr", WRONG, "results go into a folder, under the names of their inputs; name it "),
     ("resolve linked -o seq --restart", WRONG, "seq: the output would overwrite the sequence"),
     ("resolve seq -o loop", OUTPUT, "; choose another output folder"),
     ("resolve seq -o out --preview loop", WRONG, "loop: a film must be an MP4"),
