@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from collections.abc import Sequence as Many
 from inspect import signature
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -142,7 +143,8 @@ def readings(folders: Iterable[Path], asked: Reading) -> dict[Path, Reading]:
     folders = list(dict.fromkeys(folders))
     spoken_of = [folder for folder in folders if not is_own(folder)] or folders
     if len(spoken_of) > 1 and asked.side_file is not None and PLACE not in asked.side_file:
-        cure = f"write {PLACE} for the folder of each: --camera '{PLACE}/{Path(asked.side_file).name}'"
+        option = quote(f"{PLACE}/{Path(asked.side_file).name}")
+        cure = f"write {PLACE} for the folder of each: --camera {option}"
         what = "--camera is of one sequence"
         raise UsageError(what, path=asked.side_file, found=counted(len(spoken_of), "sequence"), cure=cure)
     usual = {"profile": "auto", "assignments": (), "side_file": None}

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from glob import has_magic
 from os.path import commonpath, realpath
 from pathlib import Path
+from shlex import quote
 
 from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.printable import counted
@@ -195,7 +196,8 @@ def _place(path: Path) -> Selection:
                 if asked is None or number in asked:
                     found[file] = number
     if not found:
-        cure = f"name the folder that its frames are in: {path.parent}" if path.parent.is_dir() else "check the name"
+        above = path.parent.is_dir()
+        cure = f"name the folder that its frames are in: {quote(str(path.parent))}" if above else "check the name"
         raise InputMissing("no file has such a name", path=path, cure=cure)
     # Pictures to look at may lie beside the frames.
     kept = [file for file in found if has_suffix(file, ".exr")] or [*found]

@@ -55,7 +55,7 @@ def only_below(folder: Path, found: list[Path]) -> InputMissing:
     names = [printable(str(path.relative_to(folder))) for path in found[:MOST_NAMES]]
     more = f" and {len(found) - MOST_NAMES} more" if len(found) > MOST_NAMES else ""
     what = "no frames in the folder itself, but sequences below it"
-    cure = f"name one of them, such as {printable(str(found[0]))}"
+    cure = f"name one of them, such as {shlex.quote(printable(found[0]))}"
     return InputMissing(what, path=folder, found=", ".join(names) + more, cure=cure)
 
 

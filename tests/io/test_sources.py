@@ -116,15 +116,20 @@ def test_a_folder_above_sequences_names_them(tmp_path: Path) -> None:
     write_sequence(tmp_path / "shots" / "b", 2, reference=True)
     for command in (["inspect"], ["check"], ["compare"], ["resolve", "-o", str(tmp_path / "out"), "--device", "numpy"]):
         assert main([*command, str(tmp_path / "shots")]) == 66
-    write_sequence(tmp_path / "shots" / "a", 2, reference=True)
+    write_sequence(tmp_path / "shots" / "a b", 2, reference=True)
     (tmp_path / "shots" / "more" / "c").mkdir(parents=True)
     (tmp_path / "shots" / "more" / "c" / "sequence.json").write_text("{}")
     write_sequence(tmp_path / "shots" / "more" / "c" / "near" / "far", 1)
     write_sequence(tmp_path / "shots" / "more" / "d" / "near", 1)
     said = refusal(tmp_path / "shots", InputMissing)
-    assert f"sequences below it (found a, b, more/c, more/d/near); name one of them, such as {tmp_path}/shots/a" in said
-    with pytest.raises(InputMissing, match=r"below it \(found a, b\)"):
+    assert (
+        f"sequences below it (found a b, b, more/c, more/d/near); name one of them, such as '{tmp_path}/shots/a b'"
+        in said
+    )
+    with pytest.raises(InputMissing, match=r"below it \(found a b, b\)"):
         open_input(tmp_path / "shots")
+    with pytest.raises(InputMissing, match=r"name the folder that its frames are in: '.*/a b'"):
+        open_input(tmp_path / "shots" / "a b" / "none.####.exr")
 
 
 def test_two_sequences_and_two_files_of_one_number(tmp_path: Path) -> None:
