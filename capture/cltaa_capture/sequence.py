@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -176,7 +176,8 @@ class _Pen:
         self.scene, self._renderer = scene, renderer
         self._jitter = jitter_sequence(request.jitter)
         self._reference: tuple[Instant, Image] | None = None
-        self.seconds: dict[int, list[float]] = {}  # by samples a pixel, to compare with the time of a resolve
+        # By samples a pixel, 1 for the frames themselves, to compare with the time of a resolve.
+        self.seconds: dict[int, list[float]] = {}
 
     @contextmanager
     def _timed(self, samples: int) -> Iterator[None]:
@@ -195,7 +196,7 @@ class _Pen:
             return drawn.frame(self.scene, now, index=index, jitter_px=(x, y), cut=cut)
 
     def samples(self, now: Instant, samples: int) -> Image:
-        with self._timed(samples):
+        with self._timed(samples) if samples > 1 else nullcontext():
             return self._renderer.draw_reference(now, jitter_sequence(f"hammersley:{samples}"))
 
     def reference(self, now: Instant, samples: int) -> Image:

@@ -344,6 +344,12 @@ def test_a_yardstick_is_drawn_later_and_its_time_is_kept(tmp_path: Path) -> None
     assert not (tmp_path / "reference-2").exists()
 
 
+def test_a_truth_of_one_sample_leaves_the_time_of_the_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cltaa_capture.sequence.perf_counter", iter((0.0, 1.0, 0.0, 100.0)).__next__)
+    capture_sequence(replace(request(tmp_path), frames=1, reference=1))
+    assert json.loads((tmp_path / "sequence.json").read_text())["seconds_a_frame"] == {"1": 1.0}
+
+
 def test_second_capture_into_one_folder_is_refused(tmp_path: Path) -> None:
     def meanwhile(done: int, _: int) -> None:
         if done == 1:
