@@ -332,7 +332,7 @@ class Facts(NamedTuple):
     word: str  # which of the two
     first: bool  # at the start and after a cut
     moves: bool  # the camera, since the previous frame
-    period: int  # frames after which the jitter has repeated; 0: not yet, or it has one position
+    few_positions: bool  # the jitter has repeated within FEW_POSITIONS frames
     width: int  # pixels
 
 
@@ -351,7 +351,7 @@ def plan_frame(
     """
     effects, word = _known(frame.effects, frame.found)
     noisy = effects is not None and Effect.NOISE in effects  # a position shows something else every time
-    period = 0 if noisy or previous is None else _period(list(jitters), frame.jitter_px)
+    few_positions = not noisy and previous is not None and _repeats(list(jitters), frame.jitter_px)
     facts = Facts(
         frame.motion is not None,
         frame.alpha is not None,
@@ -363,29 +363,27 @@ def plan_frame(
         word,
         previous is None,
         previous is not None and not is_still(frame.camera, previous),
-        period,
+        few_positions,
         frame.width,
     )
     return _planned(preset, facts, every)
 
 
-def _period(before: Sequence[tuple[float, float]], now: tuple[float, float]) -> int:
-    """Return how many frames ago the jitter was where it is ``now``; 0 if it never was, or is always there."""
-    ago = before[::-1].index(now) + 1 if now in before else 0
-    return ago if len(set(before)) > 1 else 0
+def _repeats(before: Sequence[tuple[float, float]], now: tuple[float, float]) -> bool:
+    """True where the jitter of an earlier frame is that of ``now``, and not of all: then there is none."""
+    return now in before and len(set(before)) > 1
 
 
 class JittersBefore:
-    """Jitters of the previous frames of one history, as many as a ring of ``preset`` has places, or FEW_POSITIONS."""
+    """Jitters of the FEW_POSITIONS previous frames of one history."""
 
-    def __init__(self, preset: Preset) -> None:
-        self._places = max(_places(preset.settings), FEW_POSITIONS)
+    def __init__(self) -> None:
         self._of: dict[int, tuple[float, float]] = {}
 
     def of(self, frame: Frame, *, goes_on: bool) -> list[tuple[float, float]]:
         """Return those before ``frame``, none unless the history ``goes_on``; then add its own."""
         before = [(index, jitter) for index, jitter in self._of.items() if goes_on and index < frame.index]
-        self._of = dict(before[-self._places :])
+        self._of = dict(before[-FEW_POSITIONS:])
         jitters = list(self._of.values())
         self._of[frame.index] = frame.jitter_px
         return jitters
@@ -444,13 +442,11 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
         choices = msgspec.structs.replace(choices, reject=Reject.NONE, dilation=dilation)
         estimated = [Reason(REJECTION, False, "no depth") if why.step == REJECTION else why for why in estimated]
     fades_sooner = settings.filter_samples < preset.settings.filter_samples
-    if fades_sooner and 0 < facts.period <= FEW_POSITIONS:
+    if fades_sooner and facts.few_positions:
         settings = msgspec.structs.replace(settings, filter_samples=2.0**20)
-    repeats = 0 < facts.period <= _places(settings)
-    if (moves or repeats) and choices.recursion is not Recursion.NONE:
+    if moves and choices.recursion is not Recursion.NONE:
         choices = msgspec.structs.replace(choices, recursion=Recursion.NONE)
         why = "no previous frame" if facts.first else "the camera moves, so no pixel is static"
-        why = "the jitter repeats within the ring" if repeats else why
         alone = Reason(RECURSION, False, why)
         estimated = [alone if reason.step == RECURSION else reason for reason in estimated]
     return Plan(choices, settings, steps, (*reasons, *estimated))

@@ -85,7 +85,7 @@ class Resolver:
         self._buffers: Buffers | None = None
         self._frame_ring: FrameRing | None = None
         self._previous: Past | None = None
-        self._jitters = JittersBefore(self.preset)
+        self._jitters = JittersBefore()
         # With look-ahead: the frame that came last, and outlines of those that wait for later ones.
         self._latest: Past | None = None
         self._waiting: deque[Frame] = deque()

@@ -138,8 +138,8 @@ def test_own_motion_is_followed_ahead_as_it_is_back(by: tuple[float, float]) -> 
         replace(frame, index=index, motion=-frame.motion)  # type: ignore[operator]
         for index, frame in enumerate(reversed(frames))
     ]
-    first, *_ = images(frames, looking(), "numpy")
-    *_, last = images(backwards, looking(look_ahead=0, history_frames=AHEAD), "numpy")
+    first, *_ = images(frames, looking(recursion="none"), "numpy")
+    *_, last = images(backwards, looking(look_ahead=0, history_frames=AHEAD, recursion="none"), "numpy")
     assert same([first], [last])
 
 

@@ -199,7 +199,7 @@ def memory(
 def _plans(sequence: FrameSequence, preset: Preset, effects: Asked) -> Iterator[tuple[int, bool, Plan]]:
     """Yield number, whether a new history starts, and plan of every frame."""
     past: Past | None = None
-    jitters = JittersBefore(preset)
+    jitters = JittersBefore()
     for number in sequence.numbers:
         frame = with_effects(sequence.outline(number), effects)
         if past is not None and not past.continues_in(frame, preset.choices):
