@@ -36,7 +36,7 @@ from cltaa.io.exr_frame import CHANNEL_OF, COLOUR, GROUPS, MATRICES, NO_PIXELS, 
 from cltaa.io.exr_layout import Layout, placed
 from cltaa.io.exr_read import FrameFile, ImageHeader, read_any_header, read_planes
 from cltaa.io.manifest import file_sha256
-from cltaa.io.names import Named, Selection, has_suffix, name_of, number_of, renumbered, selection_of
+from cltaa.io.names import Named, Selection, has_suffix, name_of, renumbered, selection_of
 from cltaa.io.numbered import FrameRange, OnBreak, even_step, files_in, frame_missing, numbered_files
 from cltaa.io.sequence import ChangedImages, FrameSequence, ImageSequence, open_images
 
@@ -122,10 +122,11 @@ class ForeignSequence(FrameSequence):
         own = (place.channel for place in resolved if place.files == resolved[0].files)
         # Of a layer: the alpha beside the result's colour would be that of another picture.
         self.replaced = frozenset(own).union(OF_RESULTS if "." in resolved[0].channel else ())
-        main = intake.sets[intake.roles["colour"][0].files]
+        label = intake.roles["colour"][0].files
+        main = intake.sets[label]
         super().__init__(
             folder,
-            name_of(main[numbers[0]]),
+            label.rpartition("/")[2],
             {number: main[number] for number in numbers},
             verify=verify,
             gaps=intake.gaps,
@@ -202,7 +203,8 @@ class ForeignSequence(FrameSequence):
         """Return why channels cannot guide a denoiser of one frame, or None if they can."""
         files = self.intake.sets[places[0].files]
         if number not in files:
-            return frame_missing(renumbered(next(iter(files.values())), number), number)
+            its, path = next(iter(files.items()))
+            return frame_missing(renumbered(path, number, its), number)
         try:
             kinds = self._beside(files[number], number).channels
         except CltaaError as error:
@@ -508,6 +510,6 @@ def _of_another(place: Selection) -> bool:
     files = files_in(place)
     if not files or not files[0].exists():  # opening it reports that
         return False
-    if len({name_of(file) for file in files if number_of(file) is not None}) > 1:
+    if len(place.by_name(files)) > 1:
         return True
     return not set(COLOUR) <= read_any_header(files[0]).layout.channels.keys()

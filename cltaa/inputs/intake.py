@@ -17,11 +17,13 @@ from cltaa.errors import CltaaError, DataError, InputMissing, UsageError, public
 from cltaa.inputs.declared import Declared, Stated, declared_frames, stated_names
 from cltaa.inputs.profile import Profile, channels_option, load_profile, option_text, override, profile_names
 from cltaa.inputs.roles import (
+    ALPHA_NAME,
     DEPTH_NAME,
     KEYS,
     MOTION_NAME,
     NO_LIGHT,
     ONE_VIEW,
+    Z_ALONE,
     Place,
     Roles,
     Views,
@@ -38,6 +40,7 @@ from cltaa.inputs.roles import (
     views_of,
     whole_numbers,
     with_usual_names,
+    without_vectors,
 )
 from cltaa.inputs.side_file import Side, read_side_file
 from cltaa.io.exr_frame import COLOUR
@@ -179,8 +182,9 @@ def _found_in(
     assignments: Many[str],
     damaged: Mapping[Path, int],
     frames: FrameRange | None = None,
+    gaps: OnBreak = OnBreak.ERROR,
 ) -> _Found:
-    sets = file_sets(place, damaged)
+    sets = file_sets(place, damaged, existing=gaps is OnBreak.RESET)
     low, high = frames or (-math.inf, math.inf)  # frames that are not asked for decide nothing
     begins = {label: min([n for n in files if low <= n <= high] or files) for label, files in sets.items()}
     first = {label: read_any_header(sets[label][number]) for label, number in begins.items()}
@@ -238,7 +242,7 @@ def open_intake(
     side_file, assignments = None if side_file is None else Path(side_file), several(assignments, "assignments")
     folder, profile = place.folder, str(profile) if isinstance(profile, Path) else profile
     frames = None if frames is None else checked_range(frames, folder)
-    sets, first, chosen, reason, views, roles = found = _found_in(place, profile, assignments, damaged, frames)
+    sets, first, chosen, reason, views, roles = found = _found_in(place, profile, assignments, damaged, frames, gaps)
     main, there = found.main, found.complete
     numbers = chosen_numbers(there, frames, folder)
     for files in found.read:
@@ -308,7 +312,7 @@ def open_with_gaps(named: Named, **reading: Any) -> Intake:
     apart = even_step(sorted({*intake.declared, *(number for number in intake.damaged if first < number < last)}))
     if missing and apart != intake.step:
         path = intake.sets[intake.roles["colour"][0].files][first]
-        raise frame_missing(renumbered(path, missing[0]), missing[0], apart)
+        raise frame_missing(renumbered(path, missing[0], first), missing[0], apart)
     return intake
 
 
@@ -406,12 +410,16 @@ def notes_of(intake: Intake, place: Selection) -> list[str]:
         notes.append(f"no matrices: {kept}; give them with --camera FILE")
     if "depth" not in intake.roles:
         rest = "nothing is told apart by distance, and moving edges are less exact"
-        notes.append(f"no depth: {rest}{_may_be('depth', DEPTH_NAME, intake.unused)}")
+        alone = without_vectors({"": intake.unused})[""]
+        like = _may_be("depth.channels", DEPTH_NAME, intake.unused) or _may_be("depth.channels", Z_ALONE, alone)
+        notes.append(f"no depth: {rest}{like}")
+    if "alpha" not in intake.roles and (like := _may_be("colour.alpha", ALPHA_NAME, intake.unused)):
+        notes.append(f"no alpha: the picture is taken as opaque{like}")
     if "motion" not in intake.roles:
         rest = (
             "the camera's motion comes from depth and matrices" if intake.has_camera and "depth" in intake.roles else ""
         )
-        like = _may_be("motion", MOTION_NAME, intake.unused)
+        like = _may_be("motion.channels", MOTION_NAME, intake.unused)
         notes.append(f"no motion vectors: {rest or 'whatever moves is rectified only'}{like}")
     elif intake.step > 1:
         notes.append(
@@ -504,9 +512,9 @@ def _as_nameless(intake: Intake) -> list[str]:
     return [layer for layer, its in layers.items() if layer and three <= its and not NO_LIGHT.search(f"{layer}.")]
 
 
-def _may_be(role: str, pattern: re.Pattern[str], names: Sequence[str]) -> str:
-    """Return a hint to use channels named like depth or motion; ``cltaa check`` judges what their numbers mean."""
-    count = 2 if role == "motion" else 1
+def _may_be(key: str, pattern: re.Pattern[str], names: Sequence[str]) -> str:
+    """Return a hint to give a profile's ``key`` channels named like it; ``cltaa check`` judges what they mean."""
+    count = 2 if key == "motion.channels" else 1
     layers: dict[str, list[str]] = {}
     for name in filter(pattern.search, names):
         layers.setdefault(name.rpartition(".")[0], []).append(name)
@@ -517,5 +525,5 @@ def _may_be(role: str, pattern: re.Pattern[str], names: Sequence[str]) -> str:
     across_first = sorted(like, key=lambda name: (len(name), f"{letters}{name[-1]}".lower().index(name[-1].lower())))
     layer = across_first[0].rpartition(".")[0]
     taken = [name for name in across_first if name.rpartition(".")[0] == layer][:count]
-    option = channels_option(f"{role}.channels", taken)
+    option = channels_option(key, taken)
     return f"; to take {'those' if count > 1 else 'that'} in {written(taken)}: {option}, which cltaa check judges"

@@ -21,7 +21,7 @@ from cltaa.errors import DataError, UsageError
 from cltaa.inputs.profile import Names, Profile, channels_option, load_profile, option_text, override, profile_names
 from cltaa.io.guides import guided_role, guides_of
 from cltaa.io.manifest import NAME as MANIFEST
-from cltaa.io.names import Named, selection_of
+from cltaa.io.names import Named, leads_nowhere, selection_of
 from cltaa.io.numbered import captures_below, files_in, no_frames, only_below
 from cltaa.printable import counted, written
 
@@ -59,11 +59,12 @@ def _by_folder(files: Iterable[Path]) -> dict[Path, list[Path]]:
     return folders
 
 
-def file_sets(named: Named, without: Container[Path] = ()) -> dict[str, dict[int, Path]]:
+def file_sets(named: Named, without: Container[Path] = (), *, existing: bool = False) -> dict[str, dict[int, Path]]:
     """Return the numbered files of a folder and its subfolders by name: ``beauty.0001.exr`` or ``beauty/x.0001.exr``.
 
-    Leaves out the files ``without``, and subfolders that are hidden, hold truth, or hold the output of a resolve. Files
-    that ``named`` lists itself are all kept. Raises InputMissing if there are none, or only captures in subfolders.
+    Leaves out the files ``without``, with ``existing`` links to missing ones, and subfolders that are hidden, hold
+    truth, or hold the output of a resolve. Files that ``named`` lists itself are all kept. Raises InputMissing if there
+    are none, or only captures in subfolders.
     """
     place = selection_of(named)
     files = files_in(place, below=True)
@@ -77,7 +78,8 @@ def file_sets(named: Named, without: Container[Path] = ()) -> dict[str, dict[int
         for name, numbers in place.by_name(its).items():
             within = relpath(folder, place.folder).replace("/", ".").lstrip(".")
             label = f"{within}/{name}" if within else name
-            if left := {number: path for number, path in numbers.items() if path not in without}:
+            there = {n: path for n, path in numbers.items() if path not in without}
+            if left := {n: path for n, path in there.items() if not (existing and leads_nowhere(path))}:
                 sets[label] = left
     if not sets:
         raise no_frames(place, files)
@@ -108,7 +110,7 @@ def assign(
         "colour": colour,
         "alpha": _nearest(colour, alpha, own) or _nearest(colour, named, channels),
         "reactive": _nearest(colour, [(name,) for name in profile.colour.reactive], channels),
-        "depth": _nearest(colour, depth, _without_vectors(channels))
+        "depth": _nearest(colour, depth, without_vectors(channels))
         or (_nearest(colour, depth, channels) if any_depth else ()),
         "motion": _nearest(colour, profile.motion.channels, channels),
     }
@@ -144,7 +146,7 @@ def _words(label: str) -> list[str]:
     return [*dict.fromkeys([*label.split("/"), label.replace("/", ".")])]
 
 
-def _without_vectors(channels: Mapping[str, Iterable[str]]) -> dict[str, list[str]]:
+def without_vectors(channels: Mapping[str, Iterable[str]]) -> dict[str, list[str]]:
     """Return ``channels`` without third components of vectors, such as ``z`` beside ``x`` and ``y``: no depth."""
 
     def is_third(name: str, beside: set[str]) -> bool:
@@ -413,6 +415,8 @@ def with_usual_names(profile: Profile, channels: Channels, views: Views) -> Prof
 # Names that tools give to vectors and depth, in a channel or its file.
 MOTION_NAME = re.compile(r"mot(ion|vec)|veloc|vector|flow|(^|[._])mvs?($|[._])", re.IGNORECASE)
 DEPTH_NAME = re.compile(r"depth|(^|[._])(dist(ance)?|pz)($|[._])|(linear|view|eye|scene)_?z($|[._])", re.IGNORECASE)
+Z_ALONE = re.compile(r"\.z$", re.IGNORECASE)  # depth where no x and y lie beside
+ALPHA_NAME = re.compile(r"alpha|opacity|coverage|\.a$", re.IGNORECASE)
 # Auxiliary layers that are not a picture.
 NO_LIGHT = re.compile(
     r"albedo|base_?colou?r|diff(use)?_?col|matte|mask|crypto|normal|position|(^|[._])(uv|id|n|p)[._]", re.I

@@ -2,30 +2,80 @@
 
 A frame is ``<name>.<number>.exr`` or ``.png``, with ``.``, ``_``, ``-``, a space or nothing between. After such a
 separator ``-`` is a minus: ``shot.-003``, ``shot -003``. In ``shot-003`` it is none, unless ``shot0001`` lies beside
-it. Words may follow a number of four digits or more where no file ends with one, or where a pattern shows the number's
-place: ``shot.0001.denoised``, ``0001_depth``. They belong to the name.
+it. Words may follow a number of four digits or more where no file ends with one: ``shot.0001.denoised``,
+``0001_1920x1080``. Anything may where a pattern shows the number's place, or where it alone varies: ``shot.0001.v2``;
+and so do brackets, ``shot (1)``. What follows belongs to the name.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from glob import has_magic
 from os.path import commonpath, realpath
 from pathlib import Path
 from shlex import quote
+from typing import NamedTuple
 
 from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.printable import counted
 
 SUFFIXES = (".exr", ".png")
 # Nine digits fit cltaa:frame, an int. At the beginning of a name ``-`` is a minus, too: ``-0001.exr``.
-_NUMBER = r"(?P<name>.*?)(?P<between>[._ ]|(?<=.)-|)(?P<number>(?:(?<![^._ -])-)?(?<![0-9])[0-9]{1,9})"
-_WORDS = r"(?:[._ -][^0-9._ ()-]+)"
-NUMBERED = re.compile(rf"{_NUMBER}(?P<tail>)\.(?i:exr|png)", re.DOTALL)
-_TAILED = re.compile(rf"{_NUMBER}(?P<tail>{_WORDS}+)\.(?i:exr|png)", re.DOTALL)
-_PADDED = 4  # least digits of a frame number before words
+_NUMBER = re.compile(
+    r"(?P<between>[._ ]|(?<=.)-|)(?P<digits>(?:(?<![^._ -])-)?(?<![0-9])(?<![0-9]{3}x)[0-9]{1,9})(?![0-9])", re.DOTALL
+)
+_WORDS = r"(?:[._ -](?:[^0-9._ ()-]+|[0-9]{3,}x[0-9]{3,}))"  # a size in pixels is a word, too
+_PADDED = 4  # least digits of a frame number before words, its sign included
+
+
+class Numbered(NamedTuple):
+    """A number in the name of a file, with the text around it."""
+
+    before: str
+    between: str
+    digits: str
+    tail: str
+
+    @property
+    def name(self) -> str:
+        """The name of its sequence."""
+        return self.before + self.tail if self.before else self.tail[1:]
+
+    @property
+    def value(self) -> int:
+        """The number, with its sign."""
+        return int(self.digits)
+
+    @property
+    def worded(self) -> bool:
+        """True if only words follow, or nothing."""
+        return re.fullmatch(f"{_WORDS}*", self.tail) is not None
+
+    @property
+    def padded(self) -> bool:
+        """True for as many digits as a frame number has that words follow."""
+        return len(self.digits) >= _PADDED
+
+    @property
+    def in_brackets(self) -> bool:
+        """True for a number as Windows gives it to several files that are renamed at once: ``frame (1)``."""
+        return self.before.endswith(" (") and self.tail == ")"
+
+
+def _numbers_in(path: Path) -> list[Numbered]:
+    """Return every number in the name of an EXR or a PNG, the last one first."""
+    text, found = path.stem, _NUMBER.finditer(path.stem) if has_suffix(path, *SUFFIXES) else ()
+    return [Numbered(text[: its.start()], its[1], its[2], text[its.end() :]) for its in found][::-1]
+
+
+def _number_in(path: Path, number: int | None = None) -> Numbered | None:
+    """Return the place of ``number`` in a name; by default of the one that ends it, or before words."""
+    found = _numbers_in(path)
+    if number is None:
+        return next((its for its in found if its.worded), None)
+    return max((its for its in found if abs(its.value) == abs(number)), key=lambda its: len(its.digits), default=None)
 
 
 def real_path(path: Path) -> Path:
@@ -33,59 +83,77 @@ def real_path(path: Path) -> Path:
     return Path(realpath(path))
 
 
+def leads_nowhere(path: Path) -> bool:
+    """True for a link to a missing file."""
+    try:
+        path.stat()
+    except FileNotFoundError:
+        return True
+    except OSError:  # which opening it reports
+        pass
+    return False
+
+
 def has_suffix(path: Path, *suffixes: str) -> bool:
     """True for a name that ends in one of these, in small letters or in capitals."""
     return path.suffix.lower() in suffixes
 
 
+def _last_in(path: Path) -> Numbered | None:
+    return next((its for its in _numbers_in(path) if not its.tail), None)
+
+
 def number_of(path: Path) -> int | None:
     """Return the frame number in a file's name, or None where there is none."""
-    match = NUMBERED.fullmatch(path.name)
-    return int(match["number"]) if match else None
+    its = _last_in(path)
+    return its.value if its else None
 
 
 def name_of(path: Path) -> str:
     """Return the name of the sequence that ``path`` belongs to; that of the file if it is not numbered."""
-    match = NUMBERED.fullmatch(path.name)
-    return match["name"] if match else path.stem
+    its = _last_in(path)
+    return its.name if its else path.stem
 
 
-def _name_in(match: re.Match[str]) -> str:
-    return match["name"] + match["tail"] if match["name"] else match["tail"][1:]
+def renumbered(path: Path, number: int, its: int | None = None) -> Path:
+    """Return the file of frame ``number`` in the sequence of ``path``, ``its`` being its own, if known; ``path`` itself
+    if it is not numbered."""
+    return _with_number(path, its, lambda digits: f"{number:0{digits}d}")
 
 
-def renumbered(path: Path, number: int) -> Path:
-    """Return the file of frame ``number`` in the sequence of ``path``, which is unchanged if it is not numbered."""
-    return _with_number(path, lambda digits: f"{number:0{digits}d}")
+def pattern_of(path: Path, its: int | None = None) -> Path:
+    """Return the pattern of all frames of the sequence of ``path``, as a user types it; ``its`` is its own number."""
+    return _with_number(path, its, lambda digits: "#" * digits)
 
 
-def pattern_of(path: Path) -> Path:
-    """Return the pattern of all frames of the sequence of ``path``, as a user types it."""
-    return _with_number(path, lambda digits: "#" * digits)
-
-
-def _with_number(path: Path, made: Callable[[int], str]) -> Path:
+def _with_number(path: Path, its: int | None, made: Callable[[int], str]) -> Path:
     """Replace the number of ``path``, if it has one, by what is ``made`` for as many digits."""
-    match = NUMBERED.fullmatch(path.name) or _TAILED.fullmatch(path.name)
-    if match is None:
+    found = _number_in(path, its)
+    if found is None:
         return path
-    start, end = match.span("number")
-    return path.with_name(f"{path.name[:start]}{made(end - start)}{path.name[end:]}")
+    return path.with_name(f"{found.before}{found.between}{made(len(found.digits))}{found.tail}{path.suffix}")
 
 
-_INNER = re.compile(
-    rf"(?P<name>.*?)(?P<number>[0-9]{{{_PADDED},9}})(?P<tail>[._ -][A-Za-z].*)(?P<suffix>\.(?i:exr|png))"
-)
+_COPY = re.compile(r"(?:~[0-9]*~?|(?: -)?(?i: copy)(?: \(?[0-9]+\)?)?| \([0-9]+\))$")
 
 
-def _number_last(path: Path) -> Path | None:
-    """``path`` with the number last that stands before words which end with another, as in ``x.0001.v2``; else None."""
-    match, numbered = _INNER.fullmatch(path.name), NUMBERED.fullmatch(path.name)
-    if match is None or numbered is None or numbered["between"]:  # shot0010_a.0001.exr is frame 1 of a shot
-        return None
-    before = match["name"].rstrip("._ -")
-    tail = match["tail"] if before else match["tail"][1:]
-    return path.with_name(f"{before}{tail}.{match['number']}{match['suffix']}")
+def without_copies(files: Sequence[Path]) -> list[Path]:
+    """Return ``files`` without those that an editor or a file manager made of another one: ``s.0001~``, ``s.0001 (1)``,
+    ``s.0001 - Copy``."""
+    names, ends = {path.stem for path in files}, {path: _COPY.search(path.stem) for path in files}
+    return [path for path, end in ends.items() if not (end and path.stem[: end.start()] in names)]
+
+
+def _varying(paths: Collection[Path]) -> dict[Path, Numbered]:
+    """Return the one padded number of each name in which others differ from it; empty unless each has such a one."""
+    alike: dict[tuple[str, str], dict[Path, Numbered]] = {}
+    for path in paths:
+        for its in _numbers_in(path):
+            if its.padded:
+                alike.setdefault((its.before, its.tail), {})[path] = its
+    several = [(path, its) for group in alike.values() if len(group) > 1 for path, its in group.items()]
+    found = dict(several)
+    return found if len(found) == len(several) == len(paths) else {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,32 +179,34 @@ class Selection:
         DataError for two of one number, and for a number that does not stand last."""
         if self.alone and self.files is not None and number_of(self.files[0]) is None:
             return {name_of(self.files[0]): {0: self.files[0]}}
-        files = [*files]
-        there = [(path, match) for path in files if (match := NUMBERED.fullmatch(path.name))]
-        tailed = [(path, match) for path in files if (match := _TAILED.fullmatch(path.name))]
-        # Else the others are no frames, such as a denoiser's output beside its input.
-        padded = {path for path, match in tailed if not there and len(match["number"].lstrip("-")) >= _PADDED}
-        there += [(path, match) for path, match in tailed if path in self.numbers or path in padded]
+        there = self._places(without_copies([*files]))
         # Names as in shot0001, beside which shot-001 is -1.
-        joined = {_name_in(match) for _, match in there if not match["between"]}
+        joined = {its.name for its in there.values() if not its.between}
         found: dict[str, dict[int, Path]] = {}
-        for path, match in there:
-            number, name = int(match["number"]), _name_in(match)
-            if match["between"] == "-" and name in joined:
-                number = -number
+        for path, its in there.items():
+            number = -its.value if its.between == "-" and its.name in joined else its.value
             number = self.numbers.get(path, number)
-            numbers = found.setdefault(name, {})
+            numbers = found.setdefault(its.name, {})
             if number in numbers:
                 what, other = "two files have the same frame number", numbers[number].name
                 cure = "move one of the two elsewhere, or name the others by a pattern"
                 raise DataError(what, path=path, frame=number, found=other, cure=cure)
             numbers[number] = path
-        moved = [_number_last(path) for path, _ in there]
-        last = [path for path in moved if path is not None]
-        if len(found) > 1 and last == moved and len({name_of(path) for path in last}) == 1:
-            what, cure = "the frame number is not last in the name", f"rename the files, as {last[0].name}"
-            raise DataError(what, path=self.folder, found=there[0][0].name, cure=cure)
         return found
+
+    def _places(self, files: Sequence[Path]) -> dict[Path, Numbered]:
+        """Return where the names of those of ``files`` that are frames hold their numbers."""
+        there = {path: its for path in files if (its := _last_in(path))}
+        if not there:  # else the others are no frames, such as a denoiser's output beside its input
+            worded = {path: its for path in files if (its := _number_in(path))}
+            in_brackets = {path: its for path in files for its in _numbers_in(path) if its.in_brackets}
+            there = {path: its for path, its in worded.items() if its.padded}
+            there = there or (in_brackets if len(in_brackets) == len(files) > 1 else {})
+        shot = any(its.between and not its.tail for its in there.values())  # shot0010_a.0001.exr is frame 1 of a shot
+        if not shot and len({its.name for its in there.values()}) == len(there) != 1:
+            there = _varying(there or files) or there
+        shown = ((path, self.numbers[path]) for path in files if path in self.numbers)
+        return there | {path: its for path, number in shown if (its := _number_in(path, number))}
 
 
 Named = str | Path | Sequence[str | Path] | Selection  # a folder, a file, a pattern of files, or several of these
@@ -241,13 +311,7 @@ def _pattern(path: Path) -> re.Pattern[str]:
         made += re.escape(text[place : part.start()])
         place = part.end()
         if part["number"]:
-            if not re.fullmatch(rf"{_WORDS}*\.[A-Za-z]+", text[place:]):
-                words, suffix = text[place:].rpartition(".")[::2]
-                before = text[: part.start()].rstrip("._ -")
-                last = f"{before}{words if before else words.lstrip('._ -')}.{part['number']}.{suffix}"
-                what, cure = "only words may follow the number of a frame", f"rename the files, as {last}"
-                raise UsageError(what, path=path, expected="<name>.####.exr or <name>.####.<word>.exr", cure=cure)
-            made += rf"(?P<number>(?=[-0-9]{{{_width(part['digits'])},}})-?[0-9]{{1,9}})"
+            made += rf"(?P<number>(?=[-0-9]{{{_width(part['digits'])},}})-?[0-9]{{1,9}}(?![0-9]))"
         else:
             made += ".*" if part["any"] else "." if part["one"] else part["set"].replace("[!", "[^")
     try:

@@ -22,7 +22,16 @@ from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.io.exr_header import read_layout
 from cltaa.io.exr_layout import OTHER_TOOLS, Layout, Part, Window
 from cltaa.io.manifest import CAPTURE, REFERENCE, recorded_hashes
-from cltaa.io.names import Named, Selection, has_suffix, pattern_of, renumbered, selection_of
+from cltaa.io.names import (
+    Named,
+    Selection,
+    has_suffix,
+    leads_nowhere,
+    pattern_of,
+    renumbered,
+    selection_of,
+    without_copies,
+)
 from cltaa.printable import counted, printable
 
 DEEPEST = 3  # levels of folders below the named one; a project's folder can hold millions of files
@@ -116,7 +125,8 @@ def check_steps(paths: Mapping[int, Path], frames: FrameRange, step: int, gaps: 
     for number in range(first, last + 1, step) if gaps is OnBreak.ERROR else ():
         if number not in paths:
             apart = even_step(numbers)
-            path = renumbered(next(iter(paths.values())), number)
+            its, path = next(iter(paths.items()))
+            path = renumbered(path, number, its)
             raise frame_missing(path, number, 1 if apart == step else apart)
 
 
@@ -233,6 +243,8 @@ class NumberedFiles:
         if layouts is not None:
             self._paths, self.layouts = dict(paths), {number: layouts[number] for number in paths}
             return
+        if self.gaps is OnBreak.RESET:  # a link to a missing file is a missing frame
+            paths = {number: path for number, path in paths.items() if not leads_nowhere(path)} or paths
         numbers = chosen_numbers(sorted(paths), frames, folder)
         check_steps(paths, (numbers[0], numbers[-1]), step, self.gaps)
         self._paths = {number: paths[number] for number in numbers}
@@ -417,15 +429,16 @@ def numbered_files(named: Named, suffix: str = ".exr") -> tuple[Path, str, dict[
     """Find the frames of the one sequence that is ``named``: the folder, their name and the file of each number; errors
     as ``open_sequence``."""
     place = selection_of(named)
-    files = files_in(place, suffix)
+    files = without_copies(files_in(place, suffix))
     sets = place.by_name(files)
     if not sets:
         raise no_frames(place, files)
     # A file without a number beside frames is another sequence.
-    frames = [path for numbers in sets.values() for path in numbers.values()]
+    frames = {path: number for numbers in sets.values() for number, path in numbers.items()}
     names = sorted({*sets, *(path.name for path in {*files} - {*frames})})
     if len(names) > 1:
-        cure = f"name the files of one, such as {shlex.quote(str(pattern_of(frames[0])))}; {OTHER_TOOLS}"
+        one = shlex.quote(str(pattern_of(*next(iter(frames.items())))))
+        cure = f"name the files of one, such as {one}; {OTHER_TOOLS}"
         raise DataError("several sequences in one folder", path=place.folder, found=", ".join(names), cure=cure)
     return place.folder, names[0], sets[names[0]]
 

@@ -15,7 +15,7 @@ from cltaa.inputs.open import open_input
 from cltaa.inputs.roles import file_sets
 from cltaa.io.content import open_regular
 from cltaa.io.exr_header import checked_outline
-from cltaa.io.names import Selection, renumbered, selection_of
+from cltaa.io.names import Selection, leads_nowhere, renumbered, selection_of
 from cltaa.io.numbered import FrameRange, OnBreak, checked_range, checked_step, frame_missing
 from cltaa.io.sequence import FrameSequence, other_effects
 from cltaa.process import Stop
@@ -183,6 +183,8 @@ class Arrivals:
     def _ready(self, *, skip: bool) -> dict[int, list[Path]]:
         """Return the files of the next whole frames in a row; with ``skip`` the row may begin later."""
         files = self._files()
+        if skip:  # a link to a missing file is a missing frame
+            files = {number: its for number, its in files.items() if not any(map(leads_nowhere, its))}
         ahead = self._ahead(files)
         due, ready, among = self._due(ahead), dict[int, list[Path]](), frozenset(ahead)
         if skip and due not in files and ahead:
@@ -213,5 +215,5 @@ class Arrivals:
         lacking = [its for its in sets if due not in its]
         partly = len(lacking) < len(sets) and self._gaps is OnBreak.ERROR  # another of its passes is there
         if ahead or partly or self._end is not None:
-            there = next(iter(lacking[0].values())) if lacking else self._source
-            raise frame_missing(renumbered(there, due), due)
+            its, there = next(iter(lacking[0].items())) if lacking else (None, self._source)
+            raise frame_missing(renumbered(there, due, its), due)

@@ -33,7 +33,6 @@ CASES: list[tuple[str, int, str]] = [
         "no file has such a name; name the folder that its frames are in: seq",
     ),
     ("check seq/synthetic.%05d.exr", MISSING, "name the folder that its frames are in: seq"),
-    ("inspect seq/####.left2.exr", WRONG, "only words may follow the number of a frame"),
     ("inspect seq --preset gather-48", WRONG, "--preset says how to plan a resolve; add --plan"),
     ("inspect seq --half", WRONG, "--half says how to plan a resolve; add --plan"),
     ("inspect seq --plan --pixels", WRONG, "--pixels and --plan are two reports; leave one of them out"),

@@ -75,6 +75,7 @@ def test_a_backslash_that_begins_no_escape_is_one() -> None:
         ("FinalImage.{R}", "FinalImage.A", "WorldDepth.R"),  # Unreal
         ("{r}", "a", "z"),  # as the error advises
         ("{Red}", "Alpha", "Depth"),
+        ("BEAUTY.{R}", "ALPHA.R", "DEPTH.Z"),
     ],
 )
 def test_names_of_tools_that_sign_no_header(colour: str, alpha: str, depth: str, tmp_path: Path) -> None:

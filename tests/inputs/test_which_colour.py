@@ -271,6 +271,7 @@ OPTION = re.compile(r"--input (?:'[^']*'|[^\s;,'])+")
         {"x": ["right.R", "right.G", "right.B", "left.Z"]},  # the left view has no picture
         {"x": ["left.R", "left.G", "left.B", "right.R", "right.G", "right.B"], "d": ["left.depth_of_field"]},
         {"x": ["C.r", "C.g", "C.b"], "y": ["c.G"]},
+        {"x": ["R", "G", "B", "z.Z", "opacity.R"]},
     ],
 )
 def test_every_option_that_is_printed_is_taken(sets: dict[str, list[str]], tmp_path: Path) -> None:
@@ -282,6 +283,27 @@ def test_every_option_that_is_printed_is_taken(sets: dict[str, list[str]], tmp_p
         lines = [str(error)]
     for option in OPTION.findall("\n".join(lines)):
         assert "colour" in open_intake(tmp_path, assignments=shlex.split(option)[1:]).roles
+
+
+@pytest.mark.parametrize(
+    ("beside", "hint"),
+    [
+        (["subimage01.Z"], "to take that in subimage01.Z: --input depth.channels=subimage01.Z"),
+        (["z.Z"], "--input depth.channels=z.Z"),
+        (["z.z"], "--input depth.channels=z.z"),
+        (["N.X", "N.Y", "N.Z"], None),
+        (
+            ["cutout.Opacity"],
+            "no alpha: the picture is taken as opaque; to take that in cutout.Opacity: --input colour.al",
+        ),
+        (["matte_alpha.R"], "--input colour.alpha=matte_alpha.R"),
+        (["mask.R"], None),
+    ],
+)
+def test_what_may_be_depth_or_alpha_is_offered(beside: list[str], hint: str | None, tmp_path: Path) -> None:
+    write_image(tmp_path / "x.0001.exr", dict.fromkeys([*"RGB", *beside], np.ones((4, 4), np.float32)))
+    notes = "\n".join(open_intake(tmp_path).notes)
+    assert hint in notes if hint else "to take" not in notes
 
 
 def test_a_view_without_a_picture_is_reported_as_such(tmp_path: Path) -> None:
