@@ -526,4 +526,5 @@ def _may_be(key: str, pattern: re.Pattern[str], names: Sequence[str]) -> str:
     layer = across_first[0].rpartition(".")[0]
     taken = [name for name in across_first if name.rpartition(".")[0] == layer][:count]
     option = channels_option(key, taken)
-    return f"; to take {'those' if count > 1 else 'that'} in {written(taken)}: {option}, which cltaa check judges"
+    judged = "" if key == "colour.alpha" else ", which cltaa check judges"
+    return f"; to take {'those' if count > 1 else 'that'} in {written(taken)}: {option}{judged}"

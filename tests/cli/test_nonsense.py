@@ -225,7 +225,11 @@ CASES: list[tuple[str, int, str]] = [
     ("bench quality --frames 8", WRONG, "would end before they are judged (found 8 frames); ask for more --frames"),
     ("bench quality --scene file:a/x.obj --scene file:b/x.obj", WRONG, "b/x.obj: two models of one name"),
     ("bench quality --sequence seq --size 64x36", WRONG, "--size is of captures; name their --scene too, or leave"),
-    ("bench quality --sequence seq --config karis", WRONG, "karis: this is the name of a preset"),
+    (
+        "bench quality --sequence seq --config karis",
+        WRONG,
+        "karis: this is the name of a preset, and tables go by it; rename the file",
+    ),
     ("bench quality --held-out 1,x", USAGE, "'1,x' is no list of whole numbers from 0 on"),
     ("capture spinner -o out --yardstick 2,1", USAGE, "from 2 on"),
     ("bench accuracy done -o out", WRONG, "done: these are results of cltaa resolve (found preset default)"),
