@@ -17,7 +17,7 @@ from cltaa.lab.bench.accuracy.figures import import_pyplot, overall, table, writ
 from cltaa.lab.bench.accuracy.measurement import Accuracy, Measured, MeasuredSequence, spread
 from cltaa.lab.bench.accuracy.report import read_report, write_report
 from cltaa.lab.bench.cells import Rounding
-from cltaa.lab.bench.variants import DEFAULT, ladder
+from cltaa.lab.bench.variants import ladder
 from cltaa.lab.timing import Environment, Interval
 
 VARIANTS = ladder(load_preset())[:3]
@@ -161,7 +161,7 @@ def test_what_errs_nowhere_has_no_place_on_a_plot(
         return drawn[0]
 
     monkeypatch.setattr(figures, "front_figure", kept)
-    assert len(list(write_plots(result, tmp_path))) == 2
+    assert len(list(write_plots(result, tmp_path))) == 1
     assert len(drawn[0].axes[0].containers) == wrong
 
 
@@ -171,14 +171,6 @@ def test_the_variants_alone_have_numbers_between_the_powers_of_ten() -> None:
     near = figure.axes[1]
     times, errors = ({f"{place:g}"[-1] for place in axis.get_minorticklocs()} for axis in (near.xaxis, near.yaxis))
     assert (times, errors) == ({*"25"}, {*"23456789"})
-
-
-def test_bars_of_steps_begin_at_1_and_end_at_the_ratio() -> None:
-    one = sequence("one", (2.0, 4.0, 1.0), slower=2.0)
-    groups = {cell.variant: "step" for cell in one.cells[1:]} | {one.cells[0].variant: DEFAULT}
-    figure = figures.steps_figure(import_pyplot(), one, "mse", groups)
-    bars = [[(bar.get_x(), bar.get_x() + bar.get_width()) for bar in axes.patches] for axes in figure.axes]
-    assert bars == [[(1.0, 2.0), (1.0, 0.5)], [(1.0, 4.0), (1.0, 6.0)]]
 
 
 @pytest.mark.usefixtures("svg_alone")
@@ -191,8 +183,8 @@ def test_a_report_keeps_nothing_of_the_one_before(tmp_path: Path) -> None:
     assert (tmp_path / "overview.md").is_file()
     (tmp_path / "notes.md").touch()
     write_report(accuracy(two), tmp_path)
-    names = {"front-two.svg", "steps-two.svg"}
-    assert {path.name for path in tmp_path.iterdir()} == names | {
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "front-two.svg",
         "accuracy.json",
         "accuracy.csv",
         "overview.md",

@@ -25,7 +25,7 @@ def test_only_as_many_sequences_as_asked_for_have_frames_in_it(report: Path) -> 
 
 def test_the_report_consists_of_these_files(report: Path) -> None:
     names = {path.name for path in report.iterdir()}
-    plots = {f"{kind}-seq.{suffix}" for kind in ("front", "steps") for suffix in ("svg", "png")}
+    plots = {f"front-seq.{suffix}" for suffix in ("svg", "png")}
     assert {"index.html", "accuracy.json", "accuracy.csv", "overview.md", "cells", "times", *plots} == names
 
 

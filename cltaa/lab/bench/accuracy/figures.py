@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from cltaa.errors import import_extra
 from cltaa.io.atomic import atomic_path
 from cltaa.lab.bench.accuracy.measurement import Accuracy, Measured, MeasuredSequence
-from cltaa.lab.bench.variants import DEFAULT, PRESETS
+from cltaa.lab.bench.variants import PRESETS
 from cltaa.lab.judge.metrics import METRICS
 from cltaa.lab.timing import Interval
 from cltaa.printable import counted, literal, markdown
@@ -51,8 +51,10 @@ def overall(result: Accuracy, metric: str) -> list[Overall]:
         errors = [_ratio(measured, cell, metric) for measured, cell in zip(result.sequences, cells, strict=True)]
         times = [measured.cells[place].ratio for measured in result.sequences if not measured.noisy]
         best = sum(cell.errors[metric].mean <= value for cell, value in zip(cells, least, strict=True))
+        apart = [cell.rounding.rms**2 for cell in cells if cell.rounding is not None]
+        rounding = math.sqrt(math.fsum(apart) / len(apart)) if apart else None
         mean = geometric_mean([error for error in errors if error is not None] or [1.0])
-        rows.append(Overall(variant.name, errors, mean, times, _rounding(cells), best))
+        rows.append(Overall(variant.name, errors, mean, times, rounding, best))
     return sorted(rows, key=lambda row: row.error)
 
 
@@ -130,11 +132,6 @@ def _ratio(measured: MeasuredSequence, cell: Measured, metric: str) -> float | N
     return own / base if base > 0 and own > 0 else None
 
 
-def _rounding(cells: list[Measured]) -> float | None:
-    found = [cell.rounding.rms for cell in cells if cell.rounding is not None]
-    return math.sqrt(math.fsum(value**2 for value in found) / len(found)) if found else None
-
-
 FORMATS = ("svg", "png")
 DOTS_AN_INCH = 150
 CROWDED = 1e3  # from this ratio of its ends on, an axis labels only powers of ten
@@ -154,7 +151,7 @@ def plain(name: str) -> str:
 
 
 def write_plots(result: Accuracy, output: Path, pictured: int | None = None) -> Iterator[Path]:
-    """Write ``front-<sequence>``, ``steps-<sequence>``, and for several sequences ``overview``; yield the paths.
+    """Write ``front-<sequence>``, and for several sequences ``overview``; yield the paths.
 
     The first ``pictured`` sequences get their own plots; None: all. Raises UsageError without matplotlib.
     """
@@ -169,11 +166,9 @@ def write_plots(result: Accuracy, output: Path, pictured: int | None = None) -> 
 
 
 def _figures(pyplot: Any, result: Accuracy, metric: str, pictured: int | None) -> Iterator[tuple[str, Any]]:
-    groups = {variant.name: variant.group for variant in result.variants}
     weight = result.variants[0].settings.blend_weight
     for measured in result.sequences[:pictured]:
         yield f"front-{measured.name}", front_figure(pyplot, measured, metric, weight)
-        yield f"steps-{measured.name}", steps_figure(pyplot, measured, metric, groups)
     if len(result.sequences) > 1 and not METRICS[metric].higher_is_better:
         yield "overview", overview_figure(pyplot, result, metric)
 
@@ -267,29 +262,3 @@ def _name_points(axes: Any, measured: MeasuredSequence, metric: str) -> None:
             name.remove()
         else:
             taken.append(box)
-
-
-def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: dict[str, str]) -> Any:
-    """Draw error and time of each step as multiples of those of the ladder's base."""
-    name, base = measured.cells[0].variant, measured.cells[0].errors[metric].mean
-    cells = [cell for cell in measured.cells if groups[cell.variant] not in (DEFAULT, PRESETS)]
-    figure, both = pyplot.subplots(1, 2, figsize=(8, 0.7 + 0.19 * max(len(cells), 2)), sharey=True)
-    names = [plain(cell.variant) for cell in cells]
-    means = [cell.errors[metric].mean for cell in cells]
-    known = base and math.isfinite(base)  # unknown and infinite ratios are drawn as 1
-    ratios = [mean / base if known and math.isfinite(mean) else 1.0 for mean in means]
-    times = [cell.ratio.median for cell in cells]
-    errors = [
-        [cell.ratio.median - cell.ratio.low for cell in cells],
-        [cell.ratio.high - cell.ratio.median for cell in cells],
-    ]
-    for axes, what, ends, bars in (
-        (both[0], metric, ratios, {"color": FRONT}),
-        (both[1], "time", times, {"color": BEATEN, "xerr": errors}),
-    ):
-        axes.barh(names, [end - 1 for end in ends], left=1, **bars)
-        axes.axvline(1, color="black", lw=0.6)
-        axes.set_title(f"{what} over that of {plain(name)}", fontsize=9)
-        axes.tick_params(labelsize=6)
-    both[0].invert_yaxis()
-    return figure

@@ -152,7 +152,7 @@ def write_report(
         with atomic_path(output / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
     written = {output / name for name in texts} | set(write_plots(result, output, pictured))
-    plots = [f"{name}.{suffix}" for name in ("front-*", "steps-*", "overview") for suffix in FORMATS]
+    plots = [f"{name}.{suffix}" for name in ("front-*", "overview") for suffix in FORMATS]
     for pattern in (*plots, "overview.md", "index.html") if again else ():
         for path in {*output.glob(pattern)} - written:
             if path.is_file():  # a sequence may lie beside its report
