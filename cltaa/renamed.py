@@ -23,7 +23,6 @@ KEYS = {
     "change_kept": "illumination_decay",
     "change_floor": "illumination_floor",
     "resample_cost": "resampling_penalty",
-    "pull_cost": "clip_penalty",
     "gamma_still": "box_scale_static",
     "gamma_moving": "box_scale_moving",
     "thin_frames": "subpixel_frames",

@@ -108,8 +108,8 @@ __kernel void sample_history_kernel(plane_in current, plane_in alpha, plane_in m
     store(p + 8 * plane, h.change);
 }
 
-// Rectification: the change that moves that history into the box of the statistics. 6 planes: r, g, b, clip
-// distance, blend boost, anti-flicker factor.
+// Rectification: the change that moves that history into the box of the statistics. 5 planes: r, g, b, blend boost,
+// anti-flicker factor.
 __kernel void rectify_history_kernel(plane_in statistics_in, plane_in motion_in, plane_in history_at,
     plane_out change_out, const frame_t frame, const settings_t settings)
 {
@@ -128,9 +128,8 @@ __kernel void rectify_history_kernel(plane_in statistics_in, plane_in motion_in,
         box_scale_of(m, settings), frame, settings);
     plane_out p = change_out + at;
     store_colour(p, plane, r.change);
-    store(p + 3 * plane, r.clip_distance);
-    store(p + 4 * plane, r.blend_boost);
-    store(p + 5 * plane, r.anti_flicker_factor);
+    store(p + 3 * plane, r.blend_boost);
+    store(p + 4 * plane, r.anti_flicker_factor);
 }
 
 // Blend: the current sample with the rectified history. Writes the output and its count.
@@ -153,7 +152,7 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
     h.count_limit = count_limit_of(h.fx, h.fy, settings);
     h.valid = load(q + 7 * plane) > SPLAT(0.5);
     h.change = load(q + 8 * plane);
-    const rectification r = { load_colour(c, plane), load(c + 3 * plane), load(c + 4 * plane), load(c + 5 * plane) };
+    const rectification r = { load_colour(c, plane), load(c + 3 * plane), load(c + 4 * plane) };
     h.alpha = rectified_alpha(alpha, h.alpha, x, y, frame);
     pixel_t p; // only the fields that are read after rectification
     p.stats.mean = load_boxed(statistics_in + at, plane);

@@ -67,7 +67,6 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     """The terms that have an effect with these settings. The others are not compiled, which changes no bit."""
 
     resampling_penalty: bool = True
-    clip_penalty: bool = True
     box_scale_by_motion: bool = True
     disocclusion_blur: bool = True
     first_samples: bool = True
@@ -80,7 +79,6 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
         """Return the terms that have an effect with ``settings``."""
         return cls(
             resampling_penalty=settings.resampling_penalty != 0.0,
-            clip_penalty=settings.clip_penalty != 0.0,
             box_scale_by_motion=settings.box_scale_static != settings.box_scale_moving,
             disocclusion_blur=settings.disocclusion_blur != 0.0,
             first_samples=settings.first_samples != 1.0,

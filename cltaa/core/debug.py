@@ -186,6 +186,6 @@ def _clip_distance(stages: _Stages) -> Image:
     )
     history = stages.history(stages.build)
     made = {"statistics_in": statistics, "motion_in": stages.motion, "history_at": history}
-    change = stages.read(stages.run("rectify_history", stages.build, 6, "change_out", "", made))[:3]
+    change = stages.read(stages.run("rectify_history", stages.build, 5, "change_out", "", made))[:3]
     distance: Image = np.sqrt((change**2).sum(0))
     return np.where(stages.read(history)[7] > 0.5, distance, np.float32(0))

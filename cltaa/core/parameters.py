@@ -153,7 +153,6 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     resampling_penalty: Annotated[
         float, _number("loss of sample count per f(1-f), f the fraction between texels", 0.0, 16.0)
     ] = 1.5
-    clip_penalty: Annotated[float, _number("loss of sample count per half extent of rectification", 0.0, 64.0)] = 0.5
     box_scale_static: Annotated[
         float, _number("half width of the box where nothing moves", 0.0, 64.0, "deviations, half extents")
     ] = 1.0

@@ -117,7 +117,6 @@ RANGES: dict[str, tuple[float, float, bool]] = {
     "blend_weight": (0.02, 0.3, True),
     "sample_limit": (4.0, 128.0, True),
     "resampling_penalty": (0.0, 4.0, False),
-    "clip_penalty": (0.0, 4.0, False),
     "box_scale_static": (0.5, 3.0, False),
     "box_scale_moving": (0.5, 3.0, False),
     "disocclusion_blur": (0.0, 1.0, False),

@@ -252,12 +252,9 @@ def lerp_colour(own: Colour, filtered: Colour, share: Array) -> Colour:
     return own + share * (filtered - own)
 
 
-def effective_count(p: Pixel, h: History, r: Rectification, run: Run) -> Array:
-    """Effective sample count of the rectified history, after resampling, clipping and reactivity."""
-    count = h.count
-    if run.build.terms.clip_penalty:
-        count = count / (1.0 + run.settings["clip_penalty"] * r.clip_distance)
-    count = lesser(count, count_limit_of(h.fx, h.fy, run))
+def effective_count(p: Pixel, h: History, run: Run) -> Array:
+    """Effective sample count of the history, after resampling and reactivity."""
+    count = lesser(h.count, count_limit_of(h.fx, h.fy, run))
     return count * (1.0 - p.reactivity) if run.steps.reactive else count
 
 
@@ -277,7 +274,7 @@ def rectified(h: History, r: Rectification, run: Run) -> Colour:
 
 def resolve_pixel(p: Pixel, h: History, r: Rectification, run: Run) -> Resolved:
     """Blend the pixel with its rectified history; without history the result begins anew."""
-    count, current = effective_count(p, h, r, run), p.filtered
+    count, current = effective_count(p, h, run), p.filtered
     past = rectified(h, r, run)
     if run.choices.filter_use is FilterUse.FEW:
         share = np.where(h.valid, fading_share(1.0 / (count + 1.0), run.settings), 1.0)

@@ -25,11 +25,9 @@ class BoxOf(NamedTuple):
 
 
 class Rectification(NamedTuple):
-    """The change to the history in RGB; how far its first coordinate moved, in half extents; boost and factor of the
-    current sample's weight."""
+    """The change to the history in RGB; boost and factor of the current sample's weight."""
 
     change: Colour
-    clip_distance: Array
     blend_boost: Array
     anti_flicker_factor: Array
 
@@ -139,15 +137,13 @@ def rectify(history: Colour, current: Colour, s: Statistics, m: Motion, gamma: A
     moves = choices.rectify is not Rectify.NONE or by_motion
     if not moves and choices.anti_flicker is not AntiFlicker.CLAMP_DISTANCE:
         zero, one = np.zeros_like(gamma), np.ones_like(gamma)
-        return Rectification(np.zeros_like(history), zero, zero, one)
+        return Rectification(np.zeros_like(history), zero, one)
     h = to_box_space(history, run.build)
     box = neighbourhood_box(s, gamma, run)
     r = rectify_history(h, to_box_space(current, run.build), box, run.build)
     moved = r - h
-    least = run.settings["box_floor"] * np.abs(box.centre[0]) + box_units(run.build)[0] * value("TINY")
     return Rectification(
         from_box_space(moved, run.build),
-        np.abs(moved[0]) / greater(box.extent[0], least),
         blend_boost_of(m, in_units(moved, run.build), run),
         anti_flicker_factor_of(h[0], box.centre[0], box.extent[0], run.build),
     )

@@ -106,14 +106,14 @@ def rectify_history_kernel(
     frame: Record,
     settings: Record,
 ) -> None:
-    """``change_out`` [6, rows, stride]: change of r, g, b, clip distance, blend boost, anti-flicker factor."""
+    """``change_out`` [5, rows, stride]: change of r, g, b, blend boost, anti-flicker factor."""
     run = Run(build, layout, frame, settings)
     near, sample = _load_statistics(statistics_in, run)
     m = _load(motion_in, run)
     moved = Motion(m[0], m[1], m[2], m[3], m[4] > 0.5)
     past = _load(history_at[:3], run)
     change = rectify(past, sample, near, moved, box_scale_of(moved, run), run)
-    _store(change_out, layout, (*change.change, change.clip_distance, change.blend_boost, change.anti_flicker_factor))
+    _store(change_out, layout, (*change.change, change.blend_boost, change.anti_flicker_factor))
 
 
 @quiet

@@ -228,14 +228,10 @@ STAGE real fading_share(real of_mean, settings_t settings)
     return lesser(of_mean, K(settings.filter_samples) * (of_mean * of_mean));
 }
 
-// Effective sample count of the rectified history, count_limit at most: less the further rectification moved it
-// (clip_penalty), and the more reactive the pixel is.
-STAGE real effective_count(pixel_t p, history_t h, rectification r, settings_t settings)
+// Effective sample count of the history, count_limit at most: less the more reactive the pixel is.
+STAGE real effective_count(pixel_t p, history_t h)
 {
-    real count = h.count;
-    if (CLIP_PENALTY)
-        count = quotient(count, SPLAT(1.0) + K(settings.clip_penalty) * r.clip_distance);
-    count = lesser(count, h.count_limit);
+    const real count = lesser(h.count, h.count_limit);
     return REACTIVE ? count * (SPLAT(1.0) - p.reactivity) : count;
 }
 
@@ -261,7 +257,7 @@ STAGE colour sample_to_blend(pixel_t p, mask valid, real count, settings_t setti
 // Blends the pixel's sample with its rectified history; without history the result begins anew.
 STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t settings)
 {
-    const real count = effective_count(p, h, r, settings);
+    const real count = effective_count(p, h);
     const colour past = rectified(h, r, settings), current = sample_to_blend(p, h.valid, count, settings);
     const real y = FILTER_USE == FILTER_USE_FEW_SAMPLES ? luminance_4(current) : p.luminance,
                past_y = luminance_4(past);

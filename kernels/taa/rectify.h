@@ -159,7 +159,6 @@ STAGE boxed rectify_history(boxed history, boxed current, box_t box)
 typedef struct
 {
     colour change;
-    real clip_distance; // how far the first coordinate (luminance) was moved, in half extents of the box
     real blend_boost; // 0 to 1: the larger of motion and the distance that the history moved (adaptive,
                       // capped); 1 in motion (standing)
     real anti_flicker_factor; // factor of the current sample's weight (clamp-distance)
@@ -193,7 +192,7 @@ STAGE rectification rectify(
     if ((RECTIFY == RECTIFY_NONE) & (ACCUMULATE != ACCUMULATE_ADAPTIVE) & (ACCUMULATE != ACCUMULATE_STANDING)
         & (ACCUMULATE != ACCUMULATE_CAPPED) & (ANTI_FLICKER != ANTI_FLICKER_CLAMP_DISTANCE)) {
         // The code below gives the same, but no compiler may assume that h - h is 0.
-        return (rectification) { { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) }, SPLAT(0.0), SPLAT(0.0), SPLAT(1.0) };
+        return (rectification) { { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) }, SPLAT(0.0), SPLAT(1.0) };
     }
     const boxed h = to_box_space(history);
     const box_t box = neighbourhood_box(s, gamma, settings);
@@ -201,8 +200,6 @@ STAGE rectification rectify(
     const boxed moved = { r.a - h.a, r.b - h.b, r.c - h.c };
     rectification out;
     out.change = from_box_space(moved);
-    const real least = K(settings.box_floor) * absolute(box.centre.a) + K(BOX_A * TINY);
-    out.clip_distance = quotient(absolute(moved.a), greater(box.extent.a, least));
     out.blend_boost = SPLAT(0.0);
     if ((ACCUMULATE == ACCUMULATE_ADAPTIVE) | (ACCUMULATE == ACCUMULATE_CAPPED))
         out.blend_boost = blend_boost_of(m, in_units(moved), frame, settings);

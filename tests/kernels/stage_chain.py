@@ -47,7 +47,7 @@ WRITES: dict[str, dict[str, int]] = {
     "neighbourhood_statistics": {"statistics_out": 15},
     "surface_motion": {"motion_out": 10},
     "sample_history": {"history_at": 9},
-    "rectify_history": {"change_out": 6},
+    "rectify_history": {"change_out": 5},
     "blend": {"output": 4, "output_count": 1},
     "resolve": {"output": 4, "output_count": 1},
     "gather": {"output": 4, "output_count": 1},

@@ -46,7 +46,7 @@ CODE: dict[str, tuple[str, dict[str, bool], dict[str, object]]] = {
     "alpha": ("load_share(alpha + at, SPLAT(1.0))", {"alpha": True}, {}),
     "reactive": ("load_share(reactive + at, SPLAT(0.0))", {"reactive": True}, {}),
     "rejection": ("K(settings.depth_tolerance)", {}, {"reject": Reject.DEPTH}),
-    "rectification": ("K(settings.box_floor)", {}, {"rectify": Rectify.CLAMP}),
+    "rectification": ("K(settings.box_floor)", {}, {"rectify": Rectify.CLIP}),
     "illumination change": ("SPLAT(settings.illumination_t)", {}, {"illumination": Illumination.TEST}),
     "dilation": ("K(settings.edge_tolerance)", {}, {"dilation": Dilation.EDGE}),
     "naive variance": (
@@ -60,7 +60,6 @@ CODE: dict[str, tuple[str, dict[str, bool], dict[str, object]]] = {
 # Term of the settings -> a word that only its code holds.
 TERMS = {
     "resampling_penalty": "K(settings.resampling_penalty)",
-    "clip_penalty": "K(settings.clip_penalty)",
     "box_scale_by_motion": "K(settings.box_scale_static)",
     "disocclusion_blur": "SPLAT(settings.disocclusion_blur)",
     "first_samples": "settings.first_samples",

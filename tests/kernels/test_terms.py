@@ -25,7 +25,6 @@ ROWS = 4
 # No term comes to something.
 NOTHING = Settings(
     resampling_penalty=0.0,
-    clip_penalty=0.0,
     box_scale_static=1.25,
     box_scale_moving=1.25,
     disocclusion_blur=0.0,
@@ -78,9 +77,7 @@ def test_a_size_known_when_kernels_are_built_changes_no_bit() -> None:
 
 
 def test_presets_call_for_the_terms_that_they_use() -> None:
-    assert Terms.of(Settings()) == replace(
-        NONE, resampling_penalty=True, clip_penalty=True, disocclusion_blur=True, covered_share=True
-    )
+    assert Terms.of(Settings()) == replace(NONE, resampling_penalty=True, disocclusion_blur=True, covered_share=True)
     assert Terms.of(load_preset("default").settings) == replace(NONE, resampling_penalty=True, covered_share=True)
     assert Terms.of(load_preset("fast").settings) == NONE
     scaled = replace(NONE, box_scale_by_motion=True, disocclusion_blur=True, luma_scale=True, box_leak=True)

@@ -29,7 +29,7 @@ TOLERANCE = 1e-6
 KNEE, FALLOFF, FILTER_SAMPLES, SAMPLE_LIMIT = 4.0, 1.5, 8.0, 24.0
 LIGHT_T, COVERED_T, PASSED_T, LIGHT_DECAY, LIGHT_FLOOR, MOST_CHANGE = 2.6, 0.8, 0.4, 0.72, 0.03, 8.0
 COVERED_SHARE, BEHIND_T, EDGE_SAMPLES = 0.25, 1.0, 2.0
-EDGE, PASSED, DEPTH, CLIP_PENALTY, RESAMPLING_PENALTY, BOX_FLOOR = 0.03, 0.25, 0.05, 0.5, 0.8, 2.0**-10
+EDGE, PASSED, DEPTH, RESAMPLING_PENALTY = 0.03, 0.25, 0.05, 0.8
 AROUND = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
 Y, X = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
 
@@ -51,7 +51,7 @@ CASES = {
     "rectified": Case(frozenset({cltaa.Effect.CAMERA}), tests=False, weighs=False, boxed=True),
 }
 STATIC, MOVING = 1.5, 1.25
-BOXED = {"rectify": "clamp", "clip_penalty": CLIP_PENALTY, "box_scale_static": STATIC, "box_scale_moving": MOVING}
+BOXED = {"rectify": "clamp", "box_scale_static": STATIC, "box_scale_moving": MOVING}
 
 
 class Left(NamedTuple):
@@ -235,20 +235,18 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
         change = signed + LIGHT_DECAY * past(left.change, across, below)
         n = count / np.maximum(1, np.abs(change) / threshold) ** 2
         n = np.minimum(n, most)
-    clipped = np.zeros_like(q)
     gamma = MOVING + np.maximum(0, 1 - np.maximum(np.abs(u), np.abs(v))) * (STATIC - MOVING)
     low, high = (pick(list(box.values()), 0) for pick in (np.min, np.max))
     centre, extent = (low + high) / 2, gamma[..., None] * (high - low) / 2
     if case.boxed:
         moved = np.clip(to_ycocg(history), centre - extent, centre + extent) - to_ycocg(history)
         history = history + from_ycocg(moved)
-        clipped = np.abs(moved[..., 0]) / np.maximum(extent[..., 0], BOX_FLOOR * np.abs(centre[..., 0]))
 
     reactivity = np.zeros_like(q) if frame.reactive is None else frame.reactive.astype(np.float64)
     limit = 1 / (1 / SAMPLE_LIMIT + RESAMPLING_PENALTY * (fx * (1 - fx) + fy * (1 - fy)))
     lost = valid & ~np.isfinite(frame.colour).all(-1)  # samples, of pixels whose history is as long as one
     held, kept_as_it_is = np.minimum(n, limit), np.maximum(past_colour, 0)
-    n = np.minimum(n / (1 + CLIP_PENALTY * clipped), limit) * (1 - reactivity)
+    n = held * (1 - reactivity)
     soft = filtered(colour, frame.jitter_px)
     share = np.where(valid, np.minimum(1 / (n + 1), FILTER_SAMPLES / (n + 1) ** 2), 1)
     if case.weighs:

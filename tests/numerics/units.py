@@ -171,16 +171,6 @@ def one(work: Work) -> float:  # noqa: ARG001
     return 1.0
 
 
-@quiet
-def clipped(work: Work) -> Values:
-    """M / extent + clip distance: how an error of the history shows in half extents of the box."""
-    inside = work.layout.inside
-    low, high = inside(work.planes["statistics_out"])[[6, 9]]
-    centre = low + 0.5 * (high - low)
-    floor = float(work.settings["box_floor"])
-    return box(work) / np.maximum(0.5 * (high - low), floor * np.abs(centre)) + inside(work.planes["change_out"])[3]
-
-
 def counts(work: Work) -> Values:
     return 1 + taps(work, "history_count", slice(0, 1))
 
@@ -252,8 +242,7 @@ OUTPUTS = [
     Output(HISTORY, "history: usable", "history_at", slice(7, 8), "u", one),
     Output(HISTORY, "history: illumination change", "history_at", slice(8, 9), "u", one),
     Output("rectify_history", "rectify: change", "change_out", RGB, "u·M", box),
-    Output("rectify_history", "rectify: clip distance c", "change_out", FOURTH, "u·(M / extent + c)", clipped),
-    Output("rectify_history", "rectify: blend boost, anti-flicker factor", "change_out", slice(4, 6), "u", one),
+    Output("rectify_history", "rectify: blend boost, anti-flicker factor", "change_out", slice(3, 5), "u", one),
     Output("blend", "blend: colour", "output", RGB, "u·M·k", blended),
     Output("blend", "blend: alpha", "output", FOURTH, "u·k", conditioned),
     Output("blend", "blend: count n", "output_count", FIRST, "u·(1 + n)", counts),

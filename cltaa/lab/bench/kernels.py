@@ -48,7 +48,7 @@ BASELINE = Preset(
         reject=Reject.NONE,
         accumulate=Accumulate.EXPONENTIAL,
     ),
-    settings=Settings(resampling_penalty=0.0, clip_penalty=0.0, disocclusion_blur=0.0),
+    settings=Settings(resampling_penalty=0.0, disocclusion_blur=0.0),
 )
 PLAIN_GROUP = {True: (64, 1), False: (16, 16)}  # work-group of the plain port: on a CPU, on a GPU
 COPY_BYTES = 16  # bytes per work-item of copy.cl

@@ -23,7 +23,6 @@ DEFAULT, PRESETS = "default", "preset"
 SETTINGS_RUNGS: dict[str, tuple[float, ...]] = {
     "sample_limit": (8.0, 16.0, 48.0, 96.0),
     "resampling_penalty": (0.0,),
-    "clip_penalty": (0.0,),
     "disocclusion_blur": (0.0,),
 }
 # Choices that matter only with a variance box; they are also tried together with that box.
