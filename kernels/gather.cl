@@ -28,7 +28,7 @@ __kernel void gather_kernel(plane_in current, plane_in inverse_depth, plane_in m
 
         // Sample the history: follow each surface back through the frame ring, and sum up the samples on it.
         gather_samples(&near, ring, past, 0, frames, 0, p, x, y, frame, settings);
-        if (has_edges(l))
+        if (any_of(l.edge))
             gather_samples(&far, ring, past, 0, frames, 0, p, x, y, frame, settings);
 
         // Accumulate: fit the pixel's colour to these samples, rectified if the preset does so.

@@ -38,7 +38,7 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
             const int to = window_end(window, frames);
             if (has_more_frames(window, frames)) {
                 gather_samples(&near, ring, past, from, to, SHORT_WINDOW, p, x, y, frame, settings);
-                if (has_edges(l))
+                if (any_of(l.edge))
                     gather_samples(&far, ring, past, from, to, 0, p, x, y, frame, settings);
                 out = resolve_gathered(near.sums, far.sums, l, p, m, current, x, y, frame, settings);
                 error = window_error(near.sums, p, out, settings);

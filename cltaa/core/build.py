@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.core.constants import CONSTANTS, PAD_X, PAD_Y, UNMOVED, WHOLE_NUMBERS
-from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, GatherFit, HistoryKind, Recursion, Settings
+from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, Recursion, Settings
 from cltaa.errors import UsageError, known
 
 if TYPE_CHECKING:
@@ -139,11 +139,8 @@ class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
 def build_of(asked: Build, choices: Choices, settings: Settings, steps: Steps) -> Build:
     """Return the build of a frame's kernels: what was ``asked`` for, and what the frame's plan decides.
 
-    ``Launcher.build`` then adds the shape of a device. Choices without effect have their defaults, so that plans that
-    differ only in them share a program.
+    ``Launcher.build`` then adds the shape of a device.
     """
-    if choices.history is not HistoryKind.FRAMES:
-        choices = msgspec.structs.replace(choices, gather_fit=GatherFit.MEAN, recursion=Recursion.NONE)
     return msgspec.structs.replace(asked, choices=choices, steps=steps, terms=Terms.of(settings))
 
 

@@ -218,17 +218,6 @@ class HistoryKind(Choice):
     FRAMES = "frames", "the samples of the last history_frames frames, unresampled"
 
 
-class GatherFit(Choice):
-    """How the gathered samples of a pixel are modelled (history frames)."""
-
-    MEAN = "mean", "their mean"
-    LAYERS = (
-        "layers",
-        "a plane fitted to them, evaluated at the pixel's centre; at a depth edge the nearer and the farther surface, "
-        "each reprojected by its own motion",
-    )
-
-
 class Recursion(Choice):
     """Whether a recursive resolve runs beside the gathered samples (history frames, illumination window)."""
 
@@ -413,7 +402,6 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     history_filter: HistoryFilter = HistoryFilter.CATMULL_ROM
     history_range: HistoryRange = HistoryRange.LINEAR
     history: HistoryKind = HistoryKind.ACCUMULATED
-    gather_fit: GatherFit = GatherFit.MEAN
     recursion: Recursion = Recursion.NONE
     current_filter: CurrentFilter = CurrentFilter.NONE
     filter_use: FilterUse = FilterUse.ALWAYS

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from cltaa.core.build import Build, Record, ring_planes
-from cltaa.core.parameters import GatherFit
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel, Resolved, current_pixel
 from cltaa.reference.colour import filled_colour, sample_is_missing
@@ -45,12 +44,8 @@ class Gathering:
         m = surface_motion(s, run)
         slots = given["ring"].reshape(-1, ring_planes(run.steps), run.layout.rows, run.layout.stride)
         layers, past = layers_of(*rows, s, run), given["past"][: given["frames"]]
-        layered = run.choices.gather_fit is GatherFit.LAYERS
-        if layered:
-            s, layers = find_subpixel_feature(s, layers, slots, past, run)
+        s, layers = find_subpixel_feature(s, layers, slots, past, run)
         near, far = (begin_layer(s, layers, p, run, far=side) for side in (False, True))
-        if not layered:
-            return cls(p, m, layers, slots, [(s, layers, near, Track.of(s, run.build))], far)
         fronts, backs = (
             side_of(s, layers, p.own, current, inverse_depth, motion, run, far=side) for side in (False, True)
         )

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Record
-from cltaa.core.parameters import AlphaFrom, CurrentFilter, FilterUse, GatherFit, Illumination
+from cltaa.core.parameters import AlphaFrom, CurrentFilter, FilterUse, Illumination
 from cltaa.reference.accumulate import (
     Pixel,
     Resolved,
@@ -15,7 +15,6 @@ from cltaa.reference.accumulate import (
     fading_share,
     filtered_share,
     lerp_colour,
-    luminance_weight,
     storable,
 )
 from cltaa.reference.colour import Colour, accumulates_alpha, from_range, inner
@@ -36,14 +35,12 @@ class SampleSums:
         self.x = self.y = self.xx = self.xy = self.yy = self.near = self.near_x = self.near_y = zero
         self.unlike = zero  # weight that recent samples lose because they were rendered with another reactivity
 
-    def add(self, d: Colour, w: Array, dx: Array, dy: Array, near: Mask, fit: GatherFit) -> None:
+    def add(self, d: Colour, w: Array, dx: Array, dy: Array, near: Mask) -> None:
         """Add a sample that differs by ``d`` and lies at (dx, dy) from the centre; a farther one adds its position
         only."""
-        n = np.where(near, w, self.zero) if fit is GatherFit.LAYERS else w
+        n = np.where(near, w, self.zero)
         self.sum = self.sum + n * d
         self.weight = self.weight + w
-        if fit is GatherFit.MEAN:
-            return
         wx, wy, nx, ny = w * dx, w * dy, n * dx, n * dy
         self.x, self.y = self.x + wx, self.y + wy
         self.xx, self.xy, self.yy = self.xx + wx * dx, self.xy + wx * dy, self.yy + wy * dy
@@ -61,12 +58,11 @@ class SampleSums:
 
 
 def first_sample(w: Array, counted: Mask, near: Mask, run: Run) -> SampleSums:
-    """Sums of the current sample alone, where it is ``counted``; empty for a mean of the others."""
+    """Sums of the current sample alone, where it is ``counted``."""
     zero = np.zeros_like(w)
     g = SampleSums(zero)
-    if run.choices.gather_fit is not GatherFit.MEAN:
-        x, y = (np.full_like(w, run.frame[name]) for name in ("jitter_x", "jitter_y"))
-        g.add(np.zeros_like(g.sum), np.where(counted, w, zero), x, y, near, run.choices.gather_fit)
+    x, y = (np.full_like(w, run.frame[name]) for name in ("jitter_x", "jitter_y"))
+    g.add(np.zeros_like(g.sum), np.where(counted, w, zero), x, y, near)
     return g
 
 
@@ -131,12 +127,9 @@ def resolve_gathered(g: SampleSums, far: SampleSums, layers: Layers, p: Pixel, m
     one, samples = np.ones_like(alpha), g.count + own_samples(p)
     any_of = g.count > 0.0
     weight = np.where(any_of, g.weight, one)
-    plain = run.choices.gather_fit is GatherFit.MEAN
-    past = current + (g.sum / weight if plain else gathered_change(g, far, layers, samples, run.settings))
+    past = current + gathered_change(g, far, layers, samples, run.settings)
     moved = rectify(past, current, p.stats, m, box_scale_of(m, run), run).change
-    share = g.weight / (luminance_weight(current, run) + g.weight) if plain else one
-    if run.steps.reactive:
-        share = share * (one - reactive_loss(p.reactivity, run.build))
+    share = one - reactive_loss(p.reactivity, run.build) if run.steps.reactive else one
     mixed = current + share * ((past - current) + moved)
     chosen = np.where(any_of, mixed, disoccluded_colour(current, p.stats.mean, run))
     filters = run.choices.current_filter is not CurrentFilter.NONE

@@ -8,7 +8,7 @@ import numpy as np
 
 from cltaa.core.build import Record
 from cltaa.core.constants import value
-from cltaa.core.parameters import GatherFit, Illumination
+from cltaa.core.parameters import Illumination
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel, luminance_weight, reactivity_weight, weighted_difference
 from cltaa.reference.colour import Colour, colour_outside_domain, share_in_domain, to_range
@@ -113,11 +113,9 @@ class View(NamedTuple):
     recent: bool = False  # its samples are also summed separately
     static_ahead: Mask | None = None  # the surfaces without own motion, in a later frame
 
-    def neighbour_weight(self, right: int, down: int, fit: GatherFit, layout: Layout) -> tuple[Array, Array, Array]:
+    def neighbour_weight(self, right: int, down: int, layout: Layout) -> tuple[Array, Array, Array]:
         """Weight of the sample beside the nearest one, and its offset from the centre."""
         dx, dy = self.grid.offset(right, down)
-        if fit is GatherFit.MEAN:
-            return np.where(self.seen, np.ones_like(dx), 0.0), dx, dy
         column, row = self.column + right, self.row + down
         inside = (column > -0.5) & (row > -0.5)
         inside &= (column < layout.width - 0.5) & (row < layout.height - 0.5)
@@ -129,9 +127,9 @@ def gather_sample(
     g: SampleSums, v: View, right: int, down: int, now: Pixel, s: Surface, layers: Layers, run: Run, *, far_only: bool
 ) -> None:
     """Add one sample of a frame of the ring, ``right`` and ``down`` texels beside the nearest one."""
-    current, fit = now.own, run.choices.gather_fit
+    current = now.own
     zero = np.zeros_like(current[0])
-    share, dx, dy = v.neighbour_weight(right, down, fit, run.layout)
+    share, dx, dy = v.neighbour_weight(right, down, run.layout)
     good = share > zero
     if not good.any():
         return
@@ -143,10 +141,8 @@ def gather_sample(
     if v.static_ahead is not None:
         moves = ~no_motion_vector(*texel_at(v.planes[MOTION], f, zero.dtype))
         good = good & ~(v.static_ahead & moves)
-    near = np.ones(zero.shape, bool)
-    if fit is not GatherFit.MEAN:
-        near = ~layers.edge | (q > layers.cut * v.m.scale + v.m.shift)
-        good = good & ~near if far_only else good
+    near = ~layers.edge | (q > layers.cut * v.m.scale + v.m.shift)
+    good = good & ~near if far_only else good
     if run.steps.exposure:
         c = c * v.then["exposure_ratio"]
     c = np.where(good, to_range(c, run.build), current)
@@ -158,7 +154,7 @@ def gather_sample(
             g.unlike = g.unlike + counted * (1.0 - weight)
         counted = counted * weight
     w = counted * luminance_weight(c, run)
-    g.add(c - current, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near, fit)
+    g.add(c - current, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near)
     g.count = g.count + counted
     alpha = zero
     if run.steps.alpha:
@@ -172,11 +168,9 @@ def motion_to_frame(track: Track, s: Surface, layers: Layers, run: Run, then: Re
     """The motion of the pixel's centre to a frame of the ring, and its Jacobian."""
     zero = np.zeros_like(s.centre)
     m = motion_from_depth(s, run.build, run.layout, then)
-    jacobian = Jacobian(zero, zero, zero, zero)
-    if run.choices.gather_fit is not GatherFit.MEAN:
-        jacobian = jacobian_of(s, layers.slope, m, run, then)
-        ox, oy = s.x + run.frame["jitter_x"], s.y + run.frame["jitter_y"]
-        m = m._replace(u=m.u - (jacobian.xx * ox + jacobian.xy * oy), v=m.v - (jacobian.yx * ox + jacobian.yy * oy))
+    jacobian = jacobian_of(s, layers.slope, m, run, then)
+    ox, oy = s.x + run.frame["jitter_x"], s.y + run.frame["jitter_y"]
+    m = m._replace(u=m.u - (jacobian.xx * ox + jacobian.xy * oy), v=m.v - (jacobian.yx * ox + jacobian.yy * oy))
     if run.steps.own_motion:
         m = track.motion(m)
         jacobian = Jacobian(*(np.where(track.own, zero, part) for part in jacobian))
@@ -212,7 +206,7 @@ def add_side(g: SampleSums, side: Side, current: Colour, run: Run) -> None:
     zero = np.zeros_like(side.count)
     some = side.count > zero
     w = np.where(some, luminance_weight(side.mean, run), zero)
-    g.add(side.mean - current, w, zero, zero, some, run.choices.gather_fit)
+    g.add(side.mean - current, w, zero, zero, some)
 
 
 def gather_samples(
@@ -236,9 +230,8 @@ def gather_samples(
     ``recent`` frames are also summed separately.
     """
     zero = np.zeros_like(now.own[0])
-    fit, own_motion = run.choices.gather_fit, run.steps.own_motion
-    followed = range_of_side(s, layers, far=far_only) if fit is GatherFit.LAYERS else s
-    steps = [(0, 0)] if fit is GatherFit.MEAN else NEIGHBOURS
+    own_motion = run.steps.own_motion
+    followed = range_of_side(s, layers, far=far_only)
     reach = reach_of(before + len(past) + 1, run.settings, zero)
     for k, then in enumerate(past):
         planes = ring[int(then["slot"])]
@@ -249,7 +242,7 @@ def gather_samples(
         m, jacobian = motion_to_frame(t, s, layers, run, then)
         nearest, v = _view(planes, m, on_screen(m, run.layout) & ~t.lost, jacobian, reach, run.layout, then)
         v = v._replace(recent=k < recent, static_ahead=~t.own if own_motion and ahead else None)
-        for right, down in steps:
+        for right, down in NEIGHBOURS:
             gather_sample(g, v, right, down, now, s, layers, run, far_only=far_only)
         if own_motion and not ahead:
             there = footprint_of(nearest._replace(u=nearest.u + s.x, v=nearest.v + s.y), v.seen, run.layout)

@@ -9,7 +9,7 @@ import numpy as np
 
 from cltaa.core.build import Build, Record, Steps
 from cltaa.core.constants import AHEAD_STEPS, value
-from cltaa.core.parameters import GatherFit, Reject
+from cltaa.core.parameters import Reject
 from cltaa.reference.disocclusion import on_screen, same_surface
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
 from cltaa.reference.real import NEIGHBOURS, Array, Mask, Run, greater, number, outside_domain
@@ -98,8 +98,7 @@ class Track:
         followed, has_motion = self.own & seen, ~no_motion_vector(u, v)
         same = has_motion & matches_surface(z, s, m, run)
         self.shift = np.where(followed & same, z - s.inverse_depth, self.shift)
-        if run.choices.gather_fit is GatherFit.LAYERS:
-            u, v = _nearest_motion(u, v, followed & ~has_motion, planes, there)
+        u, v = _nearest_motion(u, v, followed & ~has_motion, planes, there)
         self.lost = self.lost | (self.own & (~seen | no_motion_vector(u, v) | (has_motion & ~same)))
         self.u, self.v = self.u + u, self.v + v
 
@@ -120,8 +119,7 @@ class Track:
             back_x, back_y = texel_at(planes[MOTION], there, real)
             z = inverse_depth_or_sky(texel_at(planes[RING_INVERSE_DEPTH], there, real), then)
             has_motion = ~no_motion_vector(back_x, back_y)
-            if run.choices.gather_fit is GatherFit.LAYERS:
-                back_x, back_y = _nearest_motion(back_x, back_y, seen & ~has_motion, planes, there)
+            back_x, back_y = _nearest_motion(back_x, back_y, seen & ~has_motion, planes, there)
             next_u, next_v = self.u - back_x, self.v - back_y
             off = greater(np.abs(next_u - u), np.abs(next_v - v))
             u, v = next_u, next_v

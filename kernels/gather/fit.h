@@ -32,31 +32,27 @@ STAGE void add_recent(sample_sums* g, colour d, real alpha, real counted)
 // farther surface adds its position only.
 STAGE void add_sample(sample_sums* g, colour d, real w, real dx, real dy, mask near)
 {
-    const real n = GATHER_FIT == GATHER_FIT_LAYERS ? (near ? w : SPLAT(0.0)) : w;
+    const real n = near ? w : SPLAT(0.0), wx = w * dx, wy = w * dy, nx = n * dx, ny = n * dy;
     g->sum = plus_scaled(g->sum, n, d);
     g->weight += w;
-    if (GATHER_FIT != GATHER_FIT_MEAN) {
-        const real wx = w * dx, wy = w * dy, nx = n * dx, ny = n * dy;
-        g->x += wx;
-        g->y += wy;
-        g->xx += wx * dx;
-        g->xy += wx * dy;
-        g->yy += wy * dy;
-        g->along = plus_scaled(g->along, nx, d);
-        g->down = plus_scaled(g->down, ny, d);
-        g->near += n;
-        g->near_x += nx;
-        g->near_y += ny;
-    }
+    g->x += wx;
+    g->y += wy;
+    g->xx += wx * dx;
+    g->xy += wx * dy;
+    g->yy += wy * dy;
+    g->along = plus_scaled(g->along, nx, d);
+    g->down = plus_scaled(g->down, ny, d);
+    g->near += n;
+    g->near_x += nx;
+    g->near_y += ny;
 }
 
-// Sums of the current sample alone, where it is `counted`. To a mean of the others, resolve_gathered adds it.
+// Sums of the current sample alone, where it is `counted`.
 STAGE sample_sums first_sample(real w, mask counted, mask near, frame_t frame)
 {
     sample_sums g = { 0 };
     const colour same = { 0 };
-    if (GATHER_FIT != GATHER_FIT_MEAN)
-        add_sample(&g, same, counted ? w : SPLAT(0.0), SPLAT(frame.jitter_x), SPLAT(frame.jitter_y), near);
+    add_sample(&g, same, counted ? w : SPLAT(0.0), SPLAT(frame.jitter_x), SPLAT(frame.jitter_y), near);
     return g;
 }
 
@@ -129,14 +125,9 @@ STAGE resolved resolve_gathered(sample_sums g, sample_sums far, layers_t l, pixe
     const real zero = SPLAT(0.0), one = SPLAT(1.0), samples = g.count + own_samples(p);
     const mask any = g.count > zero;
     const real weight = any ? g.weight : one;
-    colour past = { current.r + g.sum.r / weight, current.g + g.sum.g / weight, current.b + g.sum.b / weight };
-    if (GATHER_FIT != GATHER_FIT_MEAN)
-        past = plus(current, gathered_change(g, far, l, samples, settings));
+    const colour past = plus(current, gathered_change(g, far, l, samples, settings));
     const rectification r = rectify(past, current, p.stats, m, box_scale_of(m, settings), frame, settings);
-    // A mean leaves out the current sample and gets a share relative to it; a fit includes it.
-    real share = GATHER_FIT == GATHER_FIT_MEAN ? g.weight / (luminance_weight(current, settings) + g.weight) : one;
-    if (REACTIVE)
-        share *= one - reactive_loss(p.reactivity);
+    const real share = REACTIVE ? one - reactive_loss(p.reactivity) : one;
     const colour mixed = plus_scaled(current, share, plus(minus(past, current), r.change));
     colour chosen = choose_colour(any, mixed, disoccluded_colour(current, p.stats.mean, settings));
     if ((FILTER_USE == FILTER_USE_FEW_SAMPLES) & (CURRENT_FILTER != CURRENT_FILTER_NONE)) {

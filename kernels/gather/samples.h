@@ -88,14 +88,12 @@ typedef struct
 } view_t;
 
 // Returns the weight of the sample `right` and `down` texels from the nearest one, and its offset. Most of the eight
-// have weight 0, which is tested first. The halo of an image has no samples. A mean takes the nearest one alone.
+// have weight 0, which is tested first. The halo of an image has no samples.
 STAGE real neighbour_weight(view_t v, int right, int down, real* dx, real* dy, frame_t frame)
 {
     const real zero = SPLAT(0.0), reach = v.reach;
     *dx = v.grid.x + (v.grid.xx * K(right) + v.grid.xy * K(down));
     *dy = v.grid.y + (v.grid.yx * K(right) + v.grid.yy * K(down));
-    if (GATHER_FIT == GATHER_FIT_MEAN)
-        return v.seen ? SPLAT(1.0) : zero;
     const mask near = v.seen & v.grid.visible & (absolute(*dx) < reach) & (absolute(*dy) < reach);
     if (!any_of(near))
         return zero;
@@ -115,8 +113,6 @@ typedef struct
 
 STAGE neighbours_t neighbours_within(view_t v)
 {
-    if (GATHER_FIT == GATHER_FIT_MEAN)
-        return (neighbours_t) { 0, 0, 0, 0 };
     const sample_grid_t p = v.grid;
     const real beyond = v.reach + SPLAT(1.0 / 1024); // an offset of a few pixels is rounded by 2^-21
     const real by_x = p.xx - absolute(p.xy), by_y = p.yy - absolute(p.yx);
@@ -150,11 +146,8 @@ STAGE void gather_sample(sample_sums* g, view_t v, int right, int down, pixel_t 
         const mask moves = !no_motion_vector(texel_at(moved, v.f, stride), texel_at(moved + plane, v.f, stride));
         good = good & !(v.static_ahead & moves);
     }
-    mask near = (mask)(-1);
-    if (GATHER_FIT != GATHER_FIT_MEAN) {
-        near = !l.edge | (q > l.cut * v.m.scale + v.m.shift);
-        good = far_only ? good & !near : good;
-    }
+    const mask near = !l.edge | (q > l.cut * v.m.scale + v.m.shift);
+    good = far_only ? good & !near : good;
     if (EXPOSURE)
         c = scaled(c, SPLAT(then.exposure_ratio));
     c = choose_colour(good, to_range(c), now.own);
@@ -184,13 +177,10 @@ STAGE motion_t motion_to_frame(
 {
     const real zero = SPLAT(0.0);
     motion_t m = motion_from_depth(s, px, py, then);
-    *jacobian = (jacobian_t) { 0 };
-    if (GATHER_FIT != GATHER_FIT_MEAN) {
-        *jacobian = jacobian_of(s, l.slope_x, l.slope_y, m, px, py, then);
-        const real ox = s.x + K(frame.jitter_x), oy = s.y + K(frame.jitter_y);
-        m.u -= jacobian->xx * ox + jacobian->xy * oy;
-        m.v -= jacobian->yx * ox + jacobian->yy * oy;
-    }
+    *jacobian = jacobian_of(s, l.slope_x, l.slope_y, m, px, py, then);
+    const real ox = s.x + K(frame.jitter_x), oy = s.y + K(frame.jitter_y);
+    m.u -= jacobian->xx * ox + jacobian->xy * oy;
+    m.v -= jacobian->yx * ox + jacobian->yy * oy;
     if (OWN_MOTION) {
         m.u = t.own ? t.u : m.u;
         m.v = t.own ? t.v : m.v;
@@ -222,9 +212,6 @@ STAGE void add_side(sample_sums* g, side_t side, colour current, settings_t sett
     add_sample(g, minus(side.mean, current), any ? luminance_weight(side.mean, settings) : zero, zero, zero, any);
 }
 
-// 1 if a pixel of the segment has a farther side, which is followed separately.
-STAGE int has_edges(layers_t l) { return GATHER_FIT == GATHER_FIT_LAYERS && any_of(l.edge); }
-
 #define NEARER 0
 #define FARTHER 1
 
@@ -242,7 +229,7 @@ STAGE path_t begin_path(surface s, layers_t l, int far, pixel_t p, plane_in curr
     plane_in motion, int x, int y, frame_t frame, settings_t settings)
 {
     path_t path = { { s, l }, begin_track(s), begin_track_ahead(s), begin_layer(s, l, far, p, frame, settings), far };
-    if (!has_edges(l))
+    if (!any_of(l.edge))
         return path;
     path.side = side_of(s, l, far, p.own, current, inverse_depth, motion, x, y, frame, settings);
     path.track = begin_track(path.side.s);
@@ -265,7 +252,7 @@ STAGE void gather_samples(path_t* path, plane_in ring, frame_records past, int f
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
     const real px = LANE_INDEX + K(x), py = SPLAT(y), reach = reach_of(to + 1, settings);
-    const surface followed = GATHER_FIT == GATHER_FIT_LAYERS ? range_of_side(s, l, path->far) : s;
+    const surface followed = range_of_side(s, l, path->far);
     for (int k = from; k < to; ++k) {
         const frame_t then = past[k];
         const int ahead = LOOK_AHEAD ? then.ahead > 0 : 0;

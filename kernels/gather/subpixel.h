@@ -71,8 +71,6 @@ STAGE subpixel_feature search_subpixel_feature(mask open, surface s, plane_in ri
 STAGE void find_subpixel_feature(surface* s, layers_t* l, plane_in ring, frame_records past, int frames, int x, int y,
     frame_t frame, settings_t settings)
 {
-    if (GATHER_FIT != GATHER_FIT_LAYERS)
-        return;
     mask open = !l->edge;
     if (OWN_MOTION)
         open = open & no_motion_vector(s->u, s->v);

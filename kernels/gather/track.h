@@ -51,7 +51,7 @@ STAGE mask matches_surface(real inverse_depth, surface s, motion_t m, settings_t
 // Where the sample at a footprint has no motion vector, takes that of the nearest surface of its 3x3 with one.
 STAGE void nearest_motion(real* u, real* v, mask missing, plane_in p, footprint there, size_t plane, int stride)
 {
-    if (GATHER_FIT != GATHER_FIT_LAYERS || !any_of(missing))
+    if (!any_of(missing))
         return;
     plane_in moved = p + RING_MOTION * plane;
     real best = SPLAT(-DOMAIN_LIMIT);

@@ -70,7 +70,7 @@ def test_at_a_depth_edge_the_filter_keeps_the_share_of_one_sample() -> None:
     for number in range(1, 6):
         frame = dotted(number - 1)
         depth = frame.depth.copy()
-        depth[:, 13:] = 2.0
+        depth[:, 13:] = 20.0
         value = resolver.resolve(replace(frame, depth=depth))[10, 12, 0]
         assert abs(value - (1 - (1 - middle) / number)) < 1e-6
 

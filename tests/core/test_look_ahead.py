@@ -110,7 +110,7 @@ def test_no_frame_is_only_kept_where_none_are_gathered_or_some_wait() -> None:
 
 @pytest.mark.parametrize(
     ("changes", "moving"),
-    [({}, True), ({}, False), ({"gather_fit": "mean", "reject": "none"}, False)],
+    [({}, True), ({}, False), ({"reject": "none"}, False)],
 )
 def test_the_strict_kernel_is_its_twin(changes: dict[str, object], moving: bool) -> None:
     frames = [sliding(index, (1.25, -0.5)) for index in range(7)] if moving else list(hard_frames(33, 21, count=7))

