@@ -33,7 +33,6 @@ from cltaa.commands.options import (
 from cltaa.commands.printing import Console, answer, figures, listing, print_line, print_table
 from cltaa.core.build import Storage
 from cltaa.errors import DataError, UsageError
-from cltaa.inputs.found import Found
 from cltaa.inputs.open import open_input
 from cltaa.io.names import selection_of
 from cltaa.io.pixel_statistics import ChannelStatistics
@@ -61,7 +60,10 @@ def print_plan(plan: SequencePlan) -> None:
     print_line(f"memory at the peak, without film and debug views: {plan.memory.whole / 1e6:.0f} MB = {told}")
     if plan.found is not None:
         print_line(shown(plan.found.line))
-        Console().print(_evidence(plan.found))
+        table = listing("effect", "found", "why")
+        for each in plan.found.evidence:
+            table.add_row(each.effect, "yes" if each.found else "no", shown(each.why))
+        Console().print(table)
     before: dict[tuple[tuple[str, bool, str], ...], str] = {}
     for section in plan.sections:
         first, last = section.first, section.last
@@ -73,13 +75,6 @@ def print_plan(plan: SequencePlan) -> None:
             continue
         before[key] = frames
         Console().print(_table(section, title))
-
-
-def _evidence(found: Found) -> Table:
-    table = listing("effect", "found", "why")
-    for each in found.evidence:
-        table.add_row(each.effect, "yes" if each.found else "no", shown(each.why))
-    return table
 
 
 def _table(section: Section, title: str) -> Table:

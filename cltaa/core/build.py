@@ -223,10 +223,6 @@ def _enum_lines(name: str, value: StrEnum) -> Iterator[str]:
     yield f"#define {macro} {macro}_{_macro(value.value)}"
 
 
-def _literal(value: float, real: Real) -> str:
-    return f"{float(np.float32(value)).hex()}f" if real is Real.FLOAT else value.hex()
-
-
 def _struct_lines(name: str, fields: dict[str, str]) -> Iterator[str]:
     yield "typedef struct {"
     yield from (f"    {kind} {field};" for field, kind in fields.items())
@@ -252,7 +248,9 @@ def prelude(build: Build) -> str:
     lines = [f"#define {name} {value}" for name, value in numbers.items()]
     for name in sorted(set(Choices.__struct_fields__) - HOST_CHOICES):
         lines.extend(_enum_lines(name, getattr(build.choices, name)))
-    lines.extend(f"#define {name} {_literal(constant.value, build.real)}" for name, constant in CONSTANTS.items())
+    for name, constant in CONSTANTS.items():
+        as_float = f"{float(np.float32(constant.value)).hex()}f"
+        lines.append(f"#define {name} {as_float if build.real is Real.FLOAT else constant.value.hex()}")
     lines.extend(_struct_lines("frame_t", {name: kind for name, (kind, _) in FRAME_FIELDS.items()}))
     lines.extend(_struct_lines("settings_t", dict.fromkeys(KERNEL_SETTINGS, "float")))
     return "\n".join(lines) + "\n"

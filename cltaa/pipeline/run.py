@@ -278,7 +278,9 @@ def resolve_sequence(
         if arrivals is None or arrivals.ended:
             checkpoints.clear()
     if preview is not None:
-        _write_film(preview, sequence, open_images(_results(output, sequence), gaps=OnBreak.RESET), compare, rate)
+        of_results = {output / sequence.path(number).name: number for number in sequence.numbers}
+        results = Selection(output, tuple(of_results), tuple(map(str, of_results)), of_results)
+        _write_film(preview, sequence, open_images(results, gaps=OnBreak.RESET), compare, rate)
     return report
 
 
@@ -292,12 +294,6 @@ def _write_film(
     frames = (sequence.frame(number).colour for number in results.numbers)
     before = (np.nan_to_num(colour, posinf=0.0, neginf=0.0) for colour in frames)
     write_pairs(path, before, results, labels=("input", "resolved"), rate=rate, swept=compare == "wipe")
-
-
-def _results(output: Path, sequence: FrameSequence) -> Selection:
-    """Return the results of a sequence among all files of its output folder."""
-    numbers = {output / sequence.path(number).name: number for number in sequence.numbers}
-    return Selection(output, tuple(numbers), tuple(map(str, numbers)), numbers)
 
 
 def refuse_place(output: str | Path, sequence: FrameSequence) -> None:

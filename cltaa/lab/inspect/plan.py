@@ -135,8 +135,10 @@ def plan(
             if key not in timed and section.last > sequence.first:
                 _time(section, planned, sequence, resolver, effects, rounds)
                 timed[key] = section
-            elif key in timed:
-                _copy_times(timed[key], section)
+            elif source := timed.get(key):
+                section.milliseconds, section.every_milliseconds = source.milliseconds, source.every_milliseconds
+                for step, other in zip(section.steps, source.steps, strict=True):
+                    step.milliseconds = other.milliseconds
     run = [(choices, each.steps) for each in plans for choices in (each.choices, recursive_choices(each.choices))]
     kernels = len({(choices, steps) for choices, steps in run if choices is not None})
     needed = memory(sequence, resolver, plans, half=half, layers=carried_kinds(sequence, layers), rows=band_rows)
@@ -247,12 +249,6 @@ def _time(
 
 def _milliseconds(samples: Samples, job: str, clock: Clock) -> float:
     return float(np.median(samples.seconds(job, clock))) * 1e3
-
-
-def _copy_times(source: Section, target: Section) -> None:
-    target.milliseconds, target.every_milliseconds = source.milliseconds, source.every_milliseconds
-    for step, other in zip(target.steps, source.steps, strict=True):
-        step.milliseconds = other.milliseconds
 
 
 class EffectRow(msgspec.Struct, kw_only=True):

@@ -81,11 +81,8 @@ def contenders(names: Collection[str]) -> list[str]:
     """Return the presets to compare with published ones: the default, the last of the ladder, and all others outside
     both groups, such as the user's own."""
     highest = next((name for name in reversed(LADDER) if name in names), None)
-
-    def contends(name: str) -> bool:
-        return name in (DEFAULT, highest) or not (published(name) or name in LADDER or name == ONE_SAMPLE)
-
-    return sorted(filter(contends, names), key=lambda name: name != DEFAULT)
+    others = {name for name in names if not (published(name) or name in LADDER or name == ONE_SAMPLE)}
+    return sorted((name for name in names if name in {DEFAULT, highest} | others), key=lambda name: name != DEFAULT)
 
 
 def _mean_scores(cells: list[Judged]) -> dict[str, float | None]:
