@@ -272,18 +272,28 @@ class Resolver:
 
         ``planar`` stores each channel of an image by itself.
         """
+        check_flags(planar=planar)
         for frame in each_frame(frames):
             if self.look_ahead:
-                yield from self._fed(frame, half=half, planar=planar)
+                yield from self._one_by_one(self._fed(frame, half=half, planar=planar))
             elif planar:
                 kind = np.float16 if half else np.float32
                 yield self.resolve(frame, out=empty_result(frame, kind, planar=True))
             else:
                 yield self.resolve(frame, half=half)
             del frame  # before the wait for the next
-        yield from self._flushed(half=half, planar=planar)
+        yield from self._one_by_one(self._flushed(half=half, planar=planar))
 
-    @public("Resolver.feed")
+    def _one_by_one(self, images: Iterator[NDArray[Any]]) -> Iterator[NDArray[Any]]:
+        """Yield ``images`` of this resolver; between two of them another thread may use it."""
+        while (image := self._following(images)) is not None:
+            yield image
+
+    @one_thread
+    def _following(self, images: Iterator[NDArray[Any]]) -> NDArray[Any] | None:
+        return next(images, None)
+
+    @one_thread
     def feed(self, frame: Frame, *, half: bool = False) -> list[NDArray[Any]]:
         """Take the next frame; returns the images that are now ready, in the order of their frames.
 
@@ -293,16 +303,11 @@ class Resolver:
         """
         return list(self._fed(frame, half=half)) if self.look_ahead else [self.resolve(frame, half=half)]
 
-    @public("Resolver.flush")
+    @one_thread
     def flush(self, *, half: bool = False) -> list[NDArray[Any]]:
         """Return the images of the frames that wait for later ones, from those that there are."""
-        self._alone()
         check_flags(half=half)
         return list(self._flushed(half=half))
-
-    @one_thread
-    def _alone(self) -> None:
-        """Raise UsageError while another thread uses the resolver."""
 
     @one_thread
     def keep(self, frame: Frame) -> None:
@@ -359,7 +364,6 @@ class Resolver:
         fits = self._frame_ring.fit(layout, settings.history_frames, self._channel_steps(frame), self.look_ahead)
         return fits and self._latest.continues_in(frame, self.preset.choices)
 
-    @one_thread
     def _take(self, frame: Frame, coarse: Coarse) -> None:
         """Copy a frame into the ring, ahead of those that wait."""
         started, goes_on, steps = perf_counter(), self._goes_on(frame), self._channel_steps(frame)
@@ -378,7 +382,6 @@ class Resolver:
         waiting.append(outline(frame))
         self.times = Times(perf_counter() - started, 0.0, 0.0)
 
-    @one_thread
     def _next(self, *, half: bool, planar: bool) -> NDArray[Any]:
         """Resolve the first of the waiting frames."""
         assert self._buffers is not None

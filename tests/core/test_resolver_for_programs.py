@@ -21,6 +21,7 @@ from pyopencl import invoker
 from cltaa.core.bands import BandedResolver
 from cltaa.core.plan import Reason
 from cltaa.core.presets import load_preset, override, preset_names
+from cltaa.core.record import Coarse, coarse_colours
 from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError, UsageError
 from cltaa.frame import Camera, Frame
@@ -140,6 +141,29 @@ def test_a_second_thread_in_one_resolver_is_refused(monkeypatch: pytest.MonkeyPa
     assert resolver.resolve(still_frame(2)).shape == first.shape
     in_the_midst()
     assert len(told) == times
+
+
+@pytest.mark.parametrize("call", [Resolver.feed, lambda resolver, frame: [*resolver.images([frame])]])
+def test_what_waits_for_later_frames_is_one_threads_too(
+    call: Callable[[Resolver, Frame], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    resolver, told = Resolver("gather-8", "numpy", look_ahead=1), list[str]()
+
+    def reset() -> None:
+        try:
+            resolver.reset()
+        except UsageError as error:
+            told.append(error.what)
+
+    def in_the_midst(frame: Frame) -> Coarse:
+        thread = Thread(target=reset)
+        thread.start()
+        thread.join()
+        return coarse_colours(frame)
+
+    monkeypatch.setattr("cltaa.core.resolver.coarse_colours", in_the_midst)
+    call(resolver, make_frame(0))
+    assert set(told) == {"two threads use one resolver at once"}
 
 
 @pytest.mark.parametrize("kind", [Resolver, BandedResolver])
