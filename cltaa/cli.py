@@ -15,7 +15,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from cltaa import __version__
-from cltaa.errors import CltaaError, InternalError, ResourceError, StorageError, UsageError
+from cltaa.errors import CltaaError, InternalError, ResourceError, UsageError, refused
 from cltaa.printable import printable
 from cltaa.process import Stop, configure, ends_at_once, ignore_signals, interrupts
 from cltaa.renamed import one_line_each
@@ -290,8 +290,7 @@ def _deliberate(error: Exception) -> CltaaError:
         case MemoryError():
             return ResourceError("memory ran out", cure="use smaller frames or a machine with more memory")
         case OSError():
-            what = f"the system refused: {error.strerror or error}"
-            return StorageError(what, path=error.filename, cure="check the disk and the permissions")
+            return refused(error)
         case _:
             cure = "this is a fault of cltaa: run it again with --debug and report what it shows"
             return InternalError(f"{type(error).__name__}: {error}", cure=cure)

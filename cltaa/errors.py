@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import errno
 import importlib
+import os
 from collections.abc import Callable, Iterable, Mapping
 from functools import wraps
 from numbers import Integral, Real
@@ -118,7 +119,7 @@ WRONG_TYPES = (TypeError, ValueError, AttributeError)
 
 def public(name: str) -> Callable[[Call], Call]:
     """Decorate what programs call as ``name``: where it fails because of arguments that it does not take, or of wrong
-    types, it raises UsageError."""
+    types, it raises UsageError, and where the system refuses a file StorageError."""
 
     def decorated(call: Call) -> Call:
         @wraps(call)
@@ -128,6 +129,10 @@ def public(name: str) -> Callable[[Call], Call]:
             except WRONG_TYPES:
                 check_arguments(name, call, given, named)
                 raise
+            except OSError as error:
+                if error.filename is None:  # of no file, as a closed pipe
+                    raise
+                raise refused(error) from error
 
         return cast(Call, told)
 
@@ -154,6 +159,15 @@ def check_arguments(name: str, call: Callable[..., Any], given: tuple[Any, ...],
         if declared is not None and not _fits(value, _evaluated(declared, call)):
             found = repr(value) if isinstance(value, str | int | float | tuple) else type(value).__name__
             raise UsageError(f"{name}: {each} is wrong", expected=declared, found=found) from None
+        if isinstance(value, str | Path) and not _names_a_file(value):
+            raise UsageError(f"{name}: {each} can name no file", found=repr(str(value))) from None
+
+
+def _names_a_file(name: str | Path) -> bool:
+    try:
+        return b"\0" not in os.fsencode(name)
+    except UnicodeEncodeError:
+        return False
 
 
 def _evaluated(declared: Any, call: Any) -> Any:
@@ -199,6 +213,12 @@ DISK_CURES = {
 def disk_cure(error: OSError) -> str:
     """Return the cure for a file that could not be read or written, by errno: not every disk is full."""
     return DISK_CURES.get(error.errno or 0, "check the folder and the disk, and run again")
+
+
+def refused(error: OSError) -> StorageError:
+    """Return the error for one of the system that nothing else has named."""
+    cure = DISK_CURES.get(error.errno or 0, "check the disk and the permissions")
+    return StorageError(f"the system refused: {error.strerror or error}", path=error.filename, cure=cure)
 
 
 class UsageError(CltaaError):

@@ -85,11 +85,12 @@ class Camera:
     view_to_clip: Matrix  # [4, 4], OpenGL clip space: x right, y up, z in [-1, 1]
 
     def __post_init__(self) -> None:
-        """Copy the matrices; what is no array stays as it is, for the check of a frame."""
+        """Copy the matrices, masked numbers as NaN; what is no array of numbers stays as it is, for the check of a
+        frame."""
         for name in ("world_to_view", "view_to_clip"):
             given: Any = getattr(self, name)
-            if isinstance(given, np.ndarray):
-                object.__setattr__(self, name, given.copy())
+            if isinstance(given, np.ndarray) and given.dtype.kind in "fiu":
+                object.__setattr__(self, name, np.asarray(np.ma.filled(given.astype(np.float64), np.nan)))
 
     @property
     def orthographic(self) -> bool:

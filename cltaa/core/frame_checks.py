@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -122,6 +123,7 @@ def _check_types(frame: Frame) -> None:
         ("exposure", (int, float, np.integer, np.floating), "a number"),
         ("cut", (bool, np.bool_, int), CUT),
         ("scene", str, "text"),
+        ("path", (str, Path, NoneType), "a path or None"),
     ):
         if not isinstance(getattr(frame, name), kinds):
             raise _wrong(frame, name, expected)

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import msgspec
-import numpy as np
 
 from cltaa.core.parameters import Choices, Settings
-from cltaa.errors import DataError, UsageError, known
+from cltaa.errors import DataError, UsageError, known, public
 from cltaa.printable import printable
 from cltaa.renamed import KEYS, PRESETS, WORDS, current
 
@@ -40,6 +39,13 @@ class Preset(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     choices: Choices = Choices()
     settings: Settings = Settings()
 
+    def __post_init__(self) -> None:
+        """Raise UsageError for a field of a wrong type."""
+        for part, kind in PARTS.items():
+            if not isinstance(value := getattr(self, part), kind):
+                raise UsageError(f"preset: {part} is wrong", expected=kind.__name__, found=repr(value))
+
+    @public("Preset.replace")
     def replace(self, **values: str | float) -> Preset:
         """Return the preset with new values for keys that ``cltaa presets --parameters`` lists; raises UsageError for
         an unknown key or a value out of range."""
@@ -51,6 +57,7 @@ class Preset(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
         return {part: parts[part] for part in ("choices", "settings", "published")}
 
 
+PARTS: dict[str, type] = get_type_hints(Preset)
 FIELDS: dict[str, type[Settings] | type[Choices]] = {
     **dict.fromkeys(Settings.__struct_fields__, Settings),
     **dict.fromkeys(Choices.__struct_fields__, Choices),
@@ -93,14 +100,10 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
             raise UsageError(f"{origin}: unknown key {key}", cure=cure)
     parts: dict[str, Any] = {}
     for part, kind in (("choices", Choices), ("settings", Settings)):
-        current = getattr(preset, part)
-        if not isinstance(current, kind):
-            expected, found = f"cltaa.{kind.__name__}", type(current).__name__
-            raise UsageError(f"{origin}: {part} are wrong", expected=expected, found=found)
-        merged = msgspec.to_builtins(current)
+        merged = msgspec.structs.asdict(getattr(preset, part))
         for key, value in values.items():
             if FIELDS[key] is kind:
-                merged[key] = _as_number(value.item() if isinstance(value, np.generic) else value)
+                merged[key] = _as_number(value)
         try:
             parts[part] = msgspec.convert(merged, kind, strict=False)
         except msgspec.ValidationError as error:
@@ -110,8 +113,10 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
     return msgspec.structs.replace(preset, **parts)
 
 
-def _as_number(value: object) -> object:
-    """Return the number in a text as Python reads it, such as .5 and +2; anything else unchanged."""
+def _as_number(value: Any) -> object:
+    """Return the number in a text as Python reads it, such as .5 and +2, or of NumPy; anything else unchanged."""
+    if getattr(value, "shape", None) == ():
+        return value.item()
     try:
         return float(value) if isinstance(value, str) else value
     except ValueError:

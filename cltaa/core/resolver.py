@@ -236,6 +236,8 @@ class Resolver:
         if waits:
             self.launcher.finish()
         self._resolved(frame, previous, build, buffers, into, started, waits=waits)
+        if out is not None and any(_may_overlap(into, array) for array in frame.arrays):
+            self.last = None  # it may read the frame in place, where the result is now
         return into if out is None else out
 
     def _resolved(
@@ -417,7 +419,8 @@ class Resolver:
         """Return what was decided at each pixel of the frame resolved last, by the names of docs/debug-views.md.
 
         ``reject`` and ``count`` [H, W], ``motion`` [H, W, 2] in pixels, ``clip`` [H, W]. Raises UsageError for other
-        names, before the first image, and with look-ahead where another frame came after the image.
+        names, before the first image, with look-ahead where another frame came after the image, and where ``out``
+        overwrote the frame.
         """
         if self.last is None:
             raise UsageError("nothing was resolved yet", cure="call resolve() first")
@@ -586,3 +589,8 @@ class Resolver:
 
     def _forget_ahead(self) -> None:
         self._latest, self._waiting = None, deque()
+
+
+def _may_overlap(one: Any, other: Any) -> bool:
+    """True where two arrays of the host may share memory."""
+    return isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and np.may_share_memory(one, other)

@@ -50,6 +50,7 @@ def open_input(
     if not isinstance(profile, str | Path):
         from cltaa.inputs.profile import load_profile
 
+        profile = load_profile(profile)
         profile = "cltaa" if profile == load_profile("cltaa") else profile
     plain = not assignments and side_file is None and effects == "auto"
     if plain and str(profile) in ("auto", "cltaa") and is_own(place):

@@ -30,7 +30,7 @@ def guide_line(guides: Mapping[str, tuple[str, ...]], faults: Mapping[str, str])
 
 def denoises(name: str) -> bool:
     """True where a denoiser of that name does anything; raises UsageError for an unknown one."""
-    if name not in DENOISERS:
+    if not isinstance(name, str) or name not in DENOISERS:
         raise UsageError("no such denoiser", expected=", ".join(DENOISERS), found=repr(name))
     return name != "none"
 

@@ -209,7 +209,8 @@ def resolve_folder(
     denoised = denoiser(options.get("denoise", "none")) is not None
     if not isinstance(preset, Preset):
         preset = read_preset(preset, for_denoised if denoised else None)
-    check_jobs(1 if jobs is None else jobs, preset, follow=follow, debug=bool(debug), dask=dask is not None)
+    views = parse_views(debug, "debug")
+    check_jobs(1 if jobs is None else jobs, preset, follow=follow, debug=bool(views), dask=dask is not None)
     arrivals = arrivals_of(source, preset, idle, reading, options) if follow else None
     if arrivals is not None:
         sequence = arrivals.first()
@@ -229,7 +230,7 @@ def resolve_folder(
         "effects": effects,
         "half": half,
         "compression": carried_compression(sequence) if compression is None else compression,
-        "debug": parse_views(debug, "debug"),
+        "debug": views,
         "layers": carried,
         "progress": progress,
         "arrivals": arrivals,

@@ -187,7 +187,7 @@ def test_an_extra_left_out_says_what_to_install(
         (
             OSError(28, "No space left on device", "x"),
             74,
-            "x: the system refused: No space left on device; check the disk and the permissions",
+            "x: the system refused: No space left on device; free some space and run again",
         ),
         (RecursionError("too\ndeep \x1b[2J"), 70, r"RecursionError: too deep \x1b[2J"),
     ],

@@ -43,7 +43,7 @@ def resolved(sequence: Path) -> Any:
 
 def own(**parts: Any) -> Any:
     """A preset that a program makes of its ``parts``."""
-    return cltaa.Preset(name="own", description="", **parts)
+    return cltaa.Preset(**{"name": "own", "description": "", **parts})
 
 
 LIGHT = np.ones((8, 8, 3), np.float32)
@@ -107,7 +107,41 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
         lambda _: cltaa.Resolver(own(choices=cltaa.Choices(reject="foo"))),
         "Resolver: reject has no such value .expected none, depth, found foo",
     ),
-    "no choices": (lambda _: cltaa.Resolver(own(choices=None)), "Resolver: choices are wrong .expected cltaa.Choices"),
+    "no choices": (
+        lambda _: cltaa.Resolver(own(choices=None)),
+        "preset: choices is wrong .expected Choices",
+    ),
+    "a preset without a name": (lambda _: own(name=3), "preset: name is wrong .expected str, found 3"),
+    "published by text": (lambda _: own(published="engine"), "preset: published is wrong .expected Published"),
+    "a setting of numbers": (
+        lambda _: cltaa.load_preset().replace(blend_weight=LIGHT),
+        "blend_weight has no such value",
+    ),
+    "a setting of one's own, of numbers": (
+        lambda _: cltaa.Resolver(own(settings=cltaa.Settings(blend_weight=LIGHT))),
+        "Resolver: blend_weight has no such value",
+    ),
+    "a preset by a number": (lambda _: cltaa.load_preset().replace(3), "^Preset.replace: too many positional"),
+    "NUL in a folder's name": (lambda seq: cltaa.resolve(seq, "a\0b"), "resolve: output can name no file .*a.x00b"),
+    "NUL in a film's name": (lambda seq: cltaa.resolve(seq, "out", preview="\0.mp4"), "preview can name no file"),
+    "NUL in a frame's name": (lambda _: cltaa.write_frame("\0.0000.exr", make_frame()), "path can name no file"),
+    "NUL in a profile's name": (lambda seq: cltaa.open(seq, profile="\0.toml"), "profile can name no file"),
+    "NUL in a side file's name": (lambda seq: cltaa.open(seq, side_file="\0"), "side_file can name no file"),
+    "NUL in a preset's name": (lambda _: cltaa.load_preset("\0.toml"), "load_preset: named can name no file"),
+    "half of a character": (lambda _: cltaa.open("\ud800"), "open: named can name no file"),
+    "a long name": (lambda _: cltaa.open("x" * 5000), "the system refused: File name too long; give it a shorter name"),
+    "a long name for results": (lambda seq: cltaa.resolve(seq, "x" * 5000), "the system refused: File name too long"),
+    "a profile of numbers": (lambda seq: cltaa.open(seq, profile=LIGHT), "unknown profile"),
+    "views of numbers": (lambda seq: cltaa.resolve(seq, "out", debug=LIGHT), "debug takes names"),
+    "a denoiser of numbers": (lambda seq: cltaa.resolve(seq, "out", denoise=LIGHT), "no such denoiser"),
+    "a path of numbers": (
+        lambda _: cltaa.Resolver(device="numpy").resolve(cltaa.Frame(0, LIGHT, path=LIGHT)),
+        "path is wrong .expected a path or None, found ndarray",
+    ),
+    "planar by numbers": (
+        lambda _: [*cltaa.Resolver(device="numpy").images([make_frame()], planar=LIGHT)],
+        "planar is a flag",
+    ),
     "a side file of a number": (lambda seq: cltaa.open(seq, side_file=3), "no name of a side file .*found 3"),
     "an empty name": (lambda _: cltaa.open(""), "no sequence is named .*an empty name"),
     "a profile of None": (lambda seq: cltaa.open(seq, profile=None), "unknown profile None"),

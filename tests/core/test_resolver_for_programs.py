@@ -20,6 +20,7 @@ from pyopencl import invoker
 
 from cltaa.core.bands import BandedResolver
 from cltaa.core.plan import Reason
+from cltaa.core.planes import haloed
 from cltaa.core.presets import load_preset, override, preset_names
 from cltaa.core.record import Coarse, coarse_colours
 from cltaa.core.resolver import Resolver
@@ -312,6 +313,24 @@ def test_infinite_motion_is_reported() -> None:
         Resolver(device="numpy").resolve(frame)
 
 
+@pytest.mark.parametrize("kind", [np.float16, np.float32, np.longdouble, ">f8", np.int64])
+def test_a_matrix_may_hold_numbers_of_any_type(kind: Any) -> None:
+    """They are in double precision, so that the inverse of a camera far from the origin is found."""
+    view = np.eye(4)
+    view[:3, 3] = 700.0, -300.0, 40.0
+    view[:2, :2] = (0.0, -1.0), (1.0, 0.0)
+    cameras = [Camera(each, make_camera().view_to_clip) for each in (view, view.astype(kind))]
+    assert cameras[1].world_to_view.dtype == np.float64
+    images = [Resolver(device="numpy").resolve(make_frame(0, camera=each)) for each in cameras]
+    assert np.array_equal(bits(images[0]), bits(images[1]))
+
+
+def test_a_masked_number_of_a_matrix_is_missing() -> None:
+    view = np.ma.masked_array(np.eye(4), mask=np.eye(4, k=1, dtype=bool))
+    with pytest.raises(DataError, match=r"camera\.world_to_view holds NaN or infinity"):
+        Resolver(device="numpy").resolve(make_frame(0, camera=Camera(view, make_camera().view_to_clip)))
+
+
 def test_an_index_that_stands_still_is_refused() -> None:
     resolver = Resolver(device="numpy")
     resolver.resolve(make_frame(5))
@@ -517,6 +536,15 @@ def test_the_last_frame_shows_what_was_decided() -> None:
     assert (found["count"] == 1).all()
     with pytest.raises(UsageError, match=r"debug: unknown view cont; did you mean count\?"):
         resolver.debug("cont")
+
+
+def test_a_frame_that_its_result_overwrote_shows_nothing() -> None:
+    """The planes of a file are read in place, so the views would be of the result."""
+    colour = np.moveaxis(haloed([*np.moveaxis(make_frame(0).colour, -1, 0)]), 0, -1)
+    resolver = Resolver("fast")
+    resolver.resolve(replace(make_frame(0), colour=colour), out=colour)
+    with pytest.raises(UsageError, match="nothing was resolved"):
+        resolver.debug("clip")
 
 
 def test_a_preset_is_changed_by_its_keys() -> None:
