@@ -6,15 +6,19 @@ import multiprocessing
 import shutil
 import signal
 from collections.abc import Generator
+from itertools import count
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 
 from cltaa.core.build import Storage
 from cltaa.errors import DataError, InputMissing
-from cltaa.lab.bench.accuracy.measurement import cells_of
+from cltaa.lab.bench.accuracy import measurement
+from cltaa.lab.bench.accuracy.measurement import bench_accuracy, cells_of
 from cltaa.lab.bench.cells import Cell, Judged, Rounding, Task, run_all
+from cltaa.lab.timing import Environment, environment
 from tests.lab.bench.accuracy_tasks import task
 from tests.sequence_factory import write_sequence
 
@@ -78,3 +82,28 @@ def test_what_is_finished_outlives_an_error(sequence: Path, tmp_path: Path) -> N
         list(run_all(tasks, tmp_path / "out", jobs=2))
     assert tasks[0].finished(tmp_path / "out").keys() == {tasks[0].variants[0].name}
     assert tasks[1].finished(tmp_path / "out") == {}
+
+
+def test_what_is_kept_tells_when_it_was_measured(
+    sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    days = count(1)
+
+    def another_day(*given: Any, **named: Any) -> Environment:
+        return msgspec.structs.replace(environment(*given, **named), date=f"2026-01-{next(days):02}")
+
+    both = [task(sequence), task(write_sequence(tmp_path / "other", 2, reference=True, seed=1))]
+    output = tmp_path / "out"
+
+    def measured() -> Environment:
+        return bench_accuracy(both, output, rounds=1, patience=0.0, pixels=1, jobs=1, dask=None).environment
+
+    monkeypatch.setattr(measurement, "environment", another_day)
+    whole = measured()
+    assert measured() == whole
+    next((output / "times").iterdir()).unlink()  # as if the first run had ended before it
+    begun, ended = measured().date.split(" to ")
+    assert begun in whole.date
+    assert ended > whole.date[-len(ended) :]
+    monkeypatch.setattr("cltaa.lab.timing.cpu_name", lambda: "another processor")
+    assert measured().cpu == "another processor"

@@ -98,8 +98,16 @@ class MeasuredSequence(msgspec.Struct, frozen=True, kw_only=True):
     profile: str = ""  # reader profile of another tool's files
 
 
+class _Kept(msgspec.Struct, frozen=True):
+    """A finished sequence in a file, and where and when it was measured."""
+
+    measured: MeasuredSequence
+    environment: Environment
+
+
 class Accuracy(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole measurement, the source of the report."""
+    """The whole measurement, the source of the report. The date and the load before and after are those from the first
+    sequence to the last, where an earlier run measured some of them."""
 
     environment: Environment
     metrics: list[str]
@@ -403,19 +411,22 @@ def bench_accuracy(
     timing = Timing(rounds, patience, len(of), units, CORES, pixels)
     for _ in track(run_all(tasks, output, jobs=jobs, dask=dask), len(tasks), "measuring errors", "tasks"):
         pass
-    sequences = list[MeasuredSequence]()
+    here = partial(environment, launcher.description, before, units=units)
+    sequences, places = list[MeasuredSequence](), list[Environment]()
     for mine in of.values():
         cells = cells_of(mine, output)
         captured = mine[0].open()
-        path = _path(output, mine, captured, launcher, timing)
-        measured = kept(path, MeasuredSequence)
-        if measured is None:
+        path = _path(output, mine, captured, here(), timing)
+        found = kept(path, _Kept)
+        if found is None:
             measured = measure_sequence(captured, cells, launcher, timing)
-            keep(path, measured)
+            found = _Kept(measured, here())
+            keep(path, found)
         # Measured once, the same frames may lie elsewhere now, and under another name.
-        sequences.append(msgspec.structs.replace(measured, **_named(captured)))
+        sequences.append(msgspec.structs.replace(found.measured, **_named(captured)))
+        places.append(found.environment)
     return Accuracy(
-        environment=environment(launcher.description, before, units=units),
+        environment=_during(places),
         metrics=list(tasks[0].judging.metrics),
         rounds=rounds,
         variants=list(dict.fromkeys(variant for task in tasks for variant in task.variants)),
@@ -428,12 +439,18 @@ def cells_of(tasks: Iterable[Task], output: Path) -> dict[Variant, Cell]:
     return {variant: task.finished(output)[variant.name] for task in tasks for variant in task.variants}
 
 
-def _path(
-    output: Path, tasks: Sequence[Task], captured: FrameSequence, launcher: DeviceLauncher, timing: Timing
-) -> Path:
+def _path(output: Path, tasks: Sequence[Task], captured: FrameSequence, here: Environment, timing: Timing) -> Path:
     """Return the file of a finished sequence, named by a hash of everything that it depends on."""
     # With the names of the variants, which what was measured holds, and a file of parameters may have another now.
     cells = [f"{task.path(output, variant).name} {variant.name}" for task in tasks for variant in task.variants]
     beside = content_sha256(captured, open_yardsticks(captured).values()), repr(captured.sequence_json)
-    digest = hashlib.sha256("\0".join([*cells, *beside, launcher.description, repr(timing)]).encode())
+    place = repr(msgspec.structs.replace(here, date="", load_before=0.0, load_after=0.0))
+    digest = hashlib.sha256("\0".join([*cells, *beside, place, repr(timing)]).encode())
     return output / "times" / f"{digest.hexdigest()[:16]}.msgpack"
+
+
+def _during(places: Sequence[Environment]) -> Environment:
+    """Return the environment of measurements that differ in time alone."""
+    first, *_, last = sorted([*places, *places], key=lambda place: place.date)
+    date = " to ".join(dict.fromkeys([first.date, last.date]))
+    return msgspec.structs.replace(last, date=date, load_before=first.load_before)
