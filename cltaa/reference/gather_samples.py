@@ -123,6 +123,16 @@ class View(NamedTuple):
         return np.where(self.seen & self.grid.visible & inside, share, 0.0), dx, dy
 
 
+def holds_rim(v: View, f: Footprint, q: Array, alpha: Array, now: Pixel) -> Mask:
+    """True where a sample of the sky is more opaque than the pixel, and beside a sample that has depth."""
+    sky = number(v.then["sky_inverse_depth"], q)
+    beside = np.zeros(q.shape, bool)
+    for right, down in NEIGHBOURS:
+        there = f._replace(row=f.row + down, column=f.column + right)
+        beside |= inverse_depth_or_sky(texel_at(v.planes[RING_INVERSE_DEPTH], there, q.dtype), v.then) > sky
+    return (q <= sky) & (alpha > now.alpha) & beside
+
+
 def gather_sample(
     g: SampleSums, v: View, right: int, down: int, now: Pixel, s: Surface, layers: Layers, run: Run, *, far_only: bool
 ) -> None:
@@ -138,6 +148,11 @@ def gather_sample(
     q = inverse_depth_or_sky(texel_at(v.planes[RING_INVERSE_DEPTH], f, zero.dtype), v.then)
     good = good & ~colour_outside_domain(c)
     good = good & matches_surface(q, s, v.m, run)
+    alpha = zero
+    if run.steps.alpha:
+        alpha = share_in_domain(texel_at(v.planes[ring_alpha(run.steps)], f, zero.dtype), 1.0)
+        good = good & ~holds_rim(v, f, q, alpha, now)
+        alpha = alpha - now.alpha
     if v.static_ahead is not None:
         moves = ~no_motion_vector(*texel_at(v.planes[MOTION], f, zero.dtype))
         good = good & ~(v.static_ahead & moves)
@@ -156,9 +171,6 @@ def gather_sample(
     w = counted * luminance_weight(c, run)
     g.add(c - current, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near)
     g.count = g.count + counted
-    alpha = zero
-    if run.steps.alpha:
-        alpha = share_in_domain(texel_at(v.planes[ring_alpha(run.steps)], f, zero.dtype), 1.0) - now.alpha
     g.alpha = g.alpha + w * alpha
     if v.recent:
         g.add_recent(weighted_difference(c, current, run), alpha, counted, run.build)

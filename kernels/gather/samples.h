@@ -122,6 +122,24 @@ STAGE neighbours_t neighbours_within(view_t v)
     return (neighbours_t) { -left, right, -top, bottom };
 }
 
+// True where a sample of the sky holds a part of something: it is more opaque than the pixel, and beside a sample that
+// has depth. A renderer that averages samples over each pixel leaves such a rim around all that it draws.
+STAGE mask holds_rim(plane_in p, footprint f, real q, real alpha, pixel_t now, frame_t then, frame_t frame)
+{
+    const int stride = row_stride(frame);
+    const real sky = SPLAT(then.sky_inverse_depth);
+    const mask more = (q <= sky) & (alpha > now.alpha);
+    mask beside = (mask)(0);
+    if (!any_of(more))
+        return beside;
+    plane_in depth = p + RING_INVERSE_DEPTH * plane_size(frame);
+    for (int k = 0; k < 9; ++k) {
+        const ptrdiff_t by = (k / 3 - 1) * (ptrdiff_t)stride + (k % 3 - 1);
+        beside = beside | (inverse_depth_or_sky(texel_at(depth + by, f, stride), then) > sky);
+    }
+    return more & beside;
+}
+
 // Adds one sample of a frame of the ring, if it shows one of the pixel's surfaces; with `far_only`, if it shows the
 // farther one.
 STAGE void gather_sample(sample_sums* g, view_t v, int right, int down, pixel_t now, surface s, layers_t l,
@@ -140,6 +158,12 @@ STAGE void gather_sample(sample_sums* g, view_t v, int right, int down, pixel_t 
     good = good & !colour_outside_domain(c);
     const real q = inverse_depth_or_sky(texel_at(p + RING_INVERSE_DEPTH * plane, v.f, stride), then);
     good = good & matches_surface(q, s, v.m, settings);
+    real alpha = zero;
+    if (ALPHA) {
+        alpha = share_in_domain(texel_at(p + RING_ALPHA * plane, v.f, stride), SPLAT(1.0));
+        good = good & !holds_rim(p, v.f, q, alpha, now, then, frame);
+        alpha -= now.alpha;
+    }
     if (OWN_MOTION & LOOK_AHEAD) {
         // The object there has set out since, or occludes the surface.
         plane_in moved = p + RING_MOTION * plane;
@@ -162,9 +186,6 @@ STAGE void gather_sample(sample_sums* g, view_t v, int right, int down, pixel_t 
     const real w = counted * luminance_weight(c, settings);
     add_sample(g, d, w, good ? dx : zero, good ? dy : zero, far_only ? !near : near);
     g->count += counted;
-    real alpha = zero;
-    if (ALPHA)
-        alpha = share_in_domain(texel_at(p + RING_ALPHA * plane, v.f, stride), SPLAT(1.0)) - now.alpha;
     g->alpha += w * alpha;
     if (v.recent)
         add_recent(g, weighted_difference(c, now.own, settings), alpha, counted);

@@ -66,6 +66,24 @@ def test_alpha_leaves_no_trail_that_its_colour_does_not_leave(name: str) -> None
             assert np.all(alpha <= (1e-6 if rectifies else colour + 0.15)), scene.__name__
 
 
+def receding(number: int) -> Frame:
+    """A wall whose edge recedes by a pixel a frame; the sky's pixels beside it hold half of it."""
+    edge = WIDTH - 8 - number
+    cover = np.zeros((HEIGHT, WIDTH), np.float32)
+    cover[:, :edge], cover[:, edge] = 1.0, 0.5
+    frame = laid(cover, number)
+    frame.depth[:, :edge] = 4.0
+    return frame
+
+
+@pytest.mark.parametrize("device", ["numpy", None])
+def test_gathering_leaves_no_rim_of_what_recedes(device: str | None) -> None:
+    resolver = Resolver(load_preset("gather-8").replace(illumination="static", recursion="none"), device)
+    for number in range(6):
+        image = resolver.resolve(receding(number))
+    assert not image[:, WIDTH - 8 - 3 :].any()
+
+
 def test_gathered_alpha_of_missing_samples_is_a_share() -> None:
     """The mean of others is a difference from the pixel's own alpha, and their sum is rounded: 1 + 2^-22 was seen."""
     resolver = Resolver(load_preset("gather-8").replace(illumination="static", recursion="none"), "numpy")
