@@ -148,7 +148,7 @@ def test_frames_ahead_are_in_the_formula(counting: type[Counting | CountingDevic
 
 def test_the_windows_of_changing_light_are_in_the_formula_and_in_the_plan(tmp_path: Path) -> None:
     launcher = Counting()
-    resolver = Resolver(override(load_preset("gather-48"), {"history_frames": 3}), launcher)
+    resolver = Resolver(override(load_preset("gather-48"), {"history_frames": 3, "recursion": "none"}), launcher)
     resolver.resolve(
         make_frame(0, width=50, height=31, alpha=True, effects=frozenset({Effect.ALPHA, Effect.ILLUMINATION}))
     )
