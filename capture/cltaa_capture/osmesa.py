@@ -20,7 +20,7 @@ import numpy as np
 from cltaa.errors import DeviceMissing, UsageError
 
 BACKENDS = ("auto", "osmesa", "egl")
-INSTALL = "install libosmesa6 (Debian, Ubuntu: apt-get install libosmesa6), or libegl1 and libegl-mesa0"
+INSTALL = "install libosmesa6 (Debian, Ubuntu: apt-get install libosmesa6), or libegl1, libegl-mesa0 and libgl1"
 
 # Names of the shared libraries, newest first.
 LIBRARIES = {
