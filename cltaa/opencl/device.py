@@ -296,8 +296,12 @@ def context_of(device: cl.Device) -> cl.Context:
 
 
 def program_of(context: cl.Context, text: str, options: tuple[str, ...]) -> cl.Program:
-    """Build a program."""
-    built: cl.Program = cl.Program(context, text).build(options=list(options))
+    """Build a program without pyopencl's cache, whose binaries of Intel's runtime lack the names of arguments."""
+    program = cl.Program(context, text)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # to ask before the build avoids that cache
+        program.get_info(cl.program_info.REFERENCE_COUNT)
+    built: cl.Program = program.build(options=list(options))
     return built
 
 

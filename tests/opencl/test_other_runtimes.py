@@ -40,6 +40,15 @@ def test_literals_are_single_where_a_device_has_no_doubles(extensions: str, flag
     assert device_flags([cast(Any, SimpleNamespace(extensions=extensions))]) == flags
 
 
+def test_no_program_comes_from_pyopencl_s_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A binary of Intel's runtime does not tell the names of arguments, and the second build came from one."""
+    monkeypatch.setattr(cl, "_PYOPENCL_NO_CACHE", False)
+    monkeypatch.setattr("pyopencl.characterize.has_src_build_cache", lambda _: False)
+    monkeypatch.setattr("pyopencl.cache.create_built_program_from_source_cached", lambda *_, **__: pytest.fail("kept"))
+    built = device.program_of(device.context_of(device.devices()[0]), "__kernel void named_here() {}", ())
+    assert built.get_info(cl.program_info.KERNEL_NAMES) == "named_here"
+
+
 def driver(platform: str, version: str, kind: int = cl.device_type.CPU) -> Any:
     named = SimpleNamespace(name=platform, version=version)
     found = SimpleNamespace(name=version, platform=named, type=kind, int_ptr=0)
