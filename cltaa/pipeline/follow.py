@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -15,7 +16,7 @@ from cltaa.inputs.open import open_input
 from cltaa.inputs.roles import file_sets
 from cltaa.io.content import open_regular
 from cltaa.io.exr_header import checked_outline
-from cltaa.io.names import Selection, leads_nowhere, renumbered, selection_of
+from cltaa.io.names import Selection, leads_nowhere, pattern_of, renumbered, selection_of
 from cltaa.io.numbered import FrameRange, OnBreak, checked_range, checked_step, frame_missing
 from cltaa.io.sequence import FrameSequence, other_effects
 from cltaa.process import Stop
@@ -162,7 +163,13 @@ class Arrivals:
         if self._begun is None:
             return sets
         read, first = self._begun.files_of(self._begun.first), self._begun.first
-        return [files for files in sets if files.get(first) in read]
+        kept = [files for files in sets if files.get(first) in read]
+        others = [files[first] for files in sets if first in files]
+        if others and not kept:
+            what, cure = "--follow: the first frame has another name now", "name the frames by a pattern"
+            one = f"{cure}: {shlex.quote(str(pattern_of(others[0], first)))}"
+            raise DataError(what, path=self._begun.path(first), found=others[0].name, cure=one)
+        return kept
 
     def _files(self) -> dict[int, list[Path]]:
         """Return the files of each frame that has one in each set."""

@@ -182,6 +182,22 @@ def test_a_pass_that_never_arrives_is_reported(form: str, tmp_path: Path) -> Non
     assert resolve_folder(folder, tmp_path / "out2", follow=True, idle=IDLE, reading=lax, **NUMPY).resolved == 1
 
 
+@pytest.mark.parametrize("first", ["tmp_synthetic.0000.exr", "synthetic.0000.tmp.exr"])
+def test_a_frame_that_was_begun_under_another_name_is_reported(first: str, made: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    begun = shutil.copy(frame(made, 0), folder / first)
+
+    def work() -> None:
+        wait_for(lambda: (tmp_path / "out" / first).exists())
+        shutil.move(begun, folder / "synthetic.0000.exr")
+
+    thread = farm(work)
+    with pytest.raises(DataError, match=r"has another name now .*name the frames by a pattern: .*synthetic\.####\.exr"):
+        resolve_folder(folder, tmp_path / "out", follow=True, idle=5.0, **NUMPY)
+    thread.join()
+
+
 def test_a_gap_may_be_allowed(made: Path, tmp_path: Path) -> None:
     copied(made, tmp_path / "in", 0, 2)
     report = resolve_folder(
