@@ -138,6 +138,7 @@ MOST_LEFT_PX = 0.45  # root mean square; with a greater error something else tha
 CLEARLY_BETTER = 0.85  # error of another map over that as declared
 CENTRED_PX = 0.55  # largest centred jitter
 LARGEST_MEAN_PX = 0.15  # a centred jitter of at least 8 samples stays below, even for part of a period
+MOST_OF_EFFECT = 0.75  # error of the better map over what the mistake changes: with more, the pixels hardly show it
 CLEARLY_SCALED = 0.6  # error of a map of half or twice the size over others: aliasing makes shifts too small
 DELAYS = (-2, -1, 1, 2)
 HALVES = ("scaled", "units-ndc")
@@ -270,7 +271,8 @@ def _by_shifts(shot: Shot) -> list[Finding]:
     what, fix = _meaning(best, maps[best])
     sure = _sureness(fits, declared, declared @ maps[best].T)
     # Noise makes measured shifts too small, and a part of the jitter is not an absent jitter.
-    if best == "absent" and np.abs(gain).max() > NEAR / 2.0:
+    effect = left_over(declared @ maps[best].T, declared, np.eye(2), weights)
+    if left[best] > MOST_OF_EFFECT * effect or (best == "absent" and np.abs(gain).max() > NEAR / 2.0):
         sure = min(sure, DOUBTFUL)
     return [mistake(f"jitter-{best}", what, evidence, sure, fix)]
 
@@ -299,18 +301,20 @@ def _weights(fits: Sequence[Fit]) -> Vector:
 
 
 def check_mean(shot: Shot) -> list[Finding]:
-    """Find a jitter that is not centred; doubtful, because part of a period is seldom centred either."""
+    """Find a jitter that is not centred; doubtful within the pixel, where part of a period is seldom centred either."""
     offsets = np.array([frame.jitter_px for frame in shot.frames])
     varies = np.ptp(offsets, axis=0).any()
     if len(offsets) < (8 if varies else 2):
         return []
-    mean = offsets.mean(0)
-    if np.abs(mean).max() <= LARGEST_MEAN_PX:
+    positions = np.unique(offsets, axis=0)
+    repeats = len(positions) < len(offsets)  # then a whole period is seen
+    mean = (positions if repeats else offsets).mean(0)
+    beyond = np.abs(offsets).max() > CENTRED_PX  # outside the range of centred jitter
+    if np.abs(mean).max() <= LARGEST_MEAN_PX or not (beyond or repeats):
         return []
     # The true origin is probably the pixel's corner: the mean of few frames is inexact.
     corner = np.abs(np.abs(mean) - 0.5) < LARGEST_MEAN_PX
     centre = np.where(corner, np.copysign(0.5, mean), mean)
-    beyond = np.abs(offsets).max() > CENTRED_PX  # outside the range of centred jitter
     one_sided = (np.abs(np.sign(offsets[:, corner]).sum(0)) >= len(offsets) - 1).any()
     what = "the jitter is not centred: the resolved picture is shifted by its mean, for good"
     evidence = f"mean ({mean[0]:.3f}, {mean[1]:.3f}) px over {counted(len(offsets), 'frame')}"

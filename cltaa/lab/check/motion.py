@@ -22,6 +22,7 @@ import numpy as np
 
 from cltaa.lab.check.camera import ROUNDED, ROUNDED_PX, UPHELD
 from cltaa.lab.check.hypotheses import (
+    DOUBTFUL,
     NEAR,
     SIGNS,
     Affine,
@@ -163,6 +164,7 @@ def check_motion(shot: Shot, settled: Shifts, maps: Mapping[str, Affine] | None 
     """
     shifts, anchored = settled
     scenes, judges = _scenes(shot, shifts, anchored)
+    apart = not any(np.array_equal(one.x, other.x) for one, other in zip(scenes, judges, strict=True))
     if not any(scene.own.any() for scene in scenes):
         return _resting_leak(shot)
     width, height = shot.window
@@ -183,7 +185,9 @@ def check_motion(shot: Shot, settled: Shifts, maps: Mapping[str, Affine] | None 
     ratio = float(winner.mean() / declared.mean()) if wins else 1.0
     coarse = list[Finding]()
     if best and ratio < 1.0:
-        coarse = [_named(best, maps[best], declared, winner, _sureness(judges, judges, maps[best]))]
+        sure = _sureness(judges, judges, maps[best])
+        sure = sure if apart else min(sure, DOUBTFUL)
+        coarse = [_named(best, maps[best], declared, winner, sure)]
     near = bool(coarse) and (ratio < FAR_BETTER or _stays(scenes, maps[best]))
     if near and ratio < CLEARLY_BETTER:
         return coarse

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import ClassVar
 
@@ -13,9 +14,9 @@ import pytest
 from cltaa.frame import Camera, Frame
 from cltaa.lab.check.depth import check_depth
 from cltaa.lab.check.hypotheses import SURE, Affine, Finding
-from cltaa.lab.check.jitter import check_jitter, settled_shifts
+from cltaa.lab.check.jitter import check_jitter, check_mean, settled_shifts
 from cltaa.lab.check.motion import check_motion
-from cltaa.lab.check.registration import Fit, Shot
+from cltaa.lab.check.registration import Fit, Pair, Shot
 from cltaa.lab.check.report import check_frames
 from tests.lab.check.conftest import Scene
 from tests.lab.check.mistakes import MISTAKES, full_motion
@@ -96,6 +97,31 @@ def test_shifts_that_noise_shortens_are_not_taken_for_none(share: float, sure: b
     assert (found.name, found.confidence >= SURE) == ("jitter-absent", sure)
 
 
+@pytest.mark.parametrize(("tilt", "sure"), [(0.1, False), (0.4, True)])
+def test_a_sign_that_changes_less_than_the_error_is_a_question(tilt: float, sure: bool) -> None:
+    """Of a jitter that hardly moves in x the other axis speaks for both signs."""
+    declared = OFFSETS * [tilt, 1.0]
+    measured = np.diff(declared, axis=0) * [-1.0, 1.0] + 0.1 * np.resize([1.0, -1.0], (6, 1)) * [0.0, 1.0]
+    shot = before_a_camera_that_travels(declared, measured)
+    apart = [partial(lambda at, x, y: float(np.hypot(x - at[0], y - at[1])), at) for at in measured]
+    fits: list[Fit | None] = [Fit(at, np.eye(2), 0.1, judge=judge) for at, judge in zip(measured, apart, strict=True)]
+    (found,) = check_jitter(Shot(shot.frames, shot.window, shifts=(fits, True)))
+    assert (found.name, found.confidence >= SURE) == ("jitter-x-negated", sure)
+
+
+@pytest.mark.parametrize(
+    ("shift", "times", "found"),
+    [((0.0, 0.0), 1, []), ((0.0, 0.0), 2, ["jitter-biased"]), ((-0.1, 0.0), 1, ["jitter-biased"])],
+)
+def test_a_jitter_within_the_pixel_is_biased_only_over_its_whole_period(
+    shift: tuple[float, float], times: int, found: list[str]
+) -> None:
+    """The first half of a Hammersley set lies to one side."""
+    half = np.stack([(np.arange(8) + 0.5) / 16 - 0.5, OFFSETS[[0, 1, 2, 3, 4, 5, 6, 0], 1]], -1) + shift
+    frames = [replace(make_frame(place), jitter_px=(x, y)) for place, (x, y) in enumerate([*half.tolist()] * times)]
+    assert names(check_mean(Shot(frames, (frames[0].width, frames[0].height)))) == found
+
+
 @pytest.mark.parametrize(("size", "found"), [(0.05, []), (1.0, ["jitter-late"])])
 @pytest.mark.parametrize("delay", [1, 2])  # of which 5 and 4 pairs tell, the fewest that do
 def test_nor_is_its_delay(size: float, found: list[str], delay: int) -> None:
@@ -125,6 +151,16 @@ class Noting(Affine):
     def __call__(self, declared: np.ndarray) -> np.ndarray:
         self.asked.append({*map(tuple, declared.T.tolist())})
         return declared
+
+
+@pytest.mark.parametrize("few", [False, True])
+def test_vectors_whose_judges_chose_them_are_a_question(few: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if few:
+        monkeypatch.setattr(
+            Pair, "held_back", property(lambda pair: np.zeros(pair.frame.width * pair.frame.height, bool))
+        )
+    (found,) = [one for one in check_frames(drifting(0.5, -0.5)) if one.name.startswith("motion")]
+    assert (found.name, found.confidence >= SURE, found.question) == ("motion-negated", not few, few)
 
 
 def test_vectors_are_judged_by_other_pixels_than_those_that_choose() -> None:
