@@ -164,7 +164,6 @@ def check_motion(shot: Shot, settled: Shifts, maps: Mapping[str, Affine] | None 
     """
     shifts, anchored = settled
     scenes, judges = _scenes(shot, shifts, anchored)
-    apart = not any(np.array_equal(one.x, other.x) for one, other in zip(scenes, judges, strict=True))
     if not any(scene.own.any() for scene in scenes):
         return _resting_leak(shot)
     width, height = shot.window
@@ -186,7 +185,8 @@ def check_motion(shot: Shot, settled: Shifts, maps: Mapping[str, Affine] | None 
     coarse = list[Finding]()
     if best and ratio < 1.0:
         sure = _sureness(judges, judges, maps[best])
-        sure = sure if apart else min(sure, DOUBTFUL)
+        if np.median([len(scene.x) for scene in scenes]) < 2 * LEAST_POINTS:  # which chose it, too
+            sure = min(sure, DOUBTFUL)
         coarse = [_named(best, maps[best], declared, winner, sure)]
     near = bool(coarse) and (ratio < FAR_BETTER or _stays(scenes, maps[best]))
     if near and ratio < CLEARLY_BETTER:
