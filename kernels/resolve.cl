@@ -22,12 +22,12 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
     if (is_empty(column, frame))
         return;
     const int x = column.x;
-    window_t rows = open_window(current, inverse_depth, motion, column, frame);
+    window_t rows = open_window(current, alpha, inverse_depth, motion, column, frame);
     row_cache cache = empty_row_cache();
     for (int y = column.first; y < column.end; ++y) {
         // Read: the 3x3 around the pixel, its statistics, and the pixel's own sample.
-        slide_window(&rows, current, inverse_depth, motion, x, y, frame);
-        pixel_t p = current_pixel(rows.above, rows.centre, rows.below, alpha, reactive, x, y, frame);
+        slide_window(&rows, current, alpha, inverse_depth, motion, x, y, frame);
+        pixel_t p = current_pixel(rows.above, rows.centre, rows.below, reactive, x, y, frame);
 
         // Reproject: where the nearest surface of the 3x3 was in the previous frame.
         const surface s = borrowed_surface(
@@ -35,12 +35,13 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
 
         // Sample the history there. It is invalid where the previous frame did not show that surface.
-        history_t h = sample_history(current, alpha, rows.below.texels, rows.centre.has_missing, history, history_count,
-            previous_inverse_depth, m, s, x, y, frame, settings, &cache);
+        const history_t h = sample_history(current, alpha, rows.below.texels, rows.centre.has_missing, history,
+            history_count, previous_inverse_depth, m, s, x, y, frame, settings, &cache);
 
         // Rectify: move the history into the box of the 3x3. The default does not: its tests drop wrong history.
-        h.alpha = rectified_alpha(alpha, h.alpha, x, y, frame);
-        const rectification r = rectify(h.rgb, p.filtered, p.stats, m, box_scale_of(m, settings), frame, settings);
+        rectification r = rectify(h.rgb, p.filtered, p.stats, m, box_scale_of(m, settings), frame, settings);
+        const int has_missing = rows.above.has_missing | rows.centre.has_missing | rows.below.has_missing;
+        r.alpha = rectified_alpha(current, alpha, has_missing, h.alpha, x, y, frame);
 
         // Dim fireflies, if the preset does so.
         p = without_firefly(p, rows.above.texels, rows.centre.texels, rows.below.texels, h, settings);
@@ -48,7 +49,7 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
         // Accumulate: blend the sample with the history, by the history's effective sample count.
         resolved out = resolve_pixel(p, h, r, settings);
         if (rows.centre.has_missing) // a pixel whose sample is NaN keeps its history
-            out = without_missing(out, h, current, x, y, frame);
+            out = without_missing(out, h, current, alpha, x, y, frame);
 
         // Store: this result is the history of the next frame.
         store_recurrent(output, output_count, out, x, y, frame);

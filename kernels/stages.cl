@@ -15,29 +15,29 @@ STAGE void store_boxed(plane_out p, boxed v, size_t plane)
 }
 
 // Repair: every texel outside the domain replaced by its neighbours' mean.
-__kernel void repair_colour_kernel(plane_in current, plane_out repaired, const frame_t frame)
+__kernel void repair_colour_kernel(plane_in current, plane_in alpha, plane_out repaired, const frame_t frame)
 {
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)
         return;
     const size_t plane = plane_size(frame);
-    colour v;
-    repair_colours(&v, 1, current, plane, x, y, frame);
-    store_colour(repaired + texel_offset(frame, x, y), plane, v);
+    texel_t v;
+    repair_texels(&v, 1, current, alpha, plane, x, y, frame);
+    store_colour(repaired + texel_offset(frame, x, y), plane, v.rgb);
 }
 
 // Statistics: mean, standard deviation and extremes of the 3x3, and the current sample. 15 planes: 12 in the box space,
 // 3 of colour.
-__kernel void neighbourhood_statistics_kernel(
-    plane_in current, plane_in inverse_depth, plane_in motion, plane_out statistics_out, const frame_t frame)
+__kernel void neighbourhood_statistics_kernel(plane_in current, plane_in alpha, plane_in inverse_depth, plane_in motion,
+    plane_out statistics_out, const frame_t frame)
 {
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)
         return;
     const size_t plane = plane_size(frame);
-    const row_t above = read_row(current, inverse_depth, motion, x, y - 1, frame),
-                centre = read_next_row(above, current, inverse_depth, motion, x, y, frame),
-                below = read_next_row(centre, current, inverse_depth, motion, x, y + 1, frame);
+    const row_t above = read_row(current, alpha, inverse_depth, motion, x, y - 1, frame),
+                centre = read_next_row(above, current, alpha, inverse_depth, motion, x, y, frame),
+                below = read_next_row(centre, current, alpha, inverse_depth, motion, x, y + 1, frame);
     const statistics s = neighbourhood_statistics(above, centre, below, frame);
     const colour sample = current_sample(above, centre, below, s, frame);
     plane_out p = statistics_out + texel_offset(frame, x, y);
@@ -50,16 +50,16 @@ __kernel void neighbourhood_statistics_kernel(
 
 // Motion of the surface that each pixel follows. 10 planes: u, v, scale, shift, visible (1 or 0), the nearest and
 // farthest inverse depth of the 3x3, the pixel's own, and the surface's offset from the pixel.
-__kernel void surface_motion_kernel(plane_in current, plane_in inverse_depth, plane_in motion, plane_out motion_out,
-    const frame_t frame, const settings_t settings)
+__kernel void surface_motion_kernel(plane_in current, plane_in alpha, plane_in inverse_depth, plane_in motion,
+    plane_out motion_out, const frame_t frame, const settings_t settings)
 {
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)
         return;
     const size_t plane = plane_size(frame);
-    const surface nearest = nearest_surface(read_row(current, inverse_depth, motion, x, y - 1, frame),
-        read_row(current, inverse_depth, motion, x, y, frame),
-        read_row(current, inverse_depth, motion, x, y + 1, frame), settings);
+    const surface nearest = nearest_surface(read_row(current, alpha, inverse_depth, motion, x, y - 1, frame),
+        read_row(current, alpha, inverse_depth, motion, x, y, frame),
+        read_row(current, alpha, inverse_depth, motion, x, y + 1, frame), settings);
     const surface s = borrowed_surface(nearest, inverse_depth, motion, x, y, frame);
     const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
     plane_out p = motion_out + texel_offset(frame, x, y);
@@ -96,8 +96,8 @@ __kernel void sample_history_kernel(plane_in current, plane_in alpha, plane_in m
     s.x = load(q + 8 * plane);
     s.y = load(q + 9 * plane);
     row_cache cache = empty_row_cache();
-    const history_t h = sample_history(current, alpha, read_boxed(current, x, y + 1, frame), 1, history, history_count,
-        previous_inverse_depth, m, s, x, y, frame, settings, &cache);
+    const history_t h = sample_history(current, alpha, read_boxed(current, alpha, x, y + 1, frame), 1, history,
+        history_count, previous_inverse_depth, m, s, x, y, frame, settings, &cache);
     plane_out p = history_at + at;
     store_colour(p, plane, h.rgb);
     store(p + 3 * plane, h.alpha);
@@ -152,18 +152,19 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
     h.count_limit = count_limit_of(h.fx, h.fy, settings);
     h.valid = load(q + 7 * plane) > SPLAT(0.5);
     h.change = load(q + 8 * plane);
-    const rectification r = { load_colour(c, plane), load(c + 3 * plane), load(c + 4 * plane) };
-    h.alpha = rectified_alpha(alpha, h.alpha, x, y, frame);
+    const boxed_row above = read_boxed(current, alpha, x, y - 1, frame), own = read_boxed(current, alpha, x, y, frame),
+                    below = read_boxed(current, alpha, x, y + 1, frame);
+    const rectification r = { load_colour(c, plane), load(c + 3 * plane), load(c + 4 * plane),
+        rectified_alpha(current, alpha, 1, h.alpha, x, y, frame) };
     pixel_t p; // only the fields that are read after rectification
     p.stats.mean = load_boxed(statistics_in + at, plane);
-    p.alpha = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
+    p.alpha = own.alpha[1];
     p.reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
     p.filtered = load_colour(statistics_in + at + 12 * plane, plane);
     p.luminance = luminance_4(p.filtered);
-    p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? colour_in_domain(current, plane, x, y, frame) : p.filtered;
+    p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? texels_in_domain(current, alpha, x, y, frame).rgb : p.filtered;
     if (FIREFLIES == FIREFLIES_CLAMP)
-        p = without_firefly(p, read_boxed(current, x, y - 1, frame), read_boxed(current, x, y, frame),
-            read_boxed(current, x, y + 1, frame), h, settings);
-    const resolved out = without_missing(resolve_pixel(p, h, r, settings), h, current, x, y, frame);
+        p = without_firefly(p, above, own, below, h, settings);
+    const resolved out = without_missing(resolve_pixel(p, h, r, settings), h, current, alpha, x, y, frame);
     store_recurrent(output, output_count, out, x, y, frame);
 }

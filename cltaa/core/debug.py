@@ -86,7 +86,7 @@ class _Stages:
     def __init__(self, launcher: Launcher, last: LastRun) -> None:
         self._launcher, self._last = launcher, last
         self.shape = (last.layout.height, last.layout.width)
-        self.motion = self.run("surface_motion", last.build, 10, "motion_out", "current inverse_depth motion", {})
+        self.motion = self.run("surface_motion", last.build, 10, "motion_out", "current alpha inverse_depth motion", {})
 
     def run(self, kernel: str, build: Build, planes: int, output: str, given: str, made: dict[str, Buffer]) -> Buffer:
         """Run one kernel into new memory, on the fused one's arguments in ``given`` and those ``made`` by others."""
@@ -182,7 +182,7 @@ def _clip_gathered(stages: _Stages) -> Image:
 def _clip_distance(stages: _Stages) -> Image:
     """Return the length of the change by rectification, in the range of the preset's blend; 0 without history."""
     statistics = stages.run(
-        "neighbourhood_statistics", stages.build, 15, "statistics_out", "current inverse_depth motion", {}
+        "neighbourhood_statistics", stages.build, 15, "statistics_out", "current alpha inverse_depth motion", {}
     )
     history = stages.history(stages.build)
     made = {"statistics_in": statistics, "motion_in": stages.motion, "history_at": history}

@@ -324,12 +324,12 @@ class _Look:
         inverse_depth(depth, self.inverse, parallel=frame.camera.orthographic)
         self.inverse[np.isnan(depth)] = np.nan
         self.sky, self.depth = bool(np.isinf(depth).any()), bool(np.isfinite(depth).any())
-        missing = is_missing(frame.colour)
+        missing = is_missing(frame.colour, frame.alpha)
         colour = np.where(missing[..., None], np.float32(0), np.maximum(frame.colour, 0))
         self.brightest = float(colour.max(initial=0.0))
         light = colour @ (LUMA / np.float32(frame.exposure))
         if frame.alpha is not None:
-            light += np.float32(GROUND) * (1 - np.clip(np.nan_to_num(frame.alpha, nan=1.0), 0, 1))
+            light += np.float32(GROUND) * (1 - np.clip(frame.alpha, 0, 1))
         self.light = np.where(missing, np.float32(np.nan), light / (1 + light))
 
 

@@ -52,17 +52,21 @@ class Missing(msgspec.Struct, kw_only=True, frozen=True):
     rows: tuple[int, int]
 
 
-def is_missing(colour: Image) -> NDArray[np.bool_]:
-    """Return which pixels [H, W] a resolve treats as missing: NaN, infinite, or beyond the kernels' domain."""
-    return np.asarray((~(np.abs(colour) <= value("DOMAIN_LIMIT"))).any(axis=-1))
+def is_missing(colour: Image, alpha: Image | None = None) -> NDArray[np.bool_]:
+    """Return which pixels [H, W] a resolve treats as missing: a channel is NaN, infinite, or beyond the kernels'
+    domain."""
+    missing = np.asarray((~(np.abs(colour) <= value("DOMAIN_LIMIT"))).any(axis=-1))
+    return missing if alpha is None else missing | ~(np.abs(alpha) <= value("DOMAIN_LIMIT"))
 
 
-def missing_samples(colour: Image, frame: int) -> Missing | None:
-    """Return the missing samples of [H, W, 3]; None where there are none."""
+def missing_samples(colour: Image, alpha: Image | None, frame: int) -> Missing | None:
+    """Return the missing samples of colour [H, W, 3] and alpha [H, W]; None where there are none."""
     limit = value("DOMAIN_LIMIT")
-    if -limit <= float(colour.min()) and float(colour.max()) <= limit:  # NaN fails this: min and max propagate it
+    planes = (colour,) if alpha is None else (colour, alpha)
+    # NaN fails this: min and max propagate it.
+    if all(-limit <= float(plane.min()) and float(plane.max()) <= limit for plane in planes):
         return None
-    missing = is_missing(colour)
+    missing = is_missing(colour, alpha)
     rows, columns = np.flatnonzero(missing.any(axis=1)), np.flatnonzero(missing.any(axis=0))
     return Missing(
         frame=frame,
@@ -83,11 +87,11 @@ def missing_lines(found: Iterable[Missing]) -> list[str]:
 
 def _lacks(missing: Missing) -> str:
     if missing.pixels == missing.among:
-        return f"all {missing.among} pixels are without a usable colour"
+        return f"all {missing.among} pixels are without a usable sample"
     (left, right), (top, bottom) = missing.columns, missing.rows
     place = f"x {left} to {right}, y {top} to {bottom}" if missing.pixels > 1 else f"x {left}, y {top}"
     verb = "is" if missing.pixels == 1 else "are"
-    return f"{missing.pixels} of {missing.among} pixels {verb} without a usable colour: {place}"
+    return f"{missing.pixels} of {missing.among} pixels {verb} without a usable sample: {place}"
 
 
 def is_opaque(alpha: Image | None) -> bool:

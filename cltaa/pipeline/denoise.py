@@ -15,7 +15,7 @@ from cltaa.frame import Frame, Image
 from cltaa.io.guides import GUIDES
 from cltaa.io.pixel_statistics import is_missing
 from cltaa.printable import written
-from cltaa.reference.colour import filled_colour
+from cltaa.reference.colour import filled_texels
 
 DENOISERS = ("none", "oidn")
 Denoise = Callable[[Frame, Mapping[str, Image]], Frame]
@@ -44,7 +44,7 @@ def denoiser(name: str) -> Denoise | None:
 
     def denoise(frame: Frame, guides: Mapping[str, Image]) -> Frame:
         colour = np.array(frame.colour, np.float32)
-        lost = is_missing(colour)
+        lost = is_missing(colour, frame.alpha)
         sound = {role: np.nan_to_num(image) for role, image in guides.items()}
         try:
             cleaned = oidn.denoise(_filled(colour) if lost.any() else colour, **sound, hdr=True)
@@ -61,4 +61,4 @@ def _filled(colour: Image) -> Image:
     layout = Layout(colour.shape[1], colour.shape[0])
     planes = layout.zeros(3)
     layout.inside(planes)[:] = np.moveaxis(colour, -1, 0)
-    return np.ascontiguousarray(np.moveaxis(filled_colour(planes, Build(), layout), 0, -1))
+    return np.ascontiguousarray(np.moveaxis(filled_texels(planes, None, Build(), layout)[0], 0, -1))

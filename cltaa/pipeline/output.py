@@ -395,7 +395,7 @@ def _read(
     digest = sequence.sha256(number) or file_sha256(path)
     source = Source(digest, before, sequence.beside_sha256(number))
     carried = carried_over(path, kept, file)
-    missing = missing_samples(frame.colour, number)
+    missing = missing_samples(frame.colour, frame.alpha, number)
     if denoise is not None:
         frame = denoise(frame, sequence.guide_images(number))
     if _stamps(sequence, number) != found:  # else this result would be recorded with the hash of the changed file

@@ -21,7 +21,7 @@ from cltaa.core.parameters import (
 )
 from cltaa.reference.colour import (
     Colour,
-    filled_colour,
+    filled_texels,
     from_box_space,
     from_range,
     luminance,
@@ -181,7 +181,7 @@ class Pixel(NamedTuple):
     least_reactive: Array  # of the 3x3, where temporal windows are weighted
     most_reactive: Array
     missing: Mask | None = None  # its own sample is missing; set where frames are gathered
-    filled: Colour | None = None  # the fill that replaces it without any other sample
+    filled: tuple[Colour, Array] | None = None  # the fill that replaces it and its alpha without any other sample
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,13 +195,12 @@ class Resolved:
 
 
 def load_shares(alpha: Array | None, reactive: Array | None, like: Array, run: Run) -> tuple[Array, Array]:
-    """Alpha and reactivity of each pixel from padded planes [1, rows, stride]; 1 and 0 where a build has none."""
+    """Alpha and reactivity of each pixel from padded planes [1, rows, stride], the former of ``whole_samples``; 1 and
+    0 where a build has none."""
     one, zero = np.ones_like(like), np.zeros_like(like)
     steps = run.steps
     return (
-        share_in_domain(run.layout.inside(alpha)[0].astype(like.dtype), 1.0)
-        if steps.alpha and alpha is not None
-        else one,
+        run.layout.inside(alpha)[0].astype(like.dtype) if steps.alpha and alpha is not None else one,
         share_in_domain(run.layout.inside(reactive)[0].astype(like.dtype), 0.0)
         if steps.reactive and reactive is not None
         else zero,
@@ -229,11 +228,11 @@ def reactivity_weight(r: Array, now: Pixel) -> Array:
     return greater(1.0 - far * far, 0.0)
 
 
-def rectified_alpha(plane: Array, past: Array, run: Run) -> Array:
-    """The history's alpha, clamped to the extremes of the current 3x3 of ``plane`` where colour is rectified."""
-    if run.choices.rectify is Rectify.NONE:
+def rectified_alpha(alpha: Array | None, past: Array, run: Run) -> Array:
+    """The history's alpha, clamped to the extremes of the current 3x3 where colour is rectified."""
+    if alpha is None or run.choices.rectify is Rectify.NONE:
         return past
-    share = share_in_domain(plane[0].astype(past.dtype), 1.0)
+    share = alpha[0].astype(past.dtype)
     low, high = np.ones_like(past), np.zeros_like(past)
     for step in NEIGHBOURS:
         a = neighbour(share, *step, run.layout)
@@ -291,22 +290,20 @@ def resolve_pixel(p: Pixel, h: History, r: Rectification, run: Run) -> Resolved:
     stored = storable(from_range(np.where(h.valid, mixed, fresh), run.build), current, run.build)
     alpha = p.alpha
     if run.choices.alpha_from is AlphaFrom.BLEND:
-        alpha = np.where(h.valid, blend(h.alpha, alpha, weight), alpha)
+        alpha = np.where(h.valid, blend(h.alpha if r.alpha is None else r.alpha, alpha, weight), alpha)
     first = h.count if run.build.terms.first_samples else 1.0
     samples = np.where(h.valid, next_count(count, r.blend_boost, run.build), first)
     return Resolved(stored, alpha, samples, np.where(h.valid, h.change, 0.0))
 
 
-def without_missing(out: Resolved, h: History, current: Array, run: Run) -> Resolved:
+def without_missing(out: Resolved, h: History, current: Array, alpha: Array | None, run: Run) -> Resolved:
     """Result where samples are missing: the history unchanged if its count is at least 1, else a fill."""
     zero = np.zeros_like(h.count)
     missing, kept = sample_is_missing(current, run.layout), h.valid & (h.count >= 1.0)
-    filled = filled_colour(current, run.build, run.layout)
+    filled, opacity = filled_texels(current, alpha, run.build, run.layout)
     past = storable(from_range(h.rgb, run.build), zero, run.build)
     rgb = np.where(missing, np.where(kept, past, storable(from_range(filled, run.build), filled, run.build)), out.rgb)
-    alpha = out.alpha
-    if run.choices.alpha_from is AlphaFrom.BLEND:
-        alpha = np.where(missing & kept, h.alpha, alpha)
+    opacity = np.where(missing, np.where(kept, h.alpha, opacity), out.alpha)
     count = np.where(kept, lesser(h.count, count_limit_of(h.fx, h.fy, run)), zero)
     change = np.where(missing, np.where(kept, h.change, zero), zero if out.change is None else out.change)
-    return Resolved(rgb, alpha, np.where(missing, count, out.count), change)
+    return Resolved(rgb, opacity, np.where(missing, count, out.count), change)

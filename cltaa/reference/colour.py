@@ -127,13 +127,29 @@ def colour_outside_domain(v: Colour) -> Mask:
     return r | g | b
 
 
+def outside_domain_of(v: Colour, alpha: Array | None) -> Mask:
+    """True where colour, or alpha where there is one, is unusable: neither is a sample without the other."""
+    return colour_outside_domain(v) if alpha is None else colour_outside_domain(v) | outside_domain(alpha)
+
+
 @quiet
-def repaired_planes(planes: Array, layout: Layout) -> Array:
-    """Repaired copy of colour planes [3, rows, stride], halo included (the edge repeated).
+def whole_samples(current: Array, alpha: Array | None, run: Run) -> tuple[Array, Array | None]:
+    """Planes of colour [3, rows, stride], NaN where colour or alpha [1, ...] is outside the domain, and of alpha as
+    repaired shares: neither is usable without the other."""
+    if not run.steps.alpha or alpha is None:
+        return current, None
+    colour = np.where(outside_domain(alpha[0]), np.float32(np.nan), current[:3])
+    return colour, repaired_planes(share_in_domain(alpha, 1.0), run.layout, colour_outside_domain(colour))
+
+
+@quiet
+def repaired_planes(planes: Array, layout: Layout, bad: Mask | None = None) -> Array:
+    """Repaired copy of planes of colour or alpha [3 or 1, rows, stride], halo included (the edge repeated), where
+    ``bad``: by default where colour is outside the domain.
 
     The sum runs over the 3x3 row by row and the mean is one division, as in the kernel.
     """
-    bad = colour_outside_domain(planes[:3])
+    bad = colour_outside_domain(planes[:3]) if bad is None else bad
     repaired = planes.copy()
     rows, columns = np.nonzero(layout.inside(bad))
     if rows.size:
@@ -149,19 +165,20 @@ def repaired_planes(planes: Array, layout: Layout) -> Array:
     return repaired
 
 
-def sample_is_missing(current: Array, layout: Layout) -> Mask:
+def sample_is_missing(current: Array, layout: Layout, alpha: Array | None = None) -> Mask:
     """True where a pixel's own texel is outside the domain, [H, W]."""
-    return colour_outside_domain(layout.inside(current[:3]))
+    return outside_domain_of(layout.inside(current[:3]), None if alpha is None else layout.inside(alpha[0]))
 
 
 @quiet
-def filled_colour(current: Array, build: Build, layout: Layout) -> Colour:
-    """Each pixel's own colour [H, W] if usable, else the mean of the nearest usable texel along each of eight rays,
-    weighted by one over its squared distance; tonemapped to the range of comparison."""
-    planes = layout.inside(current)[:3]
+def filled_texels(current: Array, alpha: Array | None, build: Build, layout: Layout) -> tuple[Colour, Array]:
+    """Each pixel's own colour and alpha [H, W] if usable, else the means of the nearest usable texel along each of
+    eight rays, weighted by one over its squared distance; colour tonemapped to the range of comparison."""
+    channels = np.stack([*current[:3], *(() if alpha is None else alpha)])
+    planes = layout.inside(channels)
     usable = ~sample_is_missing(current, layout)
     rows, columns = np.nonzero(~usable)
-    first, total = (np.zeros((3, rows.size), np.float32) for _ in range(2))
+    first, total = (np.zeros((len(planes), rows.size), np.float32) for _ in range(2))
     weight = np.zeros(rows.size, np.float32)
     for right, down in (step for step in NEIGHBOURS if any(step)):
         going = np.ones(rows.size, np.bool_)
@@ -179,7 +196,9 @@ def filled_colour(current: Array, build: Build, layout: Layout) -> Colour:
             going &= ~here
     filled = planes.copy()
     filled[:, rows, columns] = np.where(weight > 0, first + total / weight, np.float32(0.0))
-    return to_range(filled.astype(real_type(build)), build)
+    filled = filled.astype(real_type(build))
+    opacity = np.ones_like(filled[0]) if alpha is None else limit(filled[3], 0.0, 1.0)
+    return to_range(filled[:3], build), opacity
 
 
 def colour_in_domain(current: Array, run: Run) -> Colour:

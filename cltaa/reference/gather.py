@@ -9,7 +9,7 @@ from typing import Any
 from cltaa.core.build import Build, Record, ring_planes
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel, Resolved, current_pixel
-from cltaa.reference.colour import filled_colour, sample_is_missing
+from cltaa.reference.colour import filled_texels, sample_is_missing, whole_samples
 from cltaa.reference.gather_fit import SampleSums, resolve_gathered
 from cltaa.reference.gather_samples import add_side, begin_layer, gather_samples
 from cltaa.reference.gather_sides import Layers, find_subpixel_feature, layers_of, side_of
@@ -36,9 +36,10 @@ class Gathering:
     def begin(cls, run: Run, given: Mapping[str, Any]) -> Gathering:
         """State before the first frame of the ring, from the arguments ``given`` to the kernel."""
         current, inverse_depth, motion = (given[name] for name in ("current", "inverse_depth", "motion"))
+        current, alpha = whole_samples(current, given["alpha"], run)
         rows = read_rows(current, inverse_depth, motion, run)
-        p = current_pixel(rows, given["alpha"], given["reactive"], run)._replace(
-            missing=sample_is_missing(current, run.layout), filled=filled_colour(current, run.build, run.layout)
+        p = current_pixel(rows, alpha, given["reactive"], run)._replace(
+            missing=sample_is_missing(current, run.layout), filled=filled_texels(current, alpha, run.build, run.layout)
         )
         s = nearest_surface(*rows, run)
         m = surface_motion(s, run)

@@ -121,6 +121,11 @@ def reactive_loss(reactivity: Array, build: Build) -> Array:
     return square * square if build.choices.illumination is Illumination.WINDOW else reactivity
 
 
+def takes_alpha_of_others(p: Pixel, build: Build) -> Mask:
+    """True where the alpha of other samples counts: where alpha is blended, and where a pixel has none of its own."""
+    return np.asarray((own_samples(p) == 0.0) | (build.choices.alpha_from is AlphaFrom.BLEND))
+
+
 def resolve_gathered(g: SampleSums, far: SampleSums, layers: Layers, p: Pixel, m: Motion, run: Run) -> Resolved:
     """Resolve the pixel from its samples and the current one if not missing; a pixel without any is filled."""
     current, alpha = p.own, p.alpha
@@ -137,9 +142,11 @@ def resolve_gathered(g: SampleSums, far: SampleSums, layers: Layers, p: Pixel, m
         filter_share = gathered_filter_share(one / (g.count + one), g, layers, run)
         chosen = lerp_colour(chosen, p.filtered, filtered_share(filter_share, p.filtered, run))
     missing = own_samples(p) == 0.0
+    of_all = alpha + np.where(missing, one, share) * (g.alpha / weight)
+    alpha = np.where(takes_alpha_of_others(p, run.build), of_all, alpha)
     if p.filled is not None:
-        chosen = np.where(missing, np.where(any_of, past, p.filled), chosen)
+        filled, opacity = p.filled
+        chosen = np.where(missing, np.where(any_of, past, filled), chosen)
+        alpha = np.where(missing & ~any_of, opacity, alpha)
     stored = storable(from_range(chosen, run.build), current, run.build)
-    if run.choices.alpha_from is AlphaFrom.BLEND:
-        alpha = limit(alpha + np.where(missing, one, share) * (g.alpha / weight), 0.0, 1.0)
-    return Resolved(stored, alpha, samples)
+    return Resolved(stored, limit(alpha, 0.0, 1.0), samples)

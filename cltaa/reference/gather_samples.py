@@ -11,7 +11,7 @@ from cltaa.core.constants import value
 from cltaa.core.parameters import Illumination
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel, luminance_weight, reactivity_weight, weighted_difference
-from cltaa.reference.colour import Colour, colour_outside_domain, share_in_domain, to_range
+from cltaa.reference.colour import Colour, outside_domain_of, share_in_domain, to_range
 from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.gather_fit import SampleSums, first_sample, own_samples
 from cltaa.reference.gather_sides import Layers, Side, range_of_side
@@ -146,11 +146,12 @@ def gather_sample(
     f = v.f._replace(row=v.f.row + down, column=v.f.column + right)
     c = texel_at(v.planes[:3], f, zero.dtype)
     q = inverse_depth_or_sky(texel_at(v.planes[RING_INVERSE_DEPTH], f, zero.dtype), v.then)
-    good = good & ~colour_outside_domain(c)
+    opacity = texel_at(v.planes[ring_alpha(run.steps)], f, zero.dtype) if run.steps.alpha else None
+    good = good & ~outside_domain_of(c, opacity)
     good = good & matches_surface(q, s, v.m, run)
     alpha = zero
-    if run.steps.alpha:
-        alpha = share_in_domain(texel_at(v.planes[ring_alpha(run.steps)], f, zero.dtype), 1.0)
+    if opacity is not None:
+        alpha = share_in_domain(opacity, 1.0)
         good = good & ~holds_rim(v, f, q, alpha, now)
         alpha = alpha - now.alpha
     if v.static_ahead is not None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from cltaa.core.build import Build, Record, window_count, window_planes
 from cltaa.core.constants import MIDDLE_WINDOW, PAD_X, PAD_Y, SHORT_WINDOW, UNMOVED, WINDOW_REACH, value
-from cltaa.core.parameters import AlphaFrom, CurrentFilter, FilterUse, Recursion
+from cltaa.core.parameters import CurrentFilter, FilterUse, Recursion
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import (
     Pixel,
@@ -24,14 +24,14 @@ from cltaa.reference.accumulate import (
 from cltaa.reference.colour import (
     Colour,
     accumulates_alpha,
-    colour_outside_domain,
     from_range,
     inner,
+    outside_domain_of,
     share_in_domain,
     to_range,
 )
 from cltaa.reference.gather import Gathering
-from cltaa.reference.gather_fit import SampleSums, own_samples
+from cltaa.reference.gather_fit import SampleSums, own_samples, takes_alpha_of_others
 from cltaa.reference.gather_track import ring_alpha, ring_reactive
 from cltaa.reference.planes import extend_stored, store_resolved
 from cltaa.reference.real import Array, Mask, Run, greater, lesser, limit, number, quiet, real_type
@@ -76,7 +76,8 @@ def resolve_unmoved(slots: Array, past: Any, p: Pixel, run: Run) -> tuple[Resolv
     for place, then in enumerate(past):
         planes = run.layout.inside(slots[int(then["slot"])]).astype(one.dtype)
         c = planes[:3]
-        good = ~colour_outside_domain(c)
+        alpha = planes[ring_alpha(run.steps)] if run.steps.alpha else None
+        good = ~outside_domain_of(c, alpha)
         if run.steps.exposure:
             c = c * then["exposure_ratio"]
         c = np.where(good, to_range(c, run.build), p.own)
@@ -86,18 +87,15 @@ def resolve_unmoved(slots: Array, past: Any, p: Pixel, run: Run) -> tuple[Resolv
         w = counted * luminance_weight(c, run)
         g.sum = g.sum + w * (c - p.own)
         g.weight, g.count = g.weight + w, g.count + counted
-        alpha = g.zero
-        if run.steps.alpha:
-            alpha = share_in_domain(planes[ring_alpha(run.steps)], 1.0) - p.alpha
-        g.alpha = g.alpha + w * alpha
+        opacity = g.zero if alpha is None else share_in_domain(alpha, 1.0) - p.alpha
+        g.alpha = g.alpha + w * opacity
         if place < SHORT_WINDOW:
-            g.add_recent(weighted_difference(c, p.own, run), alpha, counted, run.build)
+            g.add_recent(weighted_difference(c, p.own, run), opacity, counted, run.build)
     own = own_samples(p)
     whole = np.where(own > g.zero, luminance_weight(p.own, run), g.zero) + g.weight
-    alpha, count = p.alpha, g.count + own
-    if run.choices.alpha_from is AlphaFrom.BLEND:
-        alpha = alpha + g.alpha / whole
-    return Resolved(storable(from_range(p.own + g.sum / whole, run.build), p.own, run.build), alpha, count), g
+    alpha = np.where(takes_alpha_of_others(p, run.build), p.alpha + g.alpha / whole, p.alpha)
+    rgb = storable(from_range(p.own + g.sum / whole, run.build), p.own, run.build)
+    return Resolved(rgb, alpha, g.count + own), g
 
 
 @quiet

@@ -19,7 +19,6 @@ from cltaa.reference.colour import (
     colour_outside_domain,
     repaired_planes,
     sample_is_missing,
-    share_in_domain,
     to_box_space,
     to_range,
 )
@@ -86,7 +85,7 @@ def least_deviation(level: Array, tiny: float, settings: Record) -> Array:
 
 def alpha_t(alpha: Array, history: Array, row: Array, column: Array, run: Run, like: Array) -> Array:
     """A third of Student's t of the nine differences of padded planes of alpha [rows, stride]."""
-    share = share_in_domain(alpha.astype(like.dtype), 1.0)
+    share = alpha.astype(like.dtype)
 
     def difference(i: int, j: int) -> tuple[Array, Array]:
         now = neighbour(share, i, j, run.layout)

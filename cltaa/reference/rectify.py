@@ -30,6 +30,7 @@ class Rectification(NamedTuple):
     change: Colour
     blend_boost: Array
     anti_flicker_factor: Array
+    alpha: Array | None = None  # of the history, rectified
 
 
 def neighbourhood_box(s: Statistics, gamma: Array, run: Run) -> BoxOf:

@@ -10,7 +10,7 @@ from cltaa.core.build import Build, Record
 from cltaa.core.parameters import FilterUse
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel, load_shares, rectified_alpha, resolve_pixel, without_missing
-from cltaa.reference.colour import Colour, colour_in_domain, from_units, in_units, repaired_planes
+from cltaa.reference.colour import Colour, colour_in_domain, from_units, in_units, repaired_planes, whole_samples
 from cltaa.reference.dilation import borrowed_surface
 from cltaa.reference.fireflies import without_firefly
 from cltaa.reference.history import History, sample_history
@@ -21,8 +21,11 @@ from cltaa.reference.rectify import Rectification, box_scale_of, rectify
 from cltaa.reference.reprojection import Motion, surface_motion
 
 
-def repair_colour_kernel(build: Build, layout: Layout, *, current: Array, repaired: Array, frame: Record) -> None:  # noqa: ARG001
+def repair_colour_kernel(
+    build: Build, layout: Layout, *, current: Array, alpha: Array | None, repaired: Array, frame: Record
+) -> None:
     """``repaired`` [3, rows, stride]: ``current`` with every texel outside the domain replaced."""
+    current, _ = whole_samples(current, alpha, Run(build, layout, frame))
     layout.inside(repaired)[:] = layout.inside(repaired_planes(current, layout))
 
 
@@ -32,6 +35,7 @@ def neighbourhood_statistics_kernel(
     layout: Layout,
     *,
     current: Array,
+    alpha: Array | None,
     inverse_depth: Array,
     motion: Array | None,
     statistics_out: Array,
@@ -39,6 +43,7 @@ def neighbourhood_statistics_kernel(
 ) -> None:
     """``statistics_out`` [15, rows, stride]: mean, deviation, low and high in the box space, and the current sample."""
     run = Run(build, layout, frame)
+    current, _ = whole_samples(current, alpha, run)
     rows = read_rows(current, inverse_depth, motion, run)
     near = neighbourhood_statistics(*rows, run)
     sample = current_sample(*rows, near, run)
@@ -52,6 +57,7 @@ def surface_motion_kernel(
     layout: Layout,
     *,
     current: Array,
+    alpha: Array | None,  # noqa: ARG001
     inverse_depth: Array,
     motion: Array | None,
     motion_out: Array,
@@ -86,6 +92,7 @@ def sample_history_kernel(
 ) -> None:
     """``history_at`` [9, rows, stride]: r, g, b, alpha, count, fx, fy, valid, illumination change."""
     run = Run(build, layout, frame, settings)
+    current, alpha = whole_samples(current, alpha, run)
     u, v, scale, shift, visible, nearest, farthest, centre, at_x, at_y = _load(motion_in, run)
     m = Motion(u, v, scale, shift, visible > 0.5)
     s = Surface(at_x, at_y, u, u, u, centre, nearest, farthest)  # sample_history reads nothing else
@@ -134,10 +141,9 @@ def blend_kernel(
 ) -> None:
     """``output`` [3 or 4, rows, stride] and ``output_count``: the result of the frame."""
     run = Run(build, layout, frame, settings)
+    current, alpha = whole_samples(current, alpha, run)
     past = _load(history_at, run)
     opacity, count, fx, fy, valid, light = past[3:]
-    if build.steps.alpha and alpha is not None:
-        opacity = rectified_alpha(alpha, opacity, run)
     h = History(past[:3], opacity, count, fx, fy, valid > 0.5, light)
     change = _load(change_in, run)
     near, sample = _load_statistics(statistics_in, run)
@@ -146,8 +152,8 @@ def blend_kernel(
     shares = load_shares(alpha, reactive, count, run)
     p = Pixel(own, sample, *shares, near, shares[1], shares[1])
     p = without_firefly(p, current, h, run)
-    r = Rectification(change[:3], *change[3:])
-    out = without_missing(resolve_pixel(p, h, r, run), h, current, run)
+    r = Rectification(change[:3], *change[3:])._replace(alpha=rectified_alpha(alpha, opacity, run))
+    out = without_missing(resolve_pixel(p, h, r, run), h, current, alpha, run)
     store_recurrent(out, run, output, output_count)
 
 

@@ -116,10 +116,13 @@ STAGE real reactive_loss(real reactivity)
     return ILLUMINATION == ILLUMINATION_WINDOW ? square * square : reactivity;
 }
 
+// True where the alpha of other samples counts: where alpha is blended, and where the pixel has none of its own.
+STAGE mask takes_alpha_of_others(pixel_t p) { return ALPHA_FROM == ALPHA_FROM_BLEND ? (mask)(-1) : p.missing; }
+
 // Resolves the pixel from its samples and the current one. Where that is missing the others alone count, and where
 // there are none the pixel is filled, with count 0.
 STAGE resolved resolve_gathered(sample_sums g, sample_sums far, layers_t l, pixel_t p, motion_t m, plane_in image,
-    int x, int y, frame_t frame, settings_t settings)
+    plane_in alpha, int x, int y, frame_t frame, settings_t settings)
 {
     const colour current = p.own;
     const real zero = SPLAT(0.0), one = SPLAT(1.0), samples = g.count + own_samples(p);
@@ -135,13 +138,17 @@ STAGE resolved resolve_gathered(sample_sums g, sample_sums far, layers_t l, pixe
         chosen = lerp_colour(chosen, p.filtered, filtered_share(filter_share, p.filtered, settings));
     }
     chosen = choose_colour(p.missing, past, chosen);
-    if (any_of(p.missing & !any))
-        chosen = choose_colour(p.missing & !any, filled_colour(image, plane_size(frame), x, y, frame), chosen);
+    const real opacity_of_all = p.alpha + (p.missing ? one : share) * (g.alpha / weight);
+    real opacity = takes_alpha_of_others(p) ? opacity_of_all : p.alpha;
+    const mask nothing = p.missing & !any;
+    if (any_of(nothing)) {
+        const texel_t filled = filled_texels(image, alpha, x, y, frame);
+        chosen = choose_colour(nothing, filled.rgb, chosen);
+        opacity = nothing ? filled.alpha : opacity;
+    }
     resolved out;
     out.rgb = storable_colour(from_range(chosen), current);
-    out.alpha = p.alpha;
-    if (ALPHA_FROM == ALPHA_FROM_BLEND)
-        out.alpha = limit(p.alpha + (p.missing ? one : share) * (g.alpha / weight), zero, one);
+    out.alpha = limit(opacity, zero, one);
     out.count = samples;
     return out;
 }

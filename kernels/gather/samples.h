@@ -155,12 +155,13 @@ STAGE void gather_sample(sample_sums* g, view_t v, int right, int down, pixel_t 
         return;
     plane_in p = v.planes + down * (ptrdiff_t)stride + right;
     colour c = colour_at(p, v.f, plane, stride);
-    good = good & !colour_outside_domain(c);
+    const real opacity = ALPHA ? texel_at(p + RING_ALPHA * plane, v.f, stride) : SPLAT(1.0);
+    good = good & !outside_domain_of((texel_t) { c, opacity });
     const real q = inverse_depth_or_sky(texel_at(p + RING_INVERSE_DEPTH * plane, v.f, stride), then);
     good = good & matches_surface(q, s, v.m, settings);
     real alpha = zero;
     if (ALPHA) {
-        alpha = share_in_domain(texel_at(p + RING_ALPHA * plane, v.f, stride), SPLAT(1.0));
+        alpha = share_in_domain(opacity, SPLAT(1.0));
         good = good & !holds_rim(p, v.f, q, alpha, now, then, frame);
         alpha -= now.alpha;
     }
@@ -246,13 +247,13 @@ typedef struct
     int far; // NEARER or FARTHER
 } path_t;
 
-STAGE path_t begin_path(surface s, layers_t l, int far, pixel_t p, plane_in current, plane_in inverse_depth,
-    plane_in motion, int x, int y, frame_t frame, settings_t settings)
+STAGE path_t begin_path(surface s, layers_t l, int far, pixel_t p, plane_in current, plane_in alpha,
+    plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame, settings_t settings)
 {
     path_t path = { { s, l }, begin_track(s), begin_track_ahead(s), begin_layer(s, l, far, p, frame, settings), far };
     if (!any_of(l.edge))
         return path;
-    path.side = side_of(s, l, far, p.own, current, inverse_depth, motion, x, y, frame, settings);
+    path.side = side_of(s, l, far, p.own, current, alpha, inverse_depth, motion, x, y, frame, settings);
     path.track = begin_track(path.side.s);
     path.ahead = begin_track_ahead(path.side.s);
     if (far)

@@ -63,7 +63,7 @@ STAGE surface side_surface(
 // Returns one side of each pixel that an edge runs through; elsewhere `s` and `l` unchanged. The slope is fitted by
 // least squares to the side's samples, through the nearest one, and damped by fit_ridge as that of a gathered pixel.
 // The mean sums differences from the pixel's `own` colour, so that equal samples have that mean, to the bit.
-STAGE side_t side_of(surface s, layers_t l, int far, colour own, plane_in image, plane_in inverse_depth,
+STAGE side_t side_of(surface s, layers_t l, int far, colour own, plane_in image, plane_in alpha, plane_in inverse_depth,
     plane_in motion, int x, int y, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
@@ -80,9 +80,9 @@ STAGE side_t side_of(surface s, layers_t l, int far, colour own, plane_in image,
             const real ox = here ? SPLAT(dx) - side.s.x : zero, oy = here ? SPLAT(dy) - side.s.y : zero;
             xx += ox * ox, xy += ox * oy, yy += oy * oy;
             qx += ox * rise, qy += oy * rise;
-            const colour c = load_colour(image + step, plane);
-            const mask in_domain = here & !colour_outside_domain(c);
-            side.mean = plus(side.mean, choose_colour(in_domain, minus(to_range(c), own), none));
+            const texel_t c = load_texel(image + step, alpha + step, plane);
+            const mask in_domain = here & !outside_domain_of(c);
+            side.mean = plus(side.mean, choose_colour(in_domain, minus(to_range(c.rgb), own), none));
             side.count += in_domain ? one : zero;
         }
     const real det = xx * yy - xy * xy, among = side.count > zero ? side.count : one;

@@ -54,8 +54,9 @@ STAGE resolved resolve_unmoved(sample_sums* sums, plane_in ring, frame_records p
     for (int k = 0; k < frames; ++k) {
         const frame_t then = past[k];
         plane_in q = ring + (size_t)then.slot * RING_PLANES * plane + texel_offset(frame, x, y);
-        colour c = load_colour(q, plane);
-        const mask good = !colour_outside_domain(c);
+        const texel_t texel = load_texel(q, q + RING_ALPHA * plane, plane);
+        colour c = texel.rgb;
+        const mask good = !outside_domain_of(texel);
         if (EXPOSURE)
             c = scaled(c, SPLAT(then.exposure_ratio));
         c = choose_colour(good, to_range(c), p.own);
@@ -66,7 +67,7 @@ STAGE resolved resolve_unmoved(sample_sums* sums, plane_in ring, frame_records p
         g.sum = plus_scaled(g.sum, w, minus(c, p.own));
         g.weight += w;
         g.count += counted;
-        const real alpha = ALPHA ? load_share(q + RING_ALPHA * plane, one) - p.alpha : zero;
+        const real alpha = ALPHA ? share_in_domain(texel.alpha, one) - p.alpha : zero;
         g.alpha += w * alpha;
         if (k < SHORT_WINDOW)
             add_recent(&g, weighted_difference(c, p.own, settings), alpha, counted);
@@ -75,9 +76,7 @@ STAGE resolved resolve_unmoved(sample_sums* sums, plane_in ring, frame_records p
     resolved out;
     out.count = g.count + own_samples(p);
     out.rgb = storable_colour(from_range(plus(p.own, quotients(g.sum, whole_weight))), p.own);
-    out.alpha = p.alpha;
-    if (ALPHA_FROM == ALPHA_FROM_BLEND)
-        out.alpha = p.alpha + quotient(g.alpha, whole_weight);
+    out.alpha = takes_alpha_of_others(p) ? p.alpha + quotient(g.alpha, whole_weight) : p.alpha;
     *sums = g;
     return out;
 }

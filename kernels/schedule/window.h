@@ -31,22 +31,23 @@ typedef struct
 
 // Moves the window down to row y.
 STAGE void slide_window(
-    window_t* w, plane_in current, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
+    window_t* w, plane_in current, plane_in alpha, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
 {
     prefetch_frame(current, inverse_depth, motion, x, y, frame);
     w->above = w->centre;
     w->centre = w->below;
-    w->below = read_next_row(w->centre, current, inverse_depth, motion, x, y + 1, frame);
+    w->below = read_next_row(w->centre, current, alpha, inverse_depth, motion, x, y + 1, frame);
 }
 
 // The window above the first pixel of a column: sliding it down once makes it that pixel's.
-STAGE window_t open_window(plane_in current, plane_in inverse_depth, plane_in motion, column_t c, frame_t frame)
+STAGE window_t open_window(
+    plane_in current, plane_in alpha, plane_in inverse_depth, plane_in motion, column_t c, frame_t frame)
 {
     window_t w = { 0 };
     NO_UNROLL
     for (int y = c.first - 1; y <= c.first; ++y) {
         w.centre = w.below;
-        w.below = read_next_row(w.centre, current, inverse_depth, motion, c.x, y, frame);
+        w.below = read_next_row(w.centre, current, alpha, inverse_depth, motion, c.x, y, frame);
     }
     return w;
 }

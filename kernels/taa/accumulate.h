@@ -187,8 +187,7 @@ STAGE real reactivity_weight(real r, pixel_t now)
     return greater(SPLAT(1.0) - far * far, SPLAT(0.0));
 }
 
-STAGE pixel_t current_pixel(
-    row_t above, row_t centre, row_t below, plane_in alpha, plane_in reactive, int x, int y, frame_t frame)
+STAGE pixel_t current_pixel(row_t above, row_t centre, row_t below, plane_in reactive, int x, int y, frame_t frame)
 {
     const uint at = texel_offset(frame, x, y);
     pixel_t p;
@@ -196,7 +195,7 @@ STAGE pixel_t current_pixel(
     p.filtered = current_sample(above, centre, below, p.stats, frame);
     p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? centre.centre : p.filtered;
     p.luminance = luminance_4(p.filtered);
-    p.alpha = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
+    p.alpha = centre.texels.alpha[1];
     p.reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
     p.least_reactive = p.most_reactive = p.reactivity;
     if (REACTIVE & (ILLUMINATION == ILLUMINATION_WINDOW))
@@ -281,7 +280,7 @@ STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t
     out.rgb = storable_colour(from_range(v), current);
     out.alpha = p.alpha;
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
-        out.alpha = h.valid ? blend(h.alpha, p.alpha, weight) : p.alpha;
+        out.alpha = h.valid ? blend(r.alpha, p.alpha, weight) : p.alpha;
     out.count = h.valid ? next_count(count, r.blend_boost) : (FIRST_SAMPLES ? h.count : SPLAT(1.0));
     out.change = h.valid ? h.change : SPLAT(0.0);
     return out;
@@ -289,18 +288,19 @@ STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t
 
 // Result of a segment in which samples are missing. A pixel with a missing sample keeps its history, and its count up
 // to count_limit, if that count is at least 1; else it is filled, with count 0.
-STAGE resolved without_missing(resolved out, history_t h, plane_in current, int x, int y, frame_t frame)
+STAGE resolved without_missing(resolved out, history_t h, plane_in current, plane_in alpha, int x, int y, frame_t frame)
 {
-    const mask missing = sample_is_missing(current, x, y, frame), kept = h.valid & (h.count >= SPLAT(1.0));
+    const mask missing = sample_is_missing(current, alpha, x, y, frame), kept = h.valid & (h.count >= SPLAT(1.0));
     const colour nothing = { 0 };
     colour v = storable_colour(from_range(h.rgb), nothing);
+    real opacity = h.alpha;
     if (any_of(missing & !kept)) {
-        const colour filled = filled_colour(current, plane_size(frame), x, y, frame);
-        v = choose_colour(kept, v, storable_colour(from_range(filled), filled));
+        const texel_t filled = filled_texels(current, alpha, x, y, frame);
+        v = choose_colour(kept, v, storable_colour(from_range(filled.rgb), filled.rgb));
+        opacity = kept ? opacity : filled.alpha;
     }
     out.rgb = choose_colour(missing, v, out.rgb);
-    if (ALPHA_FROM == ALPHA_FROM_BLEND)
-        out.alpha = missing & kept ? h.alpha : out.alpha;
+    out.alpha = missing ? opacity : out.alpha;
     out.count = missing ? (kept ? lesser(h.count, h.count_limit) : SPLAT(0.0)) : out.count;
     out.change = missing ? (kept ? h.change : SPLAT(0.0)) : out.change;
     return out;
@@ -308,19 +308,28 @@ STAGE resolved without_missing(resolved out, history_t h, plane_in current, int 
 
 // Alpha of the history, clamped to the extremes of the current 3x3 where colour is rectified. Otherwise a trail that
 // rectification removes from colour would stay in alpha, and darken the background of a composite.
-STAGE real rectified_alpha(plane_in alpha, real past, int x, int y, frame_t frame)
+STAGE real rectified_alpha(plane_in current, plane_in alpha, int has_missing, real past, int x, int y, frame_t frame)
 {
     if (!ALPHA | (RECTIFY == RECTIFY_NONE))
         return past;
-    plane_in alpha_at = alpha + texel_offset(frame, x, y);
-    real low = SPLAT(1.0), high = SPLAT(0.0);
-    for (int dy = -1; dy <= 1; ++dy)
-        for (int dx = -1; dx <= 1; ++dx) {
-            const real a = load_share(alpha_at + dy * (ptrdiff_t)row_stride(frame) + dx, SPLAT(1.0));
+    const real zero = SPLAT(0.0), one = SPLAT(1.0);
+    real low = one, high = zero;
+    if (has_missing) {
+        NO_UNROLL
+        for (int k = 0; k < 9; ++k) {
+            const real a = texels_in_domain(current, alpha, x + k % 3 - 1, y + k / 3 - 1, frame).alpha;
             low = lesser(a, low);
             high = greater(a, high);
         }
-    return limit(past, low, high);
+        return limit(past, low, high);
+    }
+    plane_in own = alpha + texel_offset(frame, x, y);
+    for (int k = 0; k < 9; ++k) {
+        const real a = load(own + (k / 3 - 1) * (ptrdiff_t)row_stride(frame) + (k % 3 - 1));
+        low = lesser(a, low);
+        high = greater(a, high);
+    }
+    return limit(past, greater(low, zero), lesser(high, one));
 }
 
 STAGE void store_resolved(history_out image, plane_out count, resolved r, int x, int y, frame_t frame)

@@ -105,13 +105,28 @@ STAGE whole largest_bits(colour v)
     return larger_bits(larger_bits(magnitude_bits(v.r), magnitude_bits(v.g)), magnitude_bits(v.b));
 }
 
+// A texel of the frame: colour and alpha, of which neither is usable without the other.
+typedef struct
+{
+    colour rgb;
+    real alpha; // 1 where the frame has none
+} texel_t;
+
+STAGE mask outside_domain_of(texel_t v)
+{
+    return ALPHA ? colour_outside_domain(v.rgb) | outside_domain(v.alpha) : colour_outside_domain(v.rgb);
+}
+
 // 1 if a row of texels has one outside the domain: left neighbours of a segment's texels, its own, and right ones. With
 // several lanes, each own texel is also a neighbour of another.
-STAGE int any_outside_domain(colour left, colour own, colour right)
+STAGE int any_outside_domain(texel_t left, texel_t own, texel_t right)
 {
     if ((LANES == 1) | REAL_DOUBLE)
-        return any_of(colour_outside_domain(left) | colour_outside_domain(own) | colour_outside_domain(right));
-    return any_of(larger_bits(largest_bits(left), largest_bits(right)) > DOMAIN_BITS);
+        return any_of(outside_domain_of(left) | outside_domain_of(own) | outside_domain_of(right));
+    whole most = larger_bits(largest_bits(left.rgb), largest_bits(right.rgb));
+    if (ALPHA)
+        most = larger_bits(most, larger_bits(magnitude_bits(left.alpha), magnitude_bits(right.alpha)));
+    return any_of(most > DOMAIN_BITS);
 }
 
 // Clamps a share (alpha, reactivity) to [0, 1]; outside the domain it is `otherwise`.
@@ -130,6 +145,11 @@ STAGE colour load_colour(plane_in p, size_t plane)
     return (colour) { load(p), load(p + plane), load(p + 2 * plane) };
 }
 
+STAGE texel_t load_texel(plane_in p, plane_in alpha, size_t plane)
+{
+    return (texel_t) { load_colour(p, plane), ALPHA ? load(alpha) : SPLAT(1.0) };
+}
+
 STAGE void store_colour(plane_out p, size_t plane, colour v)
 {
     store(p, v.r);
@@ -145,61 +165,73 @@ STAGE colour choose_colour(mask m, colour a, colour b)
 // Repair: a texel outside the domain (NaN, infinite, beyond DOMAIN_LIMIT) becomes the mean of the usable texels of its
 // own 3x3, or 0 where there are none. Such texels are rare: one test covers a whole row segment, and only a segment
 // that holds one takes the slow path, texel by texel.
-STAGE int texel_outside_domain(plane_in p, size_t plane)
+STAGE int texel_outside_domain(plane_in image, plane_in alpha, size_t plane, size_t at)
 {
     const int limit = as_int((float)DOMAIN_LIMIT);
+    plane_in p = image + at;
     return ((as_int(p[0]) & 0x7fffffff) > limit) | ((as_int(p[plane]) & 0x7fffffff) > limit)
-        | ((as_int(p[2 * plane]) & 0x7fffffff) > limit);
+        | ((as_int(p[2 * plane]) & 0x7fffffff) > limit) | (ALPHA && (as_int(alpha[at]) & 0x7fffffff) > limit);
+}
+
+// Channel 0 to 3 of the texel `at`: r, g, b, alpha as a share.
+STAGE float channel_of(plane_in image, plane_in alpha, size_t plane, int channel, size_t at)
+{
+    if (channel < 3)
+        return image[(size_t)channel * plane + at];
+    const float a = ALPHA ? alpha[at] : 1.0f;
+    return a > 0.0f ? (a < 1.0f ? a : 1.0f) : 0.0f;
 }
 
 // Returns the repaired channel of the texel at (x, y); coordinates are clamped to the image.
-STAGE float repaired_texel(plane_in image, size_t plane, int channel, int x, int y, frame_t frame)
+STAGE float repaired_texel(plane_in image, plane_in alpha, size_t plane, int channel, int x, int y, frame_t frame)
 {
-    plane_in p = image + texel_offset(frame, limit_index(x, frame.width - 1), limit_index(y, frame.height - 1));
-    if (!texel_outside_domain(p, plane))
-        return p[(size_t)channel * plane];
+    const size_t at = texel_offset(frame, limit_index(x, frame.width - 1), limit_index(y, frame.height - 1));
+    if (!texel_outside_domain(image, alpha, plane, at))
+        return channel_of(image, alpha, plane, channel, at);
     float sum = 0.0f;
     int in_domain = 0;
     for (int j = -1; j <= 1; ++j)
         for (int i = -1; i <= 1; ++i) {
-            plane_in q = p + (ptrdiff_t)j * row_stride(frame) + i;
-            if (!texel_outside_domain(q, plane)) {
-                sum += q[(size_t)channel * plane];
+            const size_t near = at + (size_t)(j * (ptrdiff_t)row_stride(frame) + i);
+            if (!texel_outside_domain(image, alpha, plane, near)) {
+                sum += channel_of(image, alpha, plane, channel, near);
                 in_domain += 1;
             }
         }
     return in_domain > 0 ? sum / (float)in_domain : 0.0f;
 }
 
-// Writes `count` repaired colours of LANES texels each: at (x, y), one texel to the right, and so on. On a CPU the loop
-// stays rolled: this is rare, and a compiler spent a third of its time on it.
-STAGE void repair_colours(colour* out, int count, plane_in image, size_t plane, int x, int y, frame_t frame)
+// Writes `count` times LANES repaired texels: at (x, y), one texel to the right, and so on. On a CPU the loop stays
+// rolled: this is rare, and a compiler spent a third of its time on it.
+STAGE void repair_texels(
+    texel_t* out, int count, plane_in image, plane_in alpha, size_t plane, int x, int y, frame_t frame)
 {
     if (LANES == 1) {
 #pragma unroll
         for (int i = 0; i < count; ++i) {
-            out[i].r = repaired_texel(image, plane, 0, x + i, y, frame);
-            out[i].g = repaired_texel(image, plane, 1, x + i, y, frame);
-            out[i].b = repaired_texel(image, plane, 2, x + i, y, frame);
+            out[i].rgb.r = repaired_texel(image, alpha, plane, 0, x + i, y, frame);
+            out[i].rgb.g = repaired_texel(image, alpha, plane, 1, x + i, y, frame);
+            out[i].rgb.b = repaired_texel(image, alpha, plane, 2, x + i, y, frame);
+            out[i].alpha = ALPHA ? repaired_texel(image, alpha, plane, 3, x + i, y, frame) : SPLAT(1.0);
         }
         return;
     }
     scalar* values = (scalar*)out;
     ONE_BY_ONE
-    for (int i = 0; i < count * 3 * LANES; ++i) {
-        const int texel = i / (3 * LANES), channel = i / LANES % 3, lane = i % LANES;
-        values[i] = repaired_texel(image, plane, channel, x + texel + lane, y, frame);
+    for (int i = 0; i < count * 4 * LANES; ++i) {
+        const int texel = i / (4 * LANES), channel = i / LANES % 4, lane = i % LANES;
+        values[i] = repaired_texel(image, alpha, plane, channel, x + texel + lane, y, frame);
     }
 }
 
 // Fill: replaces a missing sample of a pixel without history by the mean of the nearest usable texel along each of
 // eight rays, FILL_REACH steps at most, weighted by one over the squared distance; 0 where there is none. The sum is of
 // differences from the first texel, so that equal texels keep their bits. A band sees only the rows that it holds.
-STAGE void fill_texel(scalar* filled, plane_in image, size_t plane, int x, int y, frame_t frame)
+STAGE void fill_texel(scalar* filled, plane_in image, plane_in alpha, size_t plane, int x, int y, frame_t frame)
 {
     const int above = frame.first_row - PAD_Y, below = frame.first_row + band_rows(frame) + PAD_Y,
               top = above > 0 ? above : 0, bottom = below < frame.height ? below : frame.height;
-    float first[3] = { 0.0f, 0.0f, 0.0f }, sum[3] = { 0.0f, 0.0f, 0.0f }, weight = 0.0f;
+    float first[4] = { 0.0f, 0.0f, 0.0f, 0.0f }, sum[4] = { 0.0f, 0.0f, 0.0f, 0.0f }, weight = 0.0f;
     NO_UNROLL
     for (int ray = 0; ray < 9; ++ray) {
         const int right = ray % 3 - 1, down = ray / 3 - 1, length = right * right + down * down;
@@ -208,45 +240,49 @@ STAGE void fill_texel(scalar* filled, plane_in image, size_t plane, int x, int y
             const int i = x + step * right, j = y + step * down;
             if ((i < 0) | (i >= frame.width) | (j < top) | (j >= bottom))
                 break;
-            plane_in p = image + texel_offset(frame, i, j);
-            if (texel_outside_domain(p, plane))
+            const size_t at = texel_offset(frame, i, j);
+            if (texel_outside_domain(image, alpha, plane, at))
                 continue;
             const float share = 1.0f / (float)(step * step * length);
-            for (int channel = 0; channel < 3; ++channel) {
-                first[channel] = weight > 0.0f ? first[channel] : p[(size_t)channel * plane];
-                sum[channel] += share * (p[(size_t)channel * plane] - first[channel]);
+            for (int channel = 0; channel < 3 + ALPHA; ++channel) {
+                const float v = channel_of(image, alpha, plane, channel, at);
+                first[channel] = weight > 0.0f ? first[channel] : v;
+                sum[channel] += share * (v - first[channel]);
             }
             weight += share;
             break;
         }
     }
-    for (int channel = 0; channel < 3; ++channel)
+    for (int channel = 0; channel < 3 + ALPHA; ++channel)
         filled[channel * LANES] = weight > 0.0f ? first[channel] + sum[channel] / weight : 0.0f;
 }
 
 // Loads the segment at (x, y), fills each texel outside the domain, and tonemaps it to the range of comparison.
-STAGE colour filled_colour(plane_in image, size_t plane, int x, int y, frame_t frame)
+STAGE texel_t filled_texels(plane_in image, plane_in alpha, int x, int y, frame_t frame)
 {
-    colour v = load_colour(image + texel_offset(frame, x, y), plane);
+    const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
+    texel_t v = load_texel(image + at, alpha + at, plane);
     scalar* values = (scalar*)&v;
     ONE_BY_ONE
     for (int lane = 0; lane < LANES; ++lane)
-        if (x + lane < frame.width && texel_outside_domain(image + texel_offset(frame, x + lane, y), plane))
-            fill_texel(values + lane, image, plane, x + lane, y, frame);
-    return to_range(v);
+        if (x + lane < frame.width && texel_outside_domain(image, alpha, plane, at + (size_t)lane))
+            fill_texel(values + lane, image, alpha, plane, x + lane, y, frame);
+    return (texel_t) { to_range(v.rgb), share_in_domain(v.alpha, SPLAT(1.0)) };
 }
 
 // True where the pixel's own sample is missing: its texel is outside the domain.
-STAGE mask sample_is_missing(plane_in image, int x, int y, frame_t frame)
+STAGE mask sample_is_missing(plane_in image, plane_in alpha, int x, int y, frame_t frame)
 {
-    return colour_outside_domain(load_colour(image + texel_offset(frame, x, y), plane_size(frame)));
+    const uint at = texel_offset(frame, x, y);
+    return outside_domain_of(load_texel(image + at, alpha + at, plane_size(frame)));
 }
 
-// Loads the colour at (x, y), repairs it where necessary, and tonemaps it to the range of comparison.
-STAGE colour colour_in_domain(plane_in image, size_t plane, int x, int y, frame_t frame)
+// Loads the texels at (x, y), repairs them where necessary, and tonemaps them to the range of comparison.
+STAGE texel_t texels_in_domain(plane_in image, plane_in alpha, int x, int y, frame_t frame)
 {
-    colour v = load_colour(image + texel_offset(frame, x, y), plane);
-    if (any_of(colour_outside_domain(v)))
-        repair_colours(&v, 1, image, plane, x, y, frame);
-    return to_range(v);
+    const uint at = texel_offset(frame, x, y);
+    texel_t v = load_texel(image + at, alpha + at, plane_size(frame));
+    if (any_of(outside_domain_of(v)))
+        repair_texels(&v, 1, image, alpha, plane_size(frame), x, y, frame);
+    return (texel_t) { to_range(v.rgb), share_in_domain(v.alpha, SPLAT(1.0)) };
 }

@@ -187,7 +187,7 @@ STAGE real illumination_threshold(occlusion o, settings_t settings)
     return o.passed ? lesser(SPLAT(settings.passing_t), beside) : beside;
 }
 
-// `next` holds the texels of the row below the pixel's; `has_missing` is 1 if a sample of the segment is missing.
+// `next` holds the texels of the row below the pixel's; `has_missing` is 1 if a sample of the segment may be missing.
 STAGE history_t sample_history(plane_in current, plane_in alpha, boxed_row next, int has_missing, history_in history,
     plane_in count, plane_in previous_inverse_depth, motion_t m, surface s, int x, int y, frame_t frame,
     settings_t settings, row_cache* cache)
@@ -211,7 +211,8 @@ STAGE history_t sample_history(plane_in current, plane_in alpha, boxed_row next,
         mask same = same_surface(previous, s, m, settings) & ~o.covered;
         // A missing sample without depth is no evidence of another surface.
         if (has_missing)
-            same = same | (sample_is_missing(current, x, y, frame) & (s.nearest <= SPLAT(frame.sky_inverse_depth)));
+            same = same
+                | (sample_is_missing(current, alpha, x, y, frame) & (s.nearest <= SPLAT(frame.sky_inverse_depth)));
         h.valid = h.valid & same;
     }
     h.change = SPLAT(0.0);
@@ -219,7 +220,7 @@ STAGE history_t sample_history(plane_in current, plane_in alpha, boxed_row next,
         illumination_result l = illumination_test(h.count, illumination_threshold(o, settings), current, alpha, next,
             history, count, f, x, y, frame, settings, &cache->illumination);
         if (has_missing)
-            l = illumination_without_missing(l, h.count, current, x, y, frame);
+            l = illumination_without_missing(l, h.count, current, alpha, x, y, frame);
         h.count = lesser(l.count, o.count_limit);
         h.change = l.change;
     }

@@ -149,9 +149,8 @@ STAGE boxed illumination_difference(boxed now, colour past, frame_t frame)
     return (boxed) { (now.a - rb) - K(2.0) * was.g, now.b - (was.r - was.b), (now.c + rb) - K(2.0) * was.g };
 }
 
-// Pairs the row `now`, of which `alpha` is the middle texel's, with the history j rows below the nearest texels.
-STAGE illumination_row illumination_of_row(
-    boxed_row now, plane_in alpha, history_in history, footprint n, int j, frame_t frame)
+// Pairs the row `now` with the history j rows below the nearest texels.
+STAGE illumination_row illumination_of_row(boxed_row now, history_in history, footprint n, int j, frame_t frame)
 {
     const size_t plane = history_plane_size(frame);
     illumination_row row;
@@ -165,8 +164,7 @@ STAGE illumination_row illumination_of_row(
     row.step = (boxed) { 0 };
     row.alpha_step = row.alpha_levels = SPLAT(0.0);
     if (ACCUMULATES_ALPHA) {
-        const real one = SPLAT(1.0);
-        const real l = load_share(alpha - 1, one), c = load_share(alpha, one), r = load_share(alpha + 1, one);
+        const real l = now.alpha[0], c = now.alpha[1], r = now.alpha[2];
         row.alpha = difference_row(l - past.alpha[0], c - past.alpha[1], r - past.alpha[2]);
         row.alpha_level = (l + c) + r;
     }
@@ -195,18 +193,17 @@ STAGE illumination_row illumination_below(illumination_row above, illumination_r
 STAGE illumination_row illumination_above(
     plane_in current, plane_in alpha, history_in history, footprint n, int x, int y, frame_t frame)
 {
-    plane_in up = alpha + texel_offset(frame, x, y - 1), own = alpha + texel_offset(frame, x, y);
     if (LANES == 1) {
         const illumination_row above
-            = illumination_of_row(read_boxed(current, x, y - 1, frame), up, history, n, -1, frame);
+            = illumination_of_row(read_boxed(current, alpha, x, y - 1, frame), history, n, -1, frame);
         return illumination_below(
-            above, illumination_of_row(read_boxed(current, x, y, frame), own, history, n, 0, frame));
+            above, illumination_of_row(read_boxed(current, alpha, x, y, frame), history, n, 0, frame));
     }
     illumination_row row = { 0 };
     NO_UNROLL
     for (int j = -1; j <= 0; ++j)
         row = illumination_below(
-            row, illumination_of_row(read_boxed(current, x, y + j, frame), j < 0 ? up : own, history, n, j, frame));
+            row, illumination_of_row(read_boxed(current, alpha, x, y + j, frame), history, n, j, frame));
     return row;
 }
 
@@ -237,8 +234,7 @@ STAGE illumination_result illumination_test(real held, real threshold, plane_in 
     if (!uniform_lanes | (n.at != cache->nearest))
         cache->row = illumination_above(current, alpha, history, n, x, y, frame);
     const illumination_row centre = cache->row;
-    const illumination_row below = illumination_below(
-        centre, illumination_of_row(next, alpha + texel_offset(frame, x, y + 1), history, n, 1, frame));
+    const illumination_row below = illumination_below(centre, illumination_of_row(next, history, n, 1, frame));
     cache->row = below;
     cache->nearest = uniform_lanes ? n.at + (uint)row_stride(frame) : 0;
     const real least = least_deviation(centre.levels + below.level, SPLAT(BOX_A * TINY), settings);
@@ -267,12 +263,12 @@ STAGE illumination_result illumination_test(real held, real threshold, plane_in 
 // Corrects the result where a pixel's own sample is missing. Repaired texels say nothing about light: unless at least
 // five of the nine were rendered, the count stays as before the test and the change is 0.
 STAGE illumination_result illumination_without_missing(
-    illumination_result l, real held, plane_in current, int x, int y, frame_t frame)
+    illumination_result l, real held, plane_in current, plane_in alpha, int x, int y, frame_t frame)
 {
     real rendered = SPLAT(0.0);
     NO_UNROLL
     for (int k = 0; k < 9; ++k)
-        rendered += sample_is_missing(current, x + k % 3 - 1, y + k / 3 - 1, frame) ? SPLAT(0.0) : SPLAT(1.0);
-    const mask untested = sample_is_missing(current, x, y, frame) & (rendered < SPLAT(5.0));
+        rendered += sample_is_missing(current, alpha, x + k % 3 - 1, y + k / 3 - 1, frame) ? SPLAT(0.0) : SPLAT(1.0);
+    const mask untested = sample_is_missing(current, alpha, x, y, frame) & (rendered < SPLAT(5.0));
     return (illumination_result) { untested ? held : l.count, untested ? SPLAT(0.0) : l.change };
 }

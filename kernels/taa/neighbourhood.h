@@ -96,10 +96,11 @@ STAGE moments neighbourhood_moments(moments above, moments centre, moments below
     return VARIANCE == VARIANCE_NAIVE ? naive_window(m, above, centre, below) : m;
 }
 
-// Three texels of a row in the box space.
+// Three texels of a row in the box space, with their alpha where there is one.
 typedef struct
 {
     boxed left, own, right;
+    real alpha[3];
 } boxed_row;
 
 // One row of the 3x3: moments of each channel, and the nearest surface of the three texels. Inverse depth is 1/Z (-Z
@@ -115,7 +116,7 @@ typedef struct
     real rise; // of inverse depth, from the left texel to the right one
     real u, v; // own motion of the nearest texel
     real centre_u, centre_v;
-    int has_missing; // 1: a texel of the segment itself is outside the domain, so a pixel's sample is missing
+    int has_missing; // 1: a texel of the segment or beside it is outside the domain, so its sample is missing
 } row_t;
 
 // Mean, standard deviation and extremes of the neighbourhood in the box space.
@@ -195,31 +196,57 @@ STAGE colour filter_three(colour to, colour middle, colour from, scalar first, s
     return v;
 }
 
-STAGE row_t read_row(plane_in image, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
+// Three texels of a row, repaired and tonemapped to the range of comparison.
+typedef struct
+{
+    texel_t left, own, right;
+    int has_missing; // 1: one of them was outside the domain
+} three_texels;
+
+STAGE texel_t in_range(texel_t v)
+{
+    return (texel_t) { to_range(v.rgb), ALPHA ? limit(v.alpha, SPLAT(0.0), SPLAT(1.0)) : v.alpha };
+}
+
+STAGE three_texels read_texels(plane_in image, plane_in alpha, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
-    plane_in reds = image + at, greens = image + plane + at, blues = image + 2 * plane + at, z = inverse_depth + at;
-    colour l = { load(reds - 1), load(greens - 1), load(blues - 1) }, c = { load(reds), load(greens), load(blues) },
-           r = { load(reds + 1), load(greens + 1), load(blues + 1) };
-    // Loaded before the branch below: a GPU's compiler moves no load past it.
-    const real zl = inverse_depth_or_sky(load(z - 1), frame), zc = inverse_depth_or_sky(load(z), frame),
-               zr = inverse_depth_or_sky(load(z + 1), frame);
-    int has_missing = 0;
-    if (any_outside_domain(l, c, r)) {
-        has_missing = any_of(colour_outside_domain(c)) ? 1 : 0;
-        colour line[3];
-        repair_colours(line, 3, image, plane, x - 1, y, frame);
+    plane_in p = image + at, a = alpha + at;
+    texel_t l = load_texel(p - 1, a - 1, plane), c = load_texel(p, a, plane), r = load_texel(p + 1, a + 1, plane);
+    const int has_missing = any_outside_domain(l, c, r);
+    if (has_missing) {
+        texel_t line[3];
+        repair_texels(line, 3, image, alpha, plane, x - 1, y, frame);
         l = line[0], c = line[1], r = line[2];
     }
-    l = to_range(l), c = to_range(c), r = to_range(r);
-    const boxed bl = to_box_space(l), bc = to_box_space(c), br = to_box_space(r);
+    return (three_texels) { in_range(l), in_range(c), in_range(r), has_missing ? 1 : 0 };
+}
+
+STAGE boxed_row to_boxed_row(three_texels t)
+{
+    return (boxed_row) { to_box_space(t.left.rgb), to_box_space(t.own.rgb), to_box_space(t.right.rgb),
+        { t.left.alpha, t.own.alpha, t.right.alpha } };
+}
+
+STAGE row_t read_row(
+    plane_in image, plane_in alpha, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
+{
+    const size_t plane = plane_size(frame);
+    const uint at = texel_offset(frame, x, y);
+    plane_in z = inverse_depth + at;
+    // Loaded before the branch in read_texels: a GPU's compiler moves no load past it.
+    const real zl = inverse_depth_or_sky(load(z - 1), frame), zc = inverse_depth_or_sky(load(z), frame),
+               zr = inverse_depth_or_sky(load(z + 1), frame);
+    const three_texels t = read_texels(image, alpha, x, y, frame);
+    const colour l = t.left.rgb, c = t.own.rgb, r = t.right.rgb;
     row_t row = { 0 };
-    row.has_missing = has_missing;
+    row.has_missing = t.has_missing;
+    row.texels = to_boxed_row(t);
+    const boxed bl = row.texels.left, bc = row.texels.own, br = row.texels.right;
     row.a = chosen_row(bl.a, bc.a, br.a);
     row.b = chosen_row(bl.b, bc.b, br.b);
     row.c = chosen_row(bl.c, bc.c, br.c);
-    row.texels = (boxed_row) { bl, bc, br };
     row.centre = c;
     row.across = filter_three(minus(c, l), c, minus(r, c), K(frame.left_weight), K(frame.right_weight));
 
@@ -244,24 +271,16 @@ STAGE row_t read_row(plane_in image, plane_in inverse_depth, plane_in motion, in
 }
 
 // Three texels of a row of the current frame, in the box space.
-STAGE boxed_row read_boxed(plane_in image, int x, int y, frame_t frame)
+STAGE boxed_row read_boxed(plane_in image, plane_in alpha, int x, int y, frame_t frame)
 {
-    const size_t plane = plane_size(frame);
-    plane_in p = image + texel_offset(frame, x, y);
-    colour l = load_colour(p - 1, plane), c = load_colour(p, plane), r = load_colour(p + 1, plane);
-    if (any_outside_domain(l, c, r)) {
-        colour line[3];
-        repair_colours(line, 3, image, plane, x - 1, y, frame);
-        l = line[0], c = line[1], r = line[2];
-    }
-    return (boxed_row) { to_box_space(to_range(l)), to_box_space(to_range(c)), to_box_space(to_range(r)) };
+    return to_boxed_row(read_texels(image, alpha, x, y, frame));
 }
 
 // Reads the row at (x, y) and joins it to the one above.
 STAGE row_t read_next_row(
-    row_t above, plane_in image, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
+    row_t above, plane_in image, plane_in alpha, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
 {
-    row_t row = read_row(image, inverse_depth, motion, x, y, frame);
+    row_t row = read_row(image, alpha, inverse_depth, motion, x, y, frame);
     row.a_above = joined_rows(above.a, row.a);
     row.b_above = joined_rows(above.b, row.b);
     row.c_above = joined_rows(above.c, row.c);

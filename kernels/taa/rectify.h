@@ -162,6 +162,7 @@ typedef struct
     real blend_boost; // 0 to 1: the larger of motion and the distance that the history moved (adaptive,
                       // capped); 1 in motion (standing)
     real anti_flicker_factor; // factor of the current sample's weight (clamp-distance)
+    real alpha; // of the history, rectified (rectified_alpha)
 } rectification;
 
 // True where a pixel moves less than STATIC_MOTION pixels along each axis: too little to be seen.

@@ -34,20 +34,20 @@ class Kept(Resolver):
         made: dict[str, Buffer] = {name: read._planes(count) for name, count in PLANES.items()}
         # The resolve has swapped already: what it read as history and inverse depth is now what it will write next.
         current, inverse_depth, motion = read.channels["current"], read.previous_inverse_depth, read.channels["motion"]
-        window = {"current": current, "inverse_depth": inverse_depth, "motion": motion}
+        texels = {"current": current, "alpha": read.channels["alpha"]}
+        window = {**texels, "inverse_depth": inverse_depth, "motion": motion}
         image = {"frame": record}
         both = {"frame": record, "settings": settings}
 
         def run(kernel: str, **arguments: Any) -> None:
             self.launcher.run(kernel, build, layout, arguments)
 
-        run("repair_colour", current=current, repaired=made["repaired"], **image)
+        run("repair_colour", **texels, repaired=made["repaired"], **image)
         run("neighbourhood_statistics", **window, statistics_out=made["statistics"], **image)
         run("surface_motion", **window, motion_out=made["motion"], **both)
         run(
             "sample_history",
-            current=current,
-            alpha=read.channels["alpha"],
+            **texels,
             motion_in=made["motion"],
             history=read.output,
             history_count=read.output_count,
@@ -65,8 +65,7 @@ class Kept(Resolver):
         )
         run(
             "blend",
-            current=current,
-            alpha=read.channels["alpha"],
+            **texels,
             reactive=read.channels["reactive"],
             statistics_in=made["statistics"],
             history_at=made["history"],

@@ -193,7 +193,7 @@ def test_the_windows_beside_a_recursive_resolve_have_the_bits_of_their_twin(
         assert (parts[window, 4] == 40.0).mean() == pytest.approx(0.5, abs=0.01)
     assert (parts[UNMOVED + 2, 4] == 0.0).all() == ahead  # the recursive result lags behind later frames
     judged = parts[UNMOVED + 1, 3] < value_of("DOMAIN_LIMIT")
-    missing = sample_is_missing(work.planes["current"], work.layout)
+    missing = sample_is_missing(work.planes["current"], work.layout, work.planes["alpha"])
     assert not (judged & (work.layout.inside(many) | missing)).any()
     assert judged.mean() > 0.4
 
@@ -228,7 +228,8 @@ def test_a_reset_uses_no_history_and_gives_the_bits_of_the_twin(kernel: str) -> 
     ours, theirs = (run_stage(kernel, strict(), anew, on) for on in (device(), NumpyLauncher()))
     assert differing(work, ours, theirs) == 0
     valid_or_count = work.layout.inside(ours["history_at"][7] if kernel == "sample_history" else ours["output_count"])
-    expected = 0 if kernel == "sample_history" else ~sample_is_missing(work.planes["current"], work.layout)
+    missing = sample_is_missing(work.planes["current"], work.layout, work.planes["alpha"])
+    expected = 0 if kernel == "sample_history" else ~missing
     assert (valid_or_count == expected).all()
 
 

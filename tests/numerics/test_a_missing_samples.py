@@ -91,3 +91,39 @@ def test_a_frame_of_nothing_alone_is_black_and_counts_for_nothing(launcher: Devi
     resolver = Resolver("default", launcher, strict=True)
     assert (resolver.resolve(standing(0, WHOLE)) == 0).all()
     assert (counts(resolver) == 0).all()
+
+
+def with_alpha(index: int, colour: float = 0.0, alpha: float = 0.0, hole: tuple[slice, slice] = HOLE) -> Frame:
+    """As ``standing``, with alpha from 0.2 to 0.7; in the hole NaN, or what is not 0 of ``colour`` and ``alpha``."""
+    frame = standing(index)
+    share = np.linspace(0.2, 0.7, WIDTH * HEIGHT, dtype=np.float32).reshape(HEIGHT, WIDTH)
+    share[hole] += np.float32(alpha)
+    frame.colour[hole] += np.float32(colour)
+    return replace(frame, alpha=share)
+
+
+BAD = {"colour": (np.nan, 0.0), "alpha": (0.0, np.nan), "infinite alpha": (0.0, -np.inf), "huge": (0.0, 2.0**60)}
+
+
+@pytest.mark.parametrize("hole", [HOLE, (slice(9, 10), slice(20, 21))], ids=["block", "texel"])
+@pytest.mark.parametrize("history", [0, 4])
+@pytest.mark.parametrize("preset", ["default", "fast", "basic", "gather-8"])
+def test_a_sample_is_missing_with_its_alpha(
+    launcher: DeviceLauncher, preset: str, history: int, hole: tuple[slice, slice]
+) -> None:
+    def resolved(colour: float, alpha: float, on: Resolver) -> list[Image]:
+        before = [on.resolve(with_alpha(index)) for index in range(history)][-1:]
+        frames = with_alpha(history, colour, alpha, hole), with_alpha(history + 1)
+        return [*before, *(on.resolve(frame) for frame in frames)]
+
+    *_, whole, after = expected = resolved(np.nan, np.nan, strict(preset, launcher))
+    for name, bad in BAD.items():
+        found = resolved(*bad, strict(preset, launcher))
+        assert all(np.array_equal(bits(a), bits(b)) for a, b in zip(found, expected, strict=True)), name
+    alpha = with_alpha(0).alpha
+    assert alpha is not None
+    if history:
+        np.testing.assert_allclose(whole[hole], expected[0][hole], atol=2.0**-18)
+    else:  # a fill, by the means of what lies around
+        assert np.abs(whole[hole][..., 3] - alpha[hole]).max() < 0.1
+    np.testing.assert_allclose(after[hole][..., 3], alpha[hole], atol=2.0**-18)

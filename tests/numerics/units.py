@@ -12,7 +12,7 @@ from cltaa.core.build import Build, Real
 from cltaa.core.constants import PAD_X, PAD_Y, UNMOVED, WINDOW_REACH
 from cltaa.core.constants import value as value_of
 from cltaa.reference.accumulate import current_pixel
-from cltaa.reference.colour import filled_colour
+from cltaa.reference.colour import filled_texels, whole_samples
 from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.gather_fit import SampleSums
 from cltaa.reference.gather_samples import gather_samples
@@ -106,7 +106,9 @@ def parts(work: Work) -> list[Values]:
 @quiet
 def filled(work: Work) -> Values:
     """Largest magnitude, any channel, of what stands in for a missing sample."""
-    return np.abs(filled_colour(work.planes["current"], Build(real=Real.DOUBLE), work.layout)).max(0)
+    run = Run(Build(steps=ALL_STEPS, real=Real.DOUBLE), work.layout, work.frame, work.settings)
+    current, alpha = whole_samples(work.planes["current"], work.planes["alpha"], run)
+    return np.abs(filled_texels(current, alpha, run.build, work.layout)[0]).max(0)
 
 
 def both(work: Work) -> Values:
@@ -139,7 +141,8 @@ def gathered(work: Work) -> Values:
     build = Build(steps=ALL_STEPS, real=Real.DOUBLE)
     planes, layout = work.planes, work.layout
     run = Run(build, layout, work.frame, work.settings)
-    rows = read_rows(planes["current"], planes["inverse_depth"], planes["motion"], run)
+    current, _ = whole_samples(planes["current"], planes["alpha"], run)
+    rows = read_rows(current, planes["inverse_depth"], planes["motion"], run)
     p = current_pixel(rows, None, None, run)
     surface = nearest_surface(*rows, run)
     ring = planes["ring"].reshape(len(work.past), -1, layout.rows, layout.stride)

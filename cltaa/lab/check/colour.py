@@ -53,7 +53,7 @@ def check_colour(frames: Sequence[Frame]) -> list[Finding]:
 def check_channels(frames: Sequence[Frame], *, has_camera: bool, has_depth: bool) -> Iterator[Finding]:
     """Find channels that hold only one number, or no usable ones."""
     colour = np.stack([frame.colour for frame in frames])
-    missing = [lost for frame in frames if (lost := missing_samples(frame.colour, frame.index))]
+    missing = [lost for frame in frames if (lost := missing_samples(frame.colour, frame.alpha, frame.index))]
     if missing:
         wrong = sum(each.pixels for each in missing) / sum(frame.width * frame.height for frame in frames)
         text = "; ".join(missing_lines(missing))

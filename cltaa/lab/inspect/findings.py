@@ -311,7 +311,8 @@ def inspect_folder(
                 for channel, plane in channels.items():
                     result.statistics.setdefault(channel, ChannelStatistics()).add(plane)
                 colour = np.stack([np.asarray(channels[name], np.float32) for name in COLOUR], axis=-1)
-                missing += [lost] if (lost := missing_samples(colour, number)) else []
+                alpha = np.asarray(channels["A"], np.float32) if "A" in channels else None
+                missing += [lost] if (lost := missing_samples(colour, alpha, number)) else []
                 if not result.resolved_by:
                     witness.look(headers[number], channels)
         except CltaaError as error:
@@ -486,7 +487,7 @@ def _look(
         try:
             frame = sequence.frame(number)
             planes = frame_planes(frame, sequence.path(number))
-            lost += [missing] if (missing := missing_samples(frame.colour, number)) else []
+            lost += [missing] if (missing := missing_samples(frame.colour, frame.alpha, number)) else []
         except CltaaError as error:
             wrong.add(number, error)
             planes = {}

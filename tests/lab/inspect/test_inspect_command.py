@@ -100,7 +100,7 @@ def test_pixels_are_counted_only_when_asked(capsys: pytest.CaptureFixture[str], 
         "count": pixels,
     }
     assert found["problems"] == [
-        f"frame 1: 1 of {WIDTH * HEIGHT} pixels is without a usable colour: x 5, y 4",
+        f"frame 1: 1 of {WIDTH * HEIGHT} pixels is without a usable sample: x 5, y 4",
         *(f"channel {name}: 1 of {pixels} values are not finite" for name in "BR"),
     ]
 
