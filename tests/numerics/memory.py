@@ -51,11 +51,11 @@ EDITS = [
     Mutation("no reductions", "kernels/platform/lanes.h", "__has_builtin(__builtin_reduce_or)", "0"),
     Mutation("no floor", "kernels/platform/lanes.h", "__has_builtin(__builtin_elementwise_floor)", "0"),
 ]
-STORED = "store_colour(repaired + texel_offset(frame, x, y), plane, v);"
+STORED = "store_colour(repaired + texel_offset(frame, x, y), plane, v.rgb);"
 # Fault and the simulator's word for it.
 PLANTED = [
     (
-        Mutation("read beyond the end", "kernels/stages.cl", STORED, "v.r += 0.0f * current[4 * plane]; " + STORED),
+        Mutation("read beyond the end", "kernels/stages.cl", STORED, "v.rgb.r += 0.0f * current[4 * plane]; " + STORED),
         "Invalid read",
     ),
     (
