@@ -43,7 +43,7 @@ CODE: dict[str, tuple[str, dict[str, bool], dict[str, object]]] = {
     # Where nothing moves the history is read at its texels: no filter is left.
     "history filter": ("load_history(p + 2)", {"camera_motion": True}, {}),
     "exposure": ("SPLAT(frame.exposure_ratio)", {"exposure": True}, {}),
-    "alpha": ("load_share(alpha + at, SPLAT(1.0))", {"alpha": True}, {}),
+    "alpha": ("load(alpha)", {"alpha": True}, {}),
     "reactive": ("load_share(reactive + at, SPLAT(0.0))", {"reactive": True}, {}),
     "rejection": ("K(settings.depth_tolerance)", {}, {"reject": Reject.DEPTH}),
     "rectification": ("K(settings.box_floor)", {}, {"rectify": Rectify.CLIP}),

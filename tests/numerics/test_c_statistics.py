@@ -44,7 +44,7 @@ def measured(launcher: DeviceLauncher, image: Planes, **choices: Any) -> tuple[P
     layout = Layout(image.shape[2], image.shape[1])
     frame = make_frame(width=layout.width, height=layout.height, camera=CAMERA)
     zero = layout.zeros(2)
-    planes = {"current": padded(image, layout), "inverse_depth": zero[:1], "motion": zero}
+    planes = {"current": padded(image, layout), "alpha": zero[:1], "inverse_depth": zero[:1], "motion": zero}
     build = launcher.build(Build(choices=Choices(**choices), steps=Steps(own_motion=False), strict=True))
     work = Work(layout, planes, frame_record(frame, Past.of(frame), layout), settings_record(Settings()))
     found = layout.inside(run_stage("neighbourhood_statistics", build, work, launcher)["statistics_out"])

@@ -45,7 +45,8 @@ def measured(
         for i, c in enumerate((previous, camera))
     ]
     near = (-depth if camera.orthographic else 1 / depth).astype(np.float32)
-    planes = {"current": layout.zeros(3), "inverse_depth": padded(near[None], layout), "motion": layout.zeros(2)}
+    planes = {name: layout.zeros(count) for name, count in (("current", 3), ("alpha", 1), ("motion", 2))}
+    planes["inverse_depth"] = padded(near[None], layout)
     steps = Steps(own_motion=False, orthographic=camera.orthographic)
     build = launcher.build(Build(choices=Choices(dilation=Dilation.NONE), steps=steps, strict=True))
     work = Work(layout, planes, frame_record(frames[1], Past.of(frames[0]), layout), settings_record(Settings()))
