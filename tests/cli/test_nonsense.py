@@ -233,8 +233,6 @@ CASES: list[tuple[str, int, str]] = [
     ("bench quality --held-out 1,x", USAGE, "'1,x' is no list of whole numbers from 0 on"),
     ("capture spinner -o out --yardstick 2,1", USAGE, "from 2 on"),
     ("bench accuracy done -o out", WRONG, "done: these are results of cltaa resolve (found preset default)"),
-    ("bench files seq --compression b44", WRONG, "unknown or lossy compression"),
-    ("bench files done", WRONG, "done: these are results of cltaa resolve"),
     ("bench quality --sequence seq --work out --page nowhere/a.md", OUTPUT, "nowhere/a.md"),
     ("bench quality --sequence seq --work out --page file.txt", DATA, "file.txt: the marks are missing"),
     ("tune done --budget 5ms -o out.toml", WRONG, "done: these are results of cltaa resolve"),

@@ -155,10 +155,6 @@ COMMANDS = {
             "cltaa.commands.bench_times.forget_shapes": begins,
         },
     ),
-    "bench files": Command(
-        "bench files seq",
-        {"cltaa.commands.bench_times.open_each": opened, "cltaa.commands.bench_times.bench_files": begins},
-    ),
     "bench effects": Command(
         "bench effects spinner",
         {
@@ -198,17 +194,17 @@ COMMANDS = {
 CHANGED = "preset.settings.box_scale_static"  # what config.toml and --set change
 
 
-def frames_that_are_read(call: str, *, judged: bool = False) -> list[tuple[str, str, object]]:
+def frames_that_are_judged(call: str) -> list[tuple[str, str, object]]:
     """How to read them, as one argument ``reading`` of ``call``."""
-    rows: list[tuple[str, str, object]] = [
+    return [
         ("--profile blender", f"{call}.reading.profile", "blender"),
         ("--input motion.scale=3,4", f"{call}.reading.assignments", ("motion.scale=3,4",)),
         ("--camera side.json", f"{call}.reading.side_file", "side.json"),
         ("--step 3", f"{call}.reading.step", 3),
         ("--effects motion", f"{call}.reading.effects", "motion"),
         ("--effects none", f"{call}.reading.effects", ""),
+        ("--truth other", f"{call}.reading.truth", "other"),
     ]
-    return [*rows, ("--truth other", f"{call}.reading.truth", "other")] if judged else rows
 
 
 def frames_that_are_opened(call: str, more: str = "") -> list[tuple[str, str, object]]:
@@ -315,7 +311,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--seed 7", "tune.seed", 7),
         ("--device 3", "tune.launcher", "launcher 3"),
         ("-o elsewhere.toml", "tune.output", Path("elsewhere.toml")),
-        *frames_that_are_read("open_each", judged=True),
+        *frames_that_are_judged("open_each"),
     ],
     "demo": [
         ("-o elsewhere", "resolve_sequence.output", Path("elsewhere/resolved")),
@@ -340,8 +336,8 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--dask there", "bench_accuracy.dask", "there"),
         ("--pictured 7", "write_report.pictured", 7),
         ("--pictured 7", "page.pictured", 7),
-        *frames_that_are_read("tasks_of", judged=True),
-        *frames_that_are_read("open_each", judged=True),
+        *frames_that_are_judged("tasks_of"),
+        *frames_that_are_judged("open_each"),
     ],
     "bench quality": [
         ("--scene wires", "planned.scenes.wires", REAL),
@@ -362,10 +358,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--page page.md", "check_pages.page", Path("page.md")),
         ("--page page.md", "write_pages.page", Path("page.md")),
         ("--pictures maps", "write_pictures.output", Path("maps")),
-        *(
-            (f"--sequence there {row}", path, value)
-            for row, path, value in frames_that_are_read("open_each", judged=True)
-        ),
+        *((f"--sequence there {row}", path, value) for row, path, value in frames_that_are_judged("open_each")),
     ],
     "bench kernels": [
         ("--preset basic", "bench_kernels.presets.0.name", "basic"),
@@ -377,14 +370,6 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
     "bench devices": [
         ("--device 3", "bench_shapes.device", "3"),
         ("--forget", "forget_shapes", {}),
-    ],
-    "bench files": [
-        ("--preset basic", "bench_files.preset.name", "basic"),
-        ("--device 3", "bench_files.device", "3"),
-        ("--half", "bench_files.half", True),
-        ("--compression rle", "bench_files.compression", "rle"),
-        ("--rounds 7", "bench_files.rounds", 7),
-        *frames_that_are_read("open_each"),
     ],
     "bench effects": [
         ("--work elsewhere", "run_cltaa.arguments.3", "elsewhere/spinner-320x180x16"),
