@@ -47,15 +47,11 @@ def bytes_of(count: float) -> str:
 
 
 def markdown(heads: Iterable[str], rows: Iterable[Iterable[str]], *, figures: bool = False) -> str:
-    """Return a table in Markdown, a line each; with ``figures`` all columns but the first align right."""
+    """Return a table in Markdown, a line each, with the text of every cell as ``literal`` writes it; with ``figures``
+    all columns but the first align right."""
     heads = [*heads]
     rule = ["---", *["---:" if figures else "---"] * (len(heads) - 1)]
-    return "".join(map(markdown_row, (heads, rule, *rows)))
-
-
-def markdown_row(cells: Iterable[str]) -> str:
-    """Return a line of a table in Markdown, with the text of every cell as ``literal`` writes it."""
-    return f"| {' | '.join(map(literal, cells))} |\n"
+    return "".join(f"| {' | '.join(map(literal, cells))} |\n" for cells in (heads, rule, *rows))
 
 
 def literal(text: str) -> str:

@@ -25,19 +25,19 @@ from cltaa.commands.options import (
 )
 from cltaa.commands.printing import figures, print_line, print_table
 from cltaa.core.presets import Preset, load_preset, preset_names
-from cltaa.errors import UsageError
+from cltaa.errors import UsageError, known
 from cltaa.inputs.open import DEFAULT_READING, Reading, readings
 from cltaa.io.preset_file import load_config
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.bench.cases import (
     GIVEN,
     HELD_OUT,
+    MODEL,
     TRAIN,
     Case,
     Shape,
     by_name,
     capture,
-    check_scenes,
     known_scenes,
     open_case,
     planned,
@@ -245,7 +245,10 @@ def _seeds(train: Sequence[int], held_out: Sequence[int]) -> dict[int, str]:
 def _effects_of(scenes: tuple[str, ...]) -> dict[str, frozenset[str]]:
     """Return the effects of each of ``scenes`` (all if empty); raises UsageError for an unknown scene."""
     registered = known_scenes()
-    check_scenes(scenes, (ALL_SCENES,))
+    for scene in scenes:
+        if scene not in (ALL_SCENES, *registered) and not scene.startswith(MODEL):
+            there = [*sorted([ALL_SCENES, *registered]), f"{MODEL}PATH"]
+            raise UsageError(f"unknown scene {scene}", cure=known(scene, there, "scenes"))
     names = [name for scene in scenes or [ALL_SCENES] for name in (registered if scene == ALL_SCENES else [scene])]
     return {name: registered.get(name, frozenset({"motion"})) for name in names}
 

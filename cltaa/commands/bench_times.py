@@ -1,25 +1,18 @@
-"""``cltaa bench kernels``, ``devices``, ``api`` and ``effects``: times, each beside a baseline."""
+"""``cltaa bench kernels``, ``devices`` and ``api``: times, each beside a baseline."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
-from cltaa.commands.options import FILE_PATH, PRESET, SIZE, device_option, json_option
+from cltaa.commands.options import PRESET, SIZE, device_option, json_option
 from cltaa.commands.printing import answer, figures, print_line, print_table, three_digits
-from cltaa.core.backend import launcher_for
 from cltaa.core.presets import load_preset
-from cltaa.errors import DataError, UsageError
-from cltaa.io.sequence import open_sequence
+from cltaa.errors import UsageError
 from cltaa.lab.bench.api import ApiBench, bench_api
-from cltaa.lab.bench.cases import check_scenes, known_scenes
 from cltaa.lab.bench.devices import ShapesBench, bench_shapes, forget_shapes
 from cltaa.lab.bench.kernels import KernelBench, Timing, bench_kernels
-from cltaa.lab.inspect.plan import EffectRow, effect_cells, judge_effects
 from cltaa.lab.timing import Interval, Motion
-from cltaa.printable import counted, json_of, markdown, markdown_row, printable, shown
-from cltaa.process import run_cltaa
+from cltaa.printable import counted, shown
 
 
 @click.command("kernels")
@@ -172,47 +165,3 @@ def _print_api(bench: ApiBench) -> None:
 
 def _range(value: Interval) -> str:
     return f"{value.low:.3g}–{value.high:.3g}"
-
-
-@click.command("effects")
-@click.argument("scenes", nargs=-1)
-@click.option("--work", type=FILE_PATH, default=Path("effects"), help="Folder for captures.")
-@click.option("--size", type=SIZE, default="320x180", help="Frame size of a capture in pixels.")
-@click.option("--frames", default=16, type=click.IntRange(min=2), help="Number of frames of a capture.")
-@click.option("--preset", type=PRESET, default="default", help="Preset whose steps are planned.")
-@device_option
-@click.option("--rounds", default=21, type=click.IntRange(min=3), help="Number of timing rounds.")
-@json_option
-@click.pass_context
-def effects(
-    ctx: click.Context,
-    scenes: tuple[str, ...],
-    work: Path,
-    size: tuple[int, int],
-    frames: int,
-    preset: str,
-    device: str | None,
-    rounds: int,
-    as_json: bool,
-) -> None:
-    """Resolve SCENES (default: all) as planned and with every effect on; compare bits and time.
-
-    cltaa capture draws missing captures. The table is Markdown, as in docs/generated/effects.md. The exit code is 65
-    if a step that the plan left out would have changed a bit.
-    """
-    rows: list[EffectRow] = []
-    check_scenes(scenes)
-    pixels = f"{size[0]}x{size[1]}"
-    launcher = launcher_for(device)
-    for number, scene in enumerate(scenes or sorted(known_scenes()), start=1):
-        click.echo(f"{number}: {printable(scene)}", err=True)
-        folder = work / f"{scene}-{pixels}x{frames}"
-        run_cltaa(["capture", scene, "-o", str(folder), "--frames", str(frames), "--size", pixels])
-        rows.append(judge_effects(open_sequence(folder), preset, launcher, rounds=rounds))
-        if not as_json:  # print each row at once, because all scenes take a while
-            row = effect_cells(rows[-1])
-            click.echo(markdown(row, [row.values()]) if number == 1 else markdown_row(row.values()), nl=False)
-    if as_json:
-        click.echo(json_of(rows))
-    if not all(row.same_bits for row in rows):
-        ctx.exit(DataError.exit_code)

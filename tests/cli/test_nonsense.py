@@ -203,7 +203,6 @@ CASES: list[tuple[str, int, str]] = [
     ("bench nonsense", USAGE, "No such command"),
     ("bench quality --scene", USAGE, "requires an argument; see cltaa bench quality --help"),
     ("bench quality --scene spiner --work out", WRONG, "unknown scene spiner; did you mean spinner?"),
-    ("bench effects spiner", WRONG, "unknown scene spiner; did you mean spinner?"),
     ("bench quality --sequence seq --sequence small --work out --settled 1", MISSING, "small/reference: no truth"),
     ("bench quality --sequence seq --work out", DATA, "is judged (expected more than 8 frames, found 3); capture more"),
     ("bench quality --sequence seq --sequence twin/seq --work out --settled 1", WRONG, "two sequences of one name"),

@@ -131,7 +131,6 @@ COMMANDS = {
             "cltaa.commands.bench_quality.check_pages": lambda *_: None,
             "cltaa.commands.bench_quality.check_judged": lambda *_: None,
             "cltaa.commands.bench_quality.known_scenes": lambda: dict.fromkeys(SCENES, frozenset({"motion"})),
-            "cltaa.commands.bench_quality.check_scenes": lambda *_: None,
             "cltaa.commands.bench_quality.chosen_presets": REAL,
             "cltaa.commands.bench_quality.planned": REAL,
             "cltaa.commands.bench_quality.open_each": lambda folders, _: {folder: sequence() for folder in folders},
@@ -153,16 +152,6 @@ COMMANDS = {
         {
             "cltaa.commands.bench_times.bench_shapes": begins,
             "cltaa.commands.bench_times.forget_shapes": begins,
-        },
-    ),
-    "bench effects": Command(
-        "bench effects spinner",
-        {
-            "cltaa.commands.bench_times.check_scenes": lambda _: None,
-            "cltaa.commands.bench_times.launcher_for": lambda device: f"launcher {device}",
-            "cltaa.commands.bench_times.run_cltaa": lambda _: "",
-            "cltaa.commands.bench_times.open_sequence": sequence,
-            "cltaa.commands.bench_times.judge_effects": begins,
         },
     ),
     "bench api": Command("bench api", {"cltaa.commands.bench_times.bench_api": begins}),
@@ -371,14 +360,6 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--device 3", "bench_shapes.device", "3"),
         ("--forget", "forget_shapes", {}),
     ],
-    "bench effects": [
-        ("--work elsewhere", "run_cltaa.arguments.3", "elsewhere/spinner-320x180x16"),
-        ("--size 40x30", "run_cltaa.arguments.7", "40x30"),
-        ("--frames 12", "run_cltaa.arguments.5", "12"),
-        ("--preset basic", "judge_effects.preset", "basic"),
-        ("--device 3", "judge_effects.launcher", "launcher 3"),
-        ("--rounds 7", "judge_effects.rounds", 7),
-    ],
     "bench api": [
         ("--preset basic", "bench_api.preset.name", "basic"),
         ("--size 7x8", "bench_api.sizes", ((7, 8),)),
@@ -435,7 +416,7 @@ OTHERWISE = {
     },
     "demo": {"resolve_sequence.restart", "resolve_sequence.stopping"},  # the folder is the demo's own
     "bench accuracy": {"page.pictured", "write_report.pictured", "write_report.pages"},
-    "bench quality": {"check_scenes.also", "Reading.effects", "task_of.reading"},
+    "bench quality": {"Reading.effects", "task_of.reading"},
     "bench overview": {"write_report.pictured"},
     "capture": {"capture_sequence.progress"},
 }

@@ -6,12 +6,12 @@ The two packages communicate only by their command lines (docs/decisions/01).
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from cltaa.errors import CltaaError, InputMissing, UsageError, known
+from cltaa.errors import CltaaError, InputMissing, UsageError
 from cltaa.frame import Effect
 from cltaa.io.numbered import ranges
 from cltaa.io.sequence import FrameSequence, ImageSequence, open_sequence
@@ -96,14 +96,6 @@ def known_scenes() -> dict[str, frozenset[str]]:
     """Return every scene that ``cltaa scenes`` lists, with its effects."""
     listed = json.loads(run_cltaa(["scenes", "--json"]))
     return {scene["name"]: frozenset(scene["effects"]) for scene in listed["scenes"]}
-
-
-def check_scenes(names: Iterable[str], also: Collection[str] = ()) -> None:
-    """Raise UsageError for a name that is no scene, no model path and not in ``also``."""
-    there = {*known_scenes(), *also}
-    for name in names:
-        if name not in there and not name.startswith(MODEL):
-            raise UsageError(f"unknown scene {name}", cure=known(name, [*sorted(there), f"{MODEL}PATH"], "scenes"))
 
 
 def planned(scenes: dict[str, frozenset[str]], seeds: dict[int, str], shape: Shape, work: Path) -> list[Case]:

@@ -21,24 +21,21 @@ from cltaa.core.presets import Preset, Published
 from cltaa.core.record import Past
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError, check_flags, public
-from cltaa.frame import Asked, format_effects
+from cltaa.frame import Asked
 from cltaa.inputs.found import Found, with_found
 from cltaa.inputs.open import check_declared, looked_for, open_input
 from cltaa.io.names import Named
 from cltaa.io.preset_file import read_preset
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.timing import Clock, Interval, Samples, measure, resolve_job
-from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.lab.timing import Clock, Samples, measure
 from cltaa.pipeline.denoise import denoises
 from cltaa.pipeline.folder import band_rows_for, find_for, for_denoised, has_bands, of_whole, with_fireflies
 from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence, program_bytes
 from cltaa.pipeline.output import carried_kinds, check_layers, chosen_layers
 from cltaa.pipeline.run import check_jobs
-from cltaa.progress import track
 
 ROUNDS = 9  # timing rounds, each with one run of every variant
-PLANNED, EVERY, ALL = "as planned", "every step", "all effects"
-WAYS: dict[str, Asked] = {PLANNED: "auto", EVERY: "auto", ALL: "all"}  # effects of the three resolves
+PLANNED, EVERY = "as planned", "every step"
 CHANNELS = ("own_motion", "alpha", "reactive")  # steps that read a channel
 
 
@@ -237,8 +234,8 @@ def _time(
         return once
 
     samples = measure({name: run(variant) for name, variant in variants.items()}, rounds, warm_up=2)
-    section.milliseconds = _milliseconds(samples, PLANNED, Clock.WALL)
-    section.every_milliseconds = _milliseconds(samples, EVERY, Clock.WALL)
+    section.milliseconds = _milliseconds(samples, PLANNED)
+    section.every_milliseconds = _milliseconds(samples, EVERY)
     for step in section.steps:
         if step.name not in variants:
             continue
@@ -247,75 +244,5 @@ def _time(
         step.milliseconds = float(np.median(-pairs if step.on else pairs)) * 1e3
 
 
-def _milliseconds(samples: Samples, job: str, clock: Clock) -> float:
-    return float(np.median(samples.seconds(job, clock))) * 1e3
-
-
-class EffectRow(msgspec.Struct, kw_only=True):
-    """One scene. Times are milliseconds of kernels a frame; ``saving`` is the time of ``all`` over that as planned.
-
-    On a CPU they are processor time of all threads, which the load of other programs does not change.
-    """
-
-    scene: str
-    effects: str
-    steps: list[str]  # steps that run on the last frame
-    frames: int
-    same_bits: bool  # as planned and with every step agree, in strict mode, on all frames
-    replaced: float  # largest difference of as planned from all effects
-    replaced_mean: float
-    planned_ms: float
-    every_ms: float
-    all_ms: float
-    saving: Interval
-
-
-def judge_effects(sequence: FrameSequence, preset: str | Preset, launcher: Launcher, *, rounds: int) -> EffectRow:
-    """Resolve ``sequence`` in the three ways, compare all frames in strict mode, and time the last one.
-
-    A shared ``launcher`` reuses its kernels between scenes.
-    """
-    same, apart = True, list[tuple[float, float]]()
-    strict = {way: Resolver(preset, launcher, strict=True, every_step=way != PLANNED) for way in WAYS}
-    for frame in track(sequence, len(sequence), "resolving"):
-        planned, every, everything = (strict[way].resolve(with_effects(frame, named)) for way, named in WAYS.items())
-        same = same and planned.tobytes() == every.tobytes()
-        difference = np.abs(planned.astype(np.float64) - everything)
-        apart.append((float(difference.max()), float(difference.mean())))
-    before, frame = (sequence.frame(number) for number in sequence.numbers[-2:])
-    pair = replace(before, cut=True), replace(frame, cut=False)
-    fast = {way: Resolver(preset, launcher, every_step=way != PLANNED) for way in WAYS}
-    jobs = {way: resolve_job(fast[way], [with_effects(one, named) for one in pair])[0] for way, named in WAYS.items()}
-    samples, chosen = measure(jobs, rounds, warm_up=3), fast[PLANNED].plan
-    assert chosen is not None
-    clock = Clock.DEVICE if isinstance(launcher, DeviceLauncher) and not launcher.device.is_cpu else Clock.PROCESSOR
-    return EffectRow(
-        scene=sequence.outline(sequence.first).scene,
-        effects=format_effects(sequence.effects or ()) or ("none" if sequence.effects is not None else "not declared"),
-        steps=[reason.step for reason in chosen.reasons if reason.on],
-        frames=len(sequence),
-        same_bits=same,
-        replaced=max(largest for largest, _ in apart),
-        replaced_mean=sum(mean for _, mean in apart) / len(sequence),
-        planned_ms=_milliseconds(samples, PLANNED, clock),
-        every_ms=_milliseconds(samples, EVERY, clock),
-        all_ms=_milliseconds(samples, ALL, clock),
-        saving=samples.ratio(ALL, PLANNED, clock),
-    )
-
-
-def effect_cells(row: EffectRow) -> dict[str, str]:
-    """Return a row of the table of docs/generated/effects.md, by column heads."""
-    saving = f"{row.saving.median:.2f} ({row.saving.low:.2f} to {row.saving.high:.2f})"
-    replaced = "nothing" if row.replaced == 0.0 else f"{row.replaced:.2g}, mean {row.replaced_mean:.1g}"
-    return {
-        "scene": row.scene,
-        "effects": row.effects.replace(",", " "),
-        "steps that run": ", ".join(row.steps) or "none",
-        "ms planned": f"{row.planned_ms:.2f}",
-        "ms every step": f"{row.every_ms:.2f}",
-        "ms all": f"{row.all_ms:.2f}",
-        "all / planned": saving,
-        "same bits": "yes" if row.same_bits else "**no**",
-        "replaced": replaced,
-    }
+def _milliseconds(samples: Samples, job: str) -> float:
+    return float(np.median(samples.seconds(job, Clock.WALL))) * 1e3
