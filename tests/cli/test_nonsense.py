@@ -206,7 +206,6 @@ CASES: list[tuple[str, int, str]] = [
     ("bench quality --sequence seq --sequence small --work out --settled 1", MISSING, "small/reference: no truth"),
     ("bench quality --sequence seq --work out", DATA, "is judged (expected more than 8 frames, found 3); capture more"),
     ("bench quality --sequence seq --sequence twin/seq --work out --settled 1", WRONG, "two sequences of one name"),
-    ("bench accuracy seq -o out --jobs 2 --dask tcp://a:1", WRONG, "--jobs and --dask both say who measures errors"),
     ("bench accuracy seq twin/seq -o out --only reject", WRONG, "twin/seq: two sequences of one name"),
     ("bench accuracy seq small -o out --only preset", MISSING, "small/reference: no truth"),
     ("tune seq small --budget 5ms -o out.toml", MISSING, "small/reference: no truth"),

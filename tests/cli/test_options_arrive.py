@@ -322,7 +322,6 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--patience 7", "bench_accuracy.patience", 7.0),
         ("--pixels 7", "bench_accuracy.pixels", 7),
         ("--jobs 7", "bench_accuracy.jobs", 7),
-        ("--dask there", "bench_accuracy.dask", "there"),
         ("--pictured 7", "write_report.pictured", 7),
         ("--pictured 7", "page.pictured", 7),
         *frames_that_are_judged("tasks_of"),
