@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from cltaa.commands.options import COUNT_OR_0, FILE_PATH, FROM_2, SIZE, json_option
-from cltaa.commands.printing import Console, listing
-from cltaa.errors import UsageError
 from cltaa.printable import counted, json_of, printable
 from cltaa.progress import shown_progress
 from cltaa_capture.jitter import USUAL
@@ -32,7 +29,7 @@ def complete_scene(_context: click.Context, _parameter: click.Parameter, incompl
 
 @click.command(short_help="Draw a scene into a jittered EXR sequence.")
 @click.argument("scene", shell_complete=complete_scene)
-@click.option("-o", "--output", type=FILE_PATH, help="Folder for the sequence; created if missing.")
+@click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder for the sequence; created if missing.")
 @click.option("--frames", type=click.IntRange(1), default=48, help="Number of frames.")
 @click.option("--size", type=SIZE, default="640x360", help="Size of a frame in pixels.")
 @click.option(
@@ -61,22 +58,13 @@ def complete_scene(_context: click.Context, _parameter: click.Parameter, incompl
 )
 @click.option("--backend", type=click.Choice(BACKENDS), default="auto", help="Off-screen OpenGL implementation.")
 @click.option("--restart", is_flag=True, help="Replace the capture in a folder that was begun with other settings.")
-@click.option("--explain", "explained", is_flag=True, help="Print what each effect draws; without -o, draw nothing.")
 @json_option
-def capture(
-    scene: str, output: Path | None, size: tuple[int, int], explained: bool, as_json: bool, **options: Any
-) -> None:
+def capture(scene: str, output: Path, size: tuple[int, int], as_json: bool, **options: Any) -> None:
     """Draw SCENE (a name of cltaa scenes, or file:PATH) into a jittered EXR sequence.
 
     Every frame holds one sample a pixel: linear HDR colour, planar depth, un-jittered matrices, the jitter, and those
     channels that the scene's effects need. The same command continues an interrupted capture.
     """
-    if output is None and not explained:
-        raise UsageError("no output folder", cure="say where with -o DIR")
-    if explained:
-        _print_explanation(scene, size, as_json, alone=output is None, **options)
-    if output is None:
-        return
     from cltaa_capture.sequence import Request, capture_sequence  # imported late: loads trimesh, which help must not
 
     request = Request(scene=scene, output=output, width=size[0], height=size[1], **options)
@@ -84,36 +72,6 @@ def capture(
     with shown_progress(scene.rpartition("/")[2]) as progress:
         captured = capture_sequence(request, progress)
     _print_summary(request, captured, time.perf_counter() - begin, as_json)
-
-
-def _print_explanation(
-    scene: str,
-    size: tuple[int, int],
-    as_json: bool,
-    *,
-    alone: bool,
-    seed: int,
-    motion: str | None,
-    backend: str,
-    **_: Any,
-) -> None:
-    """Print the explanation: to standard output if ``alone``, and to standard error beside a capture."""
-    from cltaa_capture.explain import ALWAYS, explain, measure_costs
-    from cltaa_datasets.scenes import build_scene
-
-    built = build_scene(scene, seed, motion)
-    rows = explain(built, *size, measure_costs(built, *size, backend))
-    if as_json and alone:
-        click.echo(json_of({"channels": ALWAYS, "effects": [asdict(row) for row in rows]}))
-        return
-    table = listing("effect", "drawn", "why", "channels", "MB a frame", "CPU ms a frame")
-    for row in rows:
-        size_text = f"{row.bytes_a_frame / 1e6:.2f}" if row.channels else ""
-        cost = "" if row.milliseconds is None else f"{row.milliseconds:.1f}"
-        # Brackets mark the cost that an effect would have if it were drawn.
-        cost = cost if row.on or not cost else f"({cost})"
-        table.add_row(row.effect, "yes" if row.on else "no", row.reason, " ".join(row.channels), size_text, cost)
-    Console(stderr=not alone).print(table)
 
 
 def _print_summary(request: Request, captured: Captured, seconds: float, as_json: bool) -> None:

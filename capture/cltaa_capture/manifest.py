@@ -33,7 +33,6 @@ SHADER_SUFFIXES = (".vert", ".frag", ".glsl")
 # Modules that draw nothing of a capture.
 NOT_DRAWING = (
     "cltaa_capture/cli.py",
-    "cltaa_capture/explain.py",
     "cltaa_capture/manifest.py",
     "cltaa_datasets/cli.py",
     "cltaa_datasets/ray_cast.py",

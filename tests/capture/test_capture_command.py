@@ -59,49 +59,6 @@ def test_nothing_but_what_was_asked_for_on_stdout(tmp_path: Path, capsys: pytest
     assert "frames/s" in err
 
 
-@pytest.fixture
-def few_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is asked of costs is which there are."""
-    monkeypatch.setattr("cltaa_capture.explain.ROUNDS", 3)
-
-
-@pytest.mark.usefixtures("few_rounds")
-def test_explain_draws_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["capture", "conveyor", "--explain", "--json", "--size", "10x10"]) == 0
-    effects = {row["effect"]: row for row in json.loads(capsys.readouterr().out)["effects"]}
-    assert effects["motion"]["channels"] == ["backward.u", "backward.v"]
-    assert effects["motion"]["bytes_a_frame"] == 10 * 10 * 2 * 4
-    assert effects["alpha"]["on"] is False
-    assert effects["alpha"]["bytes_a_frame"] == 0
-    # What is drawn for has a measured cost, whether it is on or off; what is in the colour anyway has none.
-    timed = {name for name, row in effects.items() if row["milliseconds"] is not None}
-    assert timed == {"motion", "reactive", "alpha", "sky"}
-    assert effects["shadow map"]["on"] is False
-
-
-@pytest.mark.usefixtures("few_rounds")
-def test_explain_can_be_read_through_a_pipe(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    """It is on standard output, unless it stands beside a capture."""
-    assert main(["capture", "conveyor", "--explain", "--size", "10x10"]) == 0
-    printed = capsys.readouterr()
-    assert "not declared: not drawn" in " ".join(printed.out.split())
-    assert printed.err == ""
-    folder = str(tmp_path / "out")
-    assert main(["capture", "conveyor", "--explain", "--size", "10x10", "--frames", "1", "-o", folder, "--json"]) == 0
-    printed = capsys.readouterr()
-    assert json.loads(printed.out)["drawn"] == 1
-    assert "not declared" in printed.err
-
-
-@pytest.mark.usefixtures("few_rounds")
-def test_explain_knows_of_the_shadow_map(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["capture", "shadow", "--explain", "--json", "--size", "32x18"]) == 0
-    effects = {row["effect"]: row for row in json.loads(capsys.readouterr().out)["effects"]}
-    assert effects["shadow map"]["on"] is True
-    # A map of a million texels before a picture of 576 pixels: no noise makes that cheap.
-    assert effects["shadow map"]["milliseconds"] > 0.0
-
-
 def test_a_texture_that_is_missing_is_one_line(tmp_path: Path) -> None:
     """In a process of its own, where no test collects what trimesh logs."""
     header = ["ply", "format ascii 1.0", "comment TextureFile none.png", "element vertex 3"]

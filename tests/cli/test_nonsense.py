@@ -243,7 +243,7 @@ CASES: list[tuple[str, int, str]] = [
     ("capture file:scene.blend -o out", WRONG, "no reader for .blend (expected .glb"),
     ("capture file:broken.glb -o out", DATA, "broken.glb: is no glTF 2.0 file"),
     ("capture '' -o out", WRONG, "no such scene"),
-    ("capture spinner", WRONG, "no output folder; say where with -o DIR"),
+    ("capture spinner", USAGE, "Missing option '-o' / '--output'"),
     ("capture spinner -o ''", USAGE, "the name is empty"),
     ("capture spinner -o file.txt", OUTPUT, "file.txt: the folder cannot be created"),
     ("capture spinner -o out --size 0x0", USAGE, "not WIDTHxHEIGHT"),

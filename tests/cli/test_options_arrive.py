@@ -165,14 +165,7 @@ COMMANDS = {
         },
     ),
     "raycast": Command("raycast rolling -o out", {"cltaa_datasets.ray_cast.draw": begins}),
-    "capture": Command(
-        "capture spinner -o out",
-        {
-            "cltaa_capture.explain.measure_costs": begins,
-            "cltaa_capture.sequence.capture_sequence": begins,  # first: it keeps the build_scene of then
-            "cltaa_datasets.scenes.build_scene": lambda *_: "scene",
-        },
-    ),
+    "capture": Command("capture spinner -o out", {"cltaa_capture.sequence.capture_sequence": begins}),
     "kernels": Command("kernels --show resolve", {"cltaa.commands.presets.source": begins}),
     "presets": Command(
         "presets fast",
@@ -385,14 +378,10 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--reference 7", "capture_sequence.request.reference", 7),
         ("--yardstick 7", "capture_sequence.request.yardstick", (7,)),
         ("--seed 7", "capture_sequence.request.seed", 7),
-        ("--seed 7 --explain", "build_scene.seed", 7),
         ("--fps 7", "capture_sequence.request.fps", 7.0),
         ("--motion orbit", "capture_sequence.request.motion", "orbit"),
-        ("--motion orbit --explain", "build_scene.motion", "orbit"),
         ("--backend egl", "capture_sequence.request.backend", "egl"),
-        ("--backend egl --explain", "measure_costs.backend", "egl"),
         ("--restart", "capture_sequence.request.restart", True),
-        ("--explain", "measure_costs.width", 640),
     ],
     "kernels": [
         ("--show gather", "source.kernel", "gather"),
