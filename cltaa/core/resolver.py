@@ -328,15 +328,9 @@ class Resolver:
             what = f"preset {self.preset.name} resolves this frame from the result before it, so none is only kept"
             raise UsageError(what, cure="call resolve() or feed()")
         steps = self._channel_steps(frame) if self.look_ahead else build.steps
-        buffers = self._fitting(Layout(frame.width, frame.height), steps.alpha)
-        self._lends, coarse = True, self._coarse
+        buffers, coarse = self._fitting(Layout(frame.width, frame.height), steps.alpha), self._coarse
         self._forget()  # an interrupt from here on leaves no history, rather than a half of one
-        upload(frame, buffers, steps, self.preset)
-        self._ring(previous, buffers.layout, steps).keep(frame, buffers, steps)
-        self.launcher.finish()
-        buffers.let_go()
-        buffers.give_back()
-        self._lends = False
+        self._copy_into_ring(frame, previous, buffers, steps)
         self._previous = self._latest = msgspec.structs.replace(Past.of(frame, coarse), only_kept=True)
         self.times = Times(perf_counter() - started, 0.0, 0.0)
 
@@ -372,17 +366,20 @@ class Resolver:
         latest, waiting, self.last = self._latest, self._waiting, None
         self._forget_ahead()  # an interrupt from here on leaves no waiting frames, rather than some of them
         buffers = self._fitting(Layout(frame.width, frame.height), steps.alpha)
+        self._copy_into_ring(frame, latest if goes_on else None, buffers, steps)
+        self._latest, self._waiting = Past.of(frame, coarse), waiting
+        waiting.append(outline(frame))
+        self.times = Times(perf_counter() - started, 0.0, 0.0)
+
+    def _copy_into_ring(self, frame: Frame, previous: Past | None, buffers: Buffers, steps: Steps) -> None:
+        """Upload a frame and copy its channels into the ring, after ``previous``; waits until its arrays are free."""
         self._lends = True
         upload(frame, buffers, steps, self.preset)
-        ring = self._ring(latest if goes_on else None, buffers.layout, steps)
-        ring.keep(frame, buffers, steps)
+        self._ring(previous, buffers.layout, steps).keep(frame, buffers, steps)
         self.launcher.finish()
         buffers.let_go()
         buffers.give_back()
         self._lends = False
-        self._latest, self._waiting = Past.of(frame, coarse), waiting
-        waiting.append(outline(frame))
-        self.times = Times(perf_counter() - started, 0.0, 0.0)
 
     def _next(self, *, half: bool, planar: bool) -> NDArray[Any]:
         """Resolve the first of the waiting frames."""
