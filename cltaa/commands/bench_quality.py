@@ -8,7 +8,6 @@ from pathlib import Path
 
 import click
 import msgspec
-from click.core import ParameterSource
 
 from cltaa.commands.options import (
     COUNT,
@@ -22,6 +21,7 @@ from cltaa.commands.options import (
     json_option,
     measured_options,
     open_each,
+    refuse_given,
 )
 from cltaa.commands.printing import figures, print_line, print_table
 from cltaa.core.presets import Preset, load_preset, preset_names
@@ -167,7 +167,7 @@ def quality(
         what, cure = ("profile, input, camera, step and truth are of frames that are there", "name them: --sequence")
         raise UsageError(what, cure=cure)
     if folders and not scenes:
-        _check_options(ctx)
+        refuse_given(ctx, OF_CAPTURES, "is of captures", "name their --scene too, or leave it out")
     by_name(folders, "sequences")
     opened = open_each(folders, reading)
     for sequence in opened.values():
@@ -206,14 +206,6 @@ def quality(
         _print(table)
         if pictures is not None:
             _print_captions(texts, pictures)
-
-
-def _check_options(ctx: click.Context) -> None:
-    """Raise UsageError for an option of captures where none is asked for, rather than ignore it."""
-    for option in ctx.command.params:
-        given = ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE
-        if given and option.name in OF_CAPTURES:
-            raise UsageError(f"{option.opts[0]} is of captures", cure="name their --scene too, or leave it out")
 
 
 def chosen_presets(names: Sequence[str], configs: Sequence[Path]) -> list[Preset]:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-from click.core import ParameterSource
 from rich.table import Table
 
 from cltaa.commands.options import (
@@ -28,6 +27,7 @@ from cltaa.commands.options import (
     json_option,
     one_sequence,
     preset_of,
+    refuse_given,
     storage_option,
 )
 from cltaa.commands.printing import Console, answer, figures, listing, print_line, print_table
@@ -151,7 +151,10 @@ def inspect(
     that a resolve would get. --plan prints the plan of a resolve instead; if no effects are declared, it finds them
     in the pixels of a few frames.
     """
-    _check_options(ctx, planned=planned, pixels=pixels)
+    if planned and pixels:
+        raise UsageError("--pixels and --plan are two reports", cure="leave one of them out")
+    if not planned:
+        refuse_given(ctx, OF_PLAN, "says how to plan a resolve", "add --plan")
     place = selection_of(one_sequence(ctx, folder))
     reading["frames"] = frame_range(place, frames, **reading)
     if planned:
@@ -168,16 +171,6 @@ def inspect(
     answer(found, as_json, _print)
     if found.problems:
         ctx.exit(DataError.exit_code)
-
-
-def _check_options(ctx: click.Context, *, planned: bool, pixels: bool) -> None:
-    """Raise UsageError for an option that would have no effect, rather than ignore it."""
-    if planned and pixels:
-        raise UsageError("--pixels and --plan are two reports", cure="leave one of them out")
-    for option in ctx.command.params:
-        given = ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE
-        if given and option.name in OF_PLAN and not planned:
-            raise UsageError(f"{option.opts[0]} says how to plan a resolve", cure="add --plan")
 
 
 def _print(found: Inspection | Description) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from functools import partial, wraps
 from importlib import import_module
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import msgspec
+from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
 from cltaa.core.build import STORAGES, Storage
@@ -283,6 +284,13 @@ def open_each(folders: Iterable[Path], reading: Reading) -> dict[Path, FrameSequ
         if sequence.notes and (asked or not is_own(folder)):  # other effects of own frames need no report
             click.echo(printable(f"{folder}: {'; '.join(sequence.notes)}"), err=True)
     return opened
+
+
+def refuse_given(ctx: click.Context, names: Collection[str], what: str, cure: str) -> None:
+    """Raise UsageError for an option of those ``names`` on the command line, where it would have no effect."""
+    for option in ctx.command.params:
+        if option.name in names and ctx.get_parameter_source(option.name) is ParameterSource.COMMANDLINE:
+            raise UsageError(f"{option.opts[0]} {what}", cure=cure)
 
 
 NO_EFFECT = "none"
