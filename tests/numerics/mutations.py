@@ -12,6 +12,7 @@ import argparse
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -81,33 +82,51 @@ def copy_tree(to: Path) -> None:
             shutil.copy2(TOP / name, to / name)
 
 
+class Ended(NamedTuple):
+    """How pytest ended: its exit code (None: it was stopped), what it said, and the first test that failed, if any."""
+
+    code: int | None
+    said: str
+    failed: str
+
+
+def run_tests(tree: Path, arguments: Sequence[str], patience: float | None, cache: str, **settings: str) -> Ended:
+    """Run pytest on a copy of the tree until a test fails, or for ``patience`` seconds; kernels with faults stay out of
+    the ``cache`` that other programs use."""
+    paths = os.pathsep.join(str(tree / name) for name in ("", "capture", "datasets_gen"))
+    settings |= {"PYTHONPATH": paths, "POCL_CACHE_DIR": str(tree.with_name(cache))}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *arguments],
+        cwd=tree,
+        env={**os.environ, **settings},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        said, _ = process.communicate(timeout=patience)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        return Ended(None, "", "")
+    failed = re.search(r"^(?:FAILED|ERROR) (\S+?(?:\[.*?\])?)(?: - |$)", said, re.MULTILINE)
+    return Ended(process.returncode, said, failed[1] if failed else "")
+
+
 def noticed_by(tree: Path, selection: list[str]) -> str:
     """The first test that fails in a tree, or nothing; raises SystemExit where a kernel does not build."""
     if not selection:
         return ""
-    paths = os.pathsep.join(str(tree / name) for name in ("", "capture", "datasets_gen"))
     heavy = ["-m", ""] if all("::" in test for test in selection) else []  # single tests, however heavy
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *heavy, *selection]
-    # Kernels with faults stay out of the cache that other programs use.
-    settings = {"PYTHONPATH": paths, "POCL_CACHE_DIR": str(tree.with_name(f"{tree.name}-cache"))}
-    try:
-        run = subprocess.run(
-            command,
-            cwd=tree,
-            env={**os.environ, **settings},
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=SECONDS,
-        )
-    except subprocess.TimeoutExpired:
+    run = run_tests(tree, [*heavy, *selection], SECONDS, f"{tree.name}-cache")
+    if run.code is None:
         return f"no end within {SECONDS} s"
-    if "does not build" in run.stdout:
-        raise SystemExit(f"the kernel does not build:\n{run.stdout[-2000:]}")
-    failed = re.search(r"^(?:FAILED|ERROR) (?:tests/)?(\S+)", run.stdout, re.MULTILINE)
-    if run.returncode and not failed:
-        raise SystemExit(f"pytest ended with {run.returncode}:\n{run.stdout[-2000:]}{run.stderr[-2000:]}")
-    return failed[1] if failed else ""
+    if "does not build" in run.said:
+        raise SystemExit(f"the kernel does not build:\n{run.said[-2000:]}")
+    if run.code and not run.failed:
+        raise SystemExit(f"pytest ended with {run.code}:\n{run.said[-2000:]}")
+    return run.failed.removeprefix("tests/")
 
 
 def results(chosen: list[Mutation]) -> Iterator[tuple[Mutation, str, str]]:

@@ -11,12 +11,7 @@ import argparse
 import ast
 import copy
 import math
-import os
 import random
-import re
-import signal
-import subprocess
-import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,7 +22,7 @@ from queue import SimpleQueue
 from typing import Any, NamedTuple
 
 from tests.numerics import time_limit
-from tests.numerics.mutations import TOP, copy_tree
+from tests.numerics.mutations import TOP, copy_tree, run_tests
 from tests.test_architecture import imported
 from tests.test_messages import WORDS, parts_of, pieces, plain
 
@@ -287,32 +282,13 @@ def nearest_tests(file: str, top: Path = TOP) -> list[str]:
 
 def noticed_by(tree: Path, tests: Sequence[str], seconds: float = SECONDS) -> str:
     """The first test that fails in a tree within ``seconds`` of the processor, or nothing."""
-    paths = os.pathsep.join(str(tree / name) for name in ("", "capture", "datasets_gen"))
-    settings = {
-        "PYTHONPATH": paths,
-        time_limit.VARIABLE: str(seconds),
-        "POCL_CACHE_DIR": str(tree.with_name("kernels")),
-    }
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-p", time_limit.__name__, *tests]
-    process = subprocess.Popen(
-        command,
-        cwd=tree,
-        env={**os.environ, **settings},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-    )
-    try:
-        said, _ = process.communicate(timeout=PATIENCE if math.isfinite(seconds) else None)
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
+    arguments, patience = ["-p", time_limit.__name__, *tests], PATIENCE if math.isfinite(seconds) else None
+    run = run_tests(tree, arguments, patience, "kernels", **{time_limit.VARIABLE: str(seconds)})
+    if run.code is None:
         return "no end"
-    failed = re.search(r"^(?:FAILED|ERROR) (\S+?(?:\[.*?\])?)(?: - |$)", said, re.MULTILINE)
-    if failed:
-        return failed[1]
-    return "" if process.returncode == 0 or time_limit.TOLD in said else f"pytest ended with {process.returncode}"
+    if run.failed:
+        return run.failed
+    return "" if run.code == 0 or time_limit.TOLD in run.said else f"pytest ended with {run.code}"
 
 
 def results(faults: Sequence[Fault], jobs: int) -> Iterator[tuple[Fault, str]]:
