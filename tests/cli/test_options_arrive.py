@@ -277,7 +277,6 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--table --ours basic,karis", "judged_entries.ours", ("basic", "karis")),
         ("--table --stops 2", "judged_entries.stops", 2.0),
         ("--table --no-verify", "judged_entries.verify", False),
-        ("--table --cvvdp", "judged_entries.cvvdp", True),
         ("--table --film films", "judged_entries.film", Path("films")),
         ("--table --frames 3-5", "judged_entries.frames", (3, 5)),
     ],
