@@ -34,6 +34,7 @@ def test_every_old_key_stands_for_its_new_one() -> None:
             with pytest.warns(Renamed) as said:
                 assert override(load_preset(), {old: word}) == override(load_preset(), {new: now}), old
             assert str(said[0].message).startswith(f"key {old} is called {new} now"), old
+            assert new not in WORDS or str(said[1].message).startswith(f"{new} = {word} is called {now} now"), old
 
 
 def test_every_old_preset_stands_for_its_new_one(tmp_path: Path) -> None:
@@ -41,9 +42,11 @@ def test_every_old_preset_stands_for_its_new_one(tmp_path: Path) -> None:
         with pytest.warns(Renamed, match=f"^preset {old} is called {new} now"):
             assert load_preset(old) == load_preset(new), old
         path = tmp_path / "mine.toml"
-        path.write_text(f'preset = "{old}"\n')
-        with pytest.warns(Renamed):
-            assert load_config(path, load_preset()).choices == load_preset(new).choices, old
+        path.write_text(f'preset = "{old}"\ngamma_still = 5.0\n')
+        with pytest.warns(Renamed) as said:
+            preset = load_config(path, load_preset("simvx"))
+        assert (preset.name, preset.settings.box_scale_static) == (f"mine.toml over {new}", 5.0), old
+        assert (preset.choices, len(said)) == (load_preset(new).choices, 2), old
 
 
 def test_every_old_effect_stands_for_its_new_one() -> None:
@@ -55,7 +58,7 @@ def test_every_old_effect_stands_for_its_new_one() -> None:
 
 def test_every_old_member_stands_for_its_new_one() -> None:
     for old, new in MEMBERS["Effect"].items():
-        with pytest.warns(Renamed):
+        with pytest.warns(Renamed, match=f"^member Effect.{old} is called Effect.{new} now"):
             assert getattr(Effect, old) is Effect[new], old
 
 
