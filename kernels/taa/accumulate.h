@@ -310,7 +310,7 @@ STAGE resolved without_missing(resolved out, history_t h, plane_in current, plan
 // rectification removes from colour would stay in alpha, and darken the background of a composite.
 STAGE real rectified_alpha(plane_in current, plane_in alpha, int has_missing, real past, int x, int y, frame_t frame)
 {
-    if (!ALPHA | (RECTIFY == RECTIFY_NONE))
+    if (!RECTIFIES_ALPHA)
         return past;
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
     real low = one, high = zero;

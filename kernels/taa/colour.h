@@ -139,6 +139,8 @@ STAGE real load_share(plane_in p, real otherwise) { return share_in_domain(load(
 
 // 1 if alpha is accumulated; then whatever judges the history judges its alpha too.
 #define ACCUMULATES_ALPHA (ALPHA & (ALPHA_FROM == ALPHA_FROM_BLEND))
+// 1 if the history's alpha is clamped to that of the 3x3.
+#define RECTIFIES_ALPHA (ALPHA & (RECTIFY != RECTIFY_NONE))
 
 STAGE colour load_colour(plane_in p, size_t plane)
 {

@@ -116,7 +116,7 @@ typedef struct
     real rise; // of inverse depth, from the left texel to the right one
     real u, v; // own motion of the nearest texel
     real centre_u, centre_v;
-    int has_missing; // 1: a texel of the segment or beside it is outside the domain, so its sample is missing
+    int has_missing; // of three_texels
 } row_t;
 
 // Mean, standard deviation and extremes of the neighbourhood in the box space.
@@ -200,7 +200,7 @@ STAGE colour filter_three(colour to, colour middle, colour from, scalar first, s
 typedef struct
 {
     texel_t left, own, right;
-    int has_missing; // 1: one of them was outside the domain
+    int has_missing; // 1: an own texel was outside the domain, or with RECTIFIES_ALPHA one beside it
 } three_texels;
 
 STAGE texel_t in_range(texel_t v)
@@ -214,13 +214,14 @@ STAGE three_texels read_texels(plane_in image, plane_in alpha, int x, int y, fra
     const uint at = texel_offset(frame, x, y);
     plane_in p = image + at, a = alpha + at;
     texel_t l = load_texel(p - 1, a - 1, plane), c = load_texel(p, a, plane), r = load_texel(p + 1, a + 1, plane);
-    const int has_missing = any_outside_domain(l, c, r);
-    if (has_missing) {
+    int has_missing = 0;
+    if (any_outside_domain(l, c, r)) {
+        has_missing = RECTIFIES_ALPHA | (any_of(outside_domain_of(c)) ? 1 : 0);
         texel_t line[3];
         repair_texels(line, 3, image, alpha, plane, x - 1, y, frame);
         l = line[0], c = line[1], r = line[2];
     }
-    return (three_texels) { in_range(l), in_range(c), in_range(r), has_missing ? 1 : 0 };
+    return (three_texels) { in_range(l), in_range(c), in_range(r), has_missing };
 }
 
 STAGE boxed_row to_boxed_row(three_texels t)
