@@ -62,6 +62,7 @@ from cltaa.printable import counted, json_of, printable, shown
 )
 @click.option("--pixels", type=COUNT, help="Least pixels of a timed frame.  [default: enough to fill the device]")
 @click.option("--jobs", default=1, type=click.IntRange(min=1), help="Number of processes that measure errors.")
+@click.option("--dask", metavar="ADDRESS", help="Measure errors on the Dask cluster whose scheduler has this address.")
 @click.option(
     "--pictured", default=4, type=click.IntRange(min=0), help="Number of first sequences pictured on the page."
 )
@@ -89,6 +90,8 @@ def accuracy(
     other --jobs, continues where the last one stopped. This process itself does all timing, in shuffled rounds, after
     all errors.
     """
+    if work["dask"] is not None and work["jobs"] > 1:
+        raise UsageError("--jobs and --dask both say who measures errors", cure="leave one of them out")
     names = tuple(metric.name for metric in parse_metrics(metrics))
     variants = chosen_variants(preset_of(preset, config), only)
     judging = Judging(metrics=names, rounding_frames=rounding_frames, pictures=True)

@@ -1,15 +1,20 @@
-"""``cltaa bench kernels``, ``devices`` and ``api``: times, each beside a baseline."""
+"""``cltaa bench kernels``, ``devices``, ``api`` and ``files``: times, each beside a baseline."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
-from cltaa.commands.options import PRESET, SIZE, device_option, json_option
+from cltaa.commands.options import FILE_PATH, PRESET, SIZE, device_option, json_option, open_each, reading_options
 from cltaa.commands.printing import answer, figures, print_line, print_table, three_digits
 from cltaa.core.presets import load_preset
 from cltaa.errors import UsageError
+from cltaa.inputs.open import Reading
+from cltaa.io.exr_layout import check_lossless
 from cltaa.lab.bench.api import ApiBench, bench_api
 from cltaa.lab.bench.devices import ShapesBench, bench_shapes, forget_shapes
+from cltaa.lab.bench.files import FilesBench, bench_files
 from cltaa.lab.bench.kernels import KernelBench, Timing, bench_kernels
 from cltaa.lab.timing import Interval, Motion
 from cltaa.printable import counted, shown
@@ -86,7 +91,7 @@ def _print_timing(bench: KernelBench, timing: Timing) -> None:
             f"{row.gigabytes_a_second:.3g}",
             f"{row.of_floor:.1%}",
             "noisy" if noisy else f"{ratio.median:.3g}",
-            _range(ratio),
+            _range(ratio, ".3g"),
         )
     print_table(table)
 
@@ -114,7 +119,7 @@ def _print_devices(bench: ShapesBench) -> None:
     for row in bench.rows:
         cells = [row.shape, str(row.lanes)]
         if row.seconds is not None and row.ratio is not None:
-            cells += [three_digits(row.seconds.median * 1e3), f"{row.ratio.median:.3g}", _range(row.ratio)]
+            cells += [three_digits(row.seconds.median * 1e3), f"{row.ratio.median:.3g}", _range(row.ratio, ".3g")]
         table.add_row(*cells)
     print_table(table)
     for row in bench.rows:
@@ -163,5 +168,53 @@ def _print_api(bench: ApiBench) -> None:
     print_line(shown(bench.environment.line))
 
 
-def _range(value: Interval) -> str:
-    return f"{value.low:.3g}–{value.high:.3g}"
+@click.command("files")
+@click.argument("sequence", type=FILE_PATH)
+@click.option("--preset", type=PRESET, default="default", help="Preset to resolve with.")
+@device_option
+@click.option("--half", is_flag=True, help="Write half-precision EXRs.")
+@click.option("--compression", default="zip", help="Lossless EXR compression.")
+@click.option("--rounds", default=5, type=click.IntRange(min=3), help="Number of rounds.")
+@reading_options
+@json_option
+def files(
+    sequence: Path,
+    preset: str,
+    device: str | None,
+    half: bool,
+    compression: str,
+    rounds: int,
+    reading: Reading,
+    as_json: bool,
+) -> None:
+    """Time the whole resolve of SEQUENCE against its stages.
+
+    "alone" is one stage by itself: reading (with all checks), resolving (with transfers to the device and back) and
+    writing. "whole" is cltaa resolve --layers none, where the stages overlap. "over slowest" is its time a frame
+    divided by that of the slowest stage; 1 is the least it can reach. "at best" is that ratio if no core were ever
+    idle, from the "processor" time of all cores together.
+    """
+    check_lossless(compression)
+    opened = open_each([sequence], reading)[sequence]
+    found = bench_files(opened, load_preset(preset), device, compression=compression, half=half, rounds=rounds)
+    answer(found, as_json, _print_files)
+
+
+def _print_files(found: FilesBench) -> None:
+    title = f"cltaa resolve, {counted(found.frames, 'frame')}, milliseconds a frame"
+    alone = [f"{stage} alone" for stage in ("read", "resolve", "write")]
+    table = figures(title, "compression", *alone, "whole", "processor", "over slowest", "95 %", "at best")
+    seconds = (found.read, found.resolve, found.write, found.whole, found.processor)
+    table.add_row(
+        found.compression + (", half" if found.half else ""),
+        *(f"{value.median * 1e3:.0f}" for value in seconds),
+        f"{found.over_slowest.median:.2f}",
+        _range(found.over_slowest, ".2f"),
+        f"{found.at_best.median:.2f}",
+    )
+    print_table(table)
+    print_line(shown(found.environment.line))
+
+
+def _range(value: Interval, form: str = ".0f") -> str:
+    return f"{value.low:{form}}–{value.high:{form}}"

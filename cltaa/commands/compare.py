@@ -22,6 +22,7 @@ from cltaa.lab.judge.comparison import Comparison, doubts, pair_up
 from cltaa.lab.judge.entries import Row, judged_entries, means_of
 from cltaa.lab.judge.metrics import (
     ALPHA,
+    CVVDP_TITLE,
     DEFAULT_METRICS,
     METRICS,
     Measure,
@@ -144,21 +145,24 @@ def print_several(results: Sequence[dict[str, Any]], metrics: tuple[Metric, ...]
         print_line("  samples: equal-quality samples, so many a pixel a supersampler needs for the same error", "dim")
 
 
-def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...]) -> None:
+def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bool) -> None:
     """Print the rows of ``--table`` by sequence, and their means over all sequences."""
     timed = any("milliseconds" in row for row in rows)
     kinds = {"moving": True, "samples": True, "alpha": any("alpha" in row for row in rows)}
-    heads = [*score_heads(metrics, **kinds), *(["ms ↓"] * timed)]
+    heads = [*score_heads(metrics, **kinds), *(["cvvdp ↑"] * cvvdp), *(["ms ↓"] * timed)]
     table = figures(None, "", "", *heads, named=True)
     table.columns[1].justify = "left"
     for name, of_it in groupby([*rows, *means_of(rows)], lambda row: str(row["sequence"])):
         table.add_section()
         for place, row in enumerate(of_it):
             cells = score_cells(row, metrics, **kinds)
+            cells += [f"{row['cvvdp']:.2f}" if "cvvdp" in row else "–"] * cvvdp
             cells += [f"{row['milliseconds']:g}" if "milliseconds" in row else "–"] * timed
             table.add_row("" if place else shown(name), shown(row["entry"]), *cells)
     print_table(table)
     print_meanings([*metrics, *([ALPHA] if kinds["alpha"] else ()), *SCORES])
+    if cvvdp:
+        print_line(f"  {CVVDP_TITLE}", "dim")
 
 
 @click.command()
@@ -176,6 +180,7 @@ def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...]) -> None:
 @click.option("--video", "in_time", is_flag=True, help=f"Also score A over time: {', '.join(s.name for s in SCORES)}.")
 @click.option("--table", is_flag=True, help="Make one table of leaderboard entries A... on captured sequences B...")
 @click.option("--ours", metavar="LIST", help=f"Presets of ours in --table; may be empty.  [default: {OURS}]")
+@click.option("--cvvdp", is_flag=True, help="Add ColorVideoVDP to --table (pip extra cltaa[vdp]).")
 @click.option("--film", type=FILE_PATH, metavar="DIR", help="Film each sequence of --table, side by side at 2x.")
 @input_options
 @verify_option
@@ -189,6 +194,7 @@ def compare(
     in_time: bool,
     table: bool,
     ours: str | None,
+    cvvdp: bool,
     film: Path | None,
     verify: bool,
     as_json: bool,
@@ -220,7 +226,7 @@ def compare(
     if table:
         if heatmap is not None:
             raise UsageError("--heatmap does not go with --table", cure="draw maps of one A at a time")
-        told: dict[str, Any] = {"stops": stops, "film": film, "verify": verify}
+        told: dict[str, Any] = {"stops": stops, "cvvdp": cvvdp, "film": film, "verify": verify}
         rows, doubted = judged_entries(
             paths, listed(OURS if ours is None else ours), metrics, frames, **told, **reading
         )
@@ -230,9 +236,9 @@ def compare(
             facts = {"stops": stops, "versions": versions_of(metrics), "warnings": doubted}
             click.echo(json_of({"table": rows, "means": means_of(rows)} | facts))
         else:
-            print_entries(rows, asked)
+            print_entries(rows, asked, cvvdp=cvvdp)
         return
-    for option, given in (("--film", film is not None), ("--ours", ours is not None)):
+    for option, given in (("--cvvdp", cvvdp), ("--film", film is not None), ("--ours", ours is not None)):
         if given:
             raise UsageError(f"{option} goes with --table", cure="add --table")
     places = tuple(map(selection_of, _sequences(paths)))

@@ -254,12 +254,11 @@ def input_options(command: Command) -> Command:
     return command
 
 
-def measured_options(command: Command, effects: str = "auto") -> Command:
-    """Add ``--effects``, ``--truth`` and ``input_options`` to a command that judges; passes them as one argument
-    ``reading``."""
+def reading_options(command: Command, effects: str = "auto") -> Command:
+    """Add ``--effects`` and ``input_options`` to a command that measures; passes them as one argument ``reading``."""
 
     @wraps(command)
-    def read(*, side_file: Path | None, truth: Path | None, **others: Any) -> Any:
+    def read(*, side_file: Path | None, truth: Path | None = None, **others: Any) -> Any:
         from cltaa.inputs.open import Reading
 
         declared = chosen_effects(others["effects"])  # raises for an unknown name before anything is opened
@@ -268,10 +267,15 @@ def measured_options(command: Command, effects: str = "auto") -> Command:
         told = {name: others.pop(name) for name in ("profile", "assignments", "effects", "step")}
         return command(reading=Reading(**told, **files), **others)
 
-    truth_option = click.option(
+    return input_options(effects_option_of(effects)(read))
+
+
+def measured_options(command: Command, effects: str = "auto") -> Command:
+    """Add ``--truth`` and ``reading_options`` to a command that judges; passes them as one argument ``reading``."""
+    truth = click.option(
         "--truth", type=FILE_PATH, metavar="DIR", help="Frames of the truth.  [default: reference/ of each sequence]"
     )
-    return input_options(effects_option_of(effects)(truth_option(read)))
+    return reading_options(truth(command), effects)
 
 
 def open_each(folders: Iterable[Path], reading: Reading) -> dict[Path, FrameSequence]:

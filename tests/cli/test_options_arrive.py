@@ -154,6 +154,10 @@ COMMANDS = {
             "cltaa.commands.bench_times.forget_shapes": begins,
         },
     ),
+    "bench files": Command(
+        "bench files seq",
+        {"cltaa.commands.bench_times.open_each": opened, "cltaa.commands.bench_times.bench_files": begins},
+    ),
     "bench api": Command("bench api", {"cltaa.commands.bench_times.bench_api": begins}),
     "bench overview": Command(
         "bench overview one two -o out",
@@ -176,17 +180,17 @@ COMMANDS = {
 CHANGED = "preset.settings.box_scale_static"  # what config.toml and --set change
 
 
-def frames_that_are_judged(call: str) -> list[tuple[str, str, object]]:
+def frames_that_are_read(call: str, *, judged: bool = False) -> list[tuple[str, str, object]]:
     """How to read them, as one argument ``reading`` of ``call``."""
-    return [
+    rows: list[tuple[str, str, object]] = [
         ("--profile blender", f"{call}.reading.profile", "blender"),
         ("--input motion.scale=3,4", f"{call}.reading.assignments", ("motion.scale=3,4",)),
         ("--camera side.json", f"{call}.reading.side_file", "side.json"),
         ("--step 3", f"{call}.reading.step", 3),
         ("--effects motion", f"{call}.reading.effects", "motion"),
         ("--effects none", f"{call}.reading.effects", ""),
-        ("--truth other", f"{call}.reading.truth", "other"),
     ]
+    return [*rows, ("--truth other", f"{call}.reading.truth", "other")] if judged else rows
 
 
 def frames_that_are_opened(call: str, more: str = "") -> list[tuple[str, str, object]]:
@@ -277,6 +281,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--table --ours basic,karis", "judged_entries.ours", ("basic", "karis")),
         ("--table --stops 2", "judged_entries.stops", 2.0),
         ("--table --no-verify", "judged_entries.verify", False),
+        ("--table --cvvdp", "judged_entries.cvvdp", True),
         ("--table --film films", "judged_entries.film", Path("films")),
         ("--table --frames 3-5", "judged_entries.frames", (3, 5)),
     ],
@@ -292,7 +297,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--seed 7", "tune.seed", 7),
         ("--device 3", "tune.launcher", "launcher 3"),
         ("-o elsewhere.toml", "tune.output", Path("elsewhere.toml")),
-        *frames_that_are_judged("open_each"),
+        *frames_that_are_read("open_each", judged=True),
     ],
     "demo": [
         ("-o elsewhere", "resolve_sequence.output", Path("elsewhere/resolved")),
@@ -314,10 +319,11 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--patience 7", "bench_accuracy.patience", 7.0),
         ("--pixels 7", "bench_accuracy.pixels", 7),
         ("--jobs 7", "bench_accuracy.jobs", 7),
+        ("--dask there", "bench_accuracy.dask", "there"),
         ("--pictured 7", "write_report.pictured", 7),
         ("--pictured 7", "page.pictured", 7),
-        *frames_that_are_judged("tasks_of"),
-        *frames_that_are_judged("open_each"),
+        *frames_that_are_read("tasks_of", judged=True),
+        *frames_that_are_read("open_each", judged=True),
     ],
     "bench quality": [
         ("--scene wires", "planned.scenes.wires", REAL),
@@ -338,7 +344,10 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--page page.md", "check_pages.page", Path("page.md")),
         ("--page page.md", "write_pages.page", Path("page.md")),
         ("--pictures maps", "write_pictures.output", Path("maps")),
-        *((f"--sequence there {row}", path, value) for row, path, value in frames_that_are_judged("open_each")),
+        *(
+            (f"--sequence there {row}", path, value)
+            for row, path, value in frames_that_are_read("open_each", judged=True)
+        ),
     ],
     "bench kernels": [
         ("--preset basic", "bench_kernels.presets.0.name", "basic"),
@@ -350,6 +359,14 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
     "bench devices": [
         ("--device 3", "bench_shapes.device", "3"),
         ("--forget", "forget_shapes", {}),
+    ],
+    "bench files": [
+        ("--preset basic", "bench_files.preset.name", "basic"),
+        ("--device 3", "bench_files.device", "3"),
+        ("--half", "bench_files.half", True),
+        ("--compression rle", "bench_files.compression", "rle"),
+        ("--rounds 7", "bench_files.rounds", 7),
+        *frames_that_are_read("open_each"),
     ],
     "bench api": [
         ("--preset basic", "bench_api.preset.name", "basic"),

@@ -4,7 +4,8 @@ Two kinds of error are separate. *Model*: against the captured truth. *Rounding*
 float64 (arithmetic, history and counts) by the NumPy twin.
 
 A cell holds the scores of one variant on one sequence: a file under ``cells/``, named by a hash of everything it
-depends on, so that this process and spawned ones, even after interruptions, add to the same result and repeat nothing.
+depends on, so that this process, spawned ones and a Dask cluster, even after interruptions, add to the same result and
+repeat nothing.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
+from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from typing import Any, TypeVar
@@ -58,6 +60,7 @@ from cltaa.lab.judge.metrics import (
     versions_of,
 )
 from cltaa.lab.judge.video_scores import SCORES, Sums, VideoScores, import_ndimage
+from cltaa.pipeline.cluster import connected
 from cltaa.process import CORES, configure
 from cltaa.progress import track
 from cltaa.reference.launcher import NumpyLauncher
@@ -444,11 +447,14 @@ def _apart(image: NDArray[np.float64], exact: NDArray[np.float64]) -> tuple[floa
     return float(np.sqrt(np.mean(np.square(difference)))) / size, float(np.abs(difference).max()) / size
 
 
-def run_all(tasks: Iterable[Task], output: Path, *, jobs: int = 1) -> Iterator[Task]:
+RETRIES = 3  # of a task after the loss of its worker
+
+
+def run_all(tasks: Iterable[Task], output: Path, *, jobs: int = 1, dask: str | None = None) -> Iterator[Task]:
     """Run the unfinished parts of the tasks, and yield each task when its cells are stored.
 
-    Spawns ``jobs`` processes and never forks, because a forked child hangs once PoCL was used. Raises ResourceError for
-    a killed worker.
+    Spawns ``jobs`` processes and never forks, because a forked child hangs once PoCL was used. ``dask`` is the address
+    of a scheduler whose workers see the sequences under the same paths. Raises ResourceError for a killed worker.
     """
     waiting = []
     for task in tasks:
@@ -457,7 +463,11 @@ def run_all(tasks: Iterable[Task], output: Path, *, jobs: int = 1) -> Iterator[T
             yield task
         else:
             waiting.append(left)
-    for task, cells in _in_processes(waiting, jobs) if jobs > 1 else ((task, run(task)) for task in waiting):
+    if dask is not None:
+        done = _on_dask(waiting, dask)
+    else:
+        done = _in_processes(waiting, jobs) if jobs > 1 else ((task, run(task)) for task in waiting)
+    for task, cells in done:
         task.keep(output, cells)
         yield task
 
@@ -519,3 +529,12 @@ def share_processors(threads: int) -> None:
     """
     configure()
     os.environ |= {"POCL_MAX_PTHREAD_COUNT": str(threads), "POCL_AFFINITY": "0", "OMP_NUM_THREADS": str(threads)}
+
+
+def _on_dask(tasks: Sequence[Task], address: str) -> Iterator[tuple[Task, dict[str, Cell]]]:
+    distributed: Any = import_module("distributed")
+    with connected(address) as client:
+        futures = client.map(run, tasks, retries=RETRIES)
+        tasks_of = dict(zip(futures, tasks, strict=True))
+        for future in distributed.as_completed(futures, loop=client.loop):
+            yield tasks_of[future], future.result()

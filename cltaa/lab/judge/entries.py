@@ -25,7 +25,7 @@ from cltaa.io.numbered import FrameRange, OnBreak, chosen_numbers, missing_from,
 from cltaa.io.preset_file import read_preset
 from cltaa.io.video import USUAL_RATE, import_av, open_video, rate_of
 from cltaa.lab.judge.comparison import Comparison, doubts, pair_up
-from cltaa.lab.judge.metrics import Metric, mean_of
+from cltaa.lab.judge.metrics import Metric, import_cvvdp, jod, mean_of
 from cltaa.lab.judge.one_pass import judge, mean_alpha, summary_of
 from cltaa.printable import counted, printable
 
@@ -217,14 +217,15 @@ def judged_entries(
     frames: int | FrameRange | None,
     *,
     stops: float,
+    cvvdp: bool,
     film: Path | None,
     side_file: Path | None,
     **reading: Any,
 ) -> tuple[list[Row], list[str]]:
     """Return a row for each entry and preset of ``ours`` on each captured sequence of ``paths``, and the warnings.
 
-    Raises what ``divided``, ``read_entry`` and ``rounds`` raise, and UsageError for a package that ``film``
-    needs.
+    Raises what ``divided``, ``read_entry`` and ``rounds`` raise, and UsageError for a package that ``cvvdp`` or
+    ``film`` needs.
     """
     folders, sequences = divided(paths)
     entries = [read_entry(folder, sequences) for folder in folders]
@@ -237,6 +238,8 @@ def judged_entries(
         raise UsageError(what, path=sequences[without[0]], cure=cure)
     allotted = readings(sequences.values(), Reading(side_file=None if side_file is None else str(side_file)))
     side_files = {name: allotted[sequence].side_file for name, sequence in sequences.items()}
+    if cvvdp:
+        import_cvvdp()
     if film is not None:
         import_av()
         make_folder(film)
@@ -245,7 +248,7 @@ def judged_entries(
         rounds(entries, entered, frames, side_files, **reading)
     with resolved_by_us(ours, sequences, side_files, reading) as own:
         played = rounds([*entries, *own], sequences, frames, side_files, **reading)
-        rows = [row for one in played for row in _judged(one, metrics, stops)]
+        rows = [row for one in played for row in _judged(one, metrics, stops, cvvdp=cvvdp)]
         for one in played if film is not None else ():
             assert film is not None
             _write_film(film / f"{one.name}.mp4", one, stops)
@@ -253,7 +256,7 @@ def judged_entries(
     return rows, warnings
 
 
-def _judged(one: Round, metrics: tuple[Metric, ...], stops: float) -> list[Row]:
+def _judged(one: Round, metrics: tuple[Metric, ...], stops: float, *, cvvdp: bool) -> list[Row]:
     found = judge(one.comparisons, metrics, stops, in_time=one.in_time)
     rows = []
     for entry, comparison, judged in zip(one.entries, one.comparisons, found.tests, strict=True):
@@ -266,6 +269,9 @@ def _judged(one: Round, metrics: tuple[Metric, ...], stops: float) -> list[Row]:
             "frames": one.numbers,
             **{key: summary[key] for key in ("mean", "alpha", "video", "equal_quality_samples") if key in summary},
         }
+        if cvvdp and one.in_time:
+            test, truth = ([side.image(n) for n in one.numbers] for side in (comparison.test, comparison.reference))
+            row["cvvdp"] = jod(test, truth, float(_rate_of(one)), stops)
         rows.append(row)
     return rows
 
@@ -285,6 +291,8 @@ def means_of(rows: Sequence[Row]) -> list[Row]:
                     row[part] = {key: _mean(key, [one[part][key] for one in of_it]) for key in of_it[0][part]}
             if all("alpha" in one for one in of_it):
                 row["alpha"] = mean_alpha(one["alpha"] for one in of_it)
+            if all("cvvdp" in one for one in of_it):
+                row["cvvdp"] = _mean("cvvdp", [one["cvvdp"] for one in of_it])
             means.append(row | {key: of_it[0][key] for key in ("milliseconds",) if key in of_it[0]})
     return means
 

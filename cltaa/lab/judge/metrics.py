@@ -281,6 +281,26 @@ def mean(frames: Iterable[Mapping[str, float]]) -> dict[str, float]:
     return {name: mean_of(name, [row[name] for row in rows]) for name in (rows[0] if rows else ())}
 
 
+CVVDP_DISPLAY = "standard_fhd"  # 24 inch, 1920 x 1080, seen from 60 cm
+CVVDP_TITLE = f"ColorVideoVDP in JOD on {CVVDP_DISPLAY}: 10 is indistinguishable, one less is seen by 3 of 4"
+
+
+def import_cvvdp() -> Any:
+    """Import pycvvdp; raises UsageError that says what to install."""
+    return import_extra("pycvvdp", package="cvvdp", extra="vdp", purpose="--cvvdp")
+
+
+def jod(test: Sequence[Image], reference: Sequence[Image], rate: float, stops: float) -> float:
+    """Return ColorVideoVDP (Mantiuk et al. 2024), in JOD, of a film against its truth at ``rate`` frames per second.
+
+    Holds all frames in memory. Raises UsageError without the extra ``vdp``.
+    """
+    films = [np.stack([to_display(image[..., :3], stops) for image in images]) for images in (test, reference)]
+    metric = import_cvvdp().cvvdp(display_name=CVVDP_DISPLAY, quiet=True)
+    found, _ = metric.predict(*(film.astype(np.float32) for film in films), dim_order="FHWC", frames_per_second=rate)
+    return float(found)
+
+
 # An edge crosses about sqrt(n) of a pixel's n strata; only those have an error, each of variance ~ 1/n^2 (Mitchell
 # 1996, "Consequences of Stratified Sampling in Graphics"): the mean squared error of edges falls as n^(-3/2).
 STRATIFIED_EXPONENT = 1.5

@@ -96,7 +96,7 @@ def test_what_is_kept_tells_when_it_was_measured(
     output = tmp_path / "out"
 
     def measured() -> Environment:
-        return bench_accuracy(both, output, rounds=1, patience=0.0, pixels=1, jobs=1).environment
+        return bench_accuracy(both, output, rounds=1, patience=0.0, pixels=1, jobs=1, dask=None).environment
 
     monkeypatch.setattr(measurement, "environment", another_day)
     whole = measured()

@@ -13,8 +13,10 @@ import pytest
 from PIL import Image
 
 from cltaa.cli import main
+from cltaa.commands.compare import print_entries
 from cltaa.io.exr_write import write_frame, write_image
 from cltaa.lab.judge.entries import means_of
+from cltaa.lab.judge.metrics import parse_metrics
 from tests.inputs.foreign import frames as foreign_frames
 from tests.inputs.foreign import side_text, write_blender, write_own
 from tests.lab.judge.test_compare_command import refusal, run_json
@@ -119,6 +121,14 @@ def test_means_of_alpha_are_those_of_its_squared_error_and_its_worst() -> None:
     assert mean["alpha"] == {"mse": 0.2, "worst": 0.9, "psnr-white": pytest.approx(20.0)}
     assert "alpha" not in means_of([rows[0], {"sequence": "b", "entry": "e"}])[0]
     assert means_of(rows[:1]) == []  # one sequence is its own mean
+
+
+@pytest.mark.parametrize("asked", [False, True])
+def test_what_jod_means_is_said_where_it_was_asked_for(asked: bool, capsys: pytest.CaptureFixture[str]) -> None:
+    row = {"sequence": "a", "entry": "Mine", "mean": {"mse": 0.25}, **({"cvvdp": 9.87} if asked else {})}
+    print_entries([row], parse_metrics("mse"), cvvdp=asked)
+    said = capsys.readouterr().out
+    assert ("JOD" in said, "9.87" in said, "cvvdp" in said) == (asked, asked, asked)
 
 
 def test_frames_that_one_lacks_are_judged_of_none(
@@ -303,3 +313,11 @@ def test_facts_that_are_none_are_refused(
 ) -> None:
     (entry / "entry.toml").write_text(f"{said}\n")
     assert f"{entry}/entry.toml: {why}" in refusal(capsys, 65, "--table", str(entry), str(sequences[0]))
+
+
+def test_vdp_says_what_to_install(
+    capsys: pytest.CaptureFixture[str], sequences: list[Path], entry: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "pycvvdp", None)
+    said = refusal(capsys, 64, "--table", "--cvvdp", str(entry), str(sequences[0]))
+    assert "pip install 'cltaa[vdp]'" in said

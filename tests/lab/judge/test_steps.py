@@ -94,11 +94,13 @@ def test_two_frames_that_belong_together_are_timed(stepped: Path) -> None:
     assert [frame.step for frame in timed_frames(sequence)] == [STEP, STEP]
 
 
-def test_tune_and_bench_accuracy_take_the_step(
+def test_tune_and_bench_files_take_the_step(
     stepped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cltaa.lab.tune.LADDER", ("accumulate",))  # the others take long on NumPy
     asked = f"--budget 9999ms --trials 2 --device numpy --step {STEP} -o {tmp_path / 't.toml'}".split()
     assert found(capsys, "tune", stepped, *asked)["trials"] == 2
+    asked = f"--compression none --rounds 3 --step {STEP} --device numpy".split()
+    assert found(capsys, "bench", "files", stepped, *asked)["frames"] == COUNT
     (task, *_) = tasks_of([stepped], ladder(load_preset())[:1], None, Judging(metrics=("mse",)), Reading(step=STEP))
     assert task.open().step == STEP

@@ -396,6 +396,7 @@ def bench_accuracy(
     patience: float,
     pixels: int | None,
     jobs: int,
+    dask: str | None,
 ) -> Accuracy:
     """Run the unfinished ``tasks``, each of one variant, time every variant here, and combine all.
 
@@ -408,7 +409,7 @@ def bench_accuracy(
     of = {sequence: [task for task in tasks if task.sequence == sequence] for sequence in names}
     units = launcher.device.cl_device.max_compute_units
     timing = Timing(rounds, patience, len(of), units, CORES, pixels)
-    for _ in track(run_all(tasks, output, jobs=jobs), len(tasks), "measuring errors", "tasks"):
+    for _ in track(run_all(tasks, output, jobs=jobs, dask=dask), len(tasks), "measuring errors", "tasks"):
         pass
     here = partial(environment, launcher.description, before, units=units)
     sequences, places = list[MeasuredSequence](), list[Environment]()
