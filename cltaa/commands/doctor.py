@@ -41,6 +41,7 @@ from cltaa.process import configure
 PROBE_SECONDS = 600
 
 LINKER_CURE = "sudo apt-get install -y gcc libc6-dev"
+DRIVERS_CURE = "install the library that it lacks, or name its folder in LD_LIBRARY_PATH"
 OPENCL_CURE = "python -m pip install 'pyopencl[pocl]'"
 OSMESA_CURE = "sudo apt-get install -y libosmesa6"
 EGL_CURE = "sudo apt-get install -y libegl1 libegl-mesa0 libgl1"
@@ -90,6 +91,7 @@ def diagnose() -> Diagnosis:
         lambda: probe("EXR files", "both", PACKAGES_CURE, "files"),
         look_at_linker,
         lambda: probe("kernel cache", "resolve", kernel_cache.CURE, "cache"),
+        look_at_drivers,
         lambda: probe("OpenCL devices", "resolve", OPENCL_CURE, "devices"),
         look_at_resolve,
         lambda: probe("capture on OSMesa", "capture", OSMESA_CURE, "capture", "osmesa"),
@@ -185,6 +187,19 @@ def look_at_linker() -> Finding:
     return Finding(name, "resolve", ok=True, found=f"{compiler} links")
 
 
+def look_at_drivers() -> Finding:
+    """Load each OpenCL driver that is installed here: OpenCL's loader says nothing of one that it cannot load."""
+    folder, failed = Path(os.environ.get("OCL_ICD_VENDORS") or "/etc/OpenCL/vendors"), []
+    entries = sorted(folder.glob("*.icd"))
+    for entry in entries:
+        loads = [sys.executable, "-c", "import ctypes, sys; ctypes.CDLL(sys.argv[1])", entry.read_text().strip()]
+        child = subprocess.run(loads, capture_output=True, text=True, errors="replace", check=False)
+        if child.returncode:
+            failed.append(f"{entry}: {_last_line(child.stderr, child.returncode).removeprefix('OSError: ')}")
+    found = "; ".join(failed) or f"{len(entries)} in {folder}, beside those of wheels"
+    return Finding("OpenCL drivers", "resolve", ok=not failed, found=found, cure=DRIVERS_CURE)
+
+
 @click.command()
 @json_option
 @click.pass_context
@@ -213,7 +228,9 @@ def _findings(diagnosis: Diagnosis) -> Table:
         f"{name} [green]works[/]" if works else f"{name} [red]does not work[/]"
         for name, works in (("capture", diagnosis.capture), ("resolve", diagnosis.resolve))
     )
-    table = Table(title=f"cltaa doctor: {verdict}", title_justify="left")
+    spare = any(not finding.ok and not diagnosis.hurts(finding) for finding in diagnosis.findings)
+    caption = "–: does not work, and is not needed" if spare else None
+    table = Table(title=f"cltaa doctor: {verdict}", title_justify="left", caption=caption, caption_justify="left")
     for heading in ("", "looked for", "found", "cure"):
         table.add_column(heading, overflow="fold")
     for finding in diagnosis.findings:
@@ -292,7 +309,8 @@ def _facts(device: Any) -> dict[str, object]:
     return {
         "device": device.name.strip(),
         "platform": device.platform.name.strip(),
-        "driver": device.platform.version.strip(),
+        "version": device.platform.version.strip(),
+        "driver": device.driver_version.strip(),
         "language": device.opencl_c_version.strip(),
         "compute_units": device.max_compute_units,
         "memory_bytes": device.global_mem_size,
@@ -317,7 +335,7 @@ def _try_resolve() -> str:
         resolved = resolver.resolve(frame)
         if resolved.shape != colour.shape or not (resolved.min() >= 0.0 and resolved.max() <= 1.0):
             raise SystemExit("the resolve of three frames of noise in [0, 1] is not in [0, 1]")
-    return "resolved three frames"
+    return f"resolved three frames on {resolver.launcher.description}"
 
 
 def _try_capture(backend: str) -> str:

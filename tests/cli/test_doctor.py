@@ -14,7 +14,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.commands import doctor
 from cltaa.opencl import cache as kernel_cache
-from cltaa.opencl.device import choose_device, chosen_shape
+from cltaa.opencl.device import choose_device, chosen_shape, describe
 
 
 def test_the_machine_that_runs_the_tests_can_do_both(capsys: pytest.CaptureFixture[str]) -> None:
@@ -27,6 +27,7 @@ def test_the_machine_that_runs_the_tests_can_do_both(capsys: pytest.CaptureFixtu
     assert device["fp64"] is True
     assert device["compute_units"] >= 1
     assert device["shape"] == ", ".join(chosen_shape(choose_device()))
+    assert findings["resolve"]["found"] == f"resolved three frames on {describe(choose_device())}"
 
 
 def test_without_a_linker_the_driver_may_abort_and_doctor_goes_on(
@@ -116,10 +117,26 @@ def test_the_cure_for_a_missing_package_is_to_install_it(tmp_path: Path, monkeyp
     assert finding.cure == doctor.PACKAGES_CURE
 
 
-def test_only_what_hurts_is_marked_as_such() -> None:
+def test_a_driver_that_the_loader_skips_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OCL_ICD_VENDORS", str(tmp_path))
+    (tmp_path / "good.icd").write_text("libc.so.6\n")
+    assert doctor.look_at_drivers().found == f"1 in {tmp_path}, beside those of wheels"
+    (tmp_path / "intel.icd").write_text("libnonsuch.so\n")
+    finding = doctor.look_at_drivers()
+    assert (finding.ok, finding.cure) == (False, doctor.DRIVERS_CURE)
+    assert finding.found.startswith(f"{tmp_path}/intel.icd: libnonsuch.so: cannot open shared object file")
+
+
+@pytest.mark.parametrize("works", [True, False])
+def test_only_what_hurts_is_marked_as_such(
+    works: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     egl = doctor.Finding("capture on EGL", "capture", ok=False, found="no libEGL")
-    assert not doctor.Diagnosis(capture=True, resolve=False, findings=[egl]).hurts(egl)
-    assert doctor.Diagnosis(capture=False, resolve=True, findings=[egl]).hurts(egl)
+    looked = doctor.Diagnosis(capture=works, resolve=True, findings=[egl])
+    assert looked.hurts(egl) is not works
+    monkeypatch.setattr("cltaa.commands.doctor.diagnose", lambda: looked)
+    main(["doctor"])
+    assert ("–: does not work, and is not needed" in capsys.readouterr().out) is works
 
 
 @pytest.mark.parametrize(
@@ -136,7 +153,9 @@ def test_only_what_hurts_is_marked_as_such() -> None:
 def test_memory_of_others_is_told_by_the_extensions_for_it(extensions: str, found: list[str], said: str) -> None:
     platform = SimpleNamespace(name="P", version="1")
     numbers = dict.fromkeys(("max_compute_units", "global_mem_size", "max_mem_alloc_size", "single_fp_config"), 1)
-    device = SimpleNamespace(name="D", platform=platform, opencl_c_version="1.2", extensions=extensions, **numbers)
+    device = SimpleNamespace(
+        name="D", driver_version="2", platform=platform, opencl_c_version="1.2", extensions=extensions, **numbers
+    )
     facts = doctor._facts(device)
     assert facts["external_memory"] == found
     assert said in doctor._cell("external_memory", found)
