@@ -45,7 +45,7 @@ DRIVERS_CURE = "install the library that it lacks, or name its folder in LD_LIBR
 OPENCL_CURE = "python -m pip install 'pyopencl[pocl]'"
 OSMESA_CURE = "sudo apt-get install -y libosmesa6"
 EGL_CURE = "sudo apt-get install -y libegl1 libegl-mesa0 libgl1"
-RESOLVE_CURE = "see to the lines above first; cltaa resolve --debug shows the whole error"
+RESOLVE_CURE = "see to the lines above first, else try another device; cltaa resolve --debug shows the whole error"
 ABORT_CURE = (
     "see to the lines above first; else --device numpy does without a driver (slowly), another OpenCL driver may do; "
     "a report of this should hold the whole table"
