@@ -26,6 +26,8 @@ STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, i
     real weight = window_weight(error[0], least), alpha_sum = zero, count_sum = zero;
     colour sum = { 0 }, darkest = first;
     window_drift drift = { 0 };
+    colour trend = { 0 };
+    real followed = weight; // by windows that hold earlier frames
     plane_in q = p;
     UNROLL
     for (int window = 1; window < RIVALS; ++window) {
@@ -34,8 +36,12 @@ STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, i
             q = window_plane(p, window, 0, frame);
         if (has_drift(window, frames, static_frames))
             drift = drift_to_shortest(drift_around(rows, window, turn), settings);
+        if ((window == 1) & has_trend(frames))
+            trend = trend_around(rows, drift.light, turn);
         if (window == PRESENT)
             drift = (window_drift) { 0 };
+        else
+            followed += w;
         const colour v = load_colour(q, plane);
         sum = plus_scaled(sum, w, minus(plus(v, drift.light), first));
         darkest = darker(darkest, v);
@@ -45,7 +51,7 @@ STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, i
         weight += w;
     }
     resolved out;
-    out.rgb = plus(first, quotients(sum, weight));
+    out.rgb = plus_scaled(plus(first, quotients(sum, weight)), quotient(followed, weight), trend);
     out.alpha = alpha + quotient(alpha_sum, weight);
     out.count = count + quotient(count_sum, weight);
     if (RECURSION == RECURSION_STANDING) {
@@ -63,8 +69,9 @@ STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, i
     return out;
 }
 
-__kernel void mix_windows_kernel(plane_in windows, const int frames, const int static_frames, history_out output,
-    plane_out output_count, const frame_t frame, const settings_t settings)
+__kernel void mix_windows_kernel(plane_in current, plane_in alpha, plane_in windows, const int frames,
+    const int static_frames, history_out output, plane_out output_count, const frame_t frame,
+    const settings_t settings)
 {
     const column_t column = own_column(frame);
     if (is_empty(column, frame))
@@ -73,7 +80,7 @@ __kernel void mix_windows_kernel(plane_in windows, const int frames, const int s
     row_sums rows[SIDE];
     UNROLL
     for (int j = -reach; j < reach; ++j)
-        sum_row(&rows[row_slot(j)], windows, x, column.first + j, frames, static_frames, frame, settings);
+        sum_row(&rows[row_slot(j)], current, alpha, windows, x, column.first + j, frames, static_frames, frame, settings);
     // In rounds of SIDE rows, so that a GPU knows the slot of each: a new row takes that of the row it slides out.
     for (int first = column.first; first < column.end; first += SIDE) {
         UNROLL
@@ -81,7 +88,8 @@ __kernel void mix_windows_kernel(plane_in windows, const int frames, const int s
             const int y = first + turn;
             if (y >= column.end)
                 break;
-            sum_row(&rows[row_slot(turn + reach)], windows, x, y + reach, frames, static_frames, frame, settings);
+            sum_row(&rows[row_slot(turn + reach)], current, alpha, windows, x, y + reach, frames, static_frames, frame,
+                settings);
             const resolved out = mixed_windows(rows, turn, windows, x, y, frames, static_frames, frame, settings);
             store_resolved(output, output_count, out, x, y, frame);
         }

@@ -11,6 +11,8 @@ from cltaa.core.build import Build, Record, edge_build, settings_record, window_
 from cltaa.core.plan import Plan
 from cltaa.frame import Frame
 
+WRITTEN = ("output", "output_count")
+
 
 @dataclass(slots=True)
 class Passes:
@@ -50,7 +52,7 @@ class Passes:
             self.resolve()
         build, layout, arguments = last = self._gathering(frame, frame_ring)
         windows = {"windows": frame_ring.window_memory(build)}
-        inputs = {name: value for name, value in arguments.items() if name not in ("output", "output_count")}
+        inputs = {name: value for name, value in arguments.items() if name not in WRITTEN}
         recursive = {"recursive": self.buffers.output, "recursive_count": self.buffers.output_count}
         unmoved = {"static_frames": frame_ring.static_frames(frame), **recursive}
         self.launcher.run("gather_windows", build, layout, inputs | windows | unmoved)
@@ -59,8 +61,8 @@ class Passes:
             floats = Build(lanes=build.lanes, rows=build.rows)  # windows are floats, whatever the history's storage
             planes = {"planes": window_count(build.choices) * window_planes(build.steps), "more": 0}
             self.launcher.run("extend_edges", floats, layout, gathered | planes)
-        written = {name: arguments[name] for name in ("frames", "output", "output_count", "frame", "settings")}
-        self.launcher.run("mix_windows", build, layout, windows | written | {"static_frames": unmoved["static_frames"]})
+        mixed = {name: arguments[name] for name in ("current", "alpha", *WRITTEN, "frames", "frame", "settings")}
+        self.launcher.run("mix_windows", build, layout, windows | mixed | {"static_frames": unmoved["static_frames"]})
         if build.extends and self.recursive is None:
             self._extend()
         return last

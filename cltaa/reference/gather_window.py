@@ -319,11 +319,31 @@ def drift_to_shortest(window: Array, shortest: Array, run: Run) -> tuple[Colour,
     return light, opacity
 
 
+def has_trend(frames: int, build: Build) -> bool:
+    """True if light's trend is followed."""
+    return window_ends(frames)[1] == MIDDLE_WINDOW and not build.steps.look_ahead and not build.steps.reactive
+
+
+def trend_of_light(drift: Colour, current: Array, alpha: Array | None, shortest: Array, run: Run) -> Array:
+    """How far the shortest window lags behind the light of now, by its ``drift`` since the second window, and by no
+    more than the current samples around lie from it."""
+    samples = current[:3].astype(shortest.dtype)
+    missing = outside_domain_of(samples, alpha[0] if alpha is not None and run.steps.alpha else None)
+    now = np.where(missing, shortest[:3], samples)
+    weights = np.where(missing, np.zeros_like(shortest[0]), shared_weights(now, shortest, run))
+    weight = greater(sum_around(weights, run.layout), value("TINY"))
+    lag = sum_around(weights * (now - shortest[:3]), run.layout) / weight
+    trend = drift * (SHORT_WINDOW / (MIDDLE_WINDOW - SHORT_WINDOW))
+    return limit(trend, lesser(lag, 0.0), greater(lag, 0.0))
+
+
 @quiet
 def mix_windows(
     build: Build,
     layout: Layout,
     *,
+    current: Array,
+    alpha: Array | None,
     windows: Array,
     frames: int,
     static_frames: int,
@@ -346,21 +366,25 @@ def mix_windows(
     for error in errors[1:rivals]:
         least = lesser(least, error)
     zero, first, weight = np.zeros_like(least), layout.inside(parts[0]), window_weight(errors[0], least)
-    alpha, darkest = first[5] if build.steps.alpha else np.ones_like(least), first[:3]
+    own_alpha, darkest = first[5] if build.steps.alpha else np.ones_like(least), first[:3]
     sums, alphas, counts = np.zeros_like(darkest), zero, zero
-    light, opacity = sums, zero  # their drift
+    light, opacity, trend, followed = sums, zero, sums, weight  # their drift, its trend, the weight of what follows it
     for window, (k, error) in enumerate(zip(sources[1:rivals], errors[1:rivals], strict=True), start=1):
         w, own = window_weight(error, least), layout.inside(parts[k])
         if window > UNMOVED:
             light, opacity = np.zeros_like(sums), zero
         elif k == window and (window == UNMOVED or has_more_frames(window, frames)):
             light, opacity = drift_to_shortest(parts[k], parts[0], run)
+        if window == 1 and has_trend(frames, build):
+            trend = trend_of_light(light, current, alpha, parts[0], run)
+        followed = followed + w if window <= UNMOVED else followed
         sums, darkest = sums + w * ((own[:3] + light) - first[:3]), lesser(darkest, own[:3])
         counts = counts + w * (own[4] - first[4])
         if build.steps.alpha:
-            alphas = alphas + w * ((own[5] + opacity) - alpha)
+            alphas = alphas + w * ((own[5] + opacity) - own_alpha)
         weight = weight + w
-    rgb, alpha, count = first[:3] + sums / weight, alpha + alphas / weight, first[4] + counts / weight
+    rgb = (first[:3] + sums / weight) + (followed / weight) * trend
+    alpha, count = own_alpha + alphas / weight, first[4] + counts / weight
     if recursion:
         held = layout.inside(parts[-1])
         share = recursive_share(held[4], count, errors[-1], least)

@@ -74,6 +74,31 @@ STAGE drift_sums drift_of_row(plane_in window, const shortest_row* row, frame_t 
     return s;
 }
 
+// Current samples against the shortest window, with the luminance weights of both.
+typedef struct
+{
+    colour sum;
+    real weight;
+} lag_sums;
+
+STAGE lag_sums lag_of_row(
+    plane_in current, plane_in alpha, const shortest_row* row, frame_t frame, settings_t settings)
+{
+    const size_t plane = plane_size(frame);
+    lag_sums s = { 0 };
+    UNROLL
+    for (int i = 0; i < SIDE; ++i) {
+        const ptrdiff_t beside = i - WINDOW_REACH;
+        const texel_t sample = load_texel(current + beside, alpha + beside, plane);
+        const mask missing = outside_domain_of(sample);
+        const colour now = choose_colour(missing, row->now[i], sample.rgb);
+        const real w = missing ? SPLAT(0.0) : luminance_weight(now, settings) * row->share[i];
+        s.sum = plus_scaled(s.sum, w, minus(now, row->now[i]));
+        s.weight += w;
+    }
+    return s;
+}
+
 STAGE real error_of_row(plane_in window, frame_t frame)
 {
     real sum = SPLAT(0.0);
@@ -96,13 +121,18 @@ typedef struct
 {
     real error[WINDOWS];
     drift_sums drift[UNMOVED]; // of all windows from the second to UNMOVED
+    lag_sums lag;
 } row_sums;
 
 // Slot of the row that lies `turn` rows below the first of its round of SIDE rows.
 STAGE int row_slot(int turn) { return (turn + WINDOW_REACH + SIDE) % SIDE; }
 
-STAGE void sum_row(
-    row_sums* sums, plane_in windows, int x, int y, int frames, int static_frames, frame_t frame, settings_t settings)
+// 1 if light's trend is followed: the second window is whole, and no frame ahead shows where light goes. What a reactive
+// mask marks, such as smoke, has none.
+STAGE int has_trend(int frames) { return (window_end(1, frames) == MIDDLE_WINDOW) & !LOOK_AHEAD & !REACTIVE; }
+
+STAGE void sum_row(row_sums* sums, plane_in current, plane_in alpha, plane_in windows, int x, int y, int frames,
+    int static_frames, frame_t frame, settings_t settings)
 {
     const uint at = texel_offset(frame, x, y);
     const shortest_row row = row_of_shortest(windows + at, frame, settings);
@@ -116,6 +146,8 @@ STAGE void sum_row(
         if (has_drift(window, frames, static_frames))
             sums->drift[window - 1] = drift_of_row(planes + at, &row, frame, settings);
     }
+    if (has_trend(frames))
+        sums->lag = lag_of_row(current + at, alpha + at, &row, frame, settings);
 }
 
 STAGE real error_around(const row_sums* rows, int window, int turn)
@@ -216,4 +248,26 @@ STAGE window_drift drift_to_shortest(drift_sums s, settings_t settings)
         drift.alpha = sure_share(t, settings) * s.alpha_mean;
     }
     return drift;
+}
+
+// How far the shortest window lags behind the light of now. Its frames are older than the current one by half its
+// length on the mean, so light that goes on changing as it did since the second window (`drift`) moves it on by the
+// ratio of their lengths. The lag of the samples around bounds that: light may stop or turn.
+STAGE real trend_of(real drift, real lag)
+{
+    const real trend = drift * K((scalar)SHORT_WINDOW / (scalar)(MIDDLE_WINDOW - SHORT_WINDOW)), zero = SPLAT(0.0);
+    return limit(trend, lesser(lag, zero), greater(lag, zero));
+}
+
+STAGE colour trend_around(const row_sums* rows, colour drift, int turn)
+{
+    lag_sums all = { 0 };
+    UNROLL
+    for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
+        const lag_sums row = rows[row_slot(turn + j)].lag;
+        all.sum = plus(all.sum, row.sum);
+        all.weight += row.weight;
+    }
+    const colour lag = quotients(all.sum, greater(all.weight, K(TINY)));
+    return (colour) { trend_of(drift.r, lag.r), trend_of(drift.g, lag.g), trend_of(drift.b, lag.b) };
 }

@@ -36,10 +36,10 @@ def test_the_drift_is_students_t() -> None:
     )
 
 
-def mixed(errors: tuple[float, float, float, float]) -> float:
+def mixed(errors: tuple[float, float, float, float], now: float = 1.0, frames: int = 48, **steps: bool) -> float:
     """What flat windows come to, each of which leaves its error in every texel: 1.0 the latest four frames, 0.98 the
-    latest eight, 0.8 all and 0.4 all without motion."""
-    layout, build = Layout(WIDTH, HEIGHT), Build(steps=Steps(alpha=False))
+    latest eight, 0.8 all and 0.4 all without motion; the current samples have the light ``now``."""
+    layout, build = Layout(WIDTH, HEIGHT), Build(steps=Steps(**{"alpha": False, "reactive": False} | steps))
     windows = layout.zeros(len(errors) * 5)
     for planes, light, error in zip(windows.reshape(len(errors), 5, *windows.shape[1:]), LIGHTS, errors, strict=True):
         planes[:3], planes[3], planes[4] = light, error, 7.0
@@ -48,7 +48,8 @@ def mixed(errors: tuple[float, float, float, float]) -> float:
     frame["width"], frame["height"] = WIDTH, HEIGHT
     settings = settings_record(Settings())
     planes = {"windows": windows, "output": output, "output_count": count}
-    mix_windows(build, layout, frames=48, static_frames=48, frame=frame, settings=settings, **planes)
+    planes |= {"current": np.full_like(layout.zeros(3), now), "alpha": None}
+    mix_windows(build, layout, frames=frames, static_frames=48, frame=frame, settings=settings, **planes)
     return float(layout.inside(output)[0, HEIGHT // 2, WIDTH // 2])
 
 
@@ -61,6 +62,19 @@ def test_a_span_counts_by_its_error_and_is_moved_to_the_shortest_where_that_is_n
     for errors in ((1.0, 1.0, 1.0, 1.0), (1.0, 1.1, 0.9, 1.2), (5.0, 1.0, 1.0, 4.0)):
         shares = [(min(errors) / error) ** 16 for error in errors]
         assert mixed(errors) == pytest.approx(np.average(places, weights=shares), abs=1e-6)
+
+
+def test_light_that_goes_on_changing_is_followed_as_far_as_the_current_samples_are() -> None:
+    # From 0.98 to 1.0 in the two frames between the middles of the two windows; that of the latest is 1.5 frames ago.
+    t = 0.02 / (0.01 * 0.98)
+    trend = 0.02 * (1.0 - (2.0 / t) ** 2) * 1.5 / 2.0
+    flat = (1.0, 1.0, 1.0, 1.0)
+    still = mixed(flat)
+    for now, expected in ((2.0, trend), (1.0 + trend / 2.0, trend / 2.0), (1.0, 0.0), (0.9, 0.0), (np.nan, 0.0)):
+        assert mixed(flat, now) == pytest.approx(still + expected, abs=1e-6)
+    assert mixed(flat, 2.0, frames=5) == pytest.approx(mixed(flat, 1.0, frames=5), abs=0.0)  # a part of the window
+    for step in ("look_ahead", "reactive"):
+        assert mixed(flat, 2.0, **{step: True}) == pytest.approx(mixed(flat, 1.0, **{step: True}), abs=0.0)
 
 
 def test_a_highlight_that_appears_is_no_drift_of_the_light_around_it() -> None:

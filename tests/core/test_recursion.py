@@ -105,7 +105,7 @@ def test_what_no_vector_tells_of_is_taken_from_the_frame_of_now(name: str, perio
     for preset in (load_preset(name), load_preset(name).replace(recursion="none")):
         *_, image = Resolver(preset, strict=True).images(running(index) for index in range(16))
         errors.append(float(np.abs(image - wave(15, (0.0, 0.0)))[3:-3, 3:-3].mean()))
-    assert errors[0] < 0.5 * errors[1]
+    assert errors[0] < 0.6 * errors[1]  # which follows the trend of light
 
 
 def test_a_shot_that_has_just_begun_is_no_refuted_history() -> None:

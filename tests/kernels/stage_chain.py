@@ -120,7 +120,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "tonemap",
         "weighting",
     ),
-    "mix_windows": ("alpha", "recursion", "storage", "weighting"),
+    "mix_windows": ("alpha", "look_ahead", "reactive", "recursion", "storage", "weighting"),
 }
 # Of the rows of several choices: with it each value is in one that shows it, light is tested for where depth is, and no
 # clip that rounding in one channel can turn is in RGB.
@@ -132,6 +132,7 @@ UNSEEN = {
     "sample_history": ["alpha_from=current", "storage=double"],
     "rectify_history": ["box=rounded"],
     "blend": ["anti_flicker=clamp-distance", "rectify=clip"],
+    "mix_windows": ["look_ahead=True"],
 }
 LONG_RING = 48  # frames
 # Values that a stage's code does not tell from another one.
