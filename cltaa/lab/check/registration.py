@@ -207,11 +207,15 @@ class Pair:
     def camera_motion(
         self, camera: Camera | None = None, previous: Camera | None = None, inverse_depth: Vector | None = None
     ) -> Vector:
-        """Return the motion [2, n] in pixels by cameras and inverse depth; NaN for points behind the camera."""
+        """Return the motion [2, n] in pixels by cameras and inverse depth; NaN for points behind the camera, and where
+        matrices have no inverse, which a finding tells."""
         camera, previous = camera or self.frame.camera, previous or self.previous.camera
         if is_still(camera, previous):
             return np.zeros((2, len(self.x)))
-        moved = displacement(camera, previous, self.frame.width, self.frame.height)
+        try:
+            moved = displacement(camera, previous, self.frame.width, self.frame.height)
+        except ZeroDivisionError:
+            return np.full((2, len(self.x)), np.nan)
         px = self.x + 0.5 + self.frame.jitter_px[0] - self.frame.width / 2
         py = self.y + 0.5 + self.frame.jitter_px[1] - self.frame.height / 2
         inverse_depth = self.inverse_depth if inverse_depth is None else inverse_depth

@@ -125,6 +125,16 @@ def test_of_matrices_that_are_no_cameras_the_last_rows_are_shown() -> None:
     assert nowhere[0].evidence.startswith("frame 3: ")
 
 
+@pytest.mark.parametrize("name", ["world_to_view", "view_to_clip"])
+@pytest.mark.parametrize("value", [0.0, np.nan])
+def test_no_pixel_moves_by_matrices_without_an_inverse(name: str, value: float) -> None:
+    frames = [make_frame(index) for index in range(3)]
+    frames[1] = replace(frames[1], camera=replace(frames[1].camera, **{name: np.full((4, 4), value)}))
+    to_it, from_it = shot(frames).pairs
+    assert np.isnan(to_it.camera_motion()).all()
+    from_it.camera_motion()  # means nothing, but raises nothing
+
+
 @pytest.mark.parametrize(("frames", "looked_at"), [(2, 1), (7, 6), (8, 4), (13, 6), (20, 5)])
 def test_of_many_pairs_some_are_looked_at_evenly_apart(frames: int, looked_at: int) -> None:
     pairs = moving_pairs(shot([make_frame(index) for index in range(frames)]))
