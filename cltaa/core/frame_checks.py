@@ -249,7 +249,7 @@ def _check_matrix(name: str, content: bytes, kind: np.dtype[Any], is_view: bool)
     error = _inverse_error(matrix)
     if not error < INVERSE_TOLERANCE:
         expected, found = f"|M inv(M) - I| < {INVERSE_TOLERANCE:g}", f"{error:.3g}"
-        raise DataError(f"{name} cannot be inverted", expected=expected, found=found)
+        raise DataError(f"{name} cannot be inverted", expected=expected, found=found, cure="write the frame again")
     _check_row(name, matrix, VIEW_ROWS if is_view else CLIP_ROWS)
     with np.errstate(over="ignore"):
         scale = float(np.linalg.det(matrix[:3, :3] if is_view else matrix[:2, :2]))

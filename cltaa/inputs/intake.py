@@ -259,6 +259,8 @@ def open_intake(
     given = {number: header.of_channel(colour[0]) for number, header in headers.items()}
     side = {} if side_file is None else _side_of(side_file, numbers)
     stated = {number: [Stated(main[number], given[number]), *_beside(found, number)] for number in around}
+    if not side:
+        _check_attributes(folder, chosen, assignments, stated.values())
     known = declared_frames(chosen, stated, side, side_file, pictures | layouts, step)
     declared = {number: known[number] for number in numbers}
     delays = {"matrices": step * chosen.camera.delay, "jitter": step * chosen.jitter.delay, "exposure": 0}
@@ -345,6 +347,17 @@ def _assigned(
                 cure=f"do without by --input {key}='{' '.join(['none'] * (1 + (role == 'motion')))}'",
             )
     return roles
+
+
+def _check_attributes(folder: Path, profile: Profile, assignments: Many[str], stated: Iterable[Many[Stated]]) -> None:
+    """Raise UsageError where no file has an attribute that an option names."""
+    there = {name for files in stated for file in files for name in file.attributes}
+    asked = {assignment.partition("=")[0].strip() for assignment in assignments}
+    for key in ("camera.view", "camera.projection", "jitter.attribute"):
+        name, source = attrgetter(key)(profile), f"{key.partition('.')[0]}.source"
+        if key in asked and name and name not in there and attrgetter(source)(profile) == "declared":
+            cure = f"give it with --camera FILE, or do without by --input {source}=none"
+            raise UsageError(f"--input {key}={name}: no such attribute", path=folder, found=written(sorted(there)), cure=cure)
 
 
 def _refuse_whole_numbers(headers: Mapping[str, ImageHeader], roles: Roles) -> None:

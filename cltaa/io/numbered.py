@@ -107,7 +107,7 @@ def checked_range(frames: FrameRange, folder: Path) -> FrameRange:
 def checked_step(step: object) -> int:
     """Return ``step``; raises UsageError unless it is a whole number from 1 on."""
     if not isinstance(step, Integral) or step < 1:
-        raise UsageError("the step between frames is wrong", expected="a whole number from 1 on", found=step)
+        raise UsageError("the step between frames is wrong", expected="a whole number from 1 on", found=repr(step))
     return int(step)
 
 

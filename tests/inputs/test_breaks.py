@@ -169,6 +169,19 @@ def test_channels_asked_for_by_name_must_be_there(tmp_path: Path, capsys: pytest
     assert resolved(tmp_path / "shot", "--input", "motion.channels=none none") == 0
 
 
+@pytest.mark.parametrize("key", ["jitter.attribute", "camera.view", "camera.projection"])
+def test_an_attribute_asked_for_by_name_must_be_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], key: str
+) -> None:
+    write_colour(tmp_path / "shot", frames(2))
+    assert resolved(tmp_path / "shot", "--input", f"{key}=nope") == 64
+    cure = f"--input {key.partition('.')[0]}.source=none"
+    told = capsys.readouterr().err
+    assert f"--input {key}=nope: no such attribute" in told
+    assert told.rstrip().endswith(f"do without by {cure}")
+    assert resolved(tmp_path / "shot", "--input", f"{key}=nope", *cure.split()) == 0
+
+
 def test_a_channel_that_one_frame_lacks_may_be_done_without(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     made = frames(3)
     (tmp_path / "shot").mkdir()
