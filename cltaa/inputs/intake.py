@@ -356,8 +356,9 @@ def _check_attributes(folder: Path, profile: Profile, assignments: Many[str], st
     for key in ("camera.view", "camera.projection", "jitter.attribute"):
         name, source = attrgetter(key)(profile), f"{key.partition('.')[0]}.source"
         if key in asked and name and name not in there and attrgetter(source)(profile) == "declared":
+            what, found = f"--input {key}={name}: no such attribute", written(sorted(there))
             cure = f"give it with --camera FILE, or do without by --input {source}=none"
-            raise UsageError(f"--input {key}={name}: no such attribute", path=folder, found=written(sorted(there)), cure=cure)
+            raise UsageError(what, path=folder, found=found, cure=cure)
 
 
 def _refuse_whole_numbers(headers: Mapping[str, ImageHeader], roles: Roles) -> None:
@@ -534,7 +535,7 @@ def _may_be(key: str, pattern: re.Pattern[str], names: Sequence[str]) -> str:
     like = [name for its in layers.values() if len(its) >= count for name in its]
     if not like:
         return ""
-    letters = "ruxgvy"  # red, u or x is horizontal; a third and a fourth channel are something else
+    letters = "ruxhgvy"  # red, u, x or h is horizontal; a third and a fourth channel are something else
     across_first = sorted(like, key=lambda name: (len(name), f"{letters}{name[-1]}".lower().index(name[-1].lower())))
     layer = across_first[0].rpartition(".")[0]
     taken = [name for name in across_first if name.rpartition(".")[0] == layer][:count]
