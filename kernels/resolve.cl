@@ -5,7 +5,7 @@
 // point to planes of floats with a halo, history_in and history_out to such planes in the storage format of the
 // history.
 //
-// The prelude defines the names in capitals, frame_t (the numbers of this frame) and settings_t (those of the preset).
+// The prelude defines the other names in capitals, frame_t (numbers of the frame) and settings_t (those of the preset).
 // cltaa/core/build.py writes it in front of this text; `cltaa kernels --show resolve` prints it.
 //
 // sample_history also tests the history for disocclusion and for changed light, hence its arguments `current`, `alpha`
@@ -48,7 +48,7 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
 
         // Accumulate: blend the sample with the history, by the history's effective sample count.
         resolved out = resolve_pixel(p, h, r, settings);
-        if (rows.centre.has_missing) // a pixel whose sample is NaN keeps its history
+        if (rows.centre.has_missing) // a pixel without a usable sample keeps its history
             out = without_missing(out, h, current, alpha, x, y, frame);
 
         // Store: this result is the history of the next frame.
