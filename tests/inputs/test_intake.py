@@ -121,7 +121,9 @@ def test_colour_alone(tmp_path: Path) -> None:
     assert frame.motion is None
 
 
-@pytest.mark.parametrize("names", ["velocity.R velocity.G", "mv.X mv.Y", "motionVectors.u motionVectors.v", "flow.h flow.v"])
+@pytest.mark.parametrize(
+    "names", ["velocity.R velocity.G", "mv.X mv.Y", "motionVectors.u motionVectors.v", "flow.h flow.v"]
+)
 def test_channels_that_sound_like_vectors_are_pointed_out(names: str, tmp_path: Path) -> None:
     """What their numbers mean nobody knows, so that they are named, and taken when they are asked for."""
     across, down = names.split()
