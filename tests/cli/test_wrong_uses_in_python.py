@@ -199,7 +199,7 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     ),
     "effects of None": (lambda seq: cltaa.open(seq, effects=None), "no such declaration of effects"),
     "effects in a list": (lambda seq: cltaa.open(seq, effects=["camera"]), "no such declaration of effects"),
-    "a step by text": (lambda seq: cltaa.open(seq, step="1"), "the step between frames is wrong .*found 1"),
+    "a step by text": (lambda seq: cltaa.open(seq, step="1"), "the step between frames is wrong .*found '1'"),
     "a truth beyond": (lambda seq: cltaa.open(write_truth(seq)).reference.image(9), "frame 9: no such frame"),
     "stops by text": (lambda _: cltaa.measure(LIGHT, LIGHT, stops="1"), "stops are out of range .*found '1'"),
     "stops of NaN": (lambda _: cltaa.measure(LIGHT, LIGHT, stops=np.nan), "stops are out of range .*found nan"),
