@@ -70,8 +70,7 @@ STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, i
 }
 
 __kernel void mix_windows_kernel(plane_in current, plane_in alpha, plane_in windows, const int frames,
-    const int static_frames, history_out output, plane_out output_count, const frame_t frame,
-    const settings_t settings)
+    const int static_frames, history_out output, plane_out output_count, const frame_t frame, const settings_t settings)
 {
     const column_t column = own_column(frame);
     if (is_empty(column, frame))
@@ -80,7 +79,8 @@ __kernel void mix_windows_kernel(plane_in current, plane_in alpha, plane_in wind
     row_sums rows[SIDE];
     UNROLL
     for (int j = -reach; j < reach; ++j)
-        sum_row(&rows[row_slot(j)], current, alpha, windows, x, column.first + j, frames, static_frames, frame, settings);
+        sum_row(
+            &rows[row_slot(j)], current, alpha, windows, x, column.first + j, frames, static_frames, frame, settings);
     // In rounds of SIDE rows, so that a GPU knows the slot of each: a new row takes that of the row it slides out.
     for (int first = column.first; first < column.end; first += SIDE) {
         UNROLL

@@ -398,7 +398,7 @@ def _check_complete(
             lacking = sorted({number + late if number + late in known else number for number in without})
             beside = any(getattr(one, given) is not None for one in side.values())
             where = "there" if beside else "with --camera FILE"
-            cure = f"give it to every frame {where}, or to none {otherwise}"
+            cure = f"give {what} to every frame {where}, or to none {otherwise}"
             raise DataError(f"no {what} for {named_frames(lacking)}", path=side_file if beside else folder, cure=cure)
 
 

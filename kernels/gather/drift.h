@@ -81,8 +81,7 @@ typedef struct
     real weight;
 } lag_sums;
 
-STAGE lag_sums lag_of_row(
-    plane_in current, plane_in alpha, const shortest_row* row, frame_t frame, settings_t settings)
+STAGE lag_sums lag_of_row(plane_in current, plane_in alpha, const shortest_row* row, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
     lag_sums s = { 0 };
@@ -127,8 +126,8 @@ typedef struct
 // Slot of the row that lies `turn` rows below the first of its round of SIDE rows.
 STAGE int row_slot(int turn) { return (turn + WINDOW_REACH + SIDE) % SIDE; }
 
-// 1 if light's trend is followed: the second window is whole, and no frame ahead shows where light goes. What a reactive
-// mask marks, such as smoke, has none.
+// 1 if light's trend is followed: the second window is whole, and no frame ahead shows where light goes. What a
+// reactive mask marks, such as smoke, has none.
 STAGE int has_trend(int frames) { return (window_end(1, frames) == MIDDLE_WINDOW) & !LOOK_AHEAD & !REACTIVE; }
 
 STAGE void sum_row(row_sums* sums, plane_in current, plane_in alpha, plane_in windows, int x, int y, int frames,

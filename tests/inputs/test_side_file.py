@@ -191,7 +191,7 @@ def test_a_jitter_in_the_projection_is_reported_as_such(tmp_path: Path) -> None:
     ("numbered", "message"),
     [
         ((4, 5, 6), r"none of the frames is in the side file \(expected frames 0-2, found 4-6\)"),
-        ((0, 2, 3), r"camera\.txt: no matrices for frame 1; give it to every frame there, or to none with --input"),
+        ((0, 2, 3), r"camera\.txt: no matrices for frame 1; give matrices to every frame there, or to none with --input"),
     ],
 )
 def test_a_side_file_of_other_frames(numbered: tuple[int, ...], message: str, tmp_path: Path) -> None:
@@ -223,7 +223,7 @@ def test_files_without_jitter_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "shot" / "own.0001.exr"
     told = {name: value for name, value in read_header(path).attributes.items() if name != "cltaa:jitterPx"}
     write_image(path, read_image(path)[0], told)
-    with pytest.raises(DataError, match=r"shot: no jitter for frame 1; give it to every frame with --camera FILE"):
+    with pytest.raises(DataError, match=r"shot: no jitter for frame 1; give jitter to every frame with --camera FILE"):
         open_input(tmp_path / "shot", side_file=side)
 
 
@@ -266,7 +266,7 @@ def test_exposure_and_cut_of_a_side_file_reach_the_frames(suffix: str, tmp_path:
     [
         (
             {0: {"exposure": 1}, 1: {"exposure": 2}},
-            r"camera\.json: no exposure for frame 2; give it to every frame there",
+            r"camera\.json: no exposure for frame 2; give exposure to every frame there",
         ),
         ({n: {"exposure": -(2**n)} for n in range(3)}, "frame 0: exposure is wrong .*positive factor.*found -1"),
         ({n: {"jitter_px": [1, "a"]} for n in range(3)}, r"jitter_px is wrong .*2 finite numbers, found \[1, 'a'\]"),
