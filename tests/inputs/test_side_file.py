@@ -191,7 +191,7 @@ def test_a_jitter_in_the_projection_is_reported_as_such(tmp_path: Path) -> None:
     ("numbered", "message"),
     [
         ((4, 5, 6), r"none of the frames is in the side file \(expected frames 0-2, found 4-6\)"),
-        ((0, 2, 3), r"camera\.txt: no matrices for frame 1; give matrices to every frame there, or to none with --input"),
+        ((0, 2, 3), r"camera\.txt: no matrices for frame 1; give matrices to every frame there, or to none"),
     ],
 )
 def test_a_side_file_of_other_frames(numbered: tuple[int, ...], message: str, tmp_path: Path) -> None:
