@@ -7,7 +7,7 @@ STAGE colour darker(colour a, colour b) { return (colour) { lesser(a.r, b.r), le
 
 // The pixel of row `turn` of a round, from its windows; `rows` holds the sums of the rows around it.
 STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, int x, int y, int frames,
-    int static_frames, frame_t frame, settings_t settings)
+    int static_frames, float lag_ratio, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
     real error[WINDOWS], least = SPLAT(0.0);
@@ -36,8 +36,8 @@ STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, i
             q = window_plane(p, window, 0, frame);
         if (has_drift(window, frames, static_frames))
             drift = drift_to_shortest(drift_around(rows, window, turn), settings);
-        if ((window == 1) & has_trend(frames))
-            trend = trend_around(rows, drift.light, turn);
+        if ((window == 1) & (lag_ratio > 0.0f))
+            trend = trend_around(rows, drift.light, turn, lag_ratio);
         if (window == PRESENT)
             drift = (window_drift) { 0 };
         else
@@ -70,17 +70,18 @@ STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, i
 }
 
 __kernel void mix_windows_kernel(plane_in current, plane_in alpha, plane_in windows, const int frames,
-    const int static_frames, history_out output, plane_out output_count, const frame_t frame, const settings_t settings)
+    const int static_frames, const float lag_ratio, history_out output, plane_out output_count, const frame_t frame,
+    const settings_t settings)
 {
     const column_t column = own_column(frame);
     if (is_empty(column, frame))
         return;
-    const int x = column.x, reach = WINDOW_REACH;
+    const int x = column.x, reach = WINDOW_REACH, lags = lag_ratio > 0.0f;
     row_sums rows[SIDE];
     UNROLL
     for (int j = -reach; j < reach; ++j)
-        sum_row(
-            &rows[row_slot(j)], current, alpha, windows, x, column.first + j, frames, static_frames, frame, settings);
+        sum_row(&rows[row_slot(j)], current, alpha, windows, x, column.first + j, frames, static_frames, lags, frame,
+            settings);
     // In rounds of SIDE rows, so that a GPU knows the slot of each: a new row takes that of the row it slides out.
     for (int first = column.first; first < column.end; first += SIDE) {
         UNROLL
@@ -88,9 +89,10 @@ __kernel void mix_windows_kernel(plane_in current, plane_in alpha, plane_in wind
             const int y = first + turn;
             if (y >= column.end)
                 break;
-            sum_row(&rows[row_slot(turn + reach)], current, alpha, windows, x, y + reach, frames, static_frames, frame,
-                settings);
-            const resolved out = mixed_windows(rows, turn, windows, x, y, frames, static_frames, frame, settings);
+            sum_row(&rows[row_slot(turn + reach)], current, alpha, windows, x, y + reach, frames, static_frames, lags,
+                frame, settings);
+            const resolved out
+                = mixed_windows(rows, turn, windows, x, y, frames, static_frames, lag_ratio, frame, settings);
             store_resolved(output, output_count, out, x, y, frame);
         }
     }

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from cltaa.camera import inverse_depth_at, is_still
 from cltaa.core.backend import Buffer, Launcher
 from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, edge_build, ring_planes, window_count, window_planes
+from cltaa.core.constants import MIDDLE_WINDOW, SHORT_WINDOW
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.plan import Plan, reads_depth
 from cltaa.core.planes import BlockPool, Kind, Layout, around, as_floats, flat, places
@@ -267,6 +268,17 @@ class FrameRing:
         told = self._told(frame)
         moved = (place for place, (past, _) in enumerate(told) if not is_still(frame.camera, past.camera))
         return next(moved, len(told))
+
+    def lag_ratio(self, frame: Frame) -> float:
+        """Return how far behind ``frame`` the shortest temporal window lies, over its distance in time from the second.
+
+        At most 1. It is 0 where the second window is not whole, or frames ahead balance the earlier ones.
+        """
+        ages = [0, *(-ahead for _, ahead in self._told(frame)[:MIDDLE_WINDOW])]
+        shortest, second = (sum(part) / len(part) for part in (ages[: SHORT_WINDOW + 1], ages))
+        if len(ages) <= MIDDLE_WINDOW or shortest * (second - shortest) <= 0.0:
+            return 0.0
+        return min(shortest / (second - shortest), 1.0)
 
     def describe(self, frame: Frame, plan: Plan) -> int:
         """Write a record for each frame of the ring, with the motion of ``frame`` to it; returns how many there are."""

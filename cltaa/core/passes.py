@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from cltaa.core.backend import Launcher
 from cltaa.core.buffers import Buffers, FrameRing, LastRun
 from cltaa.core.build import Build, Record, edge_build, settings_record, window_count, window_planes
@@ -62,7 +64,10 @@ class Passes:
             planes = {"planes": window_count(build.choices) * window_planes(build.steps), "more": 0}
             self.launcher.run("extend_edges", floats, layout, gathered | planes)
         mixed = {name: arguments[name] for name in ("current", "alpha", *WRITTEN, "frames", "frame", "settings")}
-        self.launcher.run("mix_windows", build, layout, windows | mixed | {"static_frames": unmoved["static_frames"]})
+        # What a reactive mask marks, such as smoke, has no trend of light.
+        ratio = 0.0 if build.steps.reactive else frame_ring.lag_ratio(frame)
+        mixed |= {"static_frames": unmoved["static_frames"], "lag_ratio": np.float32(ratio)}
+        self.launcher.run("mix_windows", build, layout, windows | mixed)
         if build.extends and self.recursive is None:
             self._extend()
         return last

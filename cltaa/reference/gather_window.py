@@ -319,21 +319,15 @@ def drift_to_shortest(window: Array, shortest: Array, run: Run) -> tuple[Colour,
     return light, opacity
 
 
-def has_trend(frames: int, build: Build) -> bool:
-    """True if light's trend is followed."""
-    return window_ends(frames)[1] == MIDDLE_WINDOW and not build.steps.look_ahead and not build.steps.reactive
-
-
-def trend_of_light(drift: Colour, current: Array, alpha: Array | None, shortest: Array, run: Run) -> Array:
-    """How far the shortest window lags behind the light of now, by its ``drift`` since the second window, and by no
-    more than the current samples around lie from it."""
+def trend_of_light(trend: Array, current: Array, alpha: Array | None, shortest: Array, run: Run) -> Array:
+    """How far the shortest window lags behind the light of now: as far as its ``trend``, and no more than the current
+    samples around lie from it."""
     samples = current[:3].astype(shortest.dtype)
     missing = outside_domain_of(samples, alpha[0] if alpha is not None and run.steps.alpha else None)
     now = np.where(missing, shortest[:3], samples)
     weights = np.where(missing, np.zeros_like(shortest[0]), shared_weights(now, shortest, run))
     weight = greater(sum_around(weights, run.layout), value("TINY"))
     lag = sum_around(weights * (now - shortest[:3]), run.layout) / weight
-    trend = drift * (SHORT_WINDOW / (MIDDLE_WINDOW - SHORT_WINDOW))
     return limit(trend, lesser(lag, 0.0), greater(lag, 0.0))
 
 
@@ -347,13 +341,14 @@ def mix_windows(
     windows: Array,
     frames: int,
     static_frames: int,
+    lag_ratio: float,
     output: Array,
     output_count: Array,
     frame: Record,
     settings: Record,
 ) -> None:
     """Mix each pixel from the windows of its past, padded planes [WINDOWS * WINDOW_PLANES, rows, stride], of a ring of
-    ``frames``, of which the latest ``static_frames`` share the current camera."""
+    ``frames``, of which the latest ``static_frames`` share the current camera; ``lag_ratio`` is that of FrameRing."""
     run = Run(build, layout, frame, settings)
     real: Any = real_type(build)
     shape = window_count(build.choices), window_planes(build.steps)
@@ -375,8 +370,8 @@ def mix_windows(
             light, opacity = np.zeros_like(sums), zero
         elif k == window and (window == UNMOVED or has_more_frames(window, frames)):
             light, opacity = drift_to_shortest(parts[k], parts[0], run)
-        if window == 1 and has_trend(frames, build):
-            trend = trend_of_light(light, current, alpha, parts[0], run)
+        if window == 1 and lag_ratio > 0:
+            trend = trend_of_light(light * number(lag_ratio, zero), current, alpha, parts[0], run)
         followed = followed + w if window <= UNMOVED else followed
         sums, darkest = sums + w * ((own[:3] + light) - first[:3]), lesser(darkest, own[:3])
         counts = counts + w * (own[4] - first[4])

@@ -126,12 +126,8 @@ typedef struct
 // Slot of the row that lies `turn` rows below the first of its round of SIDE rows.
 STAGE int row_slot(int turn) { return (turn + WINDOW_REACH + SIDE) % SIDE; }
 
-// 1 if light's trend is followed: the second window is whole, and no frame ahead shows where light goes. What a
-// reactive mask marks, such as smoke, has none.
-STAGE int has_trend(int frames) { return (window_end(1, frames) == MIDDLE_WINDOW) & !LOOK_AHEAD & !REACTIVE; }
-
 STAGE void sum_row(row_sums* sums, plane_in current, plane_in alpha, plane_in windows, int x, int y, int frames,
-    int static_frames, frame_t frame, settings_t settings)
+    int static_frames, int lags, frame_t frame, settings_t settings)
 {
     const uint at = texel_offset(frame, x, y);
     const shortest_row row = row_of_shortest(windows + at, frame, settings);
@@ -145,7 +141,7 @@ STAGE void sum_row(row_sums* sums, plane_in current, plane_in alpha, plane_in wi
         if (has_drift(window, frames, static_frames))
             sums->drift[window - 1] = drift_of_row(planes + at, &row, frame, settings);
     }
-    if (has_trend(frames))
+    if (lags)
         sums->lag = lag_of_row(current + at, alpha + at, &row, frame, settings);
 }
 
@@ -249,16 +245,16 @@ STAGE window_drift drift_to_shortest(drift_sums s, settings_t settings)
     return drift;
 }
 
-// How far the shortest window lags behind the light of now. Its frames are older than the current one by half its
-// length on the mean, so light that goes on changing as it did since the second window (`drift`) moves it on by the
-// ratio of their lengths. The lag of the samples around bounds that: light may stop or turn.
-STAGE real trend_of(real drift, real lag)
+// How far the shortest window lags behind the light of now. Light that goes on changing as it did since the second
+// window (`drift`) moves it on by `ratio`, its distance in time from the current frame over that from the second. The
+// lag of the samples around bounds that: light may stop or turn.
+STAGE real trend_of(real drift, real lag, float ratio)
 {
-    const real trend = drift * K((scalar)SHORT_WINDOW / (scalar)(MIDDLE_WINDOW - SHORT_WINDOW)), zero = SPLAT(0.0);
+    const real trend = drift * K(ratio), zero = SPLAT(0.0);
     return limit(trend, lesser(lag, zero), greater(lag, zero));
 }
 
-STAGE colour trend_around(const row_sums* rows, colour drift, int turn)
+STAGE colour trend_around(const row_sums* rows, colour drift, int turn, float ratio)
 {
     lag_sums all = { 0 };
     UNROLL
@@ -268,5 +264,6 @@ STAGE colour trend_around(const row_sums* rows, colour drift, int turn)
         all.weight += row.weight;
     }
     const colour lag = quotients(all.sum, greater(all.weight, K(TINY)));
-    return (colour) { trend_of(drift.r, lag.r), trend_of(drift.g, lag.g), trend_of(drift.b, lag.b) };
+    return (
+        colour) { trend_of(drift.r, lag.r, ratio), trend_of(drift.g, lag.g, ratio), trend_of(drift.b, lag.b, ratio) };
 }

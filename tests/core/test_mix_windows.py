@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cltaa.core.buffers import FrameRing
 from cltaa.core.build import FRAME_DTYPE, Build, Steps, settings_record
 from cltaa.core.constants import WINDOW_REACH
 from cltaa.core.parameters import Settings
 from cltaa.core.planes import Layout
+from cltaa.core.record import Past
+from cltaa.lab.timing import Motion, make_frames
 from cltaa.reference.gather_window import drift_of, mix_windows, shared_weights, students_t_of_drift, window_weight
+from cltaa.reference.launcher import NumpyLauncher
 from cltaa.reference.real import Run
 from tests.kernels.hard_planes import padded
 
@@ -36,10 +40,10 @@ def test_the_drift_is_students_t() -> None:
     )
 
 
-def mixed(errors: tuple[float, float, float, float], now: float = 1.0, frames: int = 48, **steps: bool) -> float:
+def mixed(errors: tuple[float, float, float, float], now: float = 1.0, ratio: float = 0.75) -> float:
     """What flat windows come to, each of which leaves its error in every texel: 1.0 the latest four frames, 0.98 the
     latest eight, 0.8 all and 0.4 all without motion; the current samples have the light ``now``."""
-    layout, build = Layout(WIDTH, HEIGHT), Build(steps=Steps(**{"alpha": False, "reactive": False} | steps))
+    layout, build = Layout(WIDTH, HEIGHT), Build(steps=Steps(alpha=False))
     windows = layout.zeros(len(errors) * 5)
     for planes, light, error in zip(windows.reshape(len(errors), 5, *windows.shape[1:]), LIGHTS, errors, strict=True):
         planes[:3], planes[3], planes[4] = light, error, 7.0
@@ -49,7 +53,8 @@ def mixed(errors: tuple[float, float, float, float], now: float = 1.0, frames: i
     settings = settings_record(Settings())
     planes = {"windows": windows, "output": output, "output_count": count}
     planes |= {"current": np.full_like(layout.zeros(3), now), "alpha": None}
-    mix_windows(build, layout, frames=frames, static_frames=48, frame=frame, settings=settings, **planes)
+    planes |= {"frames": 48, "static_frames": 48, "lag_ratio": ratio}
+    mix_windows(build, layout, frame=frame, settings=settings, **planes)
     return float(layout.inside(output)[0, HEIGHT // 2, WIDTH // 2])
 
 
@@ -72,9 +77,31 @@ def test_light_that_goes_on_changing_is_followed_as_far_as_the_current_samples_a
     still = mixed(flat)
     for now, expected in ((2.0, trend), (1.0 + trend / 2.0, trend / 2.0), (1.0, 0.0), (0.9, 0.0), (np.nan, 0.0)):
         assert mixed(flat, now) == pytest.approx(still + expected, abs=1e-6)
-    assert mixed(flat, 2.0, frames=5) == pytest.approx(mixed(flat, 1.0, frames=5), abs=0.0)  # a part of the window
-    for step in ("look_ahead", "reactive"):
-        assert mixed(flat, 2.0, **{step: True}) == pytest.approx(mixed(flat, 1.0, **{step: True}), abs=0.0)
+    assert mixed(flat, 2.0, ratio=0.0) == still
+
+
+# Of a shot of 20 frames: ages of the four and of the eight frames by hand, 1.5 and 3.5 where all are earlier or later.
+@pytest.mark.parametrize(
+    ("ahead", "index", "ratio"),
+    [
+        (0, 19, 1.5 / 2.0),
+        (0, 6, 0.0),  # six frames are no whole window
+        (8, 19, 1.5 / 2.0),
+        (8, 18, 0.5 / 2.0),
+        (8, 17, 0.5 / 1.0),
+        (8, 16, 0.0),  # both windows lie half a frame back
+        (8, 10, 0.0),
+        (8, 1, 0.5 / 2.0),  # both ahead
+        (8, 0, 1.5 / 2.0),
+    ],
+)
+def test_windows_lag_where_the_frames_ahead_do_not_balance_the_earlier_ones(
+    ahead: int, index: int, ratio: float
+) -> None:
+    frames = make_frames(8, 8, Motion.UNIFORM, 20)
+    ring = FrameRing(NumpyLauncher(), Layout(8, 8), 8, Steps(), ahead)
+    ring.past = tuple(Past.of(frame) for frame in reversed(frames))
+    assert ring.lag_ratio(frames[index]) == ratio
 
 
 def test_a_highlight_that_appears_is_no_drift_of_the_light_around_it() -> None:

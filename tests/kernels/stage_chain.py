@@ -120,7 +120,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "tonemap",
         "weighting",
     ),
-    "mix_windows": ("alpha", "look_ahead", "reactive", "recursion", "storage", "weighting"),
+    "mix_windows": ("alpha", "recursion", "storage", "weighting"),
 }
 # Of the rows of several choices: with it each value is in one that shows it, light is tested for where depth is, and no
 # clip that rounding in one channel can turn is in RGB.
@@ -132,7 +132,6 @@ UNSEEN = {
     "sample_history": ["alpha_from=current", "storage=double"],
     "rectify_history": ["box=rounded"],
     "blend": ["anti_flicker=clamp-distance", "rectify=clip"],
-    "mix_windows": ["look_ahead=True"],
 }
 LONG_RING = 48  # frames
 # Values that a stage's code does not tell from another one.
@@ -198,6 +197,7 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     """
     given: dict[str, Any] = {"frame": work.frame, "settings": work.settings, **work.planes}
     given |= {"past": work.past, "frames": len(work.past), "static_frames": len(work.past)}
+    given["lag_ratio"] = np.float32(0.75)
     if len(work.past):
         given |= {"recursive": work.planes["history"], "recursive_count": work.planes["history_count"]}
         given["ring"] = ring_of(build.steps, work)
