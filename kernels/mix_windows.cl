@@ -25,8 +25,7 @@ STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, i
     const real zero = SPLAT(0.0), alpha = ALPHA ? load(p + 5 * plane) : SPLAT(1.0), count = load(p + 4 * plane);
     real weight = window_weight(error[0], least), alpha_sum = zero, count_sum = zero;
     colour sum = { 0 }, darkest = first;
-    window_drift drift = { 0 };
-    colour trend = { 0 };
+    window_drift drift = { 0 }, trend = { 0 };
     real followed = weight; // by windows that hold earlier frames
     plane_in q = p;
     UNROLL
@@ -37,7 +36,7 @@ STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, i
         if (has_drift(window, frames, static_frames))
             drift = drift_to_shortest(drift_around(rows, window, turn), settings);
         if ((window == 1) & (lag_ratio > 0.0f))
-            trend = trend_around(rows, drift.light, turn, lag_ratio);
+            trend = trend_around(rows, drift, turn, lag_ratio);
         if (window == PRESENT)
             drift = (window_drift) { 0 };
         else
@@ -51,8 +50,9 @@ STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, i
         weight += w;
     }
     resolved out;
-    out.rgb = plus_scaled(plus(first, quotients(sum, weight)), quotient(followed, weight), trend);
-    out.alpha = alpha + quotient(alpha_sum, weight);
+    const real follows = quotient(followed, weight);
+    out.rgb = plus_scaled(plus(first, quotients(sum, weight)), follows, trend.light);
+    out.alpha = (alpha + quotient(alpha_sum, weight)) + follows * trend.alpha;
     out.count = count + quotient(count_sum, weight);
     if (RECURSION == RECURSION_STANDING) {
         q = window_plane(p, RECURSIVE, 0, frame);

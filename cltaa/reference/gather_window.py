@@ -319,16 +319,26 @@ def drift_to_shortest(window: Array, shortest: Array, run: Run) -> tuple[Colour,
     return light, opacity
 
 
-def trend_of_light(trend: Array, current: Array, alpha: Array | None, shortest: Array, run: Run) -> Array:
-    """How far the shortest window lags behind the light of now: as far as its ``trend``, and no more than the current
-    samples around lie from it."""
+def trend_within_lag(
+    light: Array, opacity: Array, current: Array, alpha: Array | None, shortest: Array, run: Run
+) -> tuple[Array, Array]:
+    """How far the shortest window lags behind the current light and alpha: as far as their trends ``light`` and
+    ``opacity``, and no more than the current samples around lie from it."""
     samples = current[:3].astype(shortest.dtype)
-    missing = outside_domain_of(samples, alpha[0] if alpha is not None and run.steps.alpha else None)
+    alphas = alpha[0].astype(shortest.dtype) if alpha is not None and run.steps.alpha else None
+    missing = outside_domain_of(samples, alphas)
     now = np.where(missing, shortest[:3], samples)
     weights = np.where(missing, np.zeros_like(shortest[0]), shared_weights(now, shortest, run))
     weight = greater(sum_around(weights, run.layout), value("TINY"))
-    lag = sum_around(weights * (now - shortest[:3]), run.layout) / weight
-    return limit(trend, lesser(lag, 0.0), greater(lag, 0.0))
+
+    def within(trend: Array, off: Array) -> Array:
+        lag = sum_around(weights * off, run.layout) / weight
+        return limit(trend, lesser(lag, 0.0), greater(lag, 0.0))
+
+    if alphas is None:
+        return within(light, now - shortest[:3]), np.zeros_like(opacity)
+    shares = np.where(missing, shortest[5], limit(alphas, 0.0, 1.0))
+    return within(light, now - shortest[:3]), within(opacity, shares - shortest[5])
 
 
 @quiet
@@ -363,7 +373,8 @@ def mix_windows(
     zero, first, weight = np.zeros_like(least), layout.inside(parts[0]), window_weight(errors[0], least)
     own_alpha, darkest = first[5] if build.steps.alpha else np.ones_like(least), first[:3]
     sums, alphas, counts = np.zeros_like(darkest), zero, zero
-    light, opacity, trend, followed = sums, zero, sums, weight  # their drift, its trend, the weight of what follows it
+    light, opacity, trend, trend_of_alpha = sums, zero, sums, zero  # their drift and its trend
+    followed = weight  # of the windows that follow it
     for window, (k, error) in enumerate(zip(sources[1:rivals], errors[1:rivals], strict=True), start=1):
         w, own = window_weight(error, least), layout.inside(parts[k])
         if window > UNMOVED:
@@ -371,7 +382,8 @@ def mix_windows(
         elif k == window and (window == UNMOVED or has_more_frames(window, frames)):
             light, opacity = drift_to_shortest(parts[k], parts[0], run)
         if window == 1 and lag_ratio > 0:
-            trend = trend_of_light(light * number(lag_ratio, zero), current, alpha, parts[0], run)
+            drift = light * number(lag_ratio, zero), opacity * number(lag_ratio, zero)
+            trend, trend_of_alpha = trend_within_lag(*drift, current, alpha, parts[0], run)
         followed = followed + w if window <= UNMOVED else followed
         sums, darkest = sums + w * ((own[:3] + light) - first[:3]), lesser(darkest, own[:3])
         counts = counts + w * (own[4] - first[4])
@@ -379,7 +391,8 @@ def mix_windows(
             alphas = alphas + w * ((own[5] + opacity) - own_alpha)
         weight = weight + w
     rgb = (first[:3] + sums / weight) + (followed / weight) * trend
-    alpha, count = own_alpha + alphas / weight, first[4] + counts / weight
+    alpha = (own_alpha + alphas / weight) + (followed / weight) * trend_of_alpha
+    count = first[4] + counts / weight
     if recursion:
         held = layout.inside(parts[-1])
         share = recursive_share(held[4], count, errors[-1], least)

@@ -78,7 +78,7 @@ STAGE drift_sums drift_of_row(plane_in window, const shortest_row* row, frame_t 
 typedef struct
 {
     colour sum;
-    real weight;
+    real alpha_sum, weight;
 } lag_sums;
 
 STAGE lag_sums lag_of_row(plane_in current, plane_in alpha, const shortest_row* row, frame_t frame, settings_t settings)
@@ -93,6 +93,10 @@ STAGE lag_sums lag_of_row(plane_in current, plane_in alpha, const shortest_row* 
         const colour now = choose_colour(missing, row->now[i], sample.rgb);
         const real w = missing ? SPLAT(0.0) : luminance_weight(now, settings) * row->share[i];
         s.sum = plus_scaled(s.sum, w, minus(now, row->now[i]));
+        if (ALPHA) {
+            const real alpha_now = missing ? row->alpha[i] : limit(sample.alpha, SPLAT(0.0), SPLAT(1.0));
+            s.alpha_sum += w * (alpha_now - row->alpha[i]);
+        }
         s.weight += w;
     }
     return s;
@@ -254,16 +258,22 @@ STAGE real trend_of(real drift, real lag, float ratio)
     return limit(trend, lesser(lag, zero), greater(lag, zero));
 }
 
-STAGE colour trend_around(const row_sums* rows, colour drift, int turn, float ratio)
+STAGE window_drift trend_around(const row_sums* rows, window_drift drift, int turn, float ratio)
 {
     lag_sums all = { 0 };
     UNROLL
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
         const lag_sums row = rows[row_slot(turn + j)].lag;
         all.sum = plus(all.sum, row.sum);
+        all.alpha_sum += row.alpha_sum;
         all.weight += row.weight;
     }
-    const colour lag = quotients(all.sum, greater(all.weight, K(TINY)));
-    return (
-        colour) { trend_of(drift.r, lag.r, ratio), trend_of(drift.g, lag.g, ratio), trend_of(drift.b, lag.b, ratio) };
+    const real weight = greater(all.weight, K(TINY));
+    const colour lag = quotients(all.sum, weight), light = drift.light;
+    window_drift trend
+        = { { trend_of(light.r, lag.r, ratio), trend_of(light.g, lag.g, ratio), trend_of(light.b, lag.b, ratio) },
+              SPLAT(0.0) };
+    if (ALPHA)
+        trend.alpha = trend_of(drift.alpha, quotient(all.alpha_sum, weight), ratio);
+    return trend;
 }
