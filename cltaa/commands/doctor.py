@@ -41,7 +41,8 @@ from cltaa.process import configure
 PROBE_SECONDS = 600
 
 LINKER_CURE = "sudo apt-get install -y gcc libc6-dev"
-DRIVERS_CURE = "install the library that it lacks, or name its folder in LD_LIBRARY_PATH"
+DRIVERS_CURE = "install the library that it lacks or name its folder in LD_LIBRARY_PATH, or remove the file"
+LONGEST_PATH = 4096  # PATH_MAX of Linux
 OPENCL_CURE = "python -m pip install 'pyopencl[pocl]'"
 OSMESA_CURE = "sudo apt-get install -y libosmesa6"
 EGL_CURE = "sudo apt-get install -y libegl1 libegl-mesa0 libgl1"
@@ -189,15 +190,24 @@ def look_at_linker() -> Finding:
 
 def look_at_drivers() -> Finding:
     """Load each OpenCL driver that is installed here: OpenCL's loader says nothing of one that it cannot load."""
-    folder, failed = Path(os.environ.get("OCL_ICD_VENDORS") or "/etc/OpenCL/vendors"), []
+    folder = Path(os.environ.get("OCL_ICD_VENDORS") or "/etc/OpenCL/vendors")
     entries = sorted(folder.glob("*.icd"))
-    for entry in entries:
-        loads = [sys.executable, "-c", "import ctypes, sys; ctypes.CDLL(sys.argv[1])", entry.read_text().strip()]
-        child = subprocess.run(loads, capture_output=True, text=True, errors="replace", check=False)
-        if child.returncode:
-            failed.append(f"{entry}: {_last_line(child.stderr, child.returncode).removeprefix('OSError: ')}")
+    failed = [f"{entry}: {fault}" for entry in entries if (fault := _fault_of_driver(entry))]
     found = "; ".join(failed) or f"{len(entries)} in {folder}, beside those of wheels"
     return Finding("OpenCL drivers", "resolve", ok=not failed, found=found, cure=DRIVERS_CURE)
+
+
+def _fault_of_driver(entry: Path) -> str:
+    """Return why the driver that a file names cannot be loaded; empty if it can."""
+    try:
+        library = os.fsdecode(entry.read_bytes()).strip() if entry.is_file() else ""  # a pipe would never end
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
+    if not library.isprintable() or not 0 < len(library) <= LONGEST_PATH:
+        return "holds no path of a library"
+    loads = [sys.executable, "-c", "import ctypes, sys; ctypes.CDLL(sys.argv[1])", library]
+    child = subprocess.run(loads, capture_output=True, text=True, errors="replace", check=False)
+    return _last_line(child.stderr, child.returncode).removeprefix("OSError: ") if child.returncode else ""
 
 
 @click.command()

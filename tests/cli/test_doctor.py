@@ -7,6 +7,7 @@ import os
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -125,6 +126,30 @@ def test_a_driver_that_the_loader_skips_is_named(tmp_path: Path, monkeypatch: py
     finding = doctor.look_at_drivers()
     assert (finding.ok, finding.cure) == (False, doctor.DRIVERS_CURE)
     assert finding.found.startswith(f"{tmp_path}/intel.icd: libnonsuch.so: cannot open shared object file")
+
+
+def test_what_holds_no_path_of_a_driver_is_named_and_the_rest_looked_at(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OCL_ICD_VENDORS", str(tmp_path))
+    held = {"binary": b"\x7fELF\xff\x00", "empty": b"", "long": b"a" * 10**6, "lines": b"a\nb", "latin": b"caf\xe9"}
+    for name, content in held.items():
+        (tmp_path / f"{name}.icd").write_bytes(content)
+    (tmp_path / "folder.icd").mkdir()
+    (tmp_path / "link.icd").symlink_to("nonsuch")
+    (tmp_path / "last.icd").write_text("libnonsuch.so")
+    os.mkfifo(tmp_path / "pipe.icd")
+    faults = dict(line.split(".icd: ", 1) for line in doctor.look_at_drivers().found.split("; "))
+    assert faults.pop(f"{tmp_path}/last").startswith("libnonsuch.so: cannot open")
+    expected = sorted([*held, "folder", "link", "pipe"])
+    assert faults == {f"{tmp_path}/{name}": "holds no path of a library" for name in expected}
+
+
+def test_a_driver_file_that_cannot_be_read_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OCL_ICD_VENDORS", str(tmp_path))
+    (tmp_path / "a.icd").touch()  # root may read it whatever its mode
+    monkeypatch.setattr(Path, "read_bytes", Mock(side_effect=PermissionError(13, "Permission denied")))
+    assert doctor.look_at_drivers().found == f"{tmp_path}/a.icd: cannot be read: Permission denied"
 
 
 @pytest.mark.parametrize("works", [True, False])
