@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from cltaa.commands.options import (
 )
 from cltaa.core.build import Storage
 from cltaa.core.debug import View, parse_views
+from cltaa.core.frame_checks import MeaninglessNumbers
 from cltaa.core.parameters import Fireflies
 from cltaa.errors import UsageError
 from cltaa.inputs.open import open_input
@@ -191,6 +193,7 @@ def resolve(
     settings = assigned(preset_of(preset, config, None if denoise == "none" else for_denoised), changes)
     if look_ahead is not None:
         settings = assigned(settings, (f"look_ahead={look_ahead}",), "--look-ahead")
+    warnings.simplefilter("ignore", MeaninglessNumbers)  # the report names their frames
     report = resolve_folder(
         source,
         output,
@@ -217,7 +220,7 @@ def _print_report(report: ResolveReport, preview: Path | None, views: str, *, fo
     # Imported here, after all frames are written, so that the imports do not delay the first frame.
     from cltaa.commands.printing import figures, print_line, print_table
     from cltaa.inputs.intake import OPAQUE
-    from cltaa.io.pixel_statistics import missing_lines
+    from cltaa.io.pixel_statistics import meaningless_lines, missing_lines
 
     what = f"{counted(report.frames, 'frame')}, {report.width} x {report.height}, preset {shown(report.preset)}"
     print_line(what)
@@ -233,6 +236,8 @@ def _print_report(report: ResolveReport, preview: Path | None, views: str, *, fo
         print_line(f"{counted(report.repaired, 'missing sample')}: the history stands in, or else what lies around")
         for line in missing_lines(report.missing):
             print_line(f"  {line}")
+    for line in meaningless_lines(report.meaningless):
+        print_line(line)
     if report.saturated:
         print_line(f"{counted(report.saturated, 'pixel')} saturated at 65504, the largest half")
     if report.cuts_found:

@@ -42,6 +42,10 @@ READ_ON_DEVICE = np.dtype(np.float32), np.dtype(np.float16)  # types that kernel
 _EFFECTS = frozenset(Effect)
 
 
+class MeaninglessNumbers(UserWarning):
+    """Depth or vectors of a frame say nothing; what resolves files reports their frames instead."""
+
+
 def check_frame(frame: Frame) -> None:
     """Raise DataError for a frame that cannot be resolved: channels, camera, jitter, exposure, effects, numbers."""
     if not isinstance(frame, Frame):
@@ -95,12 +99,13 @@ def _check_depth(frame: Frame) -> None:
             return
     if np.isnan(depth).all():
         warnings.warn(
-            f"frame {frame.index}: depth is NaN everywhere and counts as the sky; leave it out where there is none",
+            "depth is NaN everywhere and counts as the sky; leave it out where there is none",
+            MeaninglessNumbers,
             stacklevel=4,
         )
         return
     expected, found = "positive numbers, np.inf for the sky", f"{np.nanmin(depth):g} to {np.nanmax(depth):g}"
-    how = "depth=-depth" if frame.path is None else "cltaa check names the option that mends it"
+    how = "depth=-depth" if frame.path is None else "cltaa check tells whether an option mends it"
     cure = f"it is positive before the camera: {how}"
     raise _error(frame, "depth is no distance anywhere", expected, found, cure)
 
@@ -110,6 +115,7 @@ def _warn_of_motion(frame: Frame) -> None:
     if frame.motion is not None and not on_device(frame.motion) and np.isinf(_looked_at(frame.motion)).any():
         warnings.warn(
             "motion is infinite in places, where history is dropped; NaN there means that the camera's motion is all",
+            MeaninglessNumbers,
             stacklevel=4,
         )
 

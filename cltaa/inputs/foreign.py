@@ -245,8 +245,8 @@ class ForeignSequence(FrameSequence):
         depth: Any = None
         if "depth" in planes:
             depth = planar_depth(planes["depth"][..., 0], profile.depth, outline.camera, outline.jitter_px)
-            if not self._strict:  # cltaa check looks for NaN; the resolve treats it as sky
-                depth[np.isnan(planes["depth"][..., 0]) & self._depth_shown(number)] = np.nan
+            if (lost := np.isnan(planes["depth"][..., 0])).any():  # the sky, but to be reported
+                depth[lost & self._depth_shown(number)] = np.nan
         motion = planes.get("motion")
         if motion is not None:
             now, before = outline.jitter_px, self._jitter(number - self.step, number)

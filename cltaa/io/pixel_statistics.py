@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.core.constants import value
-from cltaa.frame import Image
+from cltaa.frame import Frame, Image
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.numbered import named_frames
 
@@ -94,9 +94,64 @@ def _lacks(missing: Missing) -> str:
     return f"{missing.pixels} of {missing.among} pixels {verb} without a usable sample: {place}"
 
 
+class Meaningless(msgspec.Struct, kw_only=True, frozen=True):
+    """Depths or vectors of a frame that say nothing: what they are, and how many of its pixels hold one."""
+
+    frame: int
+    what: str
+    pixels: int
+    among: int
+
+
+# What a resolve does with each, and what to do.
+MEANINGLESS = {
+    "depth is NaN": "counts as the sky; render it again, or leave it out",
+    "motion is infinite": "history is dropped there; NaN says that the camera's motion is all",
+    "motion is NaN": "taken to stand still, for no matrices and depth stand in",
+}
+
+
+def meaningless(frame: Frame, *, first: bool) -> list[Meaningless]:
+    """Return what says nothing in a frame; the vectors of a ``first`` one, or after a cut, may be anything.
+
+    Vectors that are NaN leave the motion to matrices and depth, so they only count where these do not exist.
+    """
+    found: dict[str, int] = {}
+    if np.isnan(frame.depth.min()):  # it is NaN where one number is
+        found["depth is NaN"] = int(np.isnan(frame.depth).sum())
+    motion = None if first or frame.cut else frame.motion
+    if motion is not None and not np.isfinite([motion.min(), motion.max()]).all():
+        found["motion is infinite"] = int(np.isinf(motion).any(axis=-1).sum())
+        lost = int(np.isnan(motion).any(axis=-1).sum())
+        alone = not (frame.has_camera and frame.has_depth)
+        found["motion is NaN"] = lost if alone and lost == frame.depth.size else 0
+    among, counts = frame.depth.size, found.items()
+    return [Meaningless(frame=frame.index, what=what, pixels=n, among=among) for what, n in counts if n]
+
+
+def meaningless_lines(found: Iterable[Meaningless]) -> list[str]:
+    """Return a sentence for each kind of what says nothing."""
+    alike: dict[str, list[Meaningless]] = {}
+    for each in found:
+        alike.setdefault(each.what, []).append(each)
+    return [
+        f"{named_frames([each.frame for each in its])}: {what} in {_most(its)} pixels: {MEANINGLESS[what]}"
+        for what, its in alike.items()
+    ]
+
+
+def _most(found: list[Meaningless]) -> str:
+    most = max(found, key=lambda each: each.pixels)
+    count = f"{most.pixels} of {most.among}" if most.pixels < most.among else f"all {most.among}"
+    return count if all(each.pixels == most.pixels for each in found) else f"up to {count}"
+
+
 def is_opaque(alpha: Image | None) -> bool:
     """True for alpha [H, W] that is 1 in every pixel."""
     return alpha is not None and bool((alpha == 1.0).all())
+
+
+SAID_BY_FRAME = ("Z", "backward.u", "backward.v")  # in ``meaningless_lines``; there some may say something
 
 
 def pixel_problems(statistics: dict[str, ChannelStatistics], *, orthographic: bool) -> list[str]:
@@ -106,11 +161,8 @@ def pixel_problems(statistics: dict[str, ChannelStatistics], *, orthographic: bo
     """
     problems = []
     for name, channel in statistics.items():
-        not_finite = channel.nan + (0 if name == "Z" else channel.infinite)
-        # NaN in the motion means "use the depth", infinite depth means sky.
-        if name.startswith("backward."):
-            not_finite = channel.infinite
-        if not_finite:
+        not_finite = channel.nan + channel.infinite
+        if not_finite and name not in SAID_BY_FRAME:
             problems.append(f"channel {name}: {not_finite} of {channel.count} values are not finite")
     depth = statistics.get("Z")
     if depth is not None and depth.lowest <= 0 and not orthographic:

@@ -27,7 +27,7 @@ from cltaa.io.exr_layout import LOSSLESS, Layout, Windows
 from cltaa.io.exr_read import FrameFile, read_header, read_planes
 from cltaa.io.manifest import NAME, RESTART_CURE, Entry, Manifest, begun_otherwise, file_sha256
 from cltaa.io.names import has_suffix
-from cltaa.io.pixel_statistics import Missing, is_opaque, missing_samples
+from cltaa.io.pixel_statistics import Meaningless, Missing, is_opaque, meaningless, missing_samples
 from cltaa.io.sequence import RESOLVED, FrameSequence
 from cltaa.io.streams import Writer
 from cltaa.pipeline.debug import DebugViews
@@ -175,6 +175,7 @@ class Written(msgspec.Struct, frozen=True, kw_only=True):
     size: int  # bytes
     source: Source
     missing: Missing | None = None  # samples
+    meaningless: list[Meaningless] = []  # depths and vectors
     opaque: bool = False  # its alpha is 1 everywhere
     saturated: int = 0  # number of pixels with a channel at the largest half
 
@@ -357,11 +358,13 @@ def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
 
 
 class Read(NamedTuple):
-    """A frame, its source, its missing samples, whether its alpha is 1 everywhere, and what its output carries over."""
+    """A frame, its source, its missing samples, its meaningless depths and vectors, whether its alpha is 1 everywhere,
+    and what its output carries over."""
 
     frame: Frame
     source: Source
     missing: Missing | None
+    meaningless: list[Meaningless]
     opaque: bool
     carried: CarriedOver
 
@@ -396,11 +399,12 @@ def _read(
     source = Source(digest, before, sequence.beside_sha256(number))
     carried = carried_over(path, kept, file)
     missing = missing_samples(frame.colour, frame.alpha, number)
+    lost = meaningless(frame, first=before is None)
     if denoise is not None:
         frame = denoise(frame, sequence.guide_images(number))
     if _stamps(sequence, number) != found:  # else this result would be recorded with the hash of the changed file
         raise DataError("a file changed while it was read", path=path, frame=number, cure="run again")
-    return Read(frame, source, missing, is_opaque(frame.alpha), carried)
+    return Read(frame, source, missing, lost, is_opaque(frame.alpha), carried)
 
 
 def _stamps(sequence: FrameSequence, number: int) -> list[tuple[int, ...]]:
@@ -429,7 +433,8 @@ class ResolvedFiles:
         assert read.frame.path is not None
         views = self._debug.write(self.folder.folder / DEBUG, read.frame.index)
         path, saturated = self.folder.folder / read.frame.path.name, list[int]()
-        number, source, missing, opaque = read.frame.index, read.source, read.missing, read.opaque
+        number, source = read.frame.index, read.source
+        told: dict[str, Any] = {"missing": read.missing, "meaningless": read.meaningless, "opaque": read.opaque}
         kept, windows = read.carried.channels, read.carried.windows  # not the frame, so that its pixels can be freed
 
         def channels() -> dict[str, Pixels]:
@@ -437,12 +442,11 @@ class ResolvedFiles:
             return {**kept, **image_channels(image), **views}
 
         def finish() -> None:
-            facts = {"missing": missing, "opaque": opaque, "saturated": sum(saturated)}
-            self.take(Written.now(path, number, source, **facts))
+            self.take(Written.now(path, number, source, **told, saturated=sum(saturated)))
 
         preset, device = self._resolver.preset.name, self._resolver.launcher.description
-        told = frame_attributes(read.frame) | {"cltaa:preset": preset, "cltaa:device": device}
-        attributes = merged(read.carried, told, self._undeclared)
+        own = frame_attributes(read.frame) | {"cltaa:preset": preset, "cltaa:device": device}
+        attributes = merged(read.carried, own, self._undeclared)
         writer.write(path, channels, attributes, then=finish, windows=windows)
 
     def take(self, written: Written) -> None:

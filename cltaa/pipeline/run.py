@@ -35,7 +35,7 @@ from cltaa.io.exr_layout import check_lossless
 from cltaa.io.manifest import REFERENCE
 from cltaa.io.names import SUFFIXES, Selection, has_suffix, real_path
 from cltaa.io.numbered import OnBreak
-from cltaa.io.pixel_statistics import Missing
+from cltaa.io.pixel_statistics import Meaningless, Missing
 from cltaa.io.sequence import FrameSequence, ImageSequence, open_images
 from cltaa.io.video import check_film, rate_of, write_pairs, write_video
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY, Checkpoints
@@ -96,7 +96,8 @@ class ResolveReport(msgspec.Struct, kw_only=True):
     """What a run of ``resolve_sequence`` did: of ``frames``, it wrote ``resolved``, and earlier runs the others.
 
     ``repaired`` counts the pixels of those whose colour was no usable number (NaN, infinite, beyond 2^50), ``missing``
-    says which frame lacks how many of them and where, ``opaque`` counts the frames whose alpha is 1 everywhere,
+    says which frame lacks how many of them and where, ``meaningless`` which has depths or vectors that say nothing,
+    ``opaque`` counts the frames whose alpha is 1 everywhere,
     ``saturated`` the pixels at the largest half, where halves are written or stored as history. ``cuts_found`` are
     frames that begin another shot, undeclared but found; ``found`` are the effects where none are declared, and why.
     """
@@ -106,6 +107,7 @@ class ResolveReport(msgspec.Struct, kw_only=True):
     resolved: int
     repaired: int
     missing: list[Missing]
+    meaningless: list[Meaningless] = []
     opaque: int
     saturated: int
     cuts_found: list[int]
@@ -505,6 +507,7 @@ class _Run:
             resolved=len(finished),
             repaired=sum(each.pixels for each in missing),
             missing=missing,
+            meaningless=[one for each in finished for one in each.meaningless],
             opaque=sum(each.opaque for each in finished),
             saturated=sum(each.saturated for each in finished),
             cuts_found=sorted(cuts),

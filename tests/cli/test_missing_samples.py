@@ -1,4 +1,4 @@
-"""Each frame in which samples are missing is named once, with how many and where, by what reads the pixels."""
+"""Each frame in which samples are missing, or depths and vectors say nothing, is named once by what reads pixels."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.io.exr_write import write_frame
+from tests.inputs.foreign import frames as sound_frames
+from tests.inputs.foreign import write_blender, write_own
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame
 
 BLOCK = f"36 of {WIDTH * HEIGHT} pixels are without a usable sample: x 5 to 10, y 4 to 9"
@@ -32,3 +34,37 @@ def test_each_frame_with_missing_samples_is_named_once(
     main(command.format(tmp_path / "in", tmp_path).split())
     said = " ".join(capsys.readouterr().out.split())
     assert [said.count(line) for line in (f"frames 1-2: {BLOCK}", BLOCK, WHOLE)] == [1, 1, 1]
+
+
+@pytest.mark.parametrize("command", ["resolve {} -o {}/out --device numpy", "inspect --pixels {}"])
+@pytest.mark.parametrize(
+    ("channel", "value", "line", "own_too"),
+    [
+        ("depth", np.nan, f"frames 1-2: depth is NaN in all {WIDTH * HEIGHT} pixels: counts as the sky", True),
+        ("motion", np.inf, f"frames 1-2: motion is infinite in all {WIDTH * HEIGHT} pixels: history is dropped", True),
+        ("motion", np.nan, f"frames 1-2: motion is NaN in all {WIDTH * HEIGHT} pixels: taken to stand still", False),
+    ],
+)
+@pytest.mark.parametrize("own", [True, False])
+def test_depths_and_vectors_that_say_nothing_are_named_once(
+    channel: str,
+    value: float,
+    line: str,
+    own_too: bool,
+    own: bool,
+    command: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    frames = sound_frames(4)
+    if channel == "motion":
+        getattr(frames[0], channel)[:] = value  # they lead nowhere
+    for frame in frames[1:3]:
+        getattr(frame, channel)[:] = value
+    (write_own if own else write_blender)(tmp_path / "in", frames)
+    main(command.format(tmp_path / "in", tmp_path).split())
+    told = capsys.readouterr()
+    said = " ".join(told.out.split())
+    assert (said.count(line), said.count(f": {channel} is")) == (1, 1) if own_too or not own else (0, 0)
+    assert "everywhere" not in told.err
+    assert "in places" not in told.err

@@ -292,7 +292,7 @@ def test_depth_of_nothing_is_the_sky() -> None:
     frame, resolver = make_frame(0), Resolver(device="numpy")
     empty = resolver.resolve(replace(frame, depth=np.zeros_like(frame.depth)))
     resolver.reset()
-    with pytest.warns(UserWarning, match="frame 0: depth is NaN everywhere and counts as the sky"):
+    with pytest.warns(UserWarning, match="depth is NaN everywhere and counts as the sky"):
         lost = resolver.resolve(replace(frame, depth=np.full_like(frame.depth, np.nan)))
     assert np.array_equal(lost, empty)
 

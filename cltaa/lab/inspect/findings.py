@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,16 @@ from cltaa.inputs.intake import OPAQUE, Intake, damaged_files, open_with_gaps
 from cltaa.inputs.open import is_own
 from cltaa.inputs.profile import Profile
 from cltaa.inputs.roles import file_sets, shown_name
-from cltaa.io.exr_frame import COLOUR, Pixels, check_float_channels, check_frame_channels, frame_outline, frame_planes
+from cltaa.io.exr_frame import (
+    COLOUR,
+    MOTION,
+    NO_PIXELS,
+    Pixels,
+    check_float_channels,
+    check_frame_channels,
+    frame_outline,
+    frame_planes,
+)
 from cltaa.io.exr_header import read_layout
 from cltaa.io.exr_layout import LOSSLESS, Layout
 from cltaa.io.exr_read import read_header, read_image
@@ -46,7 +56,10 @@ from cltaa.io.numbered import (
 )
 from cltaa.io.pixel_statistics import (
     ChannelStatistics,
+    Meaningless,
     Missing,
+    meaningless,
+    meaningless_lines,
     missing_lines,
     missing_samples,
     needless_channels,
@@ -293,7 +306,7 @@ def inspect_folder(
             result.problems.append(str(error))
     layouts: dict[int, Layout] = {}
     headers: dict[int, Frame] = {}
-    witness, wrong, pictures, missing = Witness(), Problems(), _pictures(paths), list[Missing]()
+    witness, wrong, pictures, lost = Witness(), Problems(), _pictures(paths), Lost()
     for done, (number, path) in enumerate(sorted(paths.items()), start=1):
         try:
             header = read_header(path)
@@ -310,9 +323,7 @@ def inspect_folder(
                 channels = read_image(path, sha256=recorded[path.parent].get(path.name), picture=layout)[0]
                 for channel, plane in channels.items():
                     result.statistics.setdefault(channel, ChannelStatistics()).add(plane)
-                colour = np.stack([np.asarray(channels[name], np.float32) for name in COLOUR], axis=-1)
-                alpha = np.asarray(channels["A"], np.float32) if "A" in channels else None
-                missing += [lost] if (lost := missing_samples(colour, alpha, number)) else []
+                lost.look(_with_pixels(headers.get(number), number, channels), first=number == result.first)
                 if not result.resolved_by:
                     witness.look(headers[number], channels)
         except CltaaError as error:
@@ -325,7 +336,7 @@ def inspect_folder(
     if headers:
         describe_headers(result, headers)
     describe_reference(result, folder, paths)
-    result.problems += missing_lines(missing) + pixel_problems(result.statistics, orthographic=result.orthographic)
+    result.problems += lost.lines + pixel_problems(result.statistics, orthographic=result.orthographic)
     result.problems += needless_channels(result.statistics)
     if pixels and headers and not result.resolved_by:
         declared, shown = next(iter(headers.values())).effects, result.statistics
@@ -334,6 +345,33 @@ def inspect_folder(
             result.problems += witness.broken(brightest, declared)
             result.idle = _idle(shown, brightest, declared)
     return result
+
+
+class Lost:
+    """The samples, depths and vectors that frames lack."""
+
+    def __init__(self) -> None:
+        self._missing, self._meaningless = list[Missing](), list[Meaningless]()
+
+    def look(self, frame: Frame, *, first: bool) -> None:
+        """Count those of a frame, as ``meaningless`` does."""
+        self._missing += [lost] if (lost := missing_samples(frame.colour, frame.alpha, frame.index)) else []
+        self._meaningless += meaningless(frame, first=first)
+
+    @property
+    def lines(self) -> list[str]:
+        """What was counted, in sentences."""
+        return missing_lines(self._missing) + meaningless_lines(self._meaningless)
+
+
+def _with_pixels(header: Frame | None, number: int, channels: Mapping[str, Pixels]) -> Frame:
+    """Return the frame of a header with the pixels of its file; a result has no depth, and perhaps no header."""
+
+    planes = {name: np.asarray(plane, np.float32) for name, plane in channels.items()}
+    motion = np.stack([planes[name] for name in MOTION], axis=-1) if MOTION[0] in planes else None
+    given: dict[str, Any] = {"depth": planes.get("Z"), "motion": motion, "alpha": planes.get("A")}
+    colour = np.stack([planes[name] for name in COLOUR], axis=-1)
+    return replace(header or Frame(number, NO_PIXELS), colour=colour, **given)
 
 
 def _pictures(paths: Mapping[int, Path]) -> dict[int, Layout]:
@@ -409,15 +447,15 @@ def describe_input(
     _check_sizes(intake, wrong)
     for number, fault in sequence.unreadable():
         wrong.add(number, fault)
-    lost = list[Missing]()
+    lost = Lost()
     if pixels:
-        lost = _look(found, sequence, wrong, advance)
+        _look(found, sequence, wrong, lost, advance)
         if found.statistics.get("A", ChannelStatistics()).is_one:
             found.notes = [*found.notes, OPAQUE]
     missing = [f"frames missing: {ranges(intake.missing)}"] if intake.missing else []
     orthographic = any(known.camera is not None and known.camera.orthographic for known in intake.declared.values())
     of_pixels = pixel_problems(found.statistics, orthographic=orthographic)
-    found.problems = [*missing, *wrong.lines, *missing_lines(lost), *of_pixels]
+    found.problems = [*missing, *wrong.lines, *lost.lines, *of_pixels]
     return found
 
 
@@ -480,14 +518,17 @@ def _check_sizes(intake: Intake, wrong: Problems) -> None:
 
 
 def _look(
-    found: Description, sequence: ForeignSequence, wrong: Problems, advance: Callable[[int, int], None] | None
-) -> list[Missing]:
-    lost = list[Missing]()
+    found: Description,
+    sequence: ForeignSequence,
+    wrong: Problems,
+    lost: Lost,
+    advance: Callable[[int, int], None] | None,
+) -> None:
     for done, number in enumerate(sequence.numbers, start=1):
         try:
             frame = sequence.frame(number)
             planes = frame_planes(frame, sequence.path(number))
-            lost += [missing] if (missing := missing_samples(frame.colour, frame.alpha, number)) else []
+            lost.look(frame, first=number == found.first)
         except CltaaError as error:
             wrong.add(number, error)
             planes = {}
@@ -496,4 +537,3 @@ def _look(
                 found.statistics.setdefault(channel, ChannelStatistics()).add(plane)
         if advance is not None:
             advance(done, found.frames)
-    return lost

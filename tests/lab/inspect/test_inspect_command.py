@@ -110,18 +110,19 @@ def test_pixels_are_counted_only_when_asked(capsys: pytest.CaptureFixture[str], 
     [
         ("depth", -1.0, "channel Z: depth -1 is not in front of the camera"),
         ("depth", 0.0, "channel Z: depth 0 is not in front of the camera"),
-        ("depth", np.nan, "channel Z: 1 of 851 values are not finite"),
+        ("depth", np.nan, "frame 1: depth is NaN in 1 of 851 pixels: counts as the sky"),
         ("alpha", 1.5, "leaves 0 to 1"),
-        ("motion", np.inf, "are not finite"),
+        ("motion", np.inf, "frame 1: motion is infinite in 1 of 851 pixels: history is dropped there"),
     ],
 )
 def test_unusable_pixels_are_problems(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, channel: str, value: float, message: str
 ) -> None:
     effects = frozenset({Effect.ALPHA, Effect.MOTION})
-    frame = make_frame(alpha=True, motion=True, effects=effects, jitter_px=(0.0, 0.0))
-    getattr(frame, channel)[3, 3] = value
-    found = findings(capsys, write(tmp_path, [frame]), "--pixels")["problems"]
+    kept: dict[str, Any] = {"alpha": True, "motion": True, "effects": effects, "jitter_px": (0.0, 0.0)}
+    frames = [make_frame(index, **kept) for index in range(2)]
+    getattr(frames[1], channel)[3, 3] = value
+    found = findings(capsys, write(tmp_path, frames), "--pixels")["problems"]
     assert any(message in problem for problem in found)
 
 
