@@ -6,7 +6,6 @@ of 12 frames, call different numbers of times. Numbers of two commits compare on
 
 from __future__ import annotations
 
-import ast
 import json
 import os
 import subprocess
@@ -15,46 +14,9 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
-TOP = Path(__file__).parents[1]
+from tests.test_architecture import SOURCES, TOP, circles, module_of, needed, sources
+
 FRAMES = (8, 12)  # of the two traced resolves
-
-
-def modules(top: Path) -> dict[str, Path]:
-    """Every module of cltaa by its dotted name; packages by theirs."""
-    paths = sorted(top.glob("cltaa/**/*.py"))
-    return {".".join(path.relative_to(top).with_suffix("").parts).removesuffix(".__init__"): path for path in paths}
-
-
-def import_arrows(found: dict[str, Path]) -> dict[str, set[str]]:
-    """Modules that each module imports while it is itself imported."""
-    arrows: dict[str, set[str]] = {name: set() for name in found}
-    for name, path in found.items():
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.ImportFrom) and node.module:
-                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-            elif isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            else:
-                continue
-            arrows[name] |= {other for other in names if other in found and other != name}
-    return arrows
-
-
-def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
-    """Groups of modules that import each other, each reachable from each."""
-
-    def reach(start: str) -> set[str]:
-        seen: set[str] = set()
-        left = [start]
-        while left:
-            for other in arrows[left.pop()] - seen:
-                seen.add(other)
-                left.append(other)
-        return seen
-
-    reached = {name: reach(name) for name in arrows}
-    groups = {tuple(sorted(o for o in reached[n] if n in reached[o])) for n in arrows if n in reached[n]}
-    return [list(group) for group in sorted(groups)]
 
 
 def lines(paths: list[Path]) -> int:
@@ -67,14 +29,15 @@ def words(paths: list[Path]) -> int:
     return sum(len(path.read_text(encoding="utf-8").split()) for path in paths)
 
 
-def counts(top: Path) -> dict[str, object]:
-    """The house at ``top``: a name and a number, or a table of numbers, each."""
-    found = modules(top)
-    arrows = import_arrows(found)
+def counts() -> dict[str, object]:
+    """The house: a name and a number, or a table of numbers, each."""
+    found = {name: path for path in SOURCES if (name := module_of(path)).split(".")[0] == "cltaa"}
+    trees = {name: sources()[name] for name in found}
+    arrows = {name: {*needed(tree, trees)} - {name} for name, tree in trees.items()}
     own = [path for path in found.values() if path.name != "__init__.py"]
     packages = Counter(name.split(".")[1] if name.count(".") > 1 else "top" for name in arrows)
-    kernels = [p for p in top.glob("kernels/**/*") if p.suffix in (".cl", ".h") and "bench" not in p.parts]
-    pages = [p for p in [*top.glob("*.md"), *top.glob("docs/**/*.md")] if p.name != "CHANGELOG.md"]
+    kernels = [p for p in TOP.glob("kernels/**/*") if p.suffix in (".cl", ".h") and "bench" not in p.parts]
+    pages = [p for p in [*TOP.glob("*.md"), *TOP.glob("docs/**/*.md")] if p.name != "CHANGELOG.md"]
     apart = [p for p in pages if {"generated", "lab-notes"} & set(p.parts)]
     path = ["README.md", *(f"docs/{n}.md" for n in ("tour", "conventions", "python", "inputs", "algorithm", "design"))]
     between = {(a.split(".")[1], b.split(".")[1]) for a in arrows for b in arrows[a] if a.count(".") and b.count(".")}
@@ -88,15 +51,15 @@ def counts(top: Path) -> dict[str, object]:
         },
         "import arrows": sum(map(len, arrows.values())),
         "arrows between packages": sum(a != b for a, b in between),
-        "circles": circles(arrows),
+        "circles": circles(trees),
         "kernel files": len(kernels),
         "kernel lines": lines(kernels),
-        "lines of resolve.cl": lines([top / "kernels" / "resolve.cl"]),
-        "test files": len(list(top.glob("tests/**/*.py"))),
-        "test lines": lines(list(top.glob("tests/**/*.py"))),
-        "decision pages": len(list(top.glob("docs/decisions/[0-9]*.md"))),
+        "lines of resolve.cl": lines([TOP / "kernels" / "resolve.cl"]),
+        "test files": len(list(TOP.glob("tests/**/*.py"))),
+        "test lines": lines(list(TOP.glob("tests/**/*.py"))),
+        "decision pages": len(list(TOP.glob("docs/decisions/[0-9]*.md"))),
         "words": words([p for p in pages if p not in apart]),
-        "words on the newcomer's path": words([top / p for p in path if (top / p).exists()]),
+        "words on the newcomer's path": words([TOP / p for p in path if (TOP / p).exists()]),
         "words generated and in lab notes": words(apart),
     }
 
@@ -136,4 +99,4 @@ def frame_path() -> dict[str, int]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(counts(TOP) | (frame_path() if "--frame" in sys.argv[1:] else {}), indent=2))
+    print(json.dumps(counts() | (frame_path() if "--frame" in sys.argv[1:] else {}), indent=2))
