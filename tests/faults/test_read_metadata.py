@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from cltaa.core.resolver import Resolver
-from cltaa.errors import DataError
 from cltaa.frame import Camera, Matrix
-from cltaa.io.exr_frame import frame_attributes
 from cltaa.io.exr_write import write_image
 from cltaa.io.sequence import open_sequence
+from tests.io.test_bad_input import attributes, planes, refusal
 from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame, read_frame
 
 NAN, INF, EYE = float("nan"), float("inf"), np.eye(4)
@@ -35,15 +34,8 @@ def with_entry(matrix: Matrix, row: int, column: int, value: float) -> Matrix:
     return copy
 
 
-def attributes(**changes: object) -> dict[str, object]:
-    """Attributes of a sound frame, with those given by the part of the name behind ``cltaa:`` changed or left out."""
-    sound = frame_attributes(make_frame()) | {f"cltaa:{name}": value for name, value in changes.items()}
-    return {name: value for name, value in sound.items() if value is not None}
-
-
 def written(folder: Path, **changes: object) -> Path:
-    planes = {name: np.ones((HEIGHT, WIDTH), np.float32) for name in "RGBZ"}
-    write_image(folder / "a.0000.exr", planes, attributes(**changes))
+    write_image(folder / "a.0000.exr", planes(), attributes(**changes))
     return folder / "a.0000.exr"
 
 
@@ -98,19 +90,10 @@ CASES: list[tuple[dict[str, object], str]] = [
 ]
 
 
-def refusal(path: Path) -> str:
-    with pytest.raises(DataError) as caught:
-        read_frame(path)
-    return str(caught.value)
-
-
 def test_wrong_attribute_is_named(tmp_path: Path) -> None:
     for changes, message in CASES:
-        path = written(tmp_path, **changes)
-        line = refusal(path)
+        line = refusal(written(tmp_path, **changes))
         assert message in line, changes
-        assert str(path) in line, changes
-        assert "\n" not in line, changes
         assert len(line) < 500, changes
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -17,7 +16,6 @@ from cltaa.errors import (
     InputMissing,
     OutputError,
     ResourceError,
-    StorageError,
 )
 from cltaa.io.content import FileCopy, copied
 from cltaa.io.exr_frame import Pixels, frame_attributes
@@ -67,17 +65,6 @@ def test_missing_folder_and_dangling_link(tmp_path: Path) -> None:
     assert "folder" in refusal(tmp_path / "folder.exr")
 
 
-def test_an_unreadable_file_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Permission bits do not stop root, so the refusal of the system is injected."""
-    write_image(tmp_path / "a.exr", planes(), attributes())
-
-    def refuse(*_: object) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(os, "open", refuse)
-    assert "permission denied" in refusal(tmp_path / "a.exr", error=InputMissing)
-
-
 def window(left: int, top: int, right: int, bottom: int) -> tuple[np.ndarray, np.ndarray]:
     return np.array([left, top], np.int32), np.array([right, bottom], np.int32)
 
@@ -115,16 +102,6 @@ def test_output_into_a_missing_folder_is_refused(tmp_path: Path) -> None:
         (tmp_path / "file").touch()
         with pytest.raises(OutputError, match="cannot be created"):
             write_frame(path, make_frame())
-
-
-def test_a_full_disk_leaves_no_file(tmp_path: Path) -> None:
-    """/dev/full refuses every byte, as a full disk does."""
-    link = tmp_path / f".a.exr.tmp.{os.getpid()}"
-    link.symlink_to("/dev/full")
-    with pytest.raises(StorageError, match=r"a\.exr"):
-        write_frame(tmp_path / "a.exr", make_frame())
-    assert not (tmp_path / "a.exr").exists()
-    assert not link.is_symlink()
 
 
 @pytest.mark.parametrize("another", [{"R": (HEIGHT, WIDTH)}, dict.fromkeys("RGBZ", (HEIGHT, WIDTH - 1))])
