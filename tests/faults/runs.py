@@ -138,22 +138,19 @@ sys.exit(main(sys.argv[3:]))
 """
 
 
-def start_held(command: list[str], go: Path, frames: int) -> subprocess.Popen[str]:
-    """Start ``cltaa`` with ``command``, which waits for the file ``go`` when ``frames`` frames are finished."""
-    return subprocess.Popen(
-        [sys.executable, "-c", HELD, str(go), str(frames), *command],
+def start_held(folder: Path, output: Path, go: Path, frames: int) -> subprocess.Popen[str]:
+    """Start a resolve of ``folder``, which waits for the file ``go`` when ``frames`` frames are finished, as now."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HELD, str(go), str(frames), *arguments(folder, output)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
-
-
-def wait_for_frames(process: subprocess.Popen[str], output: Path, frames: int) -> None:
-    """Wait until so many images have their final names, or the process has ended."""
     deadline = time.monotonic() + PATIENCE
     while process.poll() is None and len(list(output.glob("[!.]*.exr"))) < frames:
         assert time.monotonic() < deadline
         time.sleep(0.001)
+    return process
 
 
 def run(command: list[str], **variables: str) -> tuple[int, str]:

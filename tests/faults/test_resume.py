@@ -25,7 +25,6 @@ from tests.faults.runs import (
     check_finished,
     prepare,
     start_held,
-    wait_for_frames,
 )
 from tests.sequence_factory import make_frame, write_sequence
 
@@ -43,8 +42,7 @@ def finish(folder: Path, output: Path, expected: dict[str, str]) -> None:
 def begun(folder: Path, output: Path, frames: int) -> None:
     """Resolve until ``frames`` images are there, then interrupt."""
     go = output.with_name("go")
-    process = start_held(arguments(folder, output), go, frames)
-    wait_for_frames(process, output, frames)
+    process = start_held(folder, output, go, frames)
     process.send_signal(signal.SIGINT)
     go.touch()
     process.communicate(timeout=PATIENCE)
@@ -77,8 +75,7 @@ def test_signal_ends_with_130_and_a_checkpoint(tmp_path: Path, number: signal.Si
     count = 20
     folder, expected = prepare(tmp_path, count)
     output = tmp_path / "out"
-    process = start_held(arguments(folder, output), tmp_path / "go", 5)
-    wait_for_frames(process, output, 5)
+    process = start_held(folder, output, tmp_path / "go", 5)
     process.send_signal(number)
     (tmp_path / "go").touch()
     _, said = process.communicate(timeout=PATIENCE)
@@ -221,8 +218,7 @@ def test_sequence_may_grow(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -
 def test_second_process_on_one_folder_is_refused(tmp_path: Path) -> None:
     folder, expected = prepare(tmp_path, 20)
     output = tmp_path / "out"
-    process = start_held(arguments(folder, output), tmp_path / "go", 2)
-    wait_for_frames(process, output, 2)
+    process = start_held(folder, output, tmp_path / "go", 2)
     assert main(arguments(folder, output)) == 73
     process.send_signal(signal.SIGTERM)
     (tmp_path / "go").touch()
