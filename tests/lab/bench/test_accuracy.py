@@ -23,22 +23,14 @@ from cltaa.printable import printable
 from tests.lab.bench.accuracy_tasks import FRAMES
 from tests.sequence_factory import make_frame, write_images, write_sequence
 
+# The least work; of ``basic`` the kernels are built soonest.
+SHORT = ["--preset", "basic", "--rounds", "3", "--patience", "0", "--pixels", "1", "--pictured", "0"]
+SHORT += ["--rounding-frames", "0", "--metrics", "mse"]
+
 
 def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path), "--only", "storage", "--rounds", "3"]
-    arguments += [
-        "--metrics",
-        "mse,psnr",
-        "--rounding-frames",
-        "2",
-        "--patience",
-        "0",
-        "--pixels",
-        "3000",
-        "--pictured",
-        "0",
-    ]
-    arguments += ["--preset", "basic"]  # whose kernels are built soonest
+    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path), *SHORT, "--only", "storage"]
+    arguments += ["--metrics", "mse,psnr", "--rounding-frames", "2", "--pixels", "3000"]
     assert main([*arguments, "--json"]) == 0
     out, told = capsys.readouterr()
     result = json.loads(out)
@@ -76,10 +68,8 @@ def test_frames_without_error_are_measured_and_read_again(tmp_path: Path, capsys
         black = make_frame(number)
         write_frame(folder / f"synthetic.{number:04d}.exr", replace(black, colour=np.zeros_like(black.colour)))
         write_images(folder / "reference", [np.zeros_like(black.colour)], name="synthetic", first=number)
-    arguments = ["bench", "accuracy", str(folder), "-o", str(tmp_path / "report"), "--only", "storage: half"]
-    arguments += ["--metrics", "psnr,mse", "--rounding-frames", "0", "--rounds", "3"]
-    arguments += ["--pixels", "1", "--patience", "0", "--preset", "basic", "--pictured", "0"]
-    assert main(arguments) == 0
+    arguments = ["bench", "accuracy", str(folder), "-o", str(tmp_path / "report"), *SHORT, "--only", "storage: half"]
+    assert main([*arguments, "--metrics", "psnr,mse"]) == 0
     assert main(["bench", "overview", str(tmp_path / "report"), "-o", str(tmp_path / "again")]) == 0
     capsys.readouterr()
     (measured,) = read_report(tmp_path / "again").sequences
@@ -93,22 +83,10 @@ def test_a_file_of_parameters_may_have_another_name_now(
     sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """And what rich takes for a style in one is part of it."""
-    asked = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "out"), "--preset", "basic", "--rounds", "3"]
-    asked += [
-        "--only",
-        "storage: half",
-        "--metrics",
-        "mse",
-        "--pixels",
-        "1",
-        "--rounding-frames",
-        "0",
-        "--pictured",
-        "0",
-    ]
+    asked = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "out"), *SHORT, "--only", "storage: half"]
     for name in ("a.toml", "[bold]b.toml"):
         (tmp_path / name).write_text("sample_limit = 4\n")
-        assert main([*asked, "--patience", "0", "--pictured", "0", "--config", str(tmp_path / name)]) == 0
+        assert main([*asked, "--config", str(tmp_path / name)]) == 0
         assert f"│ {name} over basic " in capsys.readouterr().out
     quality = ["bench", "quality", "--sequence", str(sequence), "--settled", "1", "--work", str(tmp_path / "work")]
     assert main([*quality, "--device", "numpy", "--config", str(tmp_path / name)]) == 0
@@ -120,8 +98,7 @@ def test_frames_are_reported_by_the_name_that_they_have_now(
     sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     """Whatever it is, beside the frames themselves, and though they were measured under another."""
-    asked = ["-o", str(tmp_path), "--preset", "basic", "--only", "storage: half", "--rounds", "3", "--patience", "0"]
-    asked += ["--metrics", "mse", "--pixels", "1", "--rounding-frames", "0"]
+    asked = ["-o", str(tmp_path), *SHORT, "--only", "storage: half", "--pictured", "4"]
     assert main(["bench", "accuracy", str(sequence), *asked]) == 0
     moved = shutil.copytree(sequence, tmp_path / name)
     capsys.readouterr()
@@ -148,9 +125,8 @@ def test_what_was_timed_is_not_timed_again(
     sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = write_sequence(tmp_path / "other", 3, reference=True)
-    both = ["bench", "accuracy", str(sequence), str(other), "-o", str(tmp_path / "out"), "--only", "reject", "--json"]
-    both += ["--rounds", "3", "--rounding-frames", "0", "--metrics", "mse", "--patience", "0", "--pixels", "1"]
-    both += ["--preset", "basic", "--pictured", "0"]
+    both = ["bench", "accuracy", str(sequence), str(other), "-o", str(tmp_path / "out"), *SHORT]
+    both += ["--only", "reject", "--json"]
     assert main([*both, "--jobs", "2"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert [measured["name"] for measured in result["sequences"]] == [sequence.name, "other"]

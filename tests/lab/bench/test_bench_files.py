@@ -31,23 +31,21 @@ def test_the_command_and_its_stages_are_timed(tmp_path: Path, capsys: pytest.Cap
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
 
 
-def test_nothing_is_deleted_within_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    deleted: list[Path] = []
+def test_within_a_time_nothing_is_deleted_and_frames_are_finished_as_a_run_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deleted, finished = list[Path](), list[str]()
     monkeypatch.setattr("cltaa.pipeline.output._clear", deleted.append)
-    arguments = ["--compression", "none", "--rounds", "3", "--json"]
-    assert main(["bench", "files", str(write_sequence(tmp_path / "in", 2)), *arguments]) == 0
-    assert deleted == []
-
-
-def test_to_write_alone_is_to_finish_each_frame_as_a_run_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    finished: list[str] = []
     monkeypatch.setattr("cltaa.pipeline.output.OutputFolder.finish", lambda _, done: finished.append(done.name))
     arguments = ["--compression", "none", "--rounds", "3", "--json"]
     assert main(["bench", "files", str(write_sequence(tmp_path / "in", 2)), *arguments]) == 0
+    assert deleted == []
     assert {"alone.0000.exr", "alone.0001.exr"} <= {*finished}
 
 
-def test_the_history_goes_on_where_numbers_are_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_history_goes_on_where_numbers_are_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Also in the frames that are resolved alone, which are numbered anew."""
     (tmp_path / "in").mkdir()
     for number in (0, 2, 4):
@@ -63,6 +61,7 @@ def test_the_history_goes_on_where_numbers_are_apart(tmp_path: Path, monkeypatch
     options = ["--step", "2", "--compression", "none", "--rounds", "3", "--device", "numpy"]
     assert main(["bench", "files", str(tmp_path / "in"), *options]) == 0
     assert {*numbers} == {0, 2, 4}
+    assert "\nNumPy (float32 oracle); " in capsys.readouterr().out
 
 
 def test_files_of_other_tools_are_timed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -75,12 +74,6 @@ def test_files_of_other_tools_are_timed(tmp_path: Path, capsys: pytest.CaptureFi
     out, notes = capsys.readouterr()
     assert json.loads(out)["frames"] == 2
     assert "profile blender" in notes
-
-
-def test_the_oracle_is_timed_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = ["--compression", "none", "--rounds", "3", "--device", "numpy"]
-    assert main(["bench", "files", str(write_sequence(tmp_path / "in", 1)), *options]) == 0
-    assert "\nNumPy (float32 oracle); " in capsys.readouterr().out
 
 
 def between(low: float, median: float, high: float) -> Interval:

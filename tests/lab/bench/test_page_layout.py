@@ -12,12 +12,17 @@ from tests.lab.bench.browser import Browser, choose, missing
 pytestmark = pytest.mark.skipif(missing() is not None, reason=missing() or "")
 
 
-@pytest.mark.parametrize("width", [1280, 400])
-def test_nothing_is_wider_than_the_page(window: Browser, width: int) -> None:
+def drawn_at(window: Browser, width: int) -> None:
+    """Wait until the front is drawn anew for a page of this width."""
     window.size(width, 900)
     window.until(
         "const f = document.getElementById('front');return f.firstChild.viewBox.baseVal.width === f.clientWidth"
     )
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+def test_nothing_is_wider_than_the_page(window: Browser, width: int) -> None:
+    drawn_at(window, width)
     assert window.run("return document.documentElement.scrollWidth") == width
     smallest = window.run(
         "return Math.min(...[...document.querySelectorAll('#front text')].map(t => t.getBoundingClientRect().height))"
@@ -56,10 +61,7 @@ def overlaps(boxes: list[list[float]]) -> list[tuple[list[float], list[float]]]:
 
 @pytest.mark.parametrize("width", [1280, 400])
 def test_no_name_covers_another(window: Browser, width: int) -> None:
-    window.size(width, 900)
-    window.until(
-        "const f = document.getElementById('front');return f.firstChild.viewBox.baseVal.width === f.clientWidth"
-    )
+    drawn_at(window, width)
     boxes = window.run(NAMES)
     assert boxes
     assert not overlaps(boxes)
@@ -82,10 +84,7 @@ def test_no_name_of_wide_letters_covers_another_wherever_the_points_lie(window: 
 
 @pytest.mark.parametrize("width", [1280, 400])
 def test_no_name_covers_the_axis(window: Browser, width: int) -> None:
-    window.size(width, 900)
-    window.until(
-        "const f = document.getElementById('front');return f.firstChild.viewBox.baseVal.width === f.clientWidth"
-    )
+    drawn_at(window, width)
     window.run("report.sequences[0].cells.forEach((c) => { c.variant += ' x'.repeat(100); }); drawFront()")
     left = window.run(
         "return [...document.querySelectorAll('#front .point text')].map(t => t.getBoundingClientRect().left)"

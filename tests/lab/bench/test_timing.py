@@ -57,11 +57,6 @@ def test_interval_holds_the_truth_about_as_often_as_it_says() -> None:
     assert 365 <= held <= 398  # seen: 374
 
 
-def test_interval_is_the_same_each_time() -> None:
-    values = np.random.default_rng(3).random(21)
-    assert interval(values) == interval(values)
-
-
 @pytest.mark.parametrize(
     ("control", "noisy"),
     [
@@ -87,7 +82,7 @@ def test_one_of_many_copies_may_differ_by_chance() -> None:
 
 def test_the_sign_test_gives_its_binomial_chances() -> None:
     assert sign_test(np.array([1.1] * 5)) == pytest.approx(2 / 2**5)
-    assert sign_test(np.array([0.9, 1.1, 1.1, 1.0])) == pytest.approx(2 * (1 + 3) / 2**3)
+    assert sign_test(np.array([0.9, 1.1, 1.1, 1.0])) == pytest.approx(2 * (1 + 3) / 2**3)  # a tie is on neither side
     assert sign_test(np.array([0.9, 1.1])) == 1.0
 
 
@@ -206,10 +201,6 @@ def test_device_times_are_used_where_there_are_any() -> None:
     assert samples.has("b", Clock.DEVICE)
     samples.add("shader", Sample(1.0))
     assert not samples.has("shader", Clock.DEVICE)
-
-
-def test_equal_times_are_on_neither_side() -> None:
-    assert sign_test(np.array([1.0, 1.0, 1.0, 2.0, 2.0])) == sign_test(np.array([2.0, 2.0])) == 0.5
 
 
 def test_it_says_what_the_numbers_depend_on(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ def test_each_is_judged_as_it_is_alone(capsys: pytest.CaptureFixture[str], captu
     options = ("--metrics", "mse,psnr", "--video")
     alone = [run_json(capsys, path, capture, *options) for path in (resolved, truth)]
     assert run_json(capsys, resolved, truth, capture, *options)["compared"] == alone
-    assert main(["compare", str(resolved), str(truth), str(capture), *options]) == 0
+    assert main(["compare", str(resolved), str(truth), str(capture), str(capture), *options]) == 0
     lines = capsys.readouterr().out.splitlines()
     rows = {
         cells[1].strip(): [cell.strip() for cell in cells[2:-1]]
@@ -36,6 +36,7 @@ def test_each_is_judged_as_it_is_alone(capsys: pytest.CaptureFixture[str], captu
     assert rows[str(resolved)][-1] == f"{samples:.1f}"
     assert rows[str(truth)][1] == "identical"
     assert rows["one sample"][0] == f"{alone[0]['mean_one_sample']['mse']:.4g}"
+    assert rows[str(capture)] == [*rows["one sample"][:-1], "–"]  # as one of several
     assert len(rows[str(resolved)]) == 2 + 4 + 1
 
 
@@ -57,13 +58,6 @@ def test_a_broken_single_sample_does_not_keep_its_resolve_from_being_judged(
         found[value].pop("reference")
     first, *others = found.values()
     assert others == [first, first]
-
-
-def test_single_samples_are_one_of_several(capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path) -> None:
-    assert main(["compare", str(capture), str(resolved), str(capture), "--metrics", "mse"]) == 0
-    rows = [line.split("│") for line in capsys.readouterr().out.splitlines() if "│" in line]
-    cells = {row[1].strip(): [cell.strip() for cell in row[2:-1]] for row in rows}
-    assert cells[str(capture)] == [cells["one sample"][0], "–"]
 
 
 def test_several_must_be_of_the_same_frames(

@@ -47,7 +47,6 @@ def test_goals_are_parsed() -> None:
         (None, None, "mse"),
         ("5ms", "mse=1", "mse"),
         ("five", None, "mse"),
-        ("5", None, "mse"),
         ("5s", None, "mse"),
         ("-1ms", None, "mse"),
         ("5ms", None, "psnr"),
