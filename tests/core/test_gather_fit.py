@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Camera, Effect, Frame
 from cltaa.reference.gather_fit import SampleSums, fit_at_centre
 from cltaa.reference.real import quiet
-from tests.kernels.test_resolve import differing, hard_frames
 from tests.sequence_factory import make_camera, make_frame
 
 PLACES = [(0.0, 0.0), (0.4, 0.1), (-0.3, 0.45), (0.25, 0.35), (0.45, -0.1)]  # not centred: they mean (0.16, 0.16)
@@ -21,13 +19,6 @@ PLACES = [(0.0, 0.0), (0.4, 0.1), (-0.3, 0.45), (0.25, 0.35), (0.45, -0.1)]  # n
 def gathering(**changes: object) -> Preset:
     values = {"history": "frames", "history_frames": 7, "current_filter": "none", **changes}
     return override(load_preset(), {"weighting": "none", "illumination": "static", **values})
-
-
-@pytest.mark.parametrize(
-    ("lanes", "changes"), [(8, {}), (1, {"rectify": "none", "reject": "none", "weighting": "none"})]
-)
-def test_strict_kernel_is_its_twin(lanes: int, changes: dict[str, object]) -> None:
-    assert differing({"history": "frames", **changes}, list(hard_frames(count=4)), lanes, 7) == 0
 
 
 def ramp(index: int) -> Frame:

@@ -34,6 +34,7 @@ def still(index: int, effects: frozenset[Effect] | None = frozenset({Effect.CAME
 @pytest.mark.parametrize(
     ("changes", "lanes"),
     [
+        ({}, 8),
         ({"rectify": "none", "reject": "none"}, 8),
         ({"history_frames": 1, "weighting": "none", "alpha_from": "current"}, 1),
         ({"tonemap": "peak", "rectify": "ellipsoid", "box": "variance", "current_filter": "lanczos"}, 8),

@@ -131,15 +131,6 @@ def test_a_mask_that_the_preset_ignores_changes_nothing() -> None:
         assert np.array_equal(bits(masked.resolve(replace(frame, reactive=mask))), bits(bare.resolve(frame)))
 
 
-def test_alpha_is_resolved_with_colour() -> None:
-    resolver = Resolver()
-    for index in range(3):
-        resolved = resolver.resolve(make_frame(index, alpha=True, effects=None))
-    assert resolved.shape[-1] == 4
-    assert resolved[..., 3].min() >= 0.0
-    assert resolved[..., 3].max() <= 1.0
-
-
 @pytest.mark.parametrize("preset", ["default", "gather-8", "gather-48"])
 def test_a_frame_that_was_interrupted_is_resolved_to_the_same_bits(
     preset: str, monkeypatch: pytest.MonkeyPatch

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from cltaa.cli import main
-from cltaa.errors import UsageError
 from cltaa.frame import Effect
 from cltaa_datasets import textures
 from cltaa_datasets.registry import SCENES
@@ -100,11 +99,6 @@ def test_the_seed_changes_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(painter, "__defaults__", defaults)
     for name in NAMES:
         assert texels(build_scene(name, 0)) != texels(build_scene(name, 1)), name
-
-
-def test_an_unknown_scene_names_the_nearest() -> None:
-    with pytest.raises(UsageError, match="no such scene: coridor; did you mean corridor"):
-        build_scene("coridor")
 
 
 def test_scenes_are_listed_as_json(capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.errors import DataError, OutputError, UsageError
+from cltaa.errors import DataError, OutputError
 from cltaa.frame import Image
 from cltaa.io.display import GAP, to_picture
 from cltaa.io.exr_write import write_frame, write_image
-from cltaa.io.video import open_video, rate_of, write_pairs, write_video
+from cltaa.io.video import rate_of, write_pairs, write_video
 from tests.sequence_factory import make_frame, write_sequence
 
 # 8-bit limited-range YCbCr has 219 steps of luma and 224 of chroma for 255 of RGB, so a flat colour is off by about
@@ -97,12 +97,6 @@ def test_failures_leave_nothing_behind(tmp_path: Path) -> None:
     with pytest.raises(OutputError):
         write_video(tmp_path / "nowhere" / "a.mp4", [flat((0, 0, 0))])
     assert list(tmp_path.iterdir()) == []
-
-
-def test_missing_extra_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "av", None)
-    with pytest.raises(UsageError, match=r"pip install 'cltaa\[video\]'"), open_video(tmp_path / "a.mp4"):
-        pass
 
 
 def resident_kilobytes() -> int:

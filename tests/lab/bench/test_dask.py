@@ -7,11 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
-from cltaa.errors import UsageError
-from cltaa.lab.bench.cells import run_all
-from tests.lab.bench.accuracy_tasks import task
 from tests.sequence_factory import write_sequence
 
 TASKS = 12
@@ -55,12 +50,3 @@ def test_a_killed_worker_loses_nothing(tmp_path: Path) -> None:
     result = json.loads(done.stdout.splitlines()[-1])
     assert result["killed"] is not None
     assert (result["done"], result["found"], result["same"]) == (TASKS, TASKS, True)
-
-
-def test_no_scheduler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cltaa.pipeline.cluster.PATIENCE", "0.2s")
-    waiting = [task(write_sequence(tmp_path / "seq", 1, reference=True))]
-    with pytest.raises(
-        UsageError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9: .*; start one: dask scheduler"
-    ):
-        list(run_all(waiting, tmp_path, dask="tcp://127.0.0.1:9"))
