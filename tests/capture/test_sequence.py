@@ -207,8 +207,6 @@ def test_fewer_frames_than_were_begun_forget_none(tmp_path: Path) -> None:
     (tmp_path / "sequence.json").write_text(json.dumps(record))
     capture_sequence(replace(request(tmp_path), frames=1))
     assert json.loads((tmp_path / "sequence.json").read_text())["frames"] == FRAMES
-    capture_sequence(replace(request(tmp_path), frames=1, seed=5, reference=0, restart=True))
-    assert [path.name for path in sorted(tmp_path.iterdir())] == ["conveyor.0000.exr", "sequence.json"]
 
 
 def test_what_does_not_run_is_no_other_code() -> None:
@@ -275,24 +273,18 @@ def test_a_restart_that_was_killed_can_be_repeated(tmp_path: Path, monkeypatch: 
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["conveyor.0000.exr", "sequence.json"]
 
 
-def test_restart_deletes_nothing_by_a_damaged_record(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("restart", "record"), [(False, None), (True, None), (True, "{")])
+def test_files_of_another_origin_are_left_alone(tmp_path: Path, restart: bool, record: str | None) -> None:
+    """Also where a record is damaged, so that nobody knows which files are the capture's."""
     stranger = tmp_path / "render.0001.exr"
     stranger.write_bytes(b"precious")
-    (tmp_path / "sequence.json").write_text("{")
-    with pytest.raises(UsageError, match=r"holds EXR files of another origin .*; choose an empty folder"):
-        capture_sequence(replace(request(tmp_path), restart=True))
-    assert stranger.read_bytes() == b"precious"
-    stranger.unlink()
-    assert capture_sequence(replace(request(tmp_path), restart=True)).drawn == FRAMES
-
-
-@pytest.mark.parametrize("restart", [False, True])
-def test_files_of_another_origin_are_left_alone(tmp_path: Path, restart: bool) -> None:
-    stranger = tmp_path / "render.0001.exr"
-    stranger.write_bytes(b"precious")
+    if record is not None:
+        (tmp_path / "sequence.json").write_text(record)
     with pytest.raises(UsageError, match=r"holds EXR files of another origin .*; choose an empty folder"):
         capture_sequence(replace(request(tmp_path), restart=restart))
     assert stranger.read_bytes() == b"precious"
+    stranger.unlink()
+    assert capture_sequence(replace(request(tmp_path), restart=restart)).drawn == FRAMES
 
 
 @pytest.mark.parametrize(

@@ -220,10 +220,6 @@ def test_the_variable_may_ask_for_numpy_too(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_unknown_names_are_refused() -> None:
-    with pytest.raises(UsageError, match=r"unknown preset nonsense; known presets: .*default"):
-        Resolver("nonsense")
-    with pytest.raises(UsageError, match="no OpenCL device matches nonsense"):
-        Resolver(device="nonsense")
     assert override(load_preset(), {"box_scale_static": np.float32(2)}).settings.box_scale_static == 2.0
     with pytest.raises(UsageError, match=r"no such storage halff; did you mean half\?"):
         Resolver(storage="halff")  # type: ignore[arg-type]
@@ -303,14 +299,6 @@ def test_one_pixel_of_depth_is_enough() -> None:
     depth = np.full_like(frame.depth, np.nan)
     depth[1, 1] = 4.0
     Resolver(device="numpy").resolve(replace(frame, depth=depth))
-
-
-def test_infinite_motion_is_reported() -> None:
-    frame = make_frame(0, motion=True)
-    assert frame.motion is not None
-    frame.motion[3, 3] = np.inf, 0.0
-    with pytest.warns(UserWarning, match="motion is infinite in places"):
-        Resolver(device="numpy").resolve(frame)
 
 
 @pytest.mark.parametrize("kind", [np.float16, np.float32, np.longdouble, ">f8", np.int64])
@@ -528,14 +516,10 @@ def test_an_exposure_in_half_precision_is_a_number(recwarn: pytest.WarningsRecor
 
 def test_the_last_frame_shows_what_was_decided() -> None:
     resolver = Resolver(device="numpy")
-    with pytest.raises(UsageError, match="nothing was resolved"):
-        resolver.debug("count")
     resolver.resolve(make_frame(0))
     found = resolver.debug("count", "motion")
     assert {name: image.shape for name, image in found.items()} == {"count": (23, 37), "motion": (23, 37, 2)}
     assert (found["count"] == 1).all()
-    with pytest.raises(UsageError, match=r"debug: unknown view cont; did you mean count\?"):
-        resolver.debug("cont")
 
 
 def test_a_frame_that_its_result_overwrote_shows_nothing() -> None:

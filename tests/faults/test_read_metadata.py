@@ -47,10 +47,6 @@ CASES: list[tuple[dict[str, object], str]] = [
     ({"viewToClip": 60.0}, "viewToClip is wrong"),
     ({"worldToView": np.eye(3)}, "expected M44d, found float64[3, 3]"),
     ({"worldToView": with_entry(VIEW, 3, 0, NAN)}, "worldToView holds NaN or infinity; write the frame again"),
-    ({"worldToView": with_entry(VIEW, 0, 0, INF)}, "worldToView holds NaN or infinity"),
-    ({"worldToView": with_entry(VIEW, 3, 3, NAN)}, "worldToView holds NaN or infinity"),
-    ({"viewToClip": with_entry(CLIP, 2, 2, NAN)}, "viewToClip holds NaN or infinity"),
-    ({"viewToClip": with_entry(CLIP, 0, 0, -INF)}, "viewToClip holds NaN or infinity"),
     ({"worldToView": np.zeros((4, 4))}, "found inf); write the frame again"),
     ({"worldToView": with_entry(VIEW, 1, 1, 0.0)}, "worldToView cannot be inverted"),
     ({"worldToView": np.ones((4, 4))}, "worldToView cannot be inverted"),
@@ -59,11 +55,7 @@ CASES: list[tuple[dict[str, object], str]] = [
     ({"viewToClip": perspective(5.0, 5.0)}, "viewToClip holds NaN or infinity"),  # near = far
     ({"viewToClip": perspective(0.0, 100.0)}, "viewToClip cannot be inverted"),  # near = 0
     ({"viewToClip": perspective(0.1, INF)}, "viewToClip holds NaN or infinity"),  # inf / inf
-    ({"worldToView": VIEW.T.copy()}, "worldToView has a wrong last row"),
-    ({"viewToClip": CLIP.T.copy()}, "viewToClip has a wrong last row"),
     ({"viewToClip": np.diag([1.0, 1.0, -1.0, -1.0])}, "viewToClip has a wrong last row"),
-    ({"viewToClip": -CLIP}, "viewToClip has a wrong last row"),  # everything in front would be behind
-    ({"worldToView": np.diag([1.0, 1.0, -1.0, 1.0])}, "mirrors the world"),
     ({"jitterPx": np.array([0.0, 2.5])}, "jitterPx is no jitter"),
     ({"jitterPx": np.array([-2.001, 0.0])}, "jitterPx is no jitter"),
     ({"jitterPx": np.array([NAN, 0.0])}, "jitterPx is no jitter"),
@@ -102,13 +94,6 @@ def test_text_of_a_megabyte_is_not_repeated_in_the_message(tmp_path: Path) -> No
         line = refusal(written(tmp_path, **{name: "x" * 2**20}))
         assert name in line
         assert len(line) < 500
-
-
-def test_camera_far_from_the_origin_is_sound(tmp_path: Path) -> None:
-    """10^7 m out, the inverse is still exact to 1e-9, a thousandth of what is refused."""
-    far = EYE.copy()
-    far[3, :3] = (1e7, -1e7, 1e7)
-    np.testing.assert_array_equal(read_frame(written(tmp_path, worldToView=far)).camera.world_to_view, far.T)
 
 
 @pytest.mark.parametrize("clip", [perspective(100.0, 0.1), perspective(0.1, 1e30), perspective(-0.1, -100.0)])

@@ -294,6 +294,7 @@ def test_what_cannot_be_given_to_workers_is_refused(
         said = capsys.readouterr().err
         assert said.startswith(f"cltaa: error: {told}"), said
         assert said.count("\n") == 1
+    assert said.endswith("; start one: dask scheduler\n")
     with pytest.raises(UsageError, match=r"workers open devices by name \(expected a name, found <.*Numpy"):
         cltaa.resolve(shot, tmp_path / "out", "gather-8", NumpyLauncher(), dask="tcp://127.0.0.1:9")
     monkeypatch.setitem(sys.modules, "distributed", None)
