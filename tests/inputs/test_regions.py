@@ -31,6 +31,7 @@ WIDTH, HEIGHT = 48, 36
 LEFT, TOP, COLUMNS, ROWS = 9, 5, 30, 24
 WHOLE = (0, 0, WIDTH - 1, HEIGHT - 1)
 REGION = (LEFT, TOP, LEFT + COLUMNS - 1, TOP + ROWS - 1)
+PART = slice(TOP, TOP + ROWS), slice(LEFT, LEFT + COLUMNS)  # of the whole, the region
 MARGIN = 5  # pixels from the edge of a region that its outside reaches: half a pixel of travel a frame, and filters
 
 
@@ -76,11 +77,11 @@ def test_region_resolves_to_the_region_of_the_whole(tmp_path: Path) -> None:
     part = resolved(write_region(tmp_path / "part", REGION), tmp_path / "part-out")
     assert part.shape == (ROWS, COLUMNS, 3)
     inner = slice(MARGIN, ROWS - MARGIN), slice(MARGIN, COLUMNS - MARGIN)
-    there = whole[TOP : TOP + ROWS, LEFT : LEFT + COLUMNS]
+    there = whole[PART]
     # Positions are rounded to float32 from another centre. Seen: 5.2e-6, and 1.8e-7 from 7 pixels inside on.
     np.testing.assert_allclose(part[inner], there[inner], atol=2e-5)
     frame = moving(3)
-    assert np.abs(there - frame.colour[TOP : TOP + ROWS, LEFT : LEFT + COLUMNS]).max() > 0.01  # it did something
+    assert np.abs(there - frame.colour[PART]).max() > 0.01  # it did something
 
 
 def test_camera_of_a_region_moves_as_that_of_the_whole(tmp_path: Path) -> None:
@@ -131,7 +132,7 @@ def test_overscan_resolves_as_a_display_window_of_its_size(tmp_path: Path) -> No
 def test_vectors_as_fractions_are_fractions_of_the_display_window(tmp_path: Path) -> None:
     def parts(frame: Frame) -> dict[str, dict[str, np.ndarray]]:
         assert frame.motion is not None
-        colour = {name: frame.colour[TOP : TOP + ROWS, LEFT : LEFT + COLUMNS, i] for i, name in enumerate("RGB")}
+        colour = {name: frame.colour[PART][..., i] for i, name in enumerate("RGB")}
         u = np.full((ROWS, COLUMNS), 1.5 / WIDTH, np.float32)
         v = np.full((ROWS, COLUMNS), -0.5 / HEIGHT, np.float32)
         return {"rgba": colour, "motion": {"backward.u": u, "backward.v": v}}
@@ -170,15 +171,12 @@ def test_regions_that_wander_are_parts_of_one_picture(on_resize: OnBreak, tmp_pa
         shown[TOP : TOP + ROWS, left : left + COLUMNS] = True
         np.testing.assert_array_equal(np.isfinite(frame.depth), shown)
         assert not frame.colour[~shown].any()
-    np.testing.assert_array_equal(first.colour[TOP : TOP + ROWS, LEFT : LEFT + COLUMNS], moving(0).colour[PART])
+    np.testing.assert_array_equal(first.colour[PART], moving(0).colour[PART])
     np.testing.assert_array_equal(last.colour[TOP : TOP + ROWS, LEFT + 1 : LEFT + 1 + COLUMNS], moving(3).colour[PART])
     np.testing.assert_array_equal(last.camera.view_to_clip, moving(3).camera.view_to_clip)
     change_last(folder, REGION, (0, 0, WIDTH, HEIGHT - 1))
     with pytest.raises(DataError, match=r"a.0003.exr frame 3: shows another region.*of 48 x 36.*of 49 x 36"):
         open_input(folder, on_resize=on_resize)
-
-
-PART = slice(TOP, TOP + ROWS), slice(LEFT, LEFT + COLUMNS)
 
 
 @pytest.mark.parametrize("own", [True, False])
@@ -230,7 +228,6 @@ def test_a_truth_of_the_whole_is_one_of_a_region_too(
 ) -> None:
     """In the sequence's own folder, or where --truth says, and whoever wrote it."""
     part, whole = write_region(tmp_path / "part", REGION), write_region(tmp_path / "whole", WHOLE)
-    inner = slice(TOP, TOP + ROWS), slice(LEFT, LEFT + COLUMNS)
     for place, folder in ((str(whole), None), (None, part / "reference")):
         if folder is not None:
             whole.rename(folder)
@@ -238,7 +235,7 @@ def test_a_truth_of_the_whole_is_one_of_a_region_too(
         truth = truth_of(sequence)
         assert truth.layouts[0].size == sequence.layouts[0].size
         for images in (truth, truth.select(2, 3)):
-            np.testing.assert_array_equal(images.image(2), moving(2).colour[inner])
+            np.testing.assert_array_equal(images.image(2), moving(2).colour[PART])
         assert truth.select(2, 3).numbers == (2, 3)
     (part / "reference").rename(part / "reference-4")
     assert open_yardsticks(open_input(part))[4].layouts[0].region == REGION
@@ -265,21 +262,20 @@ def test_rays_of_a_region_are_those_of_the_whole(tmp_path: Path) -> None:
     camera = read_frame(write_region(tmp_path / "in", REGION) / "a.0003.exr").camera
     whole = ray_length((HEIGHT, WIDTH), moving(3).camera, (0.2, -0.3))
     found = ray_length((ROWS, COLUMNS), camera, (0.2, -0.3))
-    np.testing.assert_allclose(found, whole[TOP : TOP + ROWS, LEFT : LEFT + COLUMNS], rtol=1e-12)
+    np.testing.assert_allclose(found, whole[PART], rtol=1e-12)
 
 
 def test_a_set_of_files_may_hold_more_than_the_picture_or_less(tmp_path: Path) -> None:
     frame, depth = moving(0), tmp_path / "in" / "depth" / "a.0000.exr"
-    part = slice(TOP, TOP + ROWS), slice(LEFT, LEFT + COLUMNS)
-    colour = {name: frame.colour[..., place][part] for place, name in enumerate("RGB")}
+    colour = {name: frame.colour[..., place][PART] for place, name in enumerate("RGB")}
     for path in (depth, tmp_path / "in" / "beauty" / "a.0000.exr"):
         path.parent.mkdir(parents=True)
     write_image(path, colour, windows=(REGION, WHOLE))
     write_image(depth, {"Z": frame.depth}, windows=(WHOLE, WHOLE))
-    np.testing.assert_array_equal(open_input(tmp_path / "in").frame(0).depth, frame.depth[part])
+    np.testing.assert_array_equal(open_input(tmp_path / "in").frame(0).depth, frame.depth[PART])
     write_image(depth, {"Z": frame.depth[:, 20:]}, windows=((20, 0, *WHOLE[2:]), WHOLE))
     found = open_input(tmp_path / "in").frame(0).depth
-    np.testing.assert_array_equal(found[:, 20 - LEFT :], frame.depth[part][:, 20 - LEFT :])
+    np.testing.assert_array_equal(found[:, 20 - LEFT :], frame.depth[PART][:, 20 - LEFT :])
     assert np.isinf(found[:, : 20 - LEFT]).all()
     half = (0, 0, WIDTH // 2 - 1, HEIGHT // 2 - 1)
     write_image(depth, {"Z": frame.depth[::2, ::2]}, windows=(half, half))

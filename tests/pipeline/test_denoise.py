@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,17 @@ from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.guides import guides_of
 from cltaa.pipeline.denoise import denoiser
 from tests.sequence_factory import make_frame
+
+
+def install(monkeypatch: pytest.MonkeyPatch, denoise: Callable[..., Any]) -> None:
+    """Let ``denoise`` stand for the denoiser's own."""
+    monkeypatch.setitem(sys.modules, "pyoidn", SimpleNamespace(denoise=denoise))
+
+
+def denoised(tmp_path: Path, *options: str) -> list[str]:
+    """The command that denoises and resolves ``in`` into ``out``."""
+    places = [str(tmp_path / "in"), "-o", str(tmp_path / "out")]
+    return ["resolve", *places, "--device", "numpy", "--denoise", "oidn", *options]
 
 
 @pytest.mark.parametrize(
@@ -61,9 +72,7 @@ def test_each_frame_is_denoised_before_the_resolve(
         assert np.isfinite(colour).all()
         return colour / 2
 
-    stub = ModuleType("pyoidn")
-    monkeypatch.setattr(stub, "denoise", halve, raising=False)
-    monkeypatch.setitem(sys.modules, "pyoidn", stub)
+    install(monkeypatch, halve)
     (tmp_path / "in").mkdir()
     for index in range(2):
         write_frame(tmp_path / "in" / f"a.{index:04d}.exr", make_frame(index, normal=True))
@@ -116,9 +125,7 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
         given.append(guides)
         return colour.copy()
 
-    stub = ModuleType("pyoidn")
-    monkeypatch.setattr(stub, "denoise", look, raising=False)
-    monkeypatch.setitem(sys.modules, "pyoidn", stub)
+    install(monkeypatch, look)
     return given
 
 
@@ -127,8 +134,7 @@ def test_guides_are_found_in_files_beside_the_colour(
     name: str, tmp_path: Path, seen: list[dict[str, Any]], capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_passes(tmp_path / "in", name, 2)
-    command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--denoise", "oidn"]
-    assert main(command) == 0
+    assert main(denoised(tmp_path)) == 0
     assert [{role: (image.shape, image.flat[0]) for role, image in each.items()} for each in seen] == [
         {"albedo": ((6, 8, 3), 0.5), "normal": ((6, 8, 3), 0.75)}
     ] * 2
@@ -140,12 +146,11 @@ def test_changed_guide_files_refuse_to_resume(
     jobs: list[str], tmp_path: Path, seen: list[dict[str, Any]], capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_passes(tmp_path / "in", "{}", 3)
-    command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", *jobs]
-    assert main([*command, "--denoise", "oidn"]) == 0
+    assert main(denoised(tmp_path, *jobs)) == 0
     assert {*map(len, seen)} == {2}
     assert len({path.name for path in (tmp_path / "out").glob("*.exr")}) == 3
     write_image(tmp_path / "in" / "albedo.0001.exr", dict.fromkeys("RGB", np.zeros((6, 8), np.float32)))
-    assert main([*command, "--denoise", "oidn"]) != 0
+    assert main(denoised(tmp_path, *jobs)) != 0
     assert "its other files, matrices, jitter or exposure are not those" in capsys.readouterr().err
 
 
@@ -154,7 +159,6 @@ def test_guides_that_a_frame_lacks_guide_none(
 ) -> None:
     """No file, no channel, whole numbers, another picture: the line says what, and the other guide stays."""
     write_passes(tmp_path / "in", "{}", 3)
-    command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--denoise", "oidn"]
     normal, albedo = (tmp_path / "in" / f"{name}.0002.exr" for name in ("normal", "albedo"))
     grey = np.zeros((6, 8), np.float32)
     breaks: list[tuple[Callable[[], object], str]] = [
@@ -166,11 +170,11 @@ def test_guides_that_a_frame_lacks_guide_none(
     for broken, told in breaks:
         broken()
         seen.clear()
-        assert main([*command, "--restart"]) == 0
+        assert main(denoised(tmp_path, "--restart")) == 0
         assert f"no normal ({normal}: {told})" in capsys.readouterr().err
         assert [sorted(each) for each in seen] == [["albedo"]] * 3
     albedo.unlink()
-    assert main([*command, "--restart"]) == 0
+    assert main(denoised(tmp_path, "--restart")) == 0
     assert {*map(len, seen[3:])} == {0}
 
 
@@ -183,8 +187,7 @@ def test_guides_in_files_beside_are_those_of_the_colours_view(
     for name in ("beauty", "albedo"):
         planes = {f"{layer}{c}": np.full((6, 8), at, np.float32) for layer, at in values.items() for c in "RGB"}
         write_image(tmp_path / "in" / f"{name}.0001.exr", planes, {"multiView": ["left", "right"]})
-    command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--denoise", "oidn"]
-    assert main([*command, "--input", f"colour.view={view}"]) == 0
+    assert main(denoised(tmp_path, "--input", f"colour.view={view}")) == 0
     assert seen[0]["albedo"].flat[0] == np.float32(values["" if view == "left" else "right."])
 
 
@@ -198,11 +201,10 @@ def test_guides_and_depth_come_from_the_colours_folder(
         for name, axes in (("beauty", "RGB"), ("albedo", "RGB"), ("depth", "Z")):
             planes = {axis: np.full((6, 8), level, np.float32) for axis in axes}
             write_image(tmp_path / "in" / folder / f"{name}.0001.exr", planes)
-    command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--denoise", "oidn"]
-    assert main(command) != 0
+    assert main(denoised(tmp_path)) != 0
     option = "colour.channels='left.beauty.R left.beauty.G left.beauty.B'"
     assert f"--input {option}" in capsys.readouterr().err
-    assert main([*command, "--input", option.replace("left", place).replace("'", "")]) == 0
+    assert main(denoised(tmp_path, "--input", option.replace("left", place).replace("'", ""))) == 0
     assert seen[0]["albedo"].flat[0] == np.float32(value)
     assert f"depth {place}.depth.Z" in capsys.readouterr().err
 
@@ -220,8 +222,7 @@ def test_what_guides_is_all_that_is_read_for_it(
         return loaded(path, *given, **named)
 
     monkeypatch.setattr(exr_read, "loaded_parts", counted)
-    command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--effects", "all"]
-    assert main([*command, "--denoise", "oidn"]) == 0
+    assert main(denoised(tmp_path, "--effects", "all")) == 0
     assert sorted(opened) == ["albedo.0000.exr", "beauty.0000.exr", "normal.0000.exr"]
     assert len(seen) == 1
 
@@ -245,9 +246,7 @@ def test_a_denoiser_that_fails_names_the_frame(monkeypatch: pytest.MonkeyPatch) 
     def fail(*_: Any, **__: Any) -> None:
         raise RuntimeError("out of memory")
 
-    stub = ModuleType("pyoidn")
-    monkeypatch.setattr(stub, "denoise", fail, raising=False)
-    monkeypatch.setitem(sys.modules, "pyoidn", stub)
+    install(monkeypatch, fail)
     denoise = denoiser("oidn")
     assert denoise is not None
     with pytest.raises(DataError, match="frame 7: the denoiser failed: out of memory"):

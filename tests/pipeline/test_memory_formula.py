@@ -40,25 +40,20 @@ from tests.sequence_factory import make_frame, write_sequence
 PLAIN = Steps(own_motion=False)
 
 
-class Counting(NumpyLauncher):
-    """A launcher that counts the bytes it was asked for."""
-
-    def __init__(self) -> None:
-        self.allocated = 0
-
-    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
-        self.allocated += int(np.prod(shape)) * np.dtype(dtype).itemsize
-        return super().allocate(shape, dtype)
-
-
-class CountingDevice(DeviceLauncher):
-    """The same of a device."""
+class Allocations:
+    """What a launcher was asked for, in bytes."""
 
     allocated = 0
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
         self.allocated += int(np.prod(shape)) * np.dtype(dtype).itemsize
-        return super().allocate(shape, dtype)
+        return super().allocate(shape, dtype)  # type: ignore[misc, no-any-return]
+
+
+class Counting(Allocations, NumpyLauncher): ...
+
+
+class CountingDevice(Allocations, DeviceLauncher): ...
 
 
 @pytest.mark.parametrize("channels", [{}, {"motion": True}, {"alpha": True, "reactive": True}], ids=str)
