@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from cltaa.cli import main
 from cltaa.inputs.intake import first_frames
-from cltaa.io.exr_write import write_image
 from cltaa.lab.check.jitter import MOST_FRAMES
 from cltaa.lab.check.report import FRAMES
+from tests.inputs.foreign import write_colour, write_depth
 from tests.sequence_factory import make_frame, write_sequence
 
 MOST = max(FRAMES, MOST_FRAMES) + 1
@@ -75,17 +74,9 @@ def test_resolve_and_compare_count_the_frames(
 @pytest.fixture
 def passes(tmp_path: Path) -> Path:
     """Passes in files of their own, of which the depth begins a frame early, as a simulation's does."""
-    folder = tmp_path / "passes"
-    folder.mkdir()
-    for index in range(4):
-        frame = make_frame(index)
-        write_image(folder / f"depth.{index:04d}.exr", {"Z": frame.depth})
-        if index:
-            write_image(
-                folder / f"beauty.{index:04d}.exr",
-                {name: np.ascontiguousarray(frame.colour[..., place]) for place, name in enumerate("RGB")},
-            )
-    return folder
+    frames = [make_frame(index) for index in range(4)]
+    write_depth(tmp_path / "passes", frames)
+    return write_colour(tmp_path / "passes", frames[1:], "beauty")
 
 
 def test_a_count_is_of_frames_that_can_be_read(

@@ -16,7 +16,7 @@ from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.open import open_input
 from cltaa.io.exr_frame import Pixels, frame_planes
 from cltaa.io.exr_write import write_image
-from tests.sequence_factory import make_camera, make_frame
+from tests.sequence_factory import make_camera, make_frame, write_images
 
 
 def frames(count: int = 3) -> list[Frame]:
@@ -97,11 +97,16 @@ def side_text(frames: Sequence[Frame]) -> str:
 
 def write_colour(folder: Path, made: list[Frame], name: str = "picture", rows: int | None = None) -> Path:
     """Files of R G B alone, of the first ``rows`` rows; the folder."""
+    for frame in made:
+        write_images(folder, [frame.colour[:rows]], name=name, first=frame.index)
+    return folder
+
+
+def write_depth(folder: Path, made: list[Frame], name: str = "depth", channels: str = "Z") -> None:
+    """Files of depth alone, in each of ``channels``."""
     folder.mkdir(parents=True, exist_ok=True)
     for frame in made:
-        channels = {channel: np.ascontiguousarray(frame.colour[:rows, :, i]) for i, channel in enumerate("RGB")}
-        write_image(folder / f"{name}.{frame.index:04d}.exr", channels)
-    return folder
+        write_image(folder / f"{name}.{frame.index:04d}.exr", dict.fromkeys(channels, frame.depth))
 
 
 def read(folder: Path, *assignments: str, profile: str = "auto", side: Path | None = None) -> list[Frame]:

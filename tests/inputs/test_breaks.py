@@ -14,7 +14,7 @@ from cltaa.cli import main
 from cltaa.inputs.intake import open_intake
 from cltaa.io.exr_read import read_image
 from cltaa.io.exr_write import write_image
-from tests.inputs.foreign import frames, side_text, write_blender, write_colour
+from tests.inputs.foreign import frames, side_text, write_blender, write_colour, write_depth
 
 
 def resolved(folder: Path, *more: str) -> int:
@@ -107,8 +107,7 @@ def test_a_step_of_blender_is_one_history(tmp_path: Path, capsys: pytest.Capture
 def test_a_depth_that_is_missing_is_a_gap(tmp_path: Path) -> None:
     made = frames(4)
     write_colour(tmp_path / "shot", made, "beauty")
-    for frame in [made[0], made[2], made[3]]:
-        write_image(tmp_path / "shot" / f"depth.{frame.index:04d}.exr", {"Z": frame.depth})
+    write_depth(tmp_path / "shot", [made[0], made[2], made[3]])
     assert resolved(tmp_path / "shot") == 66
     assert resolved(tmp_path / "shot", "--gaps", "reset") == 0
     assert len(list(Path(f"{tmp_path}/shot-out").glob("*.exr"))) == 3
@@ -153,9 +152,8 @@ def test_a_sequence_that_grows_is_gone_on_with(tmp_path: Path, capsys: pytest.Ca
 
 def test_another_depth_beside_a_finished_frame_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     made = frames(3)
-    for frame in made:
-        write_colour(tmp_path / "shot", [frame], "beauty")
-        write_image(tmp_path / "shot" / f"depth.{frame.index:04d}.exr", {"Z": frame.depth})
+    write_colour(tmp_path / "shot", made, "beauty")
+    write_depth(tmp_path / "shot", made)
     assert resolved(tmp_path / "shot") == 0
     write_image(tmp_path / "shot" / "depth.0001.exr", {"Z": made[2].depth + np.float32(1)})
     assert resolved(tmp_path / "shot") == 65
@@ -183,13 +181,9 @@ def test_an_attribute_asked_for_by_name_must_be_there(
 
 
 def test_a_channel_that_one_frame_lacks_may_be_done_without(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    made = frames(3)
     (tmp_path / "shot").mkdir()
-    for frame in made:
-        channels = {name: frame.colour[..., place] for place, name in enumerate("RGB")}
-        write_image(
-            tmp_path / "shot" / f"a.{frame.index:04d}.exr", channels | ({"Z": frame.depth} if frame.index != 1 else {})
-        )
+    for number, names in enumerate(("RGBZ", "RGB", "RGBZ")):
+        write_image(tmp_path / "shot" / f"a.{number:04d}.exr", dict.fromkeys(names, np.ones((4, 4), np.float32)))
     assert resolved(tmp_path / "shot") == 65
     assert "do without: --input depth.channels='none'" in capsys.readouterr().err
     assert resolved(tmp_path / "shot", "--input", "depth.channels=none", "--restart") == 0

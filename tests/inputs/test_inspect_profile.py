@@ -14,10 +14,9 @@ from cltaa.cli import root
 from cltaa.core.build import Steps
 from cltaa.core.resolver import Resolver
 from cltaa.inputs.open import open_input
-from cltaa.io.exr_write import write_image
 from cltaa.pipeline.folder import of_whole
 from cltaa.pipeline.memory import DevicePlanes, of_sequence
-from tests.inputs.foreign import write_blender, write_colour, write_parts
+from tests.inputs.foreign import write_blender, write_colour, write_depth, write_parts
 from tests.sequence_factory import make_frame
 
 BLENDER = Path(__file__).parents[1] / "thirdparty" / "recorded" / "blender"
@@ -132,10 +131,9 @@ def test_every_damaged_file_of_another_tool_is_listed(tmp_path: Path) -> None:
 
 
 def test_damage_in_files_beside_the_colour_is_listed(tmp_path: Path) -> None:
-    for frame in (make_frame(number) for number in (1, 2, 3)):
-        write_colour(tmp_path / "beauty", [frame])
-        (tmp_path / "depth").mkdir(exist_ok=True)
-        write_image(tmp_path / "depth" / f"depth.{frame.index:04d}.exr", {"Z": frame.depth})
+    frames = [make_frame(number) for number in (1, 2, 3)]
+    write_colour(tmp_path / "beauty", frames)
+    write_depth(tmp_path / "depth", frames)
     truncate(tmp_path / "beauty" / "picture.0002.exr")
     truncate(tmp_path / "depth" / "depth.0003.exr")
     (found,) = problems(tmp_path)

@@ -16,7 +16,17 @@ from cltaa.inputs.open import open_input
 from cltaa.inputs.roles import Place, describe
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.exr_write import write_image
-from tests.inputs.foreign import frames, read, side_text, write_blender, write_own, write_parts
+from tests.inputs.foreign import (
+    frames,
+    read,
+    side_text,
+    write_blender,
+    write_colour,
+    write_depth,
+    write_own,
+    write_parts,
+)
+from tests.sequence_factory import write_images
 
 
 def assert_the_same(ours: Frame, theirs: Frame) -> None:
@@ -109,9 +119,7 @@ def test_a_matrix_without_an_inverse_is_reported(assignments: tuple[str, ...], t
 
 
 def test_colour_alone(tmp_path: Path) -> None:
-    for frame in frames():
-        channels = {name: frame.colour[..., place] for place, name in enumerate("RGB")}
-        write_image(tmp_path / f"picture.{frame.index:04d}.exr", channels)
+    write_colour(tmp_path, frames())
     lines = list(intake_lines(open_intake(tmp_path)))
     assert any(line.startswith("no depth") for line in lines)
     assert any("the camera is taken to stand still" in line for line in lines)
@@ -153,13 +161,9 @@ def test_parts_of_an_unknown_writer(tmp_path: Path) -> None:
 def test_files_of_an_engine(tmp_path: Path) -> None:
     """Each buffer in files of its own, all of them with R, G and B; nothing is put together from two of them."""
     made = frames()
-    for frame in made:
-        for name, planes in (
-            ("depth", [frame.depth] * 3),
-            ("image", np.moveaxis(frame.colour, -1, 0)),
-            ("a", [frame.depth]),
-        ):
-            write_image(tmp_path / f"{name}_{frame.index:04d}.exr", dict(zip("RGB", planes, strict=False)))
+    write_colour(tmp_path, made, "image")
+    write_depth(tmp_path, made, channels="RGB")
+    write_depth(tmp_path, made, "a", channels="R")
     intake = open_intake(tmp_path)
     assert list(intake_lines(intake))[1] == "channels: colour image.R image.G image.B; depth depth.R"
     np.testing.assert_array_equal(read(tmp_path)[1].colour, made[1].colour)
@@ -168,14 +172,9 @@ def test_files_of_an_engine(tmp_path: Path) -> None:
 
 def test_a_folder_for_each_channel_set(tmp_path: Path) -> None:
     made = frames()
-    for frame in made:
-        name = f"shot.{frame.index:04d}.exr"
-        for folder in ("beauty", "depth", "reference"):
-            (tmp_path / folder).mkdir(exist_ok=True)
-        colour = {channel: frame.colour[..., place] for place, channel in enumerate("RGB")}
-        write_image(tmp_path / "beauty" / name, colour)
-        write_image(tmp_path / "reference" / name, {c: plane + 1 for c, plane in colour.items()})
-        write_image(tmp_path / "depth" / name, {"Z": frame.depth})
+    write_colour(tmp_path / "beauty", made, "shot")
+    write_images(tmp_path / "reference", [frame.colour + 1 for frame in made], name="shot")
+    write_depth(tmp_path / "depth", made, "shot")
     intake = open_intake(tmp_path)
     assert {place.files for places in intake.roles.values() for place in places} == {"beauty/shot", "depth/shot"}
     np.testing.assert_array_equal(read(tmp_path)[2].depth, made[2].depth)
@@ -221,12 +220,9 @@ def test_a_frame_that_is_not_asked_for_decides_nothing(first: str, tmp_path: Pat
 def test_passes_that_share_a_folder_are_called_by_their_names(tmp_path: Path) -> None:
     """Of several sets of files in a subfolder its name tells none: depth.Z, and not passes.Z."""
     made = frames()
-    (tmp_path / "passes").mkdir()
-    for frame in made:
-        colour = {channel: frame.colour[..., place] for place, channel in enumerate("RGB")}
-        write_image(tmp_path / "passes" / f"beauty.{frame.index:04d}.exr", colour)
-        write_image(tmp_path / "passes" / f"dist.{frame.index:04d}.exr", {"R": frame.depth, "G": frame.depth})
-        write_image(tmp_path / "passes" / f"depth.{frame.index:04d}.exr", {"Z": frame.depth})
+    write_colour(tmp_path / "passes", made, "beauty")
+    write_depth(tmp_path / "passes", made, "dist", channels="RG")
+    write_depth(tmp_path / "passes", made)
     intake = open_intake(tmp_path)
     assert describe(intake.roles, intake.sets) == "colour beauty.R beauty.G beauty.B; depth depth.Z"
     assert intake.unused == ["dist.G", "dist.R"]
@@ -236,11 +232,8 @@ def test_passes_that_share_a_folder_are_called_by_their_names(tmp_path: Path) ->
 
 def test_hidden_folders_are_no_input(tmp_path: Path) -> None:
     """What a file browser or a backup keeps there is nobody's frame, and may be cut off."""
-    for frame in frames():
-        name = f"shot.{frame.index:04d}.exr"
-        for folder, planes in (("beauty", np.moveaxis(frame.colour, -1, 0)), (".thumbs", [frame.depth] * 3)):
-            (tmp_path / folder).mkdir(exist_ok=True)
-            write_image(tmp_path / folder / name, dict(zip("RGB", planes, strict=True)))
+    write_colour(tmp_path / "beauty", frames(), "shot")
+    write_depth(tmp_path / ".thumbs", frames(), "shot", channels="RGB")
     (tmp_path / ".backup").mkdir()
     (tmp_path / ".backup" / "Z.0000.exr").write_bytes(b"half")
     assert [*open_intake(tmp_path).sets] == ["beauty/shot"]
@@ -249,9 +242,7 @@ def test_hidden_folders_are_no_input(tmp_path: Path) -> None:
 
 def test_what_was_resolved_into_the_folder_is_no_input(tmp_path: Path) -> None:
     made = frames()
-    for frame in made:
-        channels = {name: frame.colour[..., place] for place, name in enumerate("RGB")}
-        write_image(tmp_path / f"shot_{frame.index:04d}.exr", channels)
+    write_colour(tmp_path, made, "shot")
     for _ in range(2):  # "aa" comes before "shot" in the alphabet, and the second run finds it there
         assert main(["resolve", str(tmp_path), "-o", str(tmp_path / "aa"), "--device", "numpy"]) == 0
         np.testing.assert_array_equal(read(tmp_path)[2].colour, made[2].colour)

@@ -17,7 +17,7 @@ from cltaa.io.manifest import file_sha256
 from cltaa.io.sequence import open_images, open_sequence
 from cltaa.lab.judge.metrics import mean, measure
 from tests.inputs.foreign import frames as foreign_frames
-from tests.inputs.foreign import side_text, write_blender, write_colour, write_own
+from tests.inputs.foreign import side_text, write_blender, write_colour, write_depth, write_own
 from tests.lab.judge.test_compare_command import refusal, run_json
 from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame, write_images, write_sequence
 
@@ -210,10 +210,7 @@ def test_a_region_is_judged_against_the_same_region_of_a_capture(
         for samples, share in ((2, 0.7), (16, 0.1)):
             image = truth + np.float32(share) * (sequence.frame(number).colour - truth)
             image[:, :2] = 7  # beside the region
-            planes = {name: np.ascontiguousarray(image[..., place]) for place, name in enumerate("RGB")}
-            folder = capture / f"reference-{samples}"
-            folder.mkdir(exist_ok=True)
-            write_image(folder / f"synthetic.{number:04d}.exr", planes)
+            write_images(capture / f"reference-{samples}", [image], name="synthetic", first=number)
     part = write_region(tmp_path / "part", list(halfway))
     found = run_json(capsys, part, capture)
     truths = [image[:-1, 2:] for image in sequence.reference]
@@ -237,12 +234,9 @@ def refusal_after_note(capsys: pytest.CaptureFixture[str], *arguments: str | Pat
 def test_buffers_of_several_names_in_one_folder_are_read_by_a_profile(
     capsys: pytest.CaptureFixture[str], capture: Path, tmp_path: Path
 ) -> None:
-    dump = tmp_path / "dump"
-    dump.mkdir()
-    for frame in open_sequence(capture):
-        planes = {name: np.ascontiguousarray(frame.colour[..., place]) for place, name in enumerate("RGB")}
-        write_image(dump / f"color.{frame.index:04d}.exr", planes)
-        write_image(dump / f"depth.{frame.index:04d}.exr", {"R": np.ascontiguousarray(frame.depth)})
+    dump, made = tmp_path / "dump", [*open_sequence(capture)]
+    write_colour(dump, made, "color")
+    write_depth(dump, made, channels="R")
     assert main(["compare", str(dump), str(capture), "--json"]) == 0
     said = capsys.readouterr()
     found = json.loads(said.out)
