@@ -6,6 +6,7 @@ that two calls agree to the bit. Sizes default to something odd, so that a swap 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -116,6 +117,14 @@ def write_images(
     return folder
 
 
+def write_frames(folder: Path, frames: Iterable[Frame], name: str = "synthetic") -> Path:
+    """Write frames under their own numbers, and return the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for frame in frames:
+        write_frame(folder / f"{name}.{frame.index:04d}.exr", frame)
+    return folder
+
+
 def write_sequence(
     folder: Path,
     count: int = 3,
@@ -129,10 +138,8 @@ def write_sequence(
     seed: int = 0,
 ) -> Path:
     """Write ``count`` frames (and, if asked, a reference of smooth grey) as a capture would, and return the folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for number in range(first, first + count):
-        frame = make_frame(number, width=width, height=height, motion=motion, seed=seed)
-        write_frame(folder / f"{name}.{number:04d}.exr", frame)
+    numbers = range(first, first + count)
+    write_frames(folder, (make_frame(n, width=width, height=height, motion=motion, seed=seed) for n in numbers), name)
     if reference:
         truth = [np.full((height, width, 3), 0.25 + number / 100, np.float32) for number in range(count)]
         write_images(folder / "reference", truth, name=name, first=first)

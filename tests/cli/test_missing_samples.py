@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.io.exr_write import write_frame
 from tests.inputs.foreign import frames as sound_frames
 from tests.inputs.foreign import write_blender, write_own
-from tests.sequence_factory import HEIGHT, WIDTH, make_frame
+from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_frames
 
 BLOCK = f"36 of {WIDTH * HEIGHT} pixels are without a usable sample: x 5 to 10, y 4 to 9"
 WHOLE = f"frame 3: all {WIDTH * HEIGHT} pixels are without a usable sample"
@@ -28,9 +27,7 @@ def test_each_frame_with_missing_samples_is_named_once(
     for frame in frames[1:3]:
         frame.colour[4:7, 5:11] = np.nan
     frames[3].colour[:] = np.nan
-    (tmp_path / "in").mkdir()
-    for frame in frames:
-        write_frame(tmp_path / "in" / f"a.{frame.index:04d}.exr", frame)
+    write_frames(tmp_path / "in", frames, "a")
     main(command.format(tmp_path / "in", tmp_path).split())
     said = " ".join(capsys.readouterr().out.split())
     assert [said.count(line) for line in (f"frames 1-2: {BLOCK}", BLOCK, WHOLE)] == [1, 1, 1]

@@ -17,8 +17,9 @@ from cltaa.core.resolver import Resolver
 from cltaa.io.exr_read import read_image
 from cltaa.io.exr_write import write_frame
 from cltaa.io.manifest import file_sha256
+from cltaa.io.sequence import open_sequence
 from tests.faults.runs import arguments, unprivileged
-from tests.sequence_factory import bits, make_frame, write_sequence
+from tests.sequence_factory import bits, make_frame, write_frames, write_sequence
 
 SIZES = ((9, 7), (9, 8), (8, 7), (37, 23), (7, 9), (10, 7), (1, 1))  # columns, rows
 
@@ -104,10 +105,7 @@ def test_numbers_that_lie_apart_are_one_history(
     kept that two would share a place, were it theirs by number."""
     count, apart, chosen = 5, tmp_path / "apart", ("--preset", preset, "--set", "history_frames=3")
     whole = write_sequence(tmp_path / "whole", count, width=9, height=7, motion=True)
-    apart.mkdir()
-    for number in range(count):
-        frame = replace(make_frame(number, width=9, height=7, motion=True), index=first + step * number)
-        write_frame(frame_path(apart, frame.index), frame)
+    write_frames(apart, (replace(frame, index=first + step * frame.index) for frame in open_sequence(whole)))
     assert main(arguments(apart, tmp_path / "refused", *chosen)) == 66
     told = f"frame {first + 1}: the frame is missing; the frames are {step} apart: --step {step} takes each as"
     assert told in capsys.readouterr().err

@@ -23,7 +23,7 @@ from cltaa.io.sequence import FrameSequence, open_sequence
 from cltaa.lab.inspect.plan import plan
 from cltaa.pipeline.folder import resolve_folder
 from cltaa_capture.jitter import jitter_sequence
-from tests.sequence_factory import make_camera
+from tests.sequence_factory import make_camera, write_frames
 
 WIDTH, HEIGHT, FRAMES, DISTANCE = 144, 96, 3 * SPAN, 4.0
 JITTER = jitter_sequence("halton:8")
@@ -46,11 +46,9 @@ def wall(index: int, *, pan: float = 0.0) -> tuple[Frame, Array]:
 def drawn(
     folder: Path, change: Change | None = None, *, frames: int = FRAMES, pan: float = 0.0, **opening: Any
 ) -> FrameSequence:
-    folder.mkdir(parents=True)
-    for index in range(frames):
-        frame, across = wall(index, pan=pan)
-        write_frame(folder / f"wall.{index:04d}.exr", frame if change is None else change(frame, across, index))
-    return open_sequence(folder, **opening)
+    made = (wall(index, pan=pan) for index in range(frames))
+    changed = (frame if change is None else change(frame, across, frame.index) for frame, across in made)
+    return open_sequence(write_frames(folder, changed, "wall"), **opening)
 
 
 def lit(frame: Frame, light: Array | float) -> Frame:

@@ -17,7 +17,7 @@ from cltaa.inputs.open import open_input
 from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.numbered import OnBreak, check_steps, even_step, missing_from
 from cltaa.io.sequence import open_images, open_sequence
-from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_images, write_sequence
+from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_frames, write_images, write_sequence
 
 
 def refusal(folder: Path, error: type[CltaaError]) -> str:
@@ -166,8 +166,7 @@ def test_frames_that_declare_other_effects(tmp_path: Path) -> None:
 def test_a_channel_that_comes_and_goes_is_reported(part: str, tmp_path: Path) -> None:
     """As where two captures share a folder; each frame is resolved with what it has."""
     folder, has_it = write_sequence(tmp_path, 4), dict[str, Any]({part: True})
-    for number in (1, 3):
-        write_frame(folder / f"synthetic.{number:04d}.exr", make_frame(number, **has_it))
+    write_frames(folder, (make_frame(number, **has_it) for number in (1, 3)))
     with pytest.warns(UserWarning, match=f"{folder}: no {part} in frames 0, 2, unlike the others: each frame is"):
         assert part in open_sequence(folder).holds
     assert part in open_sequence(folder, frames=(3, 3)).holds

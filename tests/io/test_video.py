@@ -18,7 +18,7 @@ from cltaa.frame import Image
 from cltaa.io.display import GAP, to_picture
 from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.video import rate_of, write_pairs, write_video
-from tests.sequence_factory import make_frame, write_sequence
+from tests.sequence_factory import make_frame, write_frames, write_sequence
 
 # 8-bit limited-range YCbCr has 219 steps of luma and 224 of chroma for 255 of RGB, so a flat colour is off by about
 # one step of each (255/219 * 0.5 + 1.57 * 255/224 * 0.5 = 1.5); the encoder adds as much again (3 was observed).
@@ -151,8 +151,7 @@ def test_the_film_of_a_resolve_is_as_fast_as_its_capture(tmp_path: Path) -> None
 def test_a_film_of_several_sizes_is_reported_before_the_work(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for number in range(2):
-        write_frame(tmp_path / f"x.{number:04d}.exr", make_frame(number, width=16 + number))
+    write_frames(tmp_path, (make_frame(number, width=16 + number) for number in range(2)))
     command = ["resolve", str(tmp_path), "-o", str(tmp_path / "out"), "--device", "numpy", "--on-resize", "reset"]
     assert main([*command, "--preview", str(tmp_path / "film.mp4")]) == 64
     assert "film.mp4: a film of frames of several sizes; leave --preview out" in capsys.readouterr().err

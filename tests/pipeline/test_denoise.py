@@ -16,10 +16,10 @@ import cltaa
 from cltaa.cli import main
 from cltaa.errors import DataError, UsageError
 from cltaa.io.exr_read import read_image
-from cltaa.io.exr_write import write_frame, write_image
+from cltaa.io.exr_write import write_image
 from cltaa.io.guides import guides_of
 from cltaa.pipeline.denoise import denoiser
-from tests.sequence_factory import make_frame
+from tests.sequence_factory import make_frame, write_frames
 
 
 def install(monkeypatch: pytest.MonkeyPatch, denoise: Callable[..., Any]) -> None:
@@ -73,9 +73,7 @@ def test_each_frame_is_denoised_before_the_resolve(
         return colour / 2
 
     install(monkeypatch, halve)
-    (tmp_path / "in").mkdir()
-    for index in range(2):
-        write_frame(tmp_path / "in" / f"a.{index:04d}.exr", make_frame(index, normal=True))
+    write_frames(tmp_path / "in", (make_frame(index, normal=True) for index in range(2)), "a")
     # What is denoised is not filtered again, and has no noise.
     for name, options in (("plain", ["--set", "current_filter=none"]), ("clean", ["--denoise", "oidn"])):
         command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / name), "--device", "numpy", *options]

@@ -16,12 +16,12 @@ from cltaa.core.resolver import Resolver
 from cltaa.errors import CltaaError, DataError, DeviceLost, UsageError
 from cltaa.frame import Effect
 from cltaa.io.exr_frame import frame_attributes, frame_planes
-from cltaa.io.exr_write import write_frame, write_image
+from cltaa.io.exr_write import write_image
 from cltaa.pipeline import follow
 from cltaa.pipeline.folder import resolve_folder
 from cltaa.pipeline.follow import Arrivals
 from cltaa.process import Stop
-from tests.sequence_factory import make_frame, write_sequence
+from tests.sequence_factory import make_frame, write_frames, write_sequence
 
 NUMPY: dict[str, Any] = {"device": "numpy", "compression": "none"}
 SIZE: dict[str, Any] = {"width": 9, "height": 7}
@@ -62,8 +62,7 @@ def refused_alike(source: Path, out: Path, followed: Followed, said: str, **opti
 
 
 def test_a_step_ends_at_the_last_number_that_it_reaches(source: Path, followed: Followed) -> None:
-    for number in (1, 3, 5):
-        write_frame(source / f"x.{number:04d}.exr", make_frame(number, **SIZE))
+    write_frames(source, (make_frame(number, **SIZE) for number in (1, 3, 5)))
     assert followed(frames=(1, 6), step=2) == 3
 
 
@@ -120,16 +119,15 @@ def test_another_size_is_refused_as_in_a_finished_folder(source: Path, tmp_path:
 
 
 def test_other_effects_are_refused_as_in_a_finished_folder(source: Path, tmp_path: Path, followed: Followed) -> None:
-    for number, effects in enumerate([frozenset({Effect.CAMERA}), frozenset[Effect]()]):
-        write_frame(source / f"x.{number:04d}.exr", make_frame(number, effects=effects, **SIZE))
+    declared = frozenset({Effect.CAMERA}), frozenset[Effect]()
+    write_frames(source, (make_frame(number, effects=effects, **SIZE) for number, effects in enumerate(declared)))
     refused_alike(source, tmp_path / "whole", followed, "frame 1: declares other effects than the first frame")
 
 
 def test_a_channel_that_is_gone_is_refused_as_in_a_finished_folder(
     source: Path, tmp_path: Path, followed: Followed
 ) -> None:
-    for number in range(2):
-        write_frame(source / f"x.{number:04d}.exr", make_frame(number, motion=number < 1, effects=None, **SIZE))
+    write_frames(source, (make_frame(number, motion=number < 1, effects=None, **SIZE) for number in range(2)), "x")
     told: dict[str, Any] = {"assignments": ["depth.scale=1"], "effects": "all"}
     refused_alike(source, tmp_path / "whole", followed, r"x\.0001\.exr channel backward\.u: channel is missing", **told)
 
@@ -150,9 +148,8 @@ def planes_of(frame: Any) -> Any:
 
 
 def test_jitter_in_vectors_is_that_of_the_frame_before(source: Path, tmp_path: Path, followed: Followed) -> None:
-    for number in range(3):
-        frame = make_frame(number, jitter_px=(0.1 * number, -0.1 * number), effects=None, motion=True, **SIZE)
-        write_frame(source / f"x.{number:04d}.exr", frame)
+    given: dict[str, Any] = {"effects": None, "motion": True, **SIZE}
+    write_frames(source, (make_frame(n, jitter_px=(0.1 * n, -0.1 * n), **given) for n in range(3)))
     told: dict[str, Any] = {"assignments": ["motion.jittered=1"], "effects": "all"}
     assert followed(**told) == 3
     resolve_folder(source, tmp_path / "whole", **NUMPY, **told)
@@ -167,12 +164,9 @@ def test_a_delay_is_refused(source: Path, followed: Followed, delay: str) -> Non
 
 
 def test_effects_that_the_run_was_not_begun_with_are_refused(source: Path, tmp_path: Path, followed: Followed) -> None:
-    for number in range(3):
-        exposure = 1.0 if number < 2 else 0.25
-        write_frame(source / f"x.{number:04d}.exr", make_frame(number, exposure=exposure, effects=None, **SIZE))
-    (tmp_path / "given").mkdir()
-    for number in range(2):
-        shutil.copy(source / f"x.{number:04d}.exr", tmp_path / "given")
+    made = [make_frame(n, exposure=factor, effects=None, **SIZE) for n, factor in enumerate((1.0, 1.0, 0.25))]
+    write_frames(source, made)
+    write_frames(tmp_path / "given", made[:2])
     resolve_folder(tmp_path / "given", tmp_path / "out", **NUMPY)
     with pytest.raises(UsageError, match=r"given: headers show effects .* not begun with .*found exposure"):
         followed(begun=2)

@@ -15,12 +15,11 @@ from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Effect, Image
-from cltaa.io.exr_write import write_frame
 from cltaa.io.sequence import open_images, open_sequence
 from cltaa.pipeline.checkpoint import SLOTS
 from cltaa.pipeline.memory import DevicePlanes, of_sequence
 from cltaa.pipeline.run import resolve_sequence
-from tests.sequence_factory import bits, make_camera, make_frame, write_sequence
+from tests.sequence_factory import bits, make_camera, make_frame, write_frames, write_sequence
 
 FRAMES, AHEAD = 9, 2
 LOOKING: Preset = override(load_preset("gather-8+8"), {"history_frames": 2, "look_ahead": AHEAD})
@@ -85,15 +84,14 @@ def test_a_stopped_run_goes_on_to_the_same_bits_without_a_checkpoint(folder: Pat
 
 
 def test_where_the_whole_past_is_asked_for_a_run_goes_on_from_the_first_frame(tmp_path: Path) -> None:
-    folder, output = tmp_path / "in", tmp_path / "out"
-    folder.mkdir()
-    for number in range(FRAMES):  # declared to stand still: the plain mean of all samples
-        frame = make_frame(number, width=9, height=7, camera=make_camera(), effects=frozenset({Effect.SKY}))
-        write_frame(folder / f"still.{number:04d}.exr", frame)
-    sequence = open_sequence(folder)
+    output = tmp_path / "out"
+    # Declared to stand still: the plain mean of all samples.
+    still: dict[str, Any] = {"camera": make_camera(), "effects": frozenset({Effect.SKY})}
+    made = (make_frame(number, width=9, height=7, **still) for number in range(FRAMES))
+    sequence = open_sequence(write_frames(tmp_path / "in", made))
     resolve_sequence(sequence, output, resolver())
     before = written(output)
-    (output / "still.0008.exr").unlink()
+    (output / "synthetic.0008.exr").unlink()
     resolve_sequence(sequence, output, resolver())
     assert same(written(output), before)
 

@@ -22,7 +22,7 @@ from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.sequence import FrameSequence, open_sequence
 from cltaa.pipeline.checkpoint import Checkpoints
 from cltaa.pipeline.run import resolve_sequence, stage_rows
-from tests.sequence_factory import make_frame, write_sequence
+from tests.sequence_factory import make_frame, write_frames, write_sequence
 
 FRAMES = 7
 
@@ -70,8 +70,7 @@ class Watched(Resolver):
 
 @pytest.mark.parametrize("effects", ["auto", "all", frozenset({Effect.ALPHA}), frozenset({Effect.CAMERA})])
 def test_memory_is_reserved_for_what_is_resolved(effects: Any, tmp_path: Path) -> None:
-    for number in range(2):
-        write_frame(tmp_path / f"a.{number:04d}.exr", make_frame(number, width=9, height=7, alpha=True))
+    write_frames(tmp_path, (make_frame(number, width=9, height=7, alpha=True) for number in range(2)))
     resolver = Watched()
     resolve_sequence(open_sequence(tmp_path), tmp_path / "out", resolver, effects=effects)
     assert resolver.reserved == [effects != frozenset({Effect.CAMERA})]

@@ -15,13 +15,12 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.io.exr_write import write_frame
 from cltaa.lab.bench.accuracy.report import read_report
 from cltaa.lab.judge.metrics import mean_psnr
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.printable import printable
 from tests.lab.bench.accuracy_tasks import FRAMES
-from tests.sequence_factory import make_frame, write_images, write_sequence
+from tests.sequence_factory import make_frame, write_frames, write_images, write_sequence
 
 # The least work; of ``basic`` the kernels are built soonest.
 SHORT = ["--preset", "basic", "--rounds", "3", "--patience", "0", "--pixels", "1", "--pictured", "0"]
@@ -64,10 +63,9 @@ def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
 def test_frames_without_error_are_measured_and_read_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A PSNR is infinite where a frame is the truth, as in one that is black; the mean is that of ``compare``."""
     folder = write_sequence(tmp_path / "black", 3, reference=True)
-    for number in range(2):
-        black = make_frame(number)
-        write_frame(folder / f"synthetic.{number:04d}.exr", replace(black, colour=np.zeros_like(black.colour)))
-        write_images(folder / "reference", [np.zeros_like(black.colour)], name="synthetic", first=number)
+    black = np.zeros_like(make_frame().colour)
+    write_frames(folder, (replace(make_frame(number), colour=black) for number in range(2)))
+    write_images(folder / "reference", [black, black], name="synthetic")
     arguments = ["bench", "accuracy", str(folder), "-o", str(tmp_path / "report"), *SHORT, "--only", "storage: half"]
     assert main([*arguments, "--metrics", "psnr,mse"]) == 0
     assert main(["bench", "overview", str(tmp_path / "report"), "-o", str(tmp_path / "again")]) == 0

@@ -12,11 +12,10 @@ import pytest
 from cltaa.cli import main
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Frame
-from cltaa.io.exr_write import write_frame
 from cltaa.lab.bench.files import FilesBench
 from cltaa.lab.timing import Interval, environment
 from tests.inputs.foreign import frames, side_text, write_blender
-from tests.sequence_factory import make_frame, write_sequence
+from tests.sequence_factory import make_frame, write_frames, write_sequence
 
 
 def test_the_command_and_its_stages_are_timed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -47,9 +46,7 @@ def test_the_history_goes_on_where_numbers_are_apart(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Also in the frames that are resolved alone, which are numbered anew."""
-    (tmp_path / "in").mkdir()
-    for number in (0, 2, 4):
-        write_frame(tmp_path / "in" / f"x.{number:04d}.exr", make_frame(number))
+    write_frames(tmp_path / "in", map(make_frame, (0, 2, 4)))
     numbers: list[int] = []
     resolve = Resolver.resolve
 

@@ -16,7 +16,6 @@ from cltaa.core.presets import load_preset
 from cltaa.errors import UsageError
 from cltaa.frame import Frame, parse_effects
 from cltaa.inputs.open import Reading, readings
-from cltaa.io.exr_write import write_frame
 from cltaa.lab.bench.accuracy.measurement import tasks_of, yardstick_errors
 from cltaa.lab.bench.accuracy.report import read_report
 from cltaa.lab.bench.cases import REDRAWN
@@ -25,7 +24,7 @@ from cltaa.lab.bench.variants import ladder
 from cltaa.lab.timing import timed_numbers
 from cltaa.lab.tune import key_of
 from tests.inputs.foreign import frames, side_text, write_blender, write_own
-from tests.sequence_factory import write_sequence
+from tests.sequence_factory import write_frames, write_sequence
 
 COUNT = 4
 VARIANTS = ladder(load_preset("fast"))[:1]
@@ -172,10 +171,8 @@ def test_declared_effects_are_those_of_a_capture(
 ) -> None:
     """No other tool declares them, and with every step on a resolve is another one: luminance weights, for one."""
     declared = "camera,disocclusion"
-    (tmp_path / "capture").mkdir()
-    for number, frame in enumerate(made):
-        capture = replace(frame, motion=None, effects=parse_effects(declared))
-        write_frame(tmp_path / "capture" / f"capture.{number:04d}.exr", capture)
+    captured = (replace(frame, motion=None, effects=parse_effects(declared)) for frame in made)
+    write_frames(tmp_path / "capture", captured)
     camera = ["--camera", str(shot / "camera.txt")]
     truth = ["--truth", str(shot)]
     named, _ = judged(capsys, shot, tmp_path / "work", *camera)

@@ -13,18 +13,10 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.frame import Camera, Effect, Frame
-from cltaa.io.exr_write import write_frame
 from tests.inputs.foreign import side_text, write_blender
-from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame, write_images
+from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame, write_frames, write_images
 
 OFFSETS = ((0.25, 0.125), (-0.25, 0.25), (0.0, -0.375))  # mean (0, 0)
-
-
-def write(folder: Path, frames: list[Frame]) -> Path:
-    folder.mkdir(exist_ok=True)
-    for frame in frames:
-        write_frame(folder / f"synthetic.{frame.index:04d}.exr", frame)
-    return folder
 
 
 def sound(index: int, **changes: Any) -> Frame:
@@ -49,7 +41,7 @@ def test_every_fact_of_a_sequence_is_reported(capsys: pytest.CaptureFixture[str]
     effects = frozenset({Effect.CAMERA, Effect.MOTION, Effect.CUT, Effect.EXPOSURE})
     changes = {"motion": True, "effects": effects}
     frames = [sound(i, cut=i == 5, exposure=2.0 if i > 6 else 1.0, **changes) for i in range(2, 10)]
-    write(tmp_path, frames)
+    write_frames(tmp_path, frames)
     truth = [frame.colour for frame in frames]
     write_images(tmp_path / "reference", truth, name="synthetic", first=2, samples=64)
     found = findings(capsys, tmp_path, code=0)
@@ -68,15 +60,15 @@ def test_every_fact_of_a_sequence_is_reported(capsys: pytest.CaptureFixture[str]
 
 def test_the_camera_s_motion_is_named(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     still = [sound(i, camera=make_camera(), effects=frozenset()) for i in range(3)]
-    assert findings(capsys, write(tmp_path / "still", still), code=0)["camera"] == "still"
+    assert findings(capsys, write_frames(tmp_path / "still", still), code=0)["camera"] == "still"
     zoom = [sound(i, camera=make_camera(aspect=1 + i / 10)) for i in range(3)]
-    assert findings(capsys, write(tmp_path / "zoom", zoom), code=0)["camera"] == "zooms"
+    assert findings(capsys, write_frames(tmp_path / "zoom", zoom), code=0)["camera"] == "zooms"
     shift = make_camera().view_to_clip.copy()
     shift[0, 2] += 0.01  # of the centre, as by jitter that was left in it
     shifted = [sound(0, camera=make_camera()), sound(1, camera=Camera(make_camera().world_to_view, shift))]
-    assert findings(capsys, write(tmp_path / "shift", shifted), code=0)["camera"] == "shifts"
+    assert findings(capsys, write_frames(tmp_path / "shift", shifted), code=0)["camera"] == "shifts"
     flat = [sound(i, camera=Camera(np.eye(4), np.diag([1, 1, -0.02, 1.0])), effects=None) for i in range(3)]
-    found = findings(capsys, write(tmp_path / "flat", flat), code=0)
+    found = findings(capsys, write_frames(tmp_path / "flat", flat), code=0)
     assert found["orthographic"]
     assert found["effects"] is None
 
@@ -84,7 +76,7 @@ def test_the_camera_s_motion_is_named(capsys: pytest.CaptureFixture[str], tmp_pa
 def test_pixels_are_counted_only_when_asked(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     frames = [sound(i) for i in range(3)]
     frames[1].colour[4, 5] = (np.nan, 7.5, -np.inf)
-    write(tmp_path, frames)
+    write_frames(tmp_path, frames)
     assert findings(capsys, tmp_path, code=0)["statistics"] == {}
     found = findings(capsys, tmp_path, "--pixels")
     pixels = 3 * WIDTH * HEIGHT
@@ -122,7 +114,7 @@ def test_unusable_pixels_are_problems(
     kept: dict[str, Any] = {"alpha": True, "motion": True, "effects": effects, "jitter_px": (0.0, 0.0)}
     frames = [make_frame(index, **kept) for index in range(2)]
     getattr(frames[1], channel)[3, 3] = value
-    found = findings(capsys, write(tmp_path, frames), "--pixels")["problems"]
+    found = findings(capsys, write_frames(tmp_path, frames), "--pixels")["problems"]
     assert any(message in problem for problem in found)
 
 
@@ -132,7 +124,7 @@ def test_an_orthographic_camera_may_have_surfaces_behind_it(capsys: pytest.Captu
     frame.depth[3, 3] = -1.0
     own, other = tmp_path / "own", tmp_path / "other"
     own.mkdir()
-    assert findings(capsys, write(own, [frame]), "--pixels", code=0)["problems"] == []
+    assert findings(capsys, write_frames(own, [frame]), "--pixels", code=0)["problems"] == []
     write_blender(other, [frame])
     (tmp_path / "camera.txt").write_text(side_text([frame]))
     assert main(["inspect", str(other), "--camera", str(tmp_path / "camera.txt"), "--pixels"]) == 0
@@ -144,12 +136,12 @@ def test_motion_that_is_never_needed(capsys: pytest.CaptureFixture[str], tmp_pat
         make_frame(motion=True, effects=frozenset({Effect.MOTION}), jitter_px=(0.0, 0.0)),
         motion=np.zeros((HEIGHT, WIDTH, 2), np.float32),
     )
-    found = findings(capsys, write(tmp_path, [still]), "--pixels")["problems"]
+    found = findings(capsys, write_frames(tmp_path, [still]), "--pixels")["problems"]
     assert found == [f"channel backward.{axis}: all zero; nothing moves, so the channel is not needed" for axis in "uv"]
 
 
 def test_every_problem_is_listed_at_once(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    write(tmp_path, [sound(i) for i in range(9)])
+    write_frames(tmp_path, [sound(i) for i in range(9)])
     for number in (3, 4, 6):
         (tmp_path / f"synthetic.{number:04d}.exr").unlink()
     path = tmp_path / "synthetic.0007.exr"
@@ -165,9 +157,7 @@ def test_every_problem_is_listed_at_once(capsys: pytest.CaptureFixture[str], tmp
 
 
 def test_the_same_in_many_frames_is_one_problem(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    for number in (0, 1, 2, 5):
-        frame = sound(number)
-        write_frame(tmp_path / f"synthetic.{number:04d}.exr", frame)
+    write_frames(tmp_path, map(sound, (0, 1, 2, 5)))
     for number in (1, 2, 5):
         path = tmp_path / f"synthetic.{number:04d}.exr"
         path.write_bytes(b"")
@@ -191,27 +181,27 @@ def test_the_same_in_many_frames_is_one_problem(capsys: pytest.CaptureFixture[st
 def test_undeclared_effects_are_problems(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, changes: dict[str, Any], message: str
 ) -> None:
-    assert problems(capsys, write(tmp_path, [sound(i, **changes) for i in range(3)])) == message
+    assert problems(capsys, write_frames(tmp_path, [sound(i, **changes) for i in range(3)])) == message
 
 
 def test_undeclared_cuts_and_exposures_are_problems(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    write(tmp_path, [sound(i, cut=i == 2, exposure=1.0 + i) for i in range(3)])
+    write_frames(tmp_path, [sound(i, cut=i == 2, exposure=1.0 + i) for i in range(3)])
     found = findings(capsys, tmp_path)["problems"]
     assert found == [f"effect {name} is there but not declared" for name in ("cut", "exposure")]
 
 
 def test_frames_that_differ_are_problems(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    size = write(tmp_path / "size", [sound(i, width=WIDTH + (i == 2)) for i in range(3)])
+    size = write_frames(tmp_path / "size", [sound(i, width=WIDTH + (i == 2)) for i in range(3)])
     assert problems(capsys, size) == "size of frame 2 differs from that of frame 0"
     declared = frozenset({Effect.CAMERA, Effect.ALPHA})
-    channels = write(tmp_path / "channels", [sound(i, alpha=i > 0, effects=declared) for i in range(3)])
+    channels = write_frames(tmp_path / "channels", [sound(i, alpha=i > 0, effects=declared) for i in range(3)])
     assert problems(capsys, channels) == "channels of frames 1-2 differ from those of frame 0"
-    effects = write(tmp_path / "effects", [sound(i, effects=declared if i == 1 else None) for i in range(3)])
+    effects = write_frames(tmp_path / "effects", [sound(i, effects=declared if i == 1 else None) for i in range(3)])
     assert problems(capsys, effects) == "other effects than the first are declared by frame 1"
 
 
 def test_lossy_compression_and_half_motion_are_problems(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    write(tmp_path, [sound(i, motion=True, effects=frozenset({Effect.CAMERA, Effect.MOTION})) for i in range(3)])
+    write_frames(tmp_path, [sound(i, motion=True, effects=frozenset({Effect.CAMERA, Effect.MOTION})) for i in range(3)])
     for path in tmp_path.iterdir():
         file = OpenEXR.File(str(path), separate_channels=True)
         header = {k: v for k, v in file.header().items() if k != "channels"} | {"compression": OpenEXR.DWAA_COMPRESSION}
@@ -230,7 +220,7 @@ def test_lossy_compression_and_half_motion_are_problems(capsys: pytest.CaptureFi
 
 def test_a_reference_that_does_not_fit_is_a_problem(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     frames = [sound(i) for i in range(4)]
-    write(tmp_path, frames)
+    write_frames(tmp_path, frames)
     write_images(tmp_path / "reference", [frame.colour[:, 1:] for frame in frames[:2]], name="synthetic")
     assert findings(capsys, tmp_path)["problems"] == [
         "reference missing for frames 2-3",
@@ -241,7 +231,7 @@ def test_a_reference_that_does_not_fit_is_a_problem(capsys: pytest.CaptureFixtur
 
 
 def test_the_text_states_the_facts_and_the_problems(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    write(tmp_path, [sound(i) for i in range(6)])
+    write_frames(tmp_path, [sound(i) for i in range(6)])
     assert main(["inspect", str(tmp_path), "--pixels"]) == 0
     out = capsys.readouterr().out
     for words in ("6: 0 to 5", f"{WIDTH} x {HEIGHT}", "repeats after 3", "moves, perspective", "no problem found"):
@@ -253,15 +243,15 @@ def test_the_text_states_the_facts_and_the_problems(capsys: pytest.CaptureFixtur
 
 def test_gap_of_half_a_billion_frames_is_reported_at_once(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """A name may hold any number; the numbers between must not be counted out in memory."""
-    write(tmp_path, [sound(0)])
+    write_frames(tmp_path, [sound(0)])
     (tmp_path / "synthetic.0000.exr").rename(tmp_path / "synthetic.500000000.exr")
-    write(tmp_path, [sound(0), sound(1)])
+    write_frames(tmp_path, [sound(0), sound(1)])
     found = findings(capsys, tmp_path)["problems"]
     assert found[0] == "frames missing: 2-499999999"
 
 
 def test_pixels_are_held_against_the_record(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    write(tmp_path, [sound(i) for i in range(4)])
+    write_frames(tmp_path, [sound(i) for i in range(4)])
     (tmp_path / "sequence.json").write_text(json.dumps({"files": {"synthetic.0002.exr": "0" * 64}}))
     findings(capsys, tmp_path, code=0)  # headers alone do not tell
     assert "synthetic.0002.exr: the content is not what was recorded" in problems(capsys, tmp_path, "--pixels")
@@ -274,7 +264,7 @@ def test_frames_are_so_many_or_from_one_to_another(
     options: tuple[str, ...], capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     """As for the other commands; what is damaged or missing beside them is no problem of theirs."""
-    write(tmp_path, [sound(index) for index in (2, 3, 4, 5, 6, 9)])
+    write_frames(tmp_path, [sound(index) for index in (2, 3, 4, 5, 6, 9)])
     (tmp_path / "synthetic.0009.exr").write_bytes(b"not EXR")
     for given in ("3-5", "4"):
         found = findings(capsys, tmp_path, "--frames", given, *options, code=0)
@@ -286,7 +276,7 @@ def test_frames_are_so_many_or_from_one_to_another(
 
 def test_inspect_finds_no_problem_in_resolved_frames(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     effects = frozenset({Effect.CAMERA, Effect.MOTION, Effect.HDR})
-    write(tmp_path / "in", [sound(i, effects=effects, motion=True) for i in range(4)])
+    write_frames(tmp_path / "in", [sound(i, effects=effects, motion=True) for i in range(4)])
     command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--preset", "basic"]
     assert main(command) == 0
     capsys.readouterr()
@@ -309,7 +299,7 @@ def test_what_a_resolve_wrote_beside_the_layers_of_another_tool_is_a_result(
 ) -> None:
     """Its own colour is resolved, the layer that it was made from and depth and vectors lie beside it."""
     write_blender(tmp_path / "in", [make_frame(i, motion=True, effects=None) for i in range(3)])
-    write(tmp_path / "own", [sound(i) for i in range(3)])
+    write_frames(tmp_path / "own", [sound(i) for i in range(3)])
     for folder, options in (("in", []), ("own", ["--layers", "all"])):
         command = ["resolve", str(tmp_path / folder), "-o", str(tmp_path / f"{folder}-out"), "--device", "numpy"]
         assert main([*command, *options]) == 0

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from cltaa.frame import Effect, Frame
-from cltaa.io.exr_write import write_frame
 from cltaa.lab.inspect import changes
 from cltaa.lab.inspect.findings import Inspection, inspect_folder
-from tests.sequence_factory import make_camera, make_frame
+from tests.sequence_factory import make_camera, make_frame, write_frames
 
 CHANGING = "camera, disocclusion, exposure, illumination, motion, reactive"
 JITTERS = ((0.25, -0.25), (-0.25, 0.25))
@@ -28,10 +27,7 @@ def still(index: int, effects: set[Effect], **changes: object) -> Frame:
 
 
 def inspected(tmp_path: Path, *frames: Frame) -> Inspection:
-    tmp_path.mkdir(exist_ok=True)
-    for frame in frames:
-        write_frame(tmp_path / f"a.{frame.index:04d}.exr", frame)
-    return inspect_folder(tmp_path, pixels=True)
+    return inspect_folder(write_frames(tmp_path, frames), pixels=True)
 
 
 @pytest.fixture(autouse=True)

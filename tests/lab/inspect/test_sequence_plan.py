@@ -16,13 +16,12 @@ from cltaa.core.plan import CHOICE_OF_STEP, LIGHT, STEP_NAMES, plan_frame, toggl
 from cltaa.core.presets import Preset, load_preset
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect
-from cltaa.io.exr_write import write_frame
 from cltaa.lab.inspect import plan as sequence_plan
 from cltaa.lab.inspect.plan import SequencePlan
 from cltaa.pipeline import folder
 from tests.inputs.foreign import frames as foreign_frames
 from tests.inputs.foreign import write_blender
-from tests.sequence_factory import make_camera, make_frame
+from tests.sequence_factory import make_camera, make_frame, write_frames
 
 WALK = (0, 1, 2, 2, 2, 3, 4)  # steps of the camera: it stands on frames 3 and 4; frame 5 is a cut
 STEPS = [
@@ -40,17 +39,10 @@ STEPS = [
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("walk")
-    for index, place in enumerate(WALK):
-        frame = make_frame(
-            index,
-            camera=make_camera((0.1 * place, 0.0, 5.0)),
-            cut=index == 5,
-            reactive=True,
-            effects=frozenset({Effect.CAMERA, Effect.CUT, Effect.REACTIVE}),
-        )
-        write_frame(folder / f"walk.{index:04d}.exr", frame)
-    return folder
+    shown: dict[str, Any] = {"reactive": True, "effects": frozenset({Effect.CAMERA, Effect.CUT, Effect.REACTIVE})}
+    cameras = enumerate(make_camera((0.1 * place, 0.0, 5.0)) for place in WALK)
+    made = (make_frame(index, camera=camera, cut=index == 5, **shown) for index, camera in cameras)
+    return write_frames(tmp_path_factory.mktemp("walk"), made, "walk")
 
 
 def running(plan: SequencePlan) -> list[tuple[int, int, bool, set[str]]]:

@@ -12,14 +12,14 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.io.display import encoded
-from cltaa.io.exr_write import write_frame, write_image
+from cltaa.io.exr_write import write_image
 from cltaa.io.manifest import file_sha256
 from cltaa.io.sequence import open_images, open_sequence
 from cltaa.lab.judge.metrics import mean, measure
 from tests.inputs.foreign import frames as foreign_frames
 from tests.inputs.foreign import side_text, write_blender, write_colour, write_depth, write_own
 from tests.lab.judge.test_compare_command import refusal, run_json
-from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame, write_images, write_sequence
+from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame, write_frames, write_images, write_sequence
 
 
 def test_other_tools_files_are_judged_and_judge(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -154,9 +154,7 @@ def test_another_scene_is_told_by_what_files_say(capsys: pytest.CaptureFixture[s
         (folder / "sequence.json").write_text(json.dumps({"files": files}))
     frames = [make_frame(index, camera=make_camera((9.0, index, 5.0))) for index in range(2)]
     for name, scene in (("moved", "synthetic"), ("elsewhere", "spinner")):
-        (tmp_path / name).mkdir()
-        for frame in frames:
-            write_frame(tmp_path / name / f"synthetic.{frame.index:04d}.exr", replace(frame, scene=scene))
+        write_frames(tmp_path / name, (replace(frame, scene=scene) for frame in frames))
     assert main(["resolve", str(made), "-o", str(tmp_path / "resolved"), "--device", "numpy"]) == 0
     capsys.readouterr()
     resolved = tmp_path / "resolved"

@@ -12,14 +12,12 @@ import pytest
 from cltaa.cli import main
 from cltaa.core.presets import load_preset
 from cltaa.inputs.open import Reading
-from cltaa.io.exr_read import read_colour
-from cltaa.io.exr_write import write_frame
-from cltaa.io.sequence import open_sequence
+from cltaa.io.sequence import open_images, open_sequence
 from cltaa.lab.bench.accuracy.measurement import tasks_of
 from cltaa.lab.bench.cells import Judging, run, task_of
 from cltaa.lab.bench.variants import ladder
 from cltaa.lab.timing import timed_frames, timed_numbers
-from tests.sequence_factory import make_frame, write_images, write_sequence
+from tests.sequence_factory import make_frame, write_frames, write_images, write_sequence
 
 STEP, COUNT = 7, 5
 
@@ -37,13 +35,9 @@ def plain(tmp_path: Path) -> Path:
 def stepped(plain: Path, tmp_path: Path) -> Path:
     """The same, ``STEP`` apart."""
     folder = tmp_path / "stepped"
-    folder.mkdir()
-    for frame in open_sequence(plain):
-        number = STEP * frame.index
-        write_frame(folder / f"synthetic.{number:04d}.exr", replace(frame, index=number))
-        truth = read_colour(plain / "reference" / f"synthetic.{frame.index:04d}.exr")
-        write_images(folder / "reference", [truth], name="synthetic", first=number)
-    return folder
+    for number, truth in zip(range(COUNT), open_images(plain / "reference"), strict=True):
+        write_images(folder / "reference", [truth], name="synthetic", first=STEP * number)
+    return write_frames(folder, (replace(frame, index=STEP * frame.index) for frame in open_sequence(plain)))
 
 
 def found(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> Any:
