@@ -11,10 +11,9 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.frame import Effect
-from cltaa.io.exr_write import write_frame
 from tests.inputs.foreign import write_own
-from tests.lab.inspect.test_inspect_command import sound, write
-from tests.sequence_factory import HEIGHT, WIDTH, read_frame, write_images
+from tests.lab.inspect.test_inspect_command import sound
+from tests.sequence_factory import HEIGHT, WIDTH, write_frames, write_images
 
 
 def rows_of(capsys: pytest.CaptureFixture[str], folder: Path, *options: str, code: int = 0) -> dict[str, list[str]]:
@@ -27,10 +26,9 @@ def rows_of(capsys: pytest.CaptureFixture[str], folder: Path, *options: str, cod
 
 def test_each_fact_has_a_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """Of jitter that never changes, and of a truth of one sample."""
+    effects = frozenset({Effect.CAMERA, Effect.CUT, Effect.EXPOSURE})
     frames = [sound(index, jitter_px=(0.25, -0.125), cut=index == 2, exposure=1.0 + index) for index in range(3)]
-    write(
-        tmp_path, [replace(frame, effects=frozenset({Effect.CAMERA, Effect.CUT, Effect.EXPOSURE})) for frame in frames]
-    )
+    write_frames(tmp_path, (replace(frame, effects=effects) for frame in frames))
     write_images(tmp_path / "reference", [frame.colour for frame in frames], name="synthetic", samples=1)
     rows = rows_of(capsys, tmp_path, code=65)
     assert rows["jitter"] == [
@@ -43,7 +41,7 @@ def test_each_fact_has_a_line(capsys: pytest.CaptureFixture[str], tmp_path: Path
 
 
 def test_a_mean_of_next_to_nothing_has_no_sign(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    write(tmp_path, [sound(index, jitter_px=(0.25 - 0.50001 * index, 0.0)) for index in range(2)])
+    write_frames(tmp_path, [sound(index, jitter_px=(0.25 - 0.50001 * index, 0.0)) for index in range(2)])
     rows = rows_of(capsys, tmp_path)
     assert rows["jitter"][0].startswith("no repetition, mean (0, 0) px, ")
     assert (rows["exposure"], rows["reference"]) == (["1"], ["none"])
@@ -62,7 +60,7 @@ def test_each_number_of_the_pixels_stands_under_its_heading(capsys: pytest.Captu
     frame.colour[4, 6, 0] = np.nan
     frame.colour[4, 7, 1] = -1.5
     frame.depth[:] = np.inf
-    write(tmp_path, [frame])
+    write_frames(tmp_path, [frame])
     rows = rows_of(capsys, tmp_path, "--pixels", code=65)
     assert rows["G"] == ["-1.5", "7.5", "0", "0"]
     assert [rows[name][2:] for name in "RB"] == [["2", "0"], ["0", "1"]]
@@ -70,11 +68,8 @@ def test_each_number_of_the_pixels_stands_under_its_heading(capsys: pytest.Captu
 
 
 def test_what_is_declared_and_never_shows_is_said(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    write(tmp_path, [sound(index, effects=frozenset({Effect.CAMERA, Effect.ALPHA}), alpha=True) for index in range(3)])
-    for path in tmp_path.iterdir():
-        frame = read_frame(path)
-        assert frame.alpha is not None
-        write_frame(path, replace(frame, alpha=np.ones_like(frame.alpha)))
+    made = [sound(index, effects=frozenset({Effect.CAMERA, Effect.ALPHA})) for index in range(3)]
+    write_frames(tmp_path, (replace(frame, alpha=np.ones_like(frame.depth)) for frame in made))
     assert main(["inspect", str(tmp_path), "--pixels"]) == 0
     assert "! effect alpha is declared, " in capsys.readouterr().out
 
@@ -83,7 +78,7 @@ def test_an_option_of_reading_tells_how_a_resolve_would_read(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     """Also files of cltaa's own; and headers alone are no reason to say that nothing is wrong."""
-    write(tmp_path / "in", [sound(index) for index in range(0, 6, 2)])
+    write_frames(tmp_path / "in", [sound(index) for index in range(0, 6, 2)])
     side = tmp_path / "camera.csv"
     side.write_text("frame,exposure\n" + "".join(f"{number},2\n" for number in range(0, 6, 2)))
     for option in (["--input", "depth.scale=2"], ["--camera", str(side)]):
