@@ -21,7 +21,7 @@ from cltaa.errors import CltaaError, DataError
 from cltaa.frame import NO_CAMERA, Effect, Frame, Image, format_effects
 from cltaa.inputs.convert import check_depth, linear_colour, motion_px, planar_depth
 from cltaa.inputs.intake import Intake, first_frames, intake_lines, open_intake
-from cltaa.inputs.profile import Encoding, Profile, load_profile, override
+from cltaa.inputs.profile import Encoding, Profile, keys_of, load_profile, override
 from cltaa.inputs.roles import (
     Place,
     assign,
@@ -470,7 +470,7 @@ def check_named(places: Many[Named], opened: Many[ImageSequence], assignments: M
 
 def _naming(assignments: Many[str]) -> set[str]:
     """Return the keys of ``assignments`` that name channels of a picture."""
-    return {text.partition("=")[0].strip() for text in assignments} & {"colour.channels", "colour.alpha"}
+    return keys_of(assignments) & {"colour.channels", "colour.alpha"}
 
 
 def _by_cltaa(header: ImageHeader) -> bool:
@@ -478,38 +478,26 @@ def _by_cltaa(header: ImageHeader) -> bool:
 
 
 def _is_plain(place: Selection, asked: Profile, profile: str | Path | Profile, assignments: Many[str]) -> bool:
-    """Return True if R, G, B and A are read as they are."""
-    return not (_of_another(place) or asked.colour.view or _names_others(place, asked, profile, assignments))
-
-
-def _names_others(place: Selection, asked: Profile, profile: str | Path | Profile, assignments: Many[str]) -> bool:
-    """Return True if other channels than R, G, B and A are asked for and there, in files that cltaa did not write."""
-    naming = _naming(assignments)
-    files = files_in(place) if naming or profile != "auto" else []
-    if not files or not files[0].exists():
+    """Return True if R, G, B and A are read as they are: of one name, with no others asked for, or written by cltaa."""
+    if asked.colour.view:
         return False
-    header = read_any_header(files[0])
-    if _by_cltaa(header):
+    files = files_in(place) if place.files is not None or place.folder.is_dir() else []
+    if not files or not files[0].exists():  # opening it reports that
+        return True
+    if len(place.by_name(files)) > 1:
         return False
+    header, naming = read_any_header(files[0]), _naming(assignments)
     there = header.layout.channels
+    if not there.keys() >= {*COLOUR}:
+        return False
+    if _by_cltaa(header) or (profile == "auto" and not naming):
+        return True
     roles = assign(asked, {name_of(files[0]): tuple(there)})
     wanted = "colour" in roles and ("alpha" in roles or "colour.alpha" not in naming or "none" in asked.colour.alpha)
     found = [place.channel for role in ("colour", "alpha") for place in roles.get(role, ())]
-    return wanted and found != [*COLOUR, *(["A"] if "A" in there else [])]
+    return not wanted or found == [*COLOUR, *(["A"] if "A" in there else [])]
 
 
 def stated(path: Path) -> dict[str, object]:
     """Return the attributes of an EXR's header, none for a PNG. Raises InputMissing or DataError."""
     return {} if is_png(path) else read_any_header(path).attributes
-
-
-def _of_another(place: Selection) -> bool:
-    """Return True for files of several names, or if the first file has no plain channels R, G and B."""
-    if place.files is None and not place.folder.is_dir():
-        return False
-    files = files_in(place)
-    if not files or not files[0].exists():  # opening it reports that
-        return False
-    if len(place.by_name(files)) > 1:
-        return True
-    return not set(COLOUR) <= read_any_header(files[0]).layout.channels.keys()

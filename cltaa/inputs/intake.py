@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError, public, several
 from cltaa.inputs.declared import Declared, Stated, declared_frames, stated_names
-from cltaa.inputs.profile import Profile, channels_option, load_profile, option_text, override, profile_names
+from cltaa.inputs.profile import Profile, channels_option, keys_of, load_profile, option_text, override, profile_names
 from cltaa.inputs.roles import (
     ALPHA_NAME,
     DEPTH_NAME,
@@ -327,7 +327,7 @@ def _assigned(
     faults: Many[DataError],
 ) -> Roles:
     """Return the channels of each role; UsageError where those asked for by name are missing."""
-    asked = {assignment.partition("=")[0].strip() for assignment in assignments}
+    asked = keys_of(assignments)
     # By an option, or by a profile of the user's own.
     names_depth = "depth.channels" in asked or profile.depth.channels not in [
         load_profile(name).depth.channels for name in profile_names()
@@ -352,7 +352,7 @@ def _assigned(
 def _check_attributes(folder: Path, profile: Profile, assignments: Many[str], stated: Iterable[Many[Stated]]) -> None:
     """Raise UsageError where no file has an attribute that an option names."""
     there = {name for files in stated for file in files for name in file.attributes}
-    asked = {assignment.partition("=")[0].strip() for assignment in assignments}
+    asked = keys_of(assignments)
     for key in ("camera.view", "camera.projection", "jitter.attribute"):
         name, source = attrgetter(key)(profile), f"{key.partition('.')[0]}.source"
         if key in asked and name and name not in there and attrgetter(source)(profile) == "declared":

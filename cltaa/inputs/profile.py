@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
 from importlib import resources
 from operator import attrgetter
@@ -305,6 +305,11 @@ def override(profile: Profile, assignments: Sequence[str]) -> Profile:
         text, before = text.strip(), values[section][name]
         values[section][name] = _array(text) if f"{section}.{name}" in COUNTS else _value(text, before)
     return convert_profile(values, "--input")
+
+
+def keys_of(assignments: Iterable[str]) -> set[str]:
+    """Return the keys that ``SECTION.KEY=VALUE`` assignments name."""
+    return {assignment.partition("=")[0].strip() for assignment in assignments}
 
 
 def differences(profile: Profile, base: Profile) -> dict[str, dict[str, Any]]:
