@@ -13,7 +13,6 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.errors import DataError
 from cltaa.frame import Image
 from cltaa.io.atomic import atomic_path
 from cltaa.printable import printable
@@ -83,9 +82,7 @@ def write_png(path: Path, picture: Picture) -> None:
 
 
 def side_by_side(before: Image, after: Image, labels: tuple[str, str] = ("before", "after")) -> Picture:
-    """Draw two linear images [H, W, 3] side by side as one picture [H, 2 W + gap, 3], each with its label."""
-    if before.shape != after.shape:
-        raise DataError("images differ in size", expected=list(before.shape), found=list(after.shape))
+    """Draw two linear images of one size side by side as one picture [H, 2 W + gap, 3], each with its label."""
     return beside([to_picture(image) for image in (before, after)], labels)
 
 
@@ -100,8 +97,6 @@ def beside(pictures: Sequence[Picture], labels: Sequence[str]) -> Picture:
 
 def wipe(before: Image, after: Image, share: float, labels: tuple[str, str]) -> Picture:
     """Draw two linear images [H, W, 3] as one: the first left of a line at ``share`` of the width, the second right."""
-    if before.shape != after.shape:
-        raise DataError("images differ in size", expected=list(before.shape), found=list(after.shape))
     left, right = (label(to_picture(image), text) for image, text in zip((before, after), labels, strict=True))
     line = round(share * before.shape[1])
     picture = np.concatenate([left[:, :line], right[:, line:]], axis=1)

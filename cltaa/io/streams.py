@@ -104,8 +104,6 @@ class Writer:
     """
 
     def __init__(self, depth: int = BEHIND, *, compression: str = "zip", threads: int = BEHIND) -> None:
-        if depth < 1:
-            raise ValueError(f"depth must be at least 1, not {depth}")
         self.seconds = array("d")
         self._compression, self._depth = compression, depth
         self._images, self._failed = deque[Future[None]](), threading.Event()

@@ -35,11 +35,6 @@ def test_forgotten_reader_and_writer_end_their_threads(tmp_path: Path) -> None:
     assert stream_threads() == []
 
 
-def test_a_writer_needs_a_depth() -> None:
-    with pytest.raises(ValueError, match="depth must be at least 1, not 0"):
-        Writer(0)
-
-
 SCRIPT = """
 import sys, time
 from pathlib import Path
