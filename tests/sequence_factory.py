@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cltaa.frame import Camera, Effect, Frame, Image
 from cltaa.io.exr_read import read_frame_and_header
 from cltaa.io.exr_write import write_frame, write_image
+from cltaa.io.manifest import file_sha256
 
 WIDTH, HEIGHT = 37, 23
 EVERY_CHANNEL: dict[str, Any] = {"motion": True, "alpha": True, "reactive": True}  # that a resolve reads
@@ -144,6 +145,12 @@ def write_sequence(
         truth = [np.full((height, width, 3), 0.25 + number / 100, np.float32) for number in range(count)]
         write_images(folder / "reference", truth, name=name, first=first)
     return folder
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """SHA-256 of every image under its final name, by its place in ``folder``."""
+    images = [path for path in sorted(folder.rglob("*.exr")) if path.name[0] != "."]
+    return {path.relative_to(folder).as_posix(): file_sha256(path) for path in images}
 
 
 def any_bits(random: np.random.Generator, like: Image) -> Image:

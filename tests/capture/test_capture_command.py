@@ -18,8 +18,8 @@ from cltaa.cli import main
 from cltaa.commands import doctor
 from cltaa.io.sequence import open_sequence
 from cltaa_capture import osmesa
-from tests.capture.test_sequence import digests
 from tests.datasets.gltf_writer import Writer
+from tests.sequence_factory import digests
 
 PATIENCE = 600.0  # seconds that a capture of two tiny frames may take, on a machine however busy
 TINY = ["--frames", "2", "--size", "32x18", "--jitter", "halton:4"]

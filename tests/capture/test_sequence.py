@@ -19,23 +19,19 @@ from cltaa.frame import Effect, Image
 from cltaa.io import streams
 from cltaa.io.exr_read import read_colour, read_image
 from cltaa.io.exr_write import write_image
-from cltaa.io.manifest import file_sha256
 from cltaa.io.sequence import open_sequence
 from cltaa_capture import manifest, sequence
 from cltaa_capture.jitter import Offsets, jitter_sequence
 from cltaa_capture.sequence import Request, capture_sequence
 from cltaa_datasets.scene import Instant
 from tests.datasets.gltf_writer import Writer
+from tests.sequence_factory import digests
 
 FRAMES = 3
 
 
 def request(folder: Path, scene: str = "conveyor") -> Request:  # which is built in no time, and has motion
     return Request(scene, folder, frames=FRAMES, width=48, height=27, jitter="halton:2", reference=4)
-
-
-def digests(folder: Path) -> dict[str, str]:
-    return {path.relative_to(folder).as_posix(): file_sha256(path) for path in sorted(folder.rglob("*.exr"))}
 
 
 @pytest.fixture(scope="module")

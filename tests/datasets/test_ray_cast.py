@@ -12,7 +12,7 @@ import cltaa
 from cltaa.camera import displacement_rows
 from cltaa.cli import main
 from cltaa_datasets.ray_cast import FAMILIES, frame_of, halton, truth_of
-from tests.capture.test_sequence import digests
+from tests.sequence_factory import digests
 
 SIZE = 48, 27
 

@@ -18,8 +18,8 @@ import OpenEXR
 from cltaa import cli
 from cltaa.process import configure
 from tests.faults.forked import Forks
-from tests.faults.runs import check_finished, digests
-from tests.sequence_factory import write_sequence
+from tests.faults.runs import check_finished
+from tests.sequence_factory import digests, write_sequence
 
 PROCESSES = 8
 FRAMES = 3

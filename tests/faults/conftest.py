@@ -10,8 +10,8 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.opencl import device
-from tests.faults.runs import digests, on_first_device
-from tests.sequence_factory import write_sequence
+from tests.faults.runs import on_first_device
+from tests.sequence_factory import digests, write_sequence
 
 OPENED, BUILT = device.context_of, device.program_of  # before tests/conftest.py lets launchers share them
 

@@ -18,7 +18,8 @@ import warnings
 from pathlib import Path
 
 from cltaa.cli import main
-from tests.faults.runs import WORK, Work, check_after_fault, check_finished, digests
+from tests.faults.runs import WORK, Work, check_after_fault, check_finished
+from tests.sequence_factory import digests
 
 ACTIONS = {"once": 1, "from then on": 2}
 ERRORS = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EROFS)

@@ -38,7 +38,8 @@ import cltaa_capture.cli
 from cltaa import cli
 from cltaa.pipeline.checkpoint import SLOTS
 from cltaa.process import SIGNALS, configure, ends_at_once
-from tests.faults.runs import RECORDS, WORK, Work, check_after_fault, check_finished, digests
+from tests.faults.runs import RECORDS, WORK, Work, check_after_fault, check_finished
+from tests.sequence_factory import digests
 
 PRELOADED = (cltaa.commands.resolve, cltaa.reference, cltaa_capture.cli)
 PATIENCE = 180.0  # seconds after which a run of a few small frames counts as hung, on a machine however busy

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 from cltaa.cli import main
 from cltaa.io.exr_read import read_image
-from cltaa.io.manifest import file_sha256, recorded_hashes
-from tests.sequence_factory import write_sequence
+from cltaa.io.manifest import recorded_hashes
+from tests.sequence_factory import digests, write_sequence
 
 FRAMES = 7  # with a checkpoint every 2 frames both slots are written and overwritten
 CHECKPOINT = 2
@@ -75,12 +75,6 @@ WORK = {
     "short resolve": Work(prepare_resolve, resolving_three, RECORDS),
     "capture": Work(lambda _: None, capturing, ("sequence.json",)),
 }
-
-
-def digests(folder: Path) -> dict[str, str]:
-    """SHA-256 of every image under its final name, by its place in ``folder``."""
-    images = [path for path in sorted(folder.rglob("*.exr")) if path.name[0] != "."]
-    return {path.relative_to(folder).as_posix(): file_sha256(path) for path in images}
 
 
 def check_after_fault(output: Path, whole: dict[str, str]) -> int:

@@ -18,9 +18,9 @@ from cltaa.core.resolver import Resolver
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError
 from cltaa.opencl import device
 from cltaa.opencl import launcher as device_launcher
-from tests.faults.runs import check_after_fault, check_finished, digests, run
+from tests.faults.runs import check_after_fault, check_finished, run
 from tests.faults.runs import on_first_device as arguments
-from tests.sequence_factory import make_frame
+from tests.sequence_factory import digests, make_frame
 
 OUT_OF_RESOURCES = cl.status_code.OUT_OF_RESOURCES
 

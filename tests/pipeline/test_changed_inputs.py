@@ -16,7 +16,7 @@ from cltaa.io.manifest import Entry, Manifest
 from cltaa.pipeline.checkpoint import SLOTS, Checkpoints
 from cltaa.pipeline.folder import resolve_folder
 from cltaa.pipeline.output import Written
-from tests.sequence_factory import make_frame, write_sequence
+from tests.sequence_factory import digests, make_frame, write_sequence
 
 FRAMES = 10
 NUMPY: dict[str, Any] = {"device": "numpy", "compression": "none"}
@@ -35,10 +35,6 @@ def shot(tmp_path: Path) -> Path:
 
 def name(number: int) -> str:
     return f"synthetic.{number:04d}.exr"
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.glob("*.exr")}
 
 
 def recorded_again(folder: Path, entries: dict[str, Entry]) -> None:
@@ -73,7 +69,7 @@ def test_results_of_an_earlier_content_are_made_again(
     again = resolve_folder(shot, tmp_path / "out", used, jobs=2 if preset != "recurrent" else None, **options)
     assert again.resolved == len(remade)
     resolve_folder(shot, tmp_path / "whole", used, **options)
-    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+    assert digests(tmp_path / "out") == digests(tmp_path / "whole")
 
 
 def test_a_second_stop_does_not_hide_what_was_made_from_the_earlier_content(shot: Path, tmp_path: Path) -> None:
@@ -84,22 +80,22 @@ def test_a_second_stop_does_not_hide_what_was_made_from_the_earlier_content(shot
     write_frame(shot / name(4), make_frame(4, width=9, height=7, seed=99))
     old = (tmp_path / "out" / name(5)).read_bytes()
     resolve_folder(shot, tmp_path / "out", **NUMPY)
-    expected = contents(tmp_path / "out")
+    expected = digests(tmp_path / "out")
     (tmp_path / "out" / name(5)).write_bytes(old)
     recorded_again(tmp_path / "out", {**Manifest(tmp_path / "out").entries, name(5): before})
     assert resolve_folder(shot, tmp_path / "out", **NUMPY).resolved == 1
-    assert contents(tmp_path / "out") == expected
+    assert digests(tmp_path / "out") == expected
 
 
 def test_results_of_an_earlier_version_which_do_not_say_what_made_them_are_made_again(
     shot: Path, tmp_path: Path
 ) -> None:
     resolve_folder(shot, tmp_path / "out", **NUMPY)
-    expected = contents(tmp_path / "out")
+    expected = digests(tmp_path / "out")
     entries = Manifest(tmp_path / "out").entries
     recorded_again(tmp_path / "out", {each: entry._replace(made_from=None) for each, entry in entries.items()})
     assert resolve_folder(shot, tmp_path / "out", **NUMPY).resolved == FRAMES
-    assert contents(tmp_path / "out") == expected
+    assert digests(tmp_path / "out") == expected
 
 
 def test_a_state_is_saved_once_the_frames_before_it_are_written(

@@ -21,7 +21,7 @@ from cltaa.pipeline import follow
 from cltaa.pipeline.folder import resolve_folder
 from cltaa.pipeline.follow import Arrivals
 from cltaa.process import Stop
-from tests.sequence_factory import make_frame, write_frames, write_sequence
+from tests.sequence_factory import digests, make_frame, write_frames, write_sequence
 
 NUMPY: dict[str, Any] = {"device": "numpy", "compression": "none"}
 SIZE: dict[str, Any] = {"width": 9, "height": 7}
@@ -49,10 +49,6 @@ def followed(source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> F
         return resolve_folder(given, tmp_path / "out", follow=True, **NUMPY, **options).resolved
 
     return run
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.glob("*.exr")}
 
 
 def refused_alike(source: Path, out: Path, followed: Followed, said: str, **options: Any) -> None:
@@ -109,7 +105,7 @@ def test_a_device_that_is_lost_is_opened_again_once(
         followed()
     losses[:] = [1]
     assert followed(begun=at + 1) == 4 - at
-    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+    assert digests(tmp_path / "out") == digests(tmp_path / "whole")
 
 
 def test_another_size_is_refused_as_in_a_finished_folder(source: Path, tmp_path: Path, followed: Followed) -> None:
@@ -153,7 +149,7 @@ def test_jitter_in_vectors_is_that_of_the_frame_before(source: Path, tmp_path: P
     told: dict[str, Any] = {"assignments": ["motion.jittered=1"], "effects": "all"}
     assert followed(**told) == 3
     resolve_folder(source, tmp_path / "whole", **NUMPY, **told)
-    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+    assert digests(tmp_path / "out") == digests(tmp_path / "whole")
 
 
 @pytest.mark.parametrize("delay", ["jitter.delay=1", "camera.delay=-1"])
