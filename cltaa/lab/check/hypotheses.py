@@ -140,8 +140,13 @@ class Affine(NamedTuple):
 
 
 def affine_maps(width: int, height: int) -> dict[str, Affine]:
-    """Return the linear maps, and maps from UV or NDC centred on 0.5, as images without negative numbers store them."""
+    """Return the linear maps, those from UV or NDC with y before x, and those from UV or NDC centred on 0.5, as images
+    without negative numbers store them."""
     maps = {name: Affine(matrix) for name, matrix in linear_maps(width, height).items()}
+    for name, (across, down) in (("uv", (width, height)), ("ndc", (width / 2, -height / 2))):
+        for signed, factors in SIGNS.items():
+            matrix = np.diag(factors) @ np.array([[0.0, across], [down, 0.0]])
+            maps[f"swapped units-{name} {signed}".strip()] = Affine(np.asarray(matrix, np.float64))
     for name, unit in (("uv", (width, height)), ("ndc", (width, -height))):
         for sign in (1.0, -1.0):
             maps[f"centred-on-half-{name}{' negated' if sign < 0 else ''}"] = Affine(sign * np.diag(unit), 0.5)

@@ -205,6 +205,8 @@ MISTAKES: dict[str, Mistake] = {
     "motion-scaled-4": Mistake(MOVING, motion(0.25 * np.eye(2))),
     "motion-units-uv": Mistake(MOVING, motion_in(uv)),
     "motion-units-ndc": Mistake(MOVING, motion_in(ndc)),
+    "motion-swapped-units-uv": Mistake(MOVING, then(motion_in(uv), motion(SWAP))),
+    "motion-swapped-units-ndc": Mistake(MOVING, then(motion_in(ndc), motion(SWAP))),
     "motion-centred-on-half-uv": Mistake(MOVING, motion_in(uv, 0.5)),
     "motion-jittered": Mistake((*TRAVEL, *MOVING), then(full_motion, motion_jittered(1.0))),
     "motion-jittered-reversed": Mistake(MOVING[::-1], motion_jittered(-1.0)),
