@@ -414,6 +414,11 @@ SHOWN = "; if the pixels are jittered, cltaa check shows by how much"
 OPAQUE = "alpha is 1 everywhere: --input colour.alpha=none gives the same colours, a tenth to a fifth faster"
 
 
+STANDARD = {"standard": True, "view": "worldToCamera", "projection": "worldToNDC"}
+STANDARD_NAMES = {"worldToCamera", "worldToNDC"}
+STANDARD_THERE = f", or take those of the EXR standard, which cltaa check judges: {option_text({'camera': STANDARD})}"
+
+
 def notes_of(intake: Intake, place: Selection) -> list[str]:
     """Return one line for each missing input: what the resolve does without it, and how to supply it."""
     notes = []
@@ -421,7 +426,9 @@ def notes_of(intake: Intake, place: Selection) -> list[str]:
         kept = (
             "motion vectors alone tell what moves" if "motion" in intake.roles else "the camera is taken to stand still"
         )
-        notes.append(f"no matrices: {kept}; give them with --camera FILE")
+        there = intake.attributes[min(intake.attributes)].keys()
+        like = STANDARD_THERE if intake.profile.camera.source == "declared" and there >= STANDARD_NAMES else ""
+        notes.append(f"no matrices: {kept}; give them with --camera FILE{like}")
     if "depth" not in intake.roles:
         rest = "nothing is told apart by distance, and moving edges are less exact"
         alone = without_vectors({"": intake.unused})[""]

@@ -14,7 +14,7 @@ from cltaa.frame import Frame
 from cltaa.inputs.intake import intake_lines, open_intake
 from cltaa.inputs.open import open_input
 from cltaa.inputs.roles import Place, describe
-from cltaa.io.exr_frame import Pixels
+from cltaa.io.exr_frame import Pixels, frame_attributes
 from cltaa.io.exr_write import write_image
 from tests.inputs.foreign import (
     frames,
@@ -127,6 +127,17 @@ def test_colour_alone(tmp_path: Path) -> None:
     frame = read(tmp_path)[0]
     assert np.isinf(frame.depth).all()
     assert frame.motion is None
+
+
+def test_matrices_of_the_standard_are_pointed_out(tmp_path: Path) -> None:
+    """Writers disagree about them, so that they are taken when they are asked for."""
+    for frame in frames():
+        channels = {name: frame.colour[..., place] for place, name in enumerate("RGB")}
+        header = {name: value for name, value in frame_attributes(frame).items() if name.startswith("worldTo")}
+        write_image(tmp_path / f"picture.{frame.index:04d}.exr", channels, header)
+    (line,) = [line for line in intake_lines(open_intake(tmp_path)) if line.startswith("no matrices")]
+    asked = shlex.split(line.rpartition("judges: ")[2])[1::2]
+    assert read(tmp_path, *asked)[0].has_camera
 
 
 @pytest.mark.parametrize(
