@@ -187,7 +187,9 @@ def _check_floats(frame: Frame) -> None:
         if not is_array or array.dtype.kind != "f":
             single = isinstance(array, int | float | np.number)
             found = array.dtype if is_array else "one number" if single else type(array).__name__
-            cure = "bytes of a picture are no linear light: decode them first" if name == "colour" else None
+            cure = None if is_array else f"give an array: np.asarray({name}, np.float32)"
+            if is_array and name == "colour" and array.dtype.kind in "iu":
+                cure = "bytes of a picture are no linear light: decode them first"
             raise _error(frame, f"{name} is no array of floats", "float32", found, cure)
         if on_device(array) and array.dtype not in READ_ON_DEVICE:
             cure = "convert it there: array.astype(np.float32)"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from cltaa.errors import CltaaError, UsageError, known, public
+from cltaa.errors import CltaaError, UsageError, check_flags, known, public
 from cltaa.frame import ASKED, Asked, Effect, format_effects, parse_effects
 from cltaa.inputs.found import find_effects, with_found
 from cltaa.io.exr_frame import MATRICES
@@ -60,6 +60,7 @@ def open_input(
     from cltaa.inputs.foreign import ForeignSequence
     from cltaa.inputs.intake import open_intake
 
+    check_flags(verify=options.get("verify"))
     verify = options.pop("verify", True)
     intake = open_intake(place, profile=profile, assignments=assignments, side_file=side_file, **options)
     sequence = ForeignSequence(place.folder, intake, sorted(intake.declared), verify=verify)

@@ -85,7 +85,8 @@ def check_frame_channels(layout: Layout) -> None:
 
 def _whole_numbers(frame: Frame, path: Path) -> NDArray[np.uint32]:
     given = np.asarray(frame.object_id)
-    numbers = given.astype(np.uint32)
+    with np.errstate(invalid="ignore"):
+        numbers = given.astype(np.uint32)
     if given.shape != frame.depth.shape or not np.array_equal(numbers, given):
         expected = f"whole numbers from 0 to 2^32-1, {list(frame.depth.shape)}"
         raise DataError("array is wrong", path=path, frame=frame.index, channel="id", expected=expected)

@@ -144,7 +144,9 @@ def missing_from(numbers: Many[int], step: int) -> list[int]:
 
 def no_such_frame(folder: Path, number: int, numbers: Many[int]) -> UsageError:
     """Return the error for a requested frame that is none of the sorted ``numbers``."""
-    return UsageError("no such frame", path=folder, frame=number, expected=ranges(numbers))
+    if isinstance(number, Integral):
+        return UsageError("no such frame", path=folder, frame=int(number), expected=ranges(numbers))
+    return UsageError("no such frame", path=folder, expected=ranges(numbers), found=repr(number))
 
 
 def no_truth(path: Path, number: int, wanted: Iterable[int], there: Collection[int]) -> InputMissing:

@@ -214,9 +214,9 @@ class FrameSequence(NumberedFiles):
     def frame(self, number: int) -> Frame:
         """Read one frame by its number; raises UsageError for an unknown one, DataError where header and sequence
         disagree."""
-        if number not in self.layouts:
+        if not isinstance(number, int | np.integer) or number not in self.layouts:
             raise no_such_frame(self.folder, number, self.numbers)
-        return self.frame_and_file(number)[0]
+        return self.frame_and_file(int(number))[0]
 
     def frame_and_file(self, number: int, kept: Collection[str] = ()) -> tuple[Frame, FrameFile]:
         """As ``frame``, with the header of its file, and the ``kept`` channels that are decoded with the frame."""

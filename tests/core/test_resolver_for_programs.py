@@ -39,7 +39,7 @@ from tests.sequence_factory import bits, make_camera, make_frame, write_sequence
     ("name", "spoilt", "found"),
     [
         ("colour", lambda a: (a * 50).astype(np.uint8), "expected float32, found uint8.*no linear light"),
-        ("colour", lambda a: a.tolist(), "found list"),
+        ("colour", lambda a: a.tolist(), r"found list\); give an array: np.asarray\(colour"),
         ("depth", lambda a: a.tolist(), "depth is no array of floats .*found list"),
         ("motion", lambda a: a.astype(np.int32), "motion is no array of floats .*found int32"),
         ("colour", lambda a: a[0, 0], "colour has the wrong shape"),
