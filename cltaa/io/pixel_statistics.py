@@ -106,6 +106,7 @@ class Meaningless(msgspec.Struct, kw_only=True, frozen=True):
 # What a resolve does with each, and what to do.
 MEANINGLESS = {
     "depth is NaN": "counts as the sky; render it again, or leave it out",
+    "depth is negative": "counts as the sky; cltaa check tells whether an option mends it",
     "motion is infinite": "history is dropped there; NaN says that the camera's motion is all",
     "motion is NaN": "taken to stand still, for no matrices and depth stand in",
 }
@@ -117,8 +118,9 @@ def meaningless(frame: Frame, *, first: bool) -> list[Meaningless]:
     Vectors that are NaN leave the motion to matrices and depth, so they only count where these do not exist.
     """
     found: dict[str, int] = {}
-    if np.isnan(frame.depth.min()):  # it is NaN where one number is
+    if not frame.depth.min() >= 0.0:  # also where one number is NaN
         found["depth is NaN"] = int(np.isnan(frame.depth).sum())
+        found["depth is negative"] = 0 if frame.camera.orthographic else int((frame.depth < 0.0).sum())
     motion = None if first or frame.cut else frame.motion
     if motion is not None and not np.isfinite([motion.min(), motion.max()]).all():
         found["motion is infinite"] = int(np.isinf(motion).any(axis=-1).sum())
@@ -165,8 +167,8 @@ def pixel_problems(statistics: dict[str, ChannelStatistics], *, orthographic: bo
         if not_finite and name not in SAID_BY_FRAME:
             problems.append(f"channel {name}: {not_finite} of {channel.count} values are not finite")
     depth = statistics.get("Z")
-    if depth is not None and depth.lowest <= 0 and not orthographic:
-        problems.append(f"channel Z: depth {depth.lowest:g} is not in front of the camera")
+    if depth is not None and depth.zero and not orthographic:
+        problems.append("channel Z: depth 0 is not in front of the camera")
     alpha = statistics.get("A")
     if alpha is not None and (alpha.lowest < 0 or alpha.highest > 1) and alpha.lowest <= alpha.highest:
         problems.append(f"channel A: alpha from {alpha.lowest:g} to {alpha.highest:g} leaves 0 to 1")

@@ -100,7 +100,7 @@ def test_pixels_are_counted_only_when_asked(capsys: pytest.CaptureFixture[str], 
 @pytest.mark.parametrize(
     ("channel", "value", "message"),
     [
-        ("depth", -1.0, "channel Z: depth -1 is not in front of the camera"),
+        ("depth", -1.0, "frame 1: depth is negative in 1 of 851 pixels: counts as the sky"),
         ("depth", 0.0, "channel Z: depth 0 is not in front of the camera"),
         ("depth", np.nan, "frame 1: depth is NaN in 1 of 851 pixels: counts as the sky"),
         ("alpha", 1.5, "leaves 0 to 1"),
