@@ -5,16 +5,17 @@
 // storable_colour lets light be negative only as far as a sample is: here, as the darkest window.
 STAGE colour darker(colour a, colour b) { return (colour) { lesser(a.r, b.r), lesser(a.g, b.g), lesser(a.b, b.b) }; }
 
-// The pixel of row `turn` of a round, from its windows; `rows` holds the sums of the rows around it.
-STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, int x, int y, int frames,
-    int static_frames, float lag_ratio, frame_t frame, settings_t settings)
+#define ROWS_AT_ONCE (ROWS < 3 * SIDE ? ROWS : 3 * SIDE) // compared with one window before the next
+
+// The pixel of row `row` of those `around`, from its windows.
+STAGE resolved mixed_windows(const surroundings (*around)[ROWS_AT_ONCE], const window_drift* lag, int row,
+    plane_in windows, int x, int y, int frames, int static_frames, float lag_ratio, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
     real error[WINDOWS], least = SPLAT(0.0);
     UNROLL
     for (int window = 0; window < WINDOWS; ++window) {
-        error[window]
-            = repeats_previous(window, frames, static_frames) ? error[window - 1] : error_around(rows, window, turn);
+        error[window] = repeats_previous(window, frames, static_frames) ? error[window - 1] : around[window][row].error;
         if (window != RECURSIVE)
             least = window == 0 ? error[window] : lesser(least, error[window]);
     }
@@ -34,9 +35,9 @@ STAGE resolved mixed_windows(const row_sums* rows, int turn, plane_in windows, i
         if (!repeats_previous(window, frames, static_frames))
             q = window_plane(p, window, 0, frame);
         if (has_drift(window, frames, static_frames))
-            drift = drift_to_shortest(drift_around(rows, window, turn), settings);
+            drift = around[window][row].drift;
         if ((window == 1) & (lag_ratio > 0.0f))
-            trend = trend_around(rows, drift, turn, lag_ratio);
+            trend = trend_within(drift, lag[row], lag_ratio);
         if (window == PRESENT)
             drift = (window_drift) { 0 };
         else
@@ -76,23 +77,22 @@ __kernel void mix_windows_kernel(plane_in current, plane_in alpha, plane_in wind
     const column_t column = own_column(frame);
     if (is_empty(column, frame))
         return;
-    const int x = column.x, reach = WINDOW_REACH, lags = lag_ratio > 0.0f;
-    row_sums rows[SIDE];
-    UNROLL
-    for (int j = -reach; j < reach; ++j)
-        sum_row(&rows[row_slot(j)], current, alpha, windows, x, column.first + j, frames, static_frames, lags, frame,
-            settings);
-    // In rounds of SIDE rows, so that a GPU knows the slot of each: a new row takes that of the row it slides out.
-    for (int first = column.first; first < column.end; first += SIDE) {
-        UNROLL
-        for (int turn = 0; turn < SIDE; ++turn) {
-            const int y = first + turn;
-            if (y >= column.end)
-                break;
-            sum_row(&rows[row_slot(turn + reach)], current, alpha, windows, x, y + reach, frames, static_frames, lags,
-                frame, settings);
-            const resolved out
-                = mixed_windows(rows, turn, windows, x, y, frames, static_frames, lag_ratio, frame, settings);
+    const int x = column.x;
+    surroundings around[WINDOWS][ROWS_AT_ONCE];
+    window_drift lag[ROWS_AT_ONCE];
+    for (int first = column.first; first < column.end; first += ROWS_AT_ONCE) {
+        const int end = first + ROWS_AT_ONCE < column.end ? first + ROWS_AT_ONCE : column.end;
+        NO_UNROLL
+        for (int window = 0; window < WINDOWS; ++window) {
+            const int drifts = has_drift(window, frames, static_frames);
+            if (!repeats_previous(window, frames, static_frames))
+                compare_window(around[window], windows, window, drifts, x, first, end, frame, settings);
+        }
+        if (lag_ratio > 0.0f)
+            compare_samples(lag, current, alpha, windows, x, first, end, frame, settings);
+        for (int y = first; y < end; ++y) {
+            const resolved out = mixed_windows(
+                around, lag, y - first, windows, x, y, frames, static_frames, lag_ratio, frame, settings);
             store_resolved(output, output_count, out, x, y, frame);
         }
     }

@@ -111,7 +111,7 @@ NVIDIA = Shape(
     registers_for_few=72,
     most_rows=36,
     gather=Cut(rows=1, group=(64, 4), registers=80),
-    mix=Cut(rows=30, group=(128, 1), registers=255),
+    mix=Cut(rows=5, group=(128, 2), registers=128),
 )
 
 SHAPES = {

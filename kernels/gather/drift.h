@@ -119,54 +119,46 @@ STAGE int has_drift(int window, int frames, int static_frames)
     return window > 0 && window < UNMOVED && has_more_frames(window, frames);
 }
 
-// Sums of a row of texels around a pixel. A work-item keeps the SIDE latest rows while it slides down.
+// Error and drift of a row of texels around a pixel.
 typedef struct
 {
-    real error[WINDOWS];
-    drift_sums drift[UNMOVED]; // of all windows from the second to UNMOVED
-    lag_sums lag;
+    real error;
+    drift_sums drift;
 } row_sums;
 
 // Slot of the row that lies `turn` rows below the first of its round of SIDE rows.
 STAGE int row_slot(int turn) { return (turn + WINDOW_REACH + SIDE) % SIDE; }
 
-STAGE void sum_row(row_sums* sums, plane_in current, plane_in alpha, plane_in windows, int x, int y, int frames,
-    int static_frames, int lags, frame_t frame, settings_t settings)
+STAGE row_sums sum_row(plane_in shortest, plane_in window, int drifts, frame_t frame, settings_t settings)
 {
-    const uint at = texel_offset(frame, x, y);
-    const shortest_row row = row_of_shortest(windows + at, frame, settings);
-    UNROLL
-    for (int window = 0; window < WINDOWS; ++window) {
-        plane_in planes = window_plane(windows, window, 0, frame);
-        if (!repeats_previous(window, frames, static_frames)) {
-            prefetch_planes(planes, WINDOW_PLANES, at, frame);
-            sums->error[window] = error_of_row(planes + at, frame);
-        }
-        if (has_drift(window, frames, static_frames))
-            sums->drift[window - 1] = drift_of_row(planes + at, &row, frame, settings);
+    row_sums sums = { 0 };
+    prefetch_planes(window, WINDOW_PLANES, 0, frame);
+    sums.error = error_of_row(window, frame);
+    if (drifts) {
+        const shortest_row row = row_of_shortest(shortest, frame, settings);
+        sums.drift = drift_of_row(window, &row, frame, settings);
     }
-    if (lags)
-        sums->lag = lag_of_row(current + at, alpha + at, &row, frame, settings);
+    return sums;
 }
 
-STAGE real error_around(const row_sums* rows, int window, int turn)
+STAGE real error_around(const row_sums* rows, int turn)
 {
     real sum = SPLAT(0.0);
     UNROLL
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j)
-        sum += rows[row_slot(turn + j)].error[window];
+        sum += rows[row_slot(turn + j)].error;
     return sum;
 }
 
 // Joins all rows around a pixel. A sum of squares minus the square of a mean would leave only rounding errors where
 // light drifts evenly; instead each row sums squares about its own mean, and the squared distance of that mean from the
 // mean of all is added (Chan, Golub and LeVeque).
-STAGE drift_sums drift_around(const row_sums* rows, int window, int turn)
+STAGE drift_sums drift_around(const row_sums* rows, int turn)
 {
     drift_sums all = { 0 };
     UNROLL
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
-        const drift_sums* row = &rows[row_slot(turn + j)].drift[window - 1];
+        const drift_sums* row = &rows[row_slot(turn + j)].drift;
         all.mean.r += row->weight * row->mean.r, all.level.r += row->level.r;
         all.mean.g += row->weight * row->mean.g, all.level.g += row->level.g;
         all.mean.b += row->weight * row->mean.b, all.level.b += row->level.b;
@@ -179,7 +171,7 @@ STAGE drift_sums drift_around(const row_sums* rows, int window, int turn)
         all.alpha_mean = quotient(all.alpha_mean, all.weight);
     UNROLL
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
-        const drift_sums* row = &rows[row_slot(turn + j)].drift[window - 1];
+        const drift_sums* row = &rows[row_slot(turn + j)].drift;
         const colour off = minus(row->mean, all.mean);
         all.squares.r += row->squares.r + row->weight * (off.r * off.r);
         all.squares.g += row->squares.g + row->weight * (off.g * off.g);
@@ -258,22 +250,83 @@ STAGE real trend_of(real drift, real lag, float ratio)
     return limit(trend, lesser(lag, zero), greater(lag, zero));
 }
 
-STAGE window_drift trend_around(const row_sums* rows, window_drift drift, int turn, float ratio)
+// Mean distance of the current samples around a pixel from the shortest window.
+STAGE window_drift lag_around(const lag_sums* rows, int turn)
 {
     lag_sums all = { 0 };
     UNROLL
     for (int j = -WINDOW_REACH; j <= WINDOW_REACH; ++j) {
-        const lag_sums row = rows[row_slot(turn + j)].lag;
+        const lag_sums row = rows[row_slot(turn + j)];
         all.sum = plus(all.sum, row.sum);
         all.alpha_sum += row.alpha_sum;
         all.weight += row.weight;
     }
     const real weight = greater(all.weight, K(TINY));
-    const colour lag = quotients(all.sum, weight), light = drift.light;
-    window_drift trend
-        = { { trend_of(light.r, lag.r, ratio), trend_of(light.g, lag.g, ratio), trend_of(light.b, lag.b, ratio) },
-              SPLAT(0.0) };
-    if (ALPHA)
-        trend.alpha = trend_of(drift.alpha, quotient(all.alpha_sum, weight), ratio);
-    return trend;
+    return (window_drift) { quotients(all.sum, weight), ALPHA ? quotient(all.alpha_sum, weight) : SPLAT(0.0) };
+}
+
+STAGE window_drift trend_within(window_drift drift, window_drift lag, float ratio)
+{
+    const colour light = drift.light;
+    return (window_drift) { { trend_of(light.r, lag.light.r, ratio), trend_of(light.g, lag.light.g, ratio),
+                                trend_of(light.b, lag.light.b, ratio) },
+        ALPHA ? trend_of(drift.alpha, lag.alpha, ratio) : SPLAT(0.0) };
+}
+
+// What the texels around a pixel say of a window.
+typedef struct
+{
+    real error;
+    window_drift drift;
+} surroundings;
+
+// Compares a window with the shortest around the pixels of a column, rows y to `end` - 1, at most ROWS_AT_ONCE. In
+// rounds of SIDE rows, so that a GPU knows the slot of each: a new row takes that of the row it slides out.
+STAGE void compare_window(surroundings* around, plane_in windows, int window, int drifts, int x, int y, int end,
+    frame_t frame, settings_t settings)
+{
+    plane_in shortest = windows, planes = window_plane(windows, window, 0, frame);
+    row_sums rows[SIDE];
+    UNROLL
+    for (int j = -WINDOW_REACH; j < WINDOW_REACH; ++j) {
+        const uint at = texel_offset(frame, x, y + j);
+        rows[row_slot(j)] = sum_row(shortest + at, planes + at, drifts, frame, settings);
+    }
+    for (int first = 0; y + first < end; first += SIDE) {
+        UNROLL
+        for (int turn = 0; turn < SIDE; ++turn) {
+            if (y + first + turn >= end)
+                break;
+            const uint at = texel_offset(frame, x, y + first + turn + WINDOW_REACH);
+            rows[row_slot(turn + WINDOW_REACH)] = sum_row(shortest + at, planes + at, drifts, frame, settings);
+            surroundings* pixel = &around[first + turn];
+            pixel->error = error_around(rows, turn);
+            if (drifts)
+                pixel->drift = drift_to_shortest(drift_around(rows, turn), settings);
+        }
+    }
+}
+
+// The same of the current samples.
+STAGE void compare_samples(window_drift* lag, plane_in current, plane_in alpha, plane_in shortest, int x, int y,
+    int end, frame_t frame, settings_t settings)
+{
+    lag_sums rows[SIDE];
+    UNROLL
+    for (int j = -WINDOW_REACH; j < WINDOW_REACH; ++j) {
+        const uint at = texel_offset(frame, x, y + j);
+        const shortest_row row = row_of_shortest(shortest + at, frame, settings);
+        rows[row_slot(j)] = lag_of_row(current + at, alpha + at, &row, frame, settings);
+    }
+    for (int first = 0; y + first < end; first += SIDE) {
+        UNROLL
+        for (int turn = 0; turn < SIDE; ++turn) {
+            if (y + first + turn >= end)
+                break;
+            const uint at = texel_offset(frame, x, y + first + turn + WINDOW_REACH);
+            const shortest_row row = row_of_shortest(shortest + at, frame, settings);
+            rows[row_slot(turn + WINDOW_REACH)] = lag_of_row(current + at, alpha + at, &row, frame, settings);
+            lag[first + turn] = lag_around(rows, turn);
+        }
+    }
 }
