@@ -103,14 +103,16 @@ def filter_taps(p: Sequence[Array], w: Weights, build: Build) -> RowTaps:
 
 
 def cross_of(rows: Sequence[RowTaps], wx: Weights, wy: Weights) -> Array:
-    """Both arms of the cross, clamped to the range of the four middle texels plus a quarter of it at either end."""
+    """Both arms of the cross, clamped to the range of the four middle texels plus a quarter of it at either end, but
+    of the darkest texel below, if that is less."""
     r1, r2 = rows[2], rows[3]
     left = lerp(r1.middle, r2.middle, wy.linear) + six_taps([row.middle for row in rows], wy)
     right = lerp(r1.right, r2.right, wy.linear) + six_taps([row.right for row in rows], wy)
     low = lesser(lesser(r1.middle, r1.right), lesser(r2.middle, r2.right))
     high = greater(greater(r1.middle, r1.right), greater(r2.middle, r2.right))
-    more, along_x = 0.25 * (high - low), lerp(r1.sides, r2.sides, wy.linear)
-    return limit(lerp(left, right, wx.linear) + along_x, low - more, high + more)
+    span, along_x = high - low, lerp(r1.sides, r2.sides, wy.linear)
+    read = lerp(left, right, wx.linear) + along_x
+    return limit(read, low - 0.25 * lesser(span, np.abs(low)), high + 0.25 * span)
 
 
 def without_corners(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Build) -> Array:

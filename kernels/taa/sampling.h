@@ -108,7 +108,8 @@ STAGE real without_corners(row_taps r0, row_taps r1, row_taps r2, row_taps r3, w
 STAGE real lerp(real a, real b, real t) { return a + t * (b - a); }
 
 // Sums both arms of the cross, clamped to the range of the four middle texels plus a quarter of it at either end: a
-// sharp filter rings beside an edge, and a history accumulates the ringing.
+// sharp filter rings beside an edge, and a history accumulates the ringing. Below, at most a quarter of the darkest of
+// the four is added: a quarter of the range beside a highlight leaves black.
 STAGE real cross_of(
     row_taps first, row_taps r0, row_taps r1, row_taps r2, row_taps r3, row_taps last, weights wx, weights wy)
 {
@@ -118,8 +119,9 @@ STAGE real cross_of(
         + six_taps(first.right, r0.right, r1.right, r2.right, r3.right, last.right, wy);
     const real low = lesser(lesser(r1.middle, r1.right), lesser(r2.middle, r2.right)),
                high = greater(greater(r1.middle, r1.right), greater(r2.middle, r2.right));
-    const real more = K(0.25) * (high - low), along_x = lerp(r1.sides, r2.sides, wy.linear);
-    return limit(lerp(left, right, wx.linear) + along_x, low - more, high + more);
+    const real range = high - low, along_x = lerp(r1.sides, r2.sides, wy.linear);
+    return limit(
+        lerp(left, right, wx.linear) + along_x, low - K(0.25) * lesser(range, absolute(low)), high + K(0.25) * range);
 }
 
 // Filters rows along y.

@@ -150,13 +150,13 @@ def taps_along(f: Array) -> tuple[dict[int, Array], dict[int, Array]]:
 
 
 def sampled(texel: Callable[[int, int], Array], fx: Array, fy: Array) -> Array:
-    """Step 5: the cross of 20 texels, held within a quarter of the range of the four around the place beyond it."""
+    """Step 5: the cross of 20 texels, held near the range of the four around the place."""
     (lx, sx), (ly, sy) = taps_along(fx), taps_along(fy)
     weights = {(i, j): lx[i] * ly[j] + sx[i] * ly[j] + lx[i] * sy[j] for i in lx for j in ly}
     history = np.sum([weight[..., None] * texel(i, j) for (i, j), weight in weights.items()], 0)
     four = [texel(i, j) for i in (0, 1) for j in (0, 1)]
     low, high = np.min(four, 0), np.max(four, 0)
-    held: Array = np.clip(history, low - (high - low) / 4, high + (high - low) / 4)
+    held: Array = np.clip(history, low - np.minimum(high - low, np.abs(low)) / 4, high + (high - low) / 4)
     return held
 
 

@@ -136,10 +136,11 @@ def filtered(launcher: DeviceLauncher, kind: HistoryFilter, *, alike: bool = Fal
 
 
 def held(texels: Callable[[int, int], NDArray[np.float64]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The range that the cross keeps: of the four texels in the middle, and a quarter of it more on either side."""
+    """The range that the cross keeps: of the four texels in the middle, and a quarter of it more on either side, below
+    at most a quarter of the darkest."""
     middle = np.array([texels(j, i) for j in (0, 1) for i in (0, 1)])
     low, high = middle.min(0), middle.max(0)
-    return low - 0.25 * (high - low), high + 0.25 * (high - low)
+    return low - 0.25 * np.minimum(high - low, np.abs(low)), high + 0.25 * (high - low)
 
 
 @pytest.mark.parametrize("kind", list(HistoryFilter))
