@@ -78,13 +78,18 @@ def jitter_px(declared: Offset, rule: Jitter) -> Offset:
     return x * rule.scale[0] + rule.offset[0], y * rule.scale[1] + rule.offset[1]
 
 
+def unit_px(units: Units, size: tuple[int, int]) -> tuple[float, float]:
+    """Return the pixels of a unit of vectors, across and down, for a display of ``size``, width and height."""
+    width, height = size
+    return {Units.PIXELS: (1.0, 1.0), Units.UV: (width, height), Units.NDC: (width / 2, -height / 2)}[units]
+
+
 def motion_px(stored: Image, rule: Motion, now: Offset, before: Offset, size: tuple[int, int]) -> Image:
     """Convert motion [H, W, 2] to pixels, y down, to the previous frame, without the jitter of both frames.
 
     NaN leaves the motion to depth and matrices. Width and height of the display, ``size``, scale vectors in UV or NDC.
     """
-    width, height = size
-    unit = {Units.PIXELS: (1.0, 1.0), Units.UV: (width, height), Units.NDC: (width / 2, -height / 2)}[rule.units]
+    unit = unit_px(rule.units, size)
     vectors = stored.astype(np.float64) - rule.offset
     if rule.zero == "camera":
         vectors[(vectors == 0.0).all(-1)] = np.nan

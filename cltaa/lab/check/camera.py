@@ -207,7 +207,7 @@ def check_agreement(shot: Shot) -> list[Finding]:
     pairs = _filled(shot)
     if len(pairs) < 2:
         return []
-    maps = affine_maps(*shot.window) | _sized(pairs)
+    maps = affine_maps(*shot.window, shot.unit) | _sized(pairs)
     declared = min(_compared(pairs, "", 1.0, _vectors(pairs, {"": maps[""]})), key=lambda reading: reading.apart)
     if declared.apart < DISAGREE * max(declared.moved, LEAST_MOTION_PX):
         return []

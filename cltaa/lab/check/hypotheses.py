@@ -128,6 +128,7 @@ class Affine(NamedTuple):
 
     matrix: Vector  # [2, 2]
     offset: float = 0.0  # for both axes
+    aspect: float = 1.0  # of the unit of declared vectors, which a profile applies after it has swapped them
 
     def __call__(self, declared: Vector) -> Vector:
         """Return the true vectors [2, n]."""
@@ -136,13 +137,18 @@ class Affine(NamedTuple):
     @property
     def fix(self) -> dict[str, object]:
         """Keys of a profile for this map."""
-        return linear_fix(self.matrix) | ({"offset": [self.offset] * 2} if self.offset else {})
+        matrix = self.matrix / np.array([[1.0, self.aspect], [1.0 / self.aspect, 1.0]])
+        return linear_fix(matrix) | ({"offset": [self.offset] * 2} if self.offset else {})
 
 
-def affine_maps(width: int, height: int) -> dict[str, Affine]:
+def affine_maps(width: int, height: int, unit: tuple[float, float] = (1.0, 1.0)) -> dict[str, Affine]:
     """Return the linear maps, those from UV or NDC with y before x, and those from UV or NDC centred on 0.5, as images
-    without negative numbers store them."""
+    without negative numbers store them. ``unit`` is that of the declared vectors, in pixels."""
     maps = {name: Affine(matrix) for name, matrix in linear_maps(width, height).items()}
+    aspect = unit[0] / unit[1]
+    for signed, factors in SIGNS.items():
+        matrix = np.diag(factors) @ np.array([[0.0, aspect], [1.0 / aspect, 0.0]])
+        maps[f"swapped {signed}".strip()] = Affine(np.asarray(matrix, np.float64), aspect=aspect)
     for name, (across, down) in (("uv", (width, height)), ("ndc", (width / 2, -height / 2))):
         for signed, factors in SIGNS.items():
             matrix = np.diag(factors) @ np.array([[0.0, across], [down, 0.0]])

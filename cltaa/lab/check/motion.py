@@ -167,7 +167,7 @@ def check_motion(shot: Shot, settled: Shifts, maps: Mapping[str, Affine] | None 
     if not any(scene.own.any() for scene in scenes):
         return _resting_leak(shot)
     width, height = shot.window
-    usual_maps = maps or affine_maps(width, height)
+    usual_maps = maps or affine_maps(width, height, shot.unit)
     sized = {} if maps else {name: meant for name, meant in _sized(scenes).items() if name not in usual_maps}
     maps = {**usual_maps, **sized}
     odd = [name for name, meant in sized.items() if math.log2(abs(meant.matrix[0, 0])) % 1.0]

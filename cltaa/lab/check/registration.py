@@ -235,7 +235,8 @@ class Pair:
 class Shot:
     """Frames in order; ``has_*`` is True for data that were declared and not filled in by the reader.
 
-    ``window`` is the width and height of the display window; frames may show a region of it.
+    ``window`` is the width and height of the display window; frames may show a region of it. ``unit`` is that of the
+    stored vectors, in pixels.
     """
 
     frames: Sequence[Frame]
@@ -243,6 +244,7 @@ class Shot:
     has_camera: bool = True
     has_depth: bool = True
     has_jitter: bool = True
+    unit: tuple[float, float] = (1.0, 1.0)
     pairs: list[Pair] = field(default_factory=list)
     shifts: Shifts | None = None  # cached by ``measure_shifts``
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from cltaa.errors import CltaaError, DataError, UsageError, public
 from cltaa.frame import Frame
-from cltaa.inputs.convert import correct
+from cltaa.inputs.convert import correct, unit_px
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import OPAQUE, SHOWN, Damaged, Intake, damaged_files, intake_lines, open_with_gaps
 from cltaa.inputs.profile import Depth, Profile, assignments_of, differences, load_profile, option_text, profile_names
@@ -78,12 +78,13 @@ def check_frames(
     has_camera: bool = True,
     has_depth: bool = True,
     has_jitter: bool = True,
+    unit: tuple[float, float] = (1.0, 1.0),
     depth: Depth = AS_DECLARED,
 ) -> list[Finding]:
     """Return findings about frames read as their profile says; ``has_*`` is False for data that the reader filled in.
 
-    ``window`` is the width and height of the display window if the frames show a region of it; ``depth`` is how
-    their depth was read.
+    ``window`` is the width and height of the display window if the frames show a region of it; ``unit`` and ``depth``
+    are how their vectors and depth were read.
 
     Later checks rely on earlier ones: if matrices or depth are wrong, checks that need them do not run.
     """
@@ -101,7 +102,7 @@ def check_frames(
     elif has_depth and not frames[0].camera.orthographic:
         found += check_sign([frame.depth for frame in frames])
     window = window or (frames[0].width, frames[0].height)
-    shot = Shot(frames, window, has_camera=has_camera, has_depth=has_depth, has_jitter=has_jitter)
+    shot = Shot(frames, window, has_camera=has_camera, has_depth=has_depth, has_jitter=has_jitter, unit=unit)
     two_planes = ("depth-inverse", "depth-device")
     if not shot.narrow:
         found = [tell_device(shot, finding, depth) if finding.name in two_planes else finding for finding in found]
@@ -325,6 +326,7 @@ def _look(
         "has_depth": "depth" in intake.roles,
         "has_camera": intake.has_camera,
         "has_jitter": intake.has_jitter,
+        "unit": unit_px(intake.profile.motion.units, sequence.layouts[numbers[0]].display_size),
     }
     found = check_frames(read, **told, depth=intake.profile.depth)
     if all(is_opaque(frame.alpha) for frame in read):

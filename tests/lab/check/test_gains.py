@@ -45,6 +45,16 @@ def test_vectors_around_a_half(unit: str, expected: tuple[float, float]) -> None
     assert meant.fix == {"scale": [4 * number for number in expected], "offset": [0.5, 0.5]}
 
 
+@pytest.mark.parametrize("unit", [(1.0, 1.0), (160, 90), (80, -45), (37, 23)])
+def test_vectors_of_a_unit_with_y_before_x_are_swapped_before_the_unit(unit: tuple[float, float]) -> None:
+    stored = np.array([[0.25], [0.5]])
+    meant = affine_maps(160, 90, unit)["swapped x-negated"]
+    pixels, signs = np.array([unit]).T, np.array([[-1.0], [1.0]])
+    declared, true = stored * pixels, stored[::-1] * pixels * signs
+    np.testing.assert_allclose(meant(declared), true, rtol=4 * 2.0**-53)
+    assert meant.fix == {"scale": [-1.0, 1.0], "swap": True}
+
+
 def test_a_regression_of_numbers_under_a_map_is_the_map() -> None:
     """The system is well-posed and of 40 numbers below 2, so that little but their rounding is left."""
     random = np.random.default_rng(0)

@@ -49,3 +49,10 @@ def test_fractions_are_of_the_display_window(mistake: str, option: str, scene: S
     report, _ = check_folder(write_region(tmp_path / "in", MISTAKES[mistake].plant(scene("spinner"))))
     found = [(finding.name, finding.option) for finding in report.mistakes]
     assert found == [(mistake, f"--input {option}")]
+
+
+@pytest.mark.parametrize("unit", ["uv", "ndc"])
+def test_vectors_of_a_unit_with_y_before_x_are_named(unit: str, scene: Scene, tmp_path: Path) -> None:
+    folder = write_region(tmp_path / "in", MISTAKES[f"motion-swapped-units-{unit}"].plant(scene("spinner")))
+    report, _ = check_folder(folder, assignments=[f"motion.units={unit}"])
+    assert [(each.name, each.option) for each in report.mistakes] == [("motion-swapped", "--input motion.swap=true")]
