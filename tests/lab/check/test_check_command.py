@@ -92,7 +92,7 @@ def test_a_jitter_from_the_corner_and_otherwise_wrong_is_read_right(mistake: str
     np.testing.assert_allclose([frame.jitter_px for frame in again], [frame.jitter_px for frame in right], atol=1e-12)
 
 
-@pytest.mark.parametrize("factor", [4.0, -4.0, 3.0])
+@pytest.mark.parametrize("factor", [-4.0, 3.0])
 def test_vectors_of_any_size_are_mended_at_once(factor: float, scene: Scene, tmp_path: Path) -> None:
     spoilt = motion(factor * np.eye(2))(full_motion(scene("pan")))
     report, mending = check_folder(write_own(tmp_path, spoilt))
