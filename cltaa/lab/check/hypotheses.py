@@ -153,9 +153,9 @@ def affine_maps(width: int, height: int, unit: tuple[float, float] = (1.0, 1.0))
         for signed, factors in SIGNS.items():
             matrix = np.diag(factors) @ np.array([[0.0, across], [down, 0.0]])
             maps[f"swapped units-{name} {signed}".strip()] = Affine(np.asarray(matrix, np.float64))
-    for name, unit in (("uv", (width, height)), ("ndc", (width, -height))):
+    for name, spans in (("uv", (width, height)), ("ndc", (width, -height))):
         for sign in (1.0, -1.0):
-            maps[f"centred-on-half-{name}{' negated' if sign < 0 else ''}"] = Affine(sign * np.diag(unit), 0.5)
+            maps[f"centred-on-half-{name}{' negated' if sign < 0 else ''}"] = Affine(sign * np.diag(spans), 0.5)
     return maps
 
 
