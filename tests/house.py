@@ -38,7 +38,7 @@ def counts() -> dict[str, object]:
     packages = Counter(name.split(".")[1] if name.count(".") > 1 else "top" for name in arrows)
     kernels = [p for p in TOP.glob("kernels/**/*") if p.suffix in (".cl", ".h") and "bench" not in p.parts]
     pages = [p for p in [*TOP.glob("*.md"), *TOP.glob("docs/**/*.md")] if p.name != "CHANGELOG.md"]
-    apart = [p for p in pages if {"generated", "lab-notes"} & set(p.parts)]
+    generated = [p for p in pages if "generated" in p.parts]
     path = ["README.md", *(f"docs/{n}.md" for n in ("tour", "conventions", "python", "inputs", "algorithm", "design"))]
     between = {(a.split(".")[1], b.split(".")[1]) for a in arrows for b in arrows[a] if a.count(".") and b.count(".")}
     return {
@@ -58,9 +58,9 @@ def counts() -> dict[str, object]:
         "test files": len(list(TOP.glob("tests/**/*.py"))),
         "test lines": lines(list(TOP.glob("tests/**/*.py"))),
         "decision pages": len(list(TOP.glob("docs/decisions/[0-9]*.md"))),
-        "words": words([p for p in pages if p not in apart]),
+        "words": words([p for p in pages if p not in generated]),
         "words on the newcomer's path": words([TOP / p for p in path if (TOP / p).exists()]),
-        "words generated and in lab notes": words(apart),
+        "words generated": words(generated),
     }
 
 
