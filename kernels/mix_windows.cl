@@ -9,7 +9,8 @@ STAGE colour darker(colour a, colour b) { return (colour) { lesser(a.r, b.r), le
 
 // The pixel of row `row` of those `around`, from its windows.
 STAGE resolved mixed_windows(const surroundings (*around)[ROWS_AT_ONCE], const window_drift* lag, int row,
-    plane_in windows, int x, int y, int frames, int static_frames, float lag_ratio, frame_t frame, settings_t settings)
+    plane_in current, plane_in alpha, plane_in windows, int x, int y, int frames, int static_frames, float lag_ratio,
+    float reach, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
     real error[WINDOWS], least = SPLAT(0.0);
@@ -23,10 +24,10 @@ STAGE resolved mixed_windows(const surroundings (*around)[ROWS_AT_ONCE], const w
     // Sums of differences from the shortest window, so that windows that agree keep their bits.
     plane_in p = windows + texel_offset(frame, x, y);
     const colour first = load_colour(p, plane);
-    const real zero = SPLAT(0.0), alpha = ALPHA ? load(p + 5 * plane) : SPLAT(1.0), count = load(p + 4 * plane);
+    const real zero = SPLAT(0.0), opacity = ALPHA ? load(p + 5 * plane) : SPLAT(1.0), count = load(p + 4 * plane);
     real weight = window_weight(error[0], least), alpha_sum = zero, count_sum = zero;
     colour sum = { 0 }, darkest = first;
-    window_drift drift = { 0 }, trend = { 0 };
+    window_drift drift = { 0 }, latest = { 0 }, trend = { 0 };
     real followed = weight; // by windows that hold earlier frames
     plane_in q = p;
     UNROLL
@@ -36,8 +37,8 @@ STAGE resolved mixed_windows(const surroundings (*around)[ROWS_AT_ONCE], const w
             q = window_plane(p, window, 0, frame);
         if (has_drift(window, frames, static_frames))
             drift = around[window][row].drift;
-        if ((window == 1) & (lag_ratio > 0.0f))
-            trend = trend_within(drift, lag[row], lag_ratio);
+        if (window == 1)
+            latest = drift;
         if (window == PRESENT)
             drift = (window_drift) { 0 };
         else
@@ -47,13 +48,22 @@ STAGE resolved mixed_windows(const surroundings (*around)[ROWS_AT_ONCE], const w
         darkest = darker(darkest, v);
         count_sum += w * (load(q + 4 * plane) - count);
         if (ALPHA)
-            alpha_sum += w * ((load(q + 5 * plane) + drift.alpha) - alpha);
+            alpha_sum += w * ((load(q + 5 * plane) + drift.alpha) - opacity);
         weight += w;
     }
     resolved out;
     const real follows = quotient(followed, weight);
+    if (lag_ratio > 0.0f)
+        trend = trend_within(latest, lag[row], lag_ratio);
     out.rgb = plus_scaled(plus(first, quotients(sum, weight)), follows, trend.light);
-    out.alpha = (alpha + quotient(alpha_sum, weight)) + follows * trend.alpha;
+    out.alpha = (opacity + quotient(alpha_sum, weight)) + follows * trend.alpha;
+    const real may_go = follows * K(reach);
+    latest = (window_drift) { scaled(latest.light, may_go), may_go * latest.alpha };
+    if (goes_on(latest)) {
+        const window_drift further = further_into_range(latest, out, current, alpha, x, y, frame);
+        out.rgb = plus(out.rgb, further.light);
+        out.alpha += further.alpha;
+    }
     out.count = count + quotient(count_sum, weight);
     if (RECURSION == RECURSION_STANDING) {
         q = window_plane(p, RECURSIVE, 0, frame);
@@ -71,8 +81,8 @@ STAGE resolved mixed_windows(const surroundings (*around)[ROWS_AT_ONCE], const w
 }
 
 __kernel void mix_windows_kernel(plane_in current, plane_in alpha, plane_in windows, const int frames,
-    const int static_frames, const float lag_ratio, history_out output, plane_out output_count, const frame_t frame,
-    const settings_t settings)
+    const int static_frames, const float lag_ratio, const float reach, history_out output, plane_out output_count,
+    const frame_t frame, const settings_t settings)
 {
     const column_t column = own_column(frame);
     if (is_empty(column, frame))
@@ -91,8 +101,8 @@ __kernel void mix_windows_kernel(plane_in current, plane_in alpha, plane_in wind
         if (lag_ratio > 0.0f)
             compare_samples(lag, current, alpha, windows, x, first, end, frame, settings);
         for (int y = first; y < end; ++y) {
-            const resolved out = mixed_windows(
-                around, lag, y - first, windows, x, y, frames, static_frames, lag_ratio, frame, settings);
+            const resolved out = mixed_windows(around, lag, y - first, current, alpha, windows, x, y, frames,
+                static_frames, lag_ratio, reach, frame, settings);
             store_resolved(output, output_count, out, x, y, frame);
         }
     }

@@ -10,6 +10,7 @@ import numpy as np
 from cltaa.core.backend import Launcher
 from cltaa.core.buffers import Buffers, FrameRing, LastRun
 from cltaa.core.build import Build, Record, edge_build, settings_record, window_count, window_planes
+from cltaa.core.constants import BALANCED_REACH
 from cltaa.core.plan import Plan
 from cltaa.frame import Frame
 
@@ -64,9 +65,10 @@ class Passes:
             planes = {"planes": window_count(build.choices) * window_planes(build.steps), "more": 0}
             self.launcher.run("extend_edges", floats, layout, gathered | planes)
         mixed = {name: arguments[name] for name in ("current", "alpha", *WRITTEN, "frames", "frame", "settings")}
-        # What a reactive mask marks, such as smoke, has no trend of light.
+        # What a reactive mask marks, such as smoke, has no trend of light. Windows that frames ahead balance lag less.
         ratio = 0.0 if build.steps.reactive else frame_ring.lag_ratio(frame)
-        mixed |= {"static_frames": unmoved["static_frames"], "lag_ratio": np.float32(ratio)}
+        reach = 0.0 if build.steps.reactive else 1.0 if ratio > 0.0 else BALANCED_REACH
+        mixed |= {"static_frames": unmoved["static_frames"], "lag_ratio": np.float32(ratio), "reach": np.float32(reach)}
         self.launcher.run("mix_windows", build, layout, windows | mixed)
         if build.extends and self.recursive is None:
             self._extend()

@@ -34,7 +34,19 @@ from cltaa.reference.gather import Gathering
 from cltaa.reference.gather_fit import SampleSums, own_samples, takes_alpha_of_others
 from cltaa.reference.gather_track import ring_alpha, ring_reactive
 from cltaa.reference.planes import extend_stored, store_resolved
-from cltaa.reference.real import Array, Mask, Run, greater, lesser, limit, number, quiet, real_type
+from cltaa.reference.real import (
+    NEIGHBOURS,
+    Array,
+    Mask,
+    Run,
+    greater,
+    lesser,
+    limit,
+    neighbour,
+    number,
+    quiet,
+    real_type,
+)
 
 TEXELS = (2 * WINDOW_REACH + 1) ** 2
 
@@ -319,6 +331,11 @@ def drift_to_shortest(window: Array, shortest: Array, run: Run) -> tuple[Colour,
     return light, opacity
 
 
+def up_to(change: Array, most: Array) -> Array:
+    """A change in the direction of ``most``, and no more than that."""
+    return limit(change, lesser(most, 0.0), greater(most, 0.0))
+
+
 def trend_within_lag(
     light: Array, opacity: Array, current: Array, alpha: Array | None, shortest: Array, run: Run
 ) -> tuple[Array, Array]:
@@ -332,13 +349,30 @@ def trend_within_lag(
     weight = greater(sum_around(weights, run.layout), value("TINY"))
 
     def within(trend: Array, off: Array) -> Array:
-        lag = sum_around(weights * off, run.layout) / weight
-        return limit(trend, lesser(lag, 0.0), greater(lag, 0.0))
+        return up_to(trend, sum_around(weights * off, run.layout) / weight)
 
     if alphas is None:
         return within(light, now - shortest[:3]), np.zeros_like(opacity)
     shares = np.where(missing, shortest[5], limit(alphas, 0.0, 1.0))
     return within(light, now - shortest[:3]), within(opacity, shares - shortest[5])
+
+
+def further_into_range(
+    light: Array, opacity: Array, out: tuple[Array, Array], current: Array, alpha: Array | None, run: Run
+) -> tuple[Array, Array]:
+    """How much further than the trend pixels go, ``out`` their light [3, H, W] and alpha [H, W]: by the drift since the
+    second window, ``light`` and ``opacity``, until they meet the range of the current 3x3."""
+    rgb, share = out
+    for step in NEIGHBOURS:
+        sample = neighbour(current[:3], *step, run.layout).astype(rgb.dtype)
+        own = (
+            neighbour(alpha[0], *step, run.layout).astype(rgb.dtype) if alpha is not None and run.steps.alpha else None
+        )
+        missing = outside_domain_of(sample, own)
+        light = up_to(np.where(missing, rgb, sample) - rgb, light)
+        if own is not None:
+            opacity = up_to(np.where(missing, share, limit(own, 0.0, 1.0)) - share, opacity)
+    return light, opacity
 
 
 @quiet
@@ -352,13 +386,15 @@ def mix_windows(
     frames: int,
     static_frames: int,
     lag_ratio: float,
+    reach: float,
     output: Array,
     output_count: Array,
     frame: Record,
     settings: Record,
 ) -> None:
     """Mix each pixel from the windows of its past, padded planes [WINDOWS * WINDOW_PLANES, rows, stride], of a ring of
-    ``frames``, of which the latest ``static_frames`` share the current camera; ``lag_ratio`` is that of FrameRing."""
+    ``frames``, of which the latest ``static_frames`` share the current camera; ``lag_ratio`` is that of FrameRing, and
+    ``reach`` the share of the drift by which a pixel goes on into the range of the 3x3."""
     run = Run(build, layout, frame, settings)
     real: Any = real_type(build)
     shape = window_count(build.choices), window_planes(build.steps)
@@ -373,7 +409,7 @@ def mix_windows(
     zero, first, weight = np.zeros_like(least), layout.inside(parts[0]), window_weight(errors[0], least)
     own_alpha, darkest = first[5] if build.steps.alpha else np.ones_like(least), first[:3]
     sums, alphas, counts = np.zeros_like(darkest), zero, zero
-    light, opacity, trend, trend_of_alpha = sums, zero, sums, zero  # their drift and its trend
+    light, opacity, latest, latest_of_alpha = sums, zero, sums, zero  # their drift and that of the second
     followed = weight  # of the windows that follow it
     for window, (k, error) in enumerate(zip(sources[1:rivals], errors[1:rivals], strict=True), start=1):
         w, own = window_weight(error, least), layout.inside(parts[k])
@@ -381,17 +417,24 @@ def mix_windows(
             light, opacity = np.zeros_like(sums), zero
         elif k == window and (window == UNMOVED or has_more_frames(window, frames)):
             light, opacity = drift_to_shortest(parts[k], parts[0], run)
-        if window == 1 and lag_ratio > 0:
-            drift = light * number(lag_ratio, zero), opacity * number(lag_ratio, zero)
-            trend, trend_of_alpha = trend_within_lag(*drift, current, alpha, parts[0], run)
+        if window == 1:
+            latest, latest_of_alpha = light, opacity
         followed = followed + w if window <= UNMOVED else followed
         sums, darkest = sums + w * ((own[:3] + light) - first[:3]), lesser(darkest, own[:3])
         counts = counts + w * (own[4] - first[4])
         if build.steps.alpha:
             alphas = alphas + w * ((own[5] + opacity) - own_alpha)
         weight = weight + w
-    rgb = (first[:3] + sums / weight) + (followed / weight) * trend
-    alpha = (own_alpha + alphas / weight) + (followed / weight) * trend_of_alpha
+    follows, rgb, opacity = followed / weight, first[:3] + sums / weight, own_alpha + alphas / weight
+    if lag_ratio > 0:
+        drift = latest * number(lag_ratio, zero), latest_of_alpha * number(lag_ratio, zero)
+        trend, trend_of_alpha = trend_within_lag(*drift, current, alpha, parts[0], run)
+        rgb, opacity = rgb + follows * trend, opacity + follows * trend_of_alpha
+    if reach > 0:
+        may_go = follows * number(reach, zero)
+        drift = may_go * latest, may_go * latest_of_alpha
+        further, further_alpha = further_into_range(*drift, (rgb, opacity), current, alpha, run)
+        rgb, opacity = rgb + further, opacity + further_alpha
     count = first[4] + counts / weight
     if recursion:
         held = layout.inside(parts[-1])
@@ -399,7 +442,6 @@ def mix_windows(
         rgb, count = rgb + share * (held[:3] - rgb), count + share * (held[4] - count)
         darkest = lesser(darkest, held[:3])
         if build.steps.alpha:
-            alpha = alpha + share * (held[5] - alpha)
-    alpha = limit(alpha, zero, 1.0)
-    resolved = Resolved(storable(rgb, darkest, build), alpha, count)
+            opacity = opacity + share * (held[5] - opacity)
+    resolved = Resolved(storable(rgb, darkest, build), limit(opacity, zero, 1.0), count)
     store_resolved(resolved, run, output, output_count)

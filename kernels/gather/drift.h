@@ -241,14 +241,17 @@ STAGE window_drift drift_to_shortest(drift_sums s, settings_t settings)
     return drift;
 }
 
+// A change in the direction of `most`, and no more than that.
+STAGE real up_to(real change, real most)
+{
+    const real zero = SPLAT(0.0);
+    return limit(change, lesser(most, zero), greater(most, zero));
+}
+
 // How far the shortest window lags behind the light of now. Light that goes on changing as it did since the second
 // window (`drift`) moves it on by `ratio`, its distance in time from the current frame over that from the second. The
 // lag of the samples around bounds that: light may stop or turn.
-STAGE real trend_of(real drift, real lag, float ratio)
-{
-    const real trend = drift * K(ratio), zero = SPLAT(0.0);
-    return limit(trend, lesser(lag, zero), greater(lag, zero));
-}
+STAGE real trend_of(real drift, real lag, float ratio) { return up_to(drift * K(ratio), lag); }
 
 // Mean distance of the current samples around a pixel from the shortest window.
 STAGE window_drift lag_around(const lag_sums* rows, int turn)
@@ -271,6 +274,36 @@ STAGE window_drift trend_within(window_drift drift, window_drift lag, float rati
     return (window_drift) { { trend_of(light.r, lag.light.r, ratio), trend_of(light.g, lag.light.g, ratio),
                                 trend_of(light.b, lag.light.b, ratio) },
         ALPHA ? trend_of(drift.alpha, lag.alpha, ratio) : SPLAT(0.0) };
+}
+
+// 1 if some pixel has a drift.
+STAGE int goes_on(window_drift by)
+{
+    const real zero = SPLAT(0.0);
+    const mask moves = (by.light.r != zero) | (by.light.g != zero) | (by.light.b != zero) | (by.alpha != zero);
+    return any_of(moves);
+}
+
+// How much further than the trend a pixel at `out` goes: by the drift since the second window, `drift`, until it meets
+// the range of the current 3x3. Trends are means of the texels around, but an edge leaves these one after the other.
+// Missing samples stop it.
+STAGE window_drift further_into_range(
+    window_drift drift, resolved out, plane_in current, plane_in alpha, int x, int y, frame_t frame)
+{
+    for (int k = 0; k < 9; ++k) {
+        const uint at = texel_offset(frame, x + k % 3 - 1, y + k / 3 - 1);
+        const texel_t sample = load_texel(current + at, alpha + at, plane_size(frame));
+        const mask missing = outside_domain_of(sample);
+        const colour off = minus(choose_colour(missing, out.rgb, sample.rgb), out.rgb);
+        drift.light.r = up_to(off.r, drift.light.r);
+        drift.light.g = up_to(off.g, drift.light.g);
+        drift.light.b = up_to(off.b, drift.light.b);
+        if (ALPHA) {
+            const real share = missing ? out.alpha : limit(sample.alpha, SPLAT(0.0), SPLAT(1.0));
+            drift.alpha = up_to(share - out.alpha, drift.alpha);
+        }
+    }
+    return drift;
 }
 
 // What the texels around a pixel say of a window.

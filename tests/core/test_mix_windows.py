@@ -10,15 +10,21 @@ from cltaa.core.build import FRAME_DTYPE, Build, Steps, settings_record
 from cltaa.core.constants import WINDOW_REACH
 from cltaa.core.parameters import Settings
 from cltaa.core.planes import Layout
+from cltaa.core.presets import load_preset
 from cltaa.core.record import Past
+from cltaa.core.resolver import Resolver
 from cltaa.lab.timing import Motion, make_frames
+from cltaa.reference import KERNELS
 from cltaa.reference.gather_window import drift_of, mix_windows, shared_weights, students_t_of_drift, window_weight
 from cltaa.reference.launcher import NumpyLauncher
 from cltaa.reference.real import Run
 from tests.kernels.hard_planes import padded
+from tests.sequence_factory import make_frame
 
 WIDTH, HEIGHT = 40, 30
 LIGHTS = 1.0, 0.98, 0.8, 0.4
+FLAT = 1.0, 1.0, 1.0, 1.0
+DRIFT = 0.02 * (1.0 - (2.0 / (0.02 / (0.01 * 0.98))) ** 2)  # from 0.98 to 1.0, as far as t says that it is no chance
 
 
 def test_the_drift_is_students_t() -> None:
@@ -40,9 +46,16 @@ def test_the_drift_is_students_t() -> None:
     )
 
 
-def mixed(errors: tuple[float, float, float, float], now: float = 1.0, ratio: float = 0.75) -> float:
+def mixed(
+    errors: tuple[float, float, float, float],
+    now: float = np.nan,
+    ratio: float = 0.75,
+    reach: float = 1.0,
+    beside: tuple[float, int] | None = None,
+) -> float:
     """What flat windows come to, each of which leaves its error in every texel: 1.0 the latest four frames, 0.98 the
-    latest eight, 0.8 all and 0.4 all without motion; the current samples have the light ``now``."""
+    latest eight, 0.8 all and 0.4 all without motion; the current samples are missing or have the light ``now``, and the
+    one so many columns ``beside`` the pixel another."""
     layout, build = Layout(WIDTH, HEIGHT), Build(steps=Steps(alpha=False))
     windows = layout.zeros(len(errors) * 5)
     for planes, light, error in zip(windows.reshape(len(errors), 5, *windows.shape[1:]), LIGHTS, errors, strict=True):
@@ -53,7 +66,10 @@ def mixed(errors: tuple[float, float, float, float], now: float = 1.0, ratio: fl
     settings = settings_record(Settings())
     planes = {"windows": windows, "output": output, "output_count": count}
     planes |= {"current": np.full_like(layout.zeros(3), now), "alpha": None}
-    planes |= {"frames": 48, "static_frames": 48, "lag_ratio": ratio}
+    if beside is not None:
+        light, columns = beside
+        layout.inside(planes["current"])[:, HEIGHT // 2, WIDTH // 2 + columns] = light
+    planes |= {"frames": 48, "static_frames": 48, "lag_ratio": ratio, "reach": reach}
     mix_windows(build, layout, frame=frame, settings=settings, **planes)
     return float(layout.inside(output)[0, HEIGHT // 2, WIDTH // 2])
 
@@ -71,13 +87,18 @@ def test_a_span_counts_by_its_error_and_is_moved_to_the_shortest_where_that_is_n
 
 def test_light_that_goes_on_changing_is_followed_as_far_as_the_current_samples_are() -> None:
     # From 0.98 to 1.0 in the two frames between the middles of the two windows; that of the latest is 1.5 frames ago.
-    t = 0.02 / (0.01 * 0.98)
-    trend = 0.02 * (1.0 - (2.0 / t) ** 2) * 1.5 / 2.0
-    flat = (1.0, 1.0, 1.0, 1.0)
-    still = mixed(flat)
-    for now, expected in ((2.0, trend), (1.0 + trend / 2.0, trend / 2.0), (1.0, 0.0), (0.9, 0.0), (np.nan, 0.0)):
-        assert mixed(flat, now) == pytest.approx(still + expected, abs=1e-6)
-    assert mixed(flat, 2.0, ratio=0.0) == still
+    still, trend = mixed(FLAT), DRIFT * 1.5 / 2.0
+    for now, moved in ((2.0, trend), (1.0 + trend / 2.0, trend / 2.0), (1.0, 0.0), (0.9, 0.0)):
+        further = np.clip(now - (still + moved), 0.0, DRIFT)
+        assert mixed(FLAT, now) == pytest.approx(still + moved + further, abs=1e-6)
+
+
+def test_a_pixel_goes_on_by_the_drift_until_it_meets_a_sample_of_the_3x3() -> None:
+    still = mixed(FLAT, ratio=0.0)
+    for light, further in ((2.0, 1.0), (still + 0.3 * DRIFT, 0.3), (still, 0.0), (0.5, 0.0), (np.nan, 0.0)):
+        went = mixed(FLAT, 2.0, 0.0, beside=(light, -1)), mixed(FLAT, 2.0, 0.0, beside=(light, 2))
+        assert went == pytest.approx((still + further * DRIFT, still + DRIFT), abs=1e-6)
+    assert mixed(FLAT, 2.0, 0.0, reach=0.0) == still
 
 
 # Of a shot of 20 frames: ages of the four and of the eight frames by hand, 1.5 and 3.5 where all are earlier or later.
@@ -102,6 +123,27 @@ def test_windows_lag_where_the_frames_ahead_do_not_balance_the_earlier_ones(
     ring = FrameRing(NumpyLauncher(), Layout(8, 8), 8, Steps(), ahead)
     ring.past = tuple(Past.of(frame) for frame in reversed(frames))
     assert ring.lag_ratio(frames[index]) == ratio
+
+
+@pytest.mark.parametrize(
+    ("preset", "reactive", "reaches"),
+    [("gather-8", False, {1.0, 0.75}), ("gather-8+8", False, {1.0, 0.75}), ("gather-8", True, {0.0})],
+)
+def test_pixels_go_on_less_where_windows_do_not_lag_and_not_at_all_under_a_reactive_mask(
+    preset: str, reactive: bool, reaches: set[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+
+    def mix(*_: object, lag_ratio: float, reach: float, **__: object) -> None:
+        seen.append((lag_ratio > 0.0, float(reach)))
+
+    monkeypatch.setitem(KERNELS, "mix_windows", mix)
+    resolver = Resolver(load_preset(preset), "numpy")
+    for number in range(20):
+        resolver.feed(make_frame(number, width=8, height=8, effects=None, reactive=reactive))
+    resolver.flush()
+    assert {reach for _, reach in seen} == reaches
+    assert all((reach == 1.0) == lags for lags, reach in seen)
 
 
 def test_a_highlight_that_appears_is_no_drift_of_the_light_around_it() -> None:
