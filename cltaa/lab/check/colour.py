@@ -22,6 +22,7 @@ MOST_FRAMES, MOST_PIXELS = 4, 250_000  # examined frames, and pixels of each
 LEVELS = 255
 ON_LEVELS = 0.98  # share of values on 8-bit steps; about 2 in 1000 float values are by chance
 JUST_WHITE, LEAST_CUT = 1.0 - 1e-6, 1e-4  # white up to the curve's rounding; least share of such pixels
+LEAST_TONES = 16  # below white; masks and flat graphics have fewer, which say nothing of a curve
 HALF = 0.5  # the zero vector in images without negative numbers
 HALF_STEPS = 1e-3  # largest distance from an 8-bit step, in steps
 
@@ -34,6 +35,8 @@ def check_colour(frames: Sequence[Frame]) -> list[Finding]:
     if len(lit) < 100:
         return []
     light = lit.ravel()
+    if len(np.unique(light[(light > 0.0) & (light < 1.0)])) < LEAST_TONES:
+        return []
     dark, middle, bright = np.quantile(light, [SHADOWS, 0.5, 1.0])
     numbers = f"darkest {SHADOWS:.1%} below {dark:.3f}, middle {middle:.3f}, brightest {bright:.3f}"
     if _share_on_levels(lit) > ON_LEVELS:

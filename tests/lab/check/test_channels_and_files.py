@@ -106,6 +106,13 @@ def test_white_and_what_is_brighter_lie_on_no_step(brightest: float, white: floa
     assert "colour-8-bit" not in names(found, mistakes=False)
 
 
+@pytest.mark.parametrize("tones", [[0.0, 1.0], [0.0, 0.5, 1.0], [0.2, 0.4, 0.6, 0.8, 1.0]])
+def test_flat_tones_say_nothing_of_a_curve(tones: list[float]) -> None:
+    """Masks and flat graphics: of no tone but white, of one in its middle, and of some on 8-bit steps."""
+    light = np.random.default_rng(0).choice(np.array(tones, np.float32), make_frame().depth.shape)
+    assert check_colour([replace(make_frame(), colour=np.repeat(light[..., None], 3, -1))]) == []
+
+
 def test_eight_bit_values_are_distinguished_from_linear_light_made_of_them() -> None:
     steps = np.random.default_rng(0).integers(0, 256, (40, 40, 3)).astype(np.float64) / 255
     linear = np.where(steps <= 0.04045, steps / 12.92, ((steps + 0.055) / 1.055) ** 2.4)
