@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pyopencl as cl
 import pytest
+from numpy.typing import NDArray
 
+from cltaa.core.presets import BASE, preset_names
 from cltaa.core.resolver import Resolver
+from cltaa.frame import Frame
 from cltaa.opencl.device import devices, is_cpu
 from cltaa.opencl.launcher import DeviceLauncher
 from tests.kernels.test_resolve import hard_frames
@@ -16,6 +21,7 @@ from tests.numerics.test_bounds import DEFAULT, check, rows_of
 from tests.sequence_factory import bits
 
 ONE = "one OpenCL runtime for CPUs is installed, and all other tests run on it; on two: sh scripts/runtimes"
+FEW = ["fast", "default", "gather-8", "basic", "karis"]
 
 
 def runtimes() -> list[DeviceLauncher]:
@@ -27,17 +33,24 @@ def runtimes() -> list[DeviceLauncher]:
     return [DeviceLauncher(str(index)) for index in first.values()]
 
 
+def images(resolver: Resolver, frames: list[Frame]) -> NDArray[Any]:
+    """The images of all frames, also of presets that look ahead."""
+    return np.stack([image for frame in frames for image in resolver.feed(frame)] + resolver.flush())
+
+
 @pytest.mark.optimised
-@pytest.mark.parametrize("preset", ["fast", "default", "gather-8", "basic", "karis"])
+@pytest.mark.parametrize(
+    "preset",
+    [*FEW, *(pytest.param(name, marks=pytest.mark.big) for name in [BASE, *preset_names()] if name not in FEW)],
+)
 def test_strict_bits_are_the_oracle_s_on_every_runtime(preset: str) -> None:
-    """``karis`` stands for the transcriptions."""
+    """``karis`` stands for the transcriptions, unless every preset is asked for."""
     launchers = runtimes()
-    ours, oracle = [Resolver(preset, launcher, strict=True) for launcher in launchers], Resolver(preset, "numpy")
-    for frame in hard_frames(28, 24, 3):
-        given = replace(frame, alpha=None, reactive=None)
-        expected = bits(oracle.resolve(given))
-        apart = {each.launcher.description: int((bits(each.resolve(given)) != expected).sum()) for each in ours}
-        assert apart == dict.fromkeys(apart, 0)
+    frames = [replace(frame, alpha=None, reactive=None) for frame in hard_frames(28, 24, 3)]
+    expected = bits(images(Resolver(preset, "numpy"), frames))
+    ours = {each.description: bits(images(Resolver(preset, each, strict=True), frames)) for each in launchers}
+    apart = {name: int((found != expected).sum()) for name, found in ours.items()}
+    assert apart == dict.fromkeys(apart, 0)
 
 
 @pytest.mark.optimised
