@@ -44,6 +44,9 @@ LINKER_CURE = "sudo apt-get install -y gcc libc6-dev"
 DRIVERS_CURE = "install the library that it lacks or name its folder in LD_LIBRARY_PATH, or remove the file"
 LONGEST_PATH = 4096  # PATH_MAX of Linux
 OPENCL_CURE = "python -m pip install 'pyopencl[pocl]'"
+ENDING_DRIVER_CURE = (
+    "leave out the driver that ends the program: OCL_ICD_VENDORS=DIR makes OpenCL read only the .icd files of DIR"
+)
 OSMESA_CURE = "sudo apt-get install -y libosmesa6"
 EGL_CURE = "sudo apt-get install -y libegl1 libegl-mesa0 libgl1"
 RESOLVE_CURE = "see to the lines above first, else try another device; cltaa resolve --debug shows the whole error"
@@ -93,7 +96,7 @@ def diagnose() -> Diagnosis:
         look_at_linker,
         lambda: probe("kernel cache", "resolve", kernel_cache.CURE, "cache"),
         look_at_drivers,
-        lambda: probe("OpenCL devices", "resolve", OPENCL_CURE, "devices"),
+        look_at_devices,
         look_at_resolve,
         lambda: probe("capture on OSMesa", "capture", OSMESA_CURE, "capture", "osmesa"),
         lambda: probe("capture on EGL", "capture", EGL_CURE, "capture", "egl"),
@@ -149,6 +152,12 @@ def why_it_died(said: str, number: int) -> str:
     lines = [line.strip() for line in said.splitlines() if line.strip()]
     telling = [line for mark in ("LLVM ERROR", "error:") for line in lines if mark in line] or lines
     return " ".join([*telling[:1], f"(ended by {signal.Signals(number).name})"])
+
+
+def look_at_devices() -> Finding:
+    """List the devices. If a driver ends the process no other is missing, and without it the rest may work."""
+    found = probe("OpenCL devices", "resolve", OPENCL_CURE, "devices")
+    return msgspec.structs.replace(found, cure=ENDING_DRIVER_CURE) if found.died else found
 
 
 def look_at_resolve() -> Finding:

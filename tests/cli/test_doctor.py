@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -126,6 +127,20 @@ def test_a_driver_that_the_loader_skips_is_named(tmp_path: Path, monkeypatch: py
     finding = doctor.look_at_drivers()
     assert (finding.ok, finding.cure) == (False, doctor.DRIVERS_CURE)
     assert finding.found.startswith(f"{tmp_path}/intel.icd: libnonsuch.so: cannot open shared object file")
+
+
+def test_a_driver_that_ends_the_program_is_to_be_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # As PoCL of Debian does where /sys is not mounted: it loads, and ends the process when asked for its platform.
+    source = b"#include <stdlib.h>\nvoid *clGetExtensionFunctionAddress(const char *name) { abort(); }\n"
+    library = tmp_path / "ends.so"
+    subprocess.run(["gcc", "-shared", "-fPIC", "-x", "c", "-o", library, "-"], input=source, check=True)
+    (tmp_path / "ends.icd").write_text(f"{library}\n")
+    monkeypatch.setenv("OCL_ICD_VENDORS", str(tmp_path))
+    assert doctor.look_at_drivers().ok
+    found = doctor.look_at_devices()
+    assert (found.ok, found.found, found.cure) == (False, "(ended by SIGABRT)", doctor.ENDING_DRIVER_CURE)
+    (tmp_path / "ends.icd").unlink()
+    assert doctor.look_at_devices().ok
 
 
 def test_what_holds_no_path_of_a_driver_is_named_and_the_rest_looked_at(
