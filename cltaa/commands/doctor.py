@@ -29,8 +29,7 @@ from rich.table import Table
 
 from cltaa.commands.options import json_option
 from cltaa.commands.printing import Console
-from cltaa.errors import CltaaError, DeviceMissing, UsageError
-from cltaa.frame import Frame
+from cltaa.errors import CltaaError, DeviceMissing, InternalError, UsageError
 from cltaa.opencl import cache as kernel_cache
 from cltaa.opencl.pocl_cpu_name import cpu_facts, cpu_flags, cpu_name, level_of
 from cltaa.printable import counted, json_of, shown
@@ -343,18 +342,21 @@ def _facts(device: Any) -> dict[str, object]:
 
 
 def _try_resolve() -> str:
-    """Build the production kernel, resolve three frames of noise and check the range of the result."""
+    """Build the kernels of two presets, resolve three frames of a turn, and compare the last with the oracle's."""
     from cltaa.core.resolver import Resolver
+    from cltaa.lab.bench.devices import PROOF_SIZE, PROVEN, last_image
+    from cltaa.lab.bench.kernels import check_same
+    from cltaa.lab.timing import Motion, make_frames
 
-    resolver = Resolver()
-    random = np.random.default_rng(0)
-    for index in range(3):
-        colour = np.moveaxis(random.random((3, HEIGHT, WIDTH), np.float32), 0, -1)
-        frame = Frame(index=index, colour=colour, depth=np.ones((HEIGHT, WIDTH), np.float32))
-        resolved = resolver.resolve(frame)
-        if resolved.shape != colour.shape or not (resolved.min() >= 0.0 and resolved.max() <= 1.0):
-            raise SystemExit("the resolve of three frames of noise in [0, 1] is not in [0, 1]")
-    return f"resolved three frames on {resolver.launcher.description}"
+    frames = make_frames(*PROOF_SIZE, Motion.TURN)
+    for preset in PROVEN:
+        resolver, oracle = Resolver(preset), Resolver(preset, "numpy")
+        device = resolver.launcher.description
+        try:
+            check_same(preset, last_image(resolver, frames), last_image(oracle, frames))
+        except InternalError as error:
+            raise SystemExit(f"preset {preset} on {device}: {error.found} of the pixels are not the oracle's") from None
+    return f"resolved three frames on {device}"
 
 
 def _try_capture(backend: str) -> str:

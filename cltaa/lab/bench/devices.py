@@ -123,7 +123,7 @@ def fastest(samples: Samples, base: str, clock: Clock) -> str:
 def _jobs(device: str | None, names: list[str], size: tuple[int, int]) -> tuple[dict[str, Job], dict[str, str]]:
     """Return a job for each shape that builds and matches the oracle, and the reason for each other shape."""
     motions, proof = [make_frames(*size, motion) for motion in Motion], wild_frames()
-    oracles = {preset: _last(Resolver(preset, "numpy"), proof) for preset in PROVEN}
+    oracles = {preset: last_image(Resolver(preset, "numpy"), proof) for preset in PROVEN}
     jobs, absent, deadline = dict[str, Job](), dict[str, str](), time.monotonic() + PATIENCE
     for name in track(names, len(names), "building", unit="shapes"):
         if jobs and time.monotonic() > deadline:
@@ -133,7 +133,7 @@ def _jobs(device: str | None, names: list[str], size: tuple[int, int]) -> tuple[
             launcher = DeviceLauncher(device)
             launcher.device.shape = SHAPES[name]
             for preset, oracle in oracles.items():
-                check_same(name, _last(Resolver(preset, launcher), proof), oracle)
+                check_same(name, last_image(Resolver(preset, launcher), proof), oracle)
             jobs[name] = _job(launcher, motions)
         except InternalError as error:
             absent[name] = str(error)
@@ -152,7 +152,8 @@ def wild_frames() -> list[Frame]:
     return frames
 
 
-def _last(resolver: Resolver, frames: list[Frame]) -> Image:
+def last_image(resolver: Resolver, frames: list[Frame]) -> Image:
+    """Return the image [H, W, 3] float32 of the last frame, infinite where it is NaN."""
     image = [resolver.resolve(frame) for frame in frames][-1]
     return np.where(np.isnan(image), np.float32(np.inf), image)  # NaN would compare as within any bound
 
