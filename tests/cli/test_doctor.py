@@ -17,6 +17,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.commands import doctor
 from cltaa.core.resolver import Resolver
+from cltaa.frame import Frame, Image
 from cltaa.opencl import cache as kernel_cache
 from cltaa.opencl.device import choose_device, chosen_shape, describe
 
@@ -67,19 +68,23 @@ def test_a_compiler_that_says_nothing_or_not_in_utf_8(
     assert doctor.probe("x", "resolve", "do this", "files").found == found
 
 
-@pytest.mark.parametrize("value", [1.5, -0.5, np.nan])
-def test_doctor_rejects_an_image_that_is_not_the_oracle_s(value: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    # As Rusticl of Mesa 25.0 resolves with ``fast``: images of the right range, shape and size, and wrong.
-    def resolve_of(preset: str, device: str | None = None) -> Any:
-        real = Resolver(preset, "numpy")
-        wrong = preset == "fast" and device is None
-        return SimpleNamespace(
-            resolve=lambda frame: np.full_like(real.resolve(frame), value) if wrong else real.resolve(frame),
-            launcher=SimpleNamespace(description="a device"),
-        )
+@pytest.mark.parametrize(("rows", "value", "share"), [(slice(None), np.nan, "100.00%"), (1, 0.5, "1.11%")])
+def test_doctor_rejects_an_image_that_is_not_the_oracle_s(
+    rows: slice | int, value: float, share: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # As Rusticl of Mesa 25.0 resolves with ``fast``: all of the right range, and the second row of the image wrong.
+    def resolver_of(preset: str = "default", device: str | None = None) -> Any:
+        def resolve(frame: Frame) -> Image:
+            image = real.resolve(frame)
+            if preset == "fast" and device is None:
+                image[rows] = value
+            return image
 
-    monkeypatch.setattr("cltaa.core.resolver.Resolver", resolve_of)
-    with pytest.raises(SystemExit, match=r"preset fast on a device: 100.00% of the pixels are not the oracle's"):
+        real = Resolver(preset, "numpy")
+        return SimpleNamespace(resolve=resolve, launcher=SimpleNamespace(description="a device"))
+
+    monkeypatch.setattr("cltaa.core.resolver.Resolver", resolver_of)
+    with pytest.raises(SystemExit, match=f"preset fast on a device: {share} of the pixels are not the oracle's"):
         doctor.PROBES["resolve"]()
 
 
