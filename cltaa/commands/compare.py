@@ -12,7 +12,7 @@ import click
 
 from cltaa.commands.options import FILE_PATH, SOME_FRAMES, STOPS, input_options, json_option, listed, verify_option
 from cltaa.commands.printing import figures, print_line, print_table, three_digits
-from cltaa.errors import LONGEST_VALUE, UsageError
+from cltaa.errors import LONGEST_VALUE, InputMissing, UsageError
 from cltaa.inputs.foreign import first_pictures
 from cltaa.io.atomic import make_folder
 from cltaa.io.names import has_suffix, name_of, number_of, selection_of
@@ -219,7 +219,7 @@ def compare(
     the same name, and entry.toml with its name, version, settings, device and milliseconds. See docs/leaderboard.md.
 
     A warning on standard error says if headers or records contradict the comparison (A and B show different things, B
-    is no truth), or if A lacks frames of B, as after an interrupted resolve.
+    is no truth), if A lacks frames of B, as after an interrupted resolve, or if B has a truth for only some frames.
     """
     asked = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*asked, METRICS["mse"])))  # equal-quality samples need it
@@ -265,7 +265,7 @@ def compare(
         {"test": str(test)}
         | facts
         | summary_of(comparison, judged, found, metrics)
-        | {"not_judged": without, "warnings": warned}
+        | {"not_judged": sorted({*without, *comparison.without_truth}), "warnings": warned}
         for test, comparison, judged, without, warned in zip(
             tests, comparisons, found.tests, lacking, warnings, strict=True
         )
@@ -332,6 +332,13 @@ def _warn(name: str, comparison: Comparison, lacking: list[int], in_time: bool, 
             f"A has {have} of the {counted(have + len(lacking), 'frame')} of B: {which}"
             f" {'is' if len(lacking) == 1 else 'are'} not judged; finish A, or choose frames with --frames"
         )
+    if without := comparison.without_truth:
+        have, which = len(comparison.test), printable(named_frames(comparison.test.numbers), longest=LONGEST_VALUE)
+        others = "other is" if len(without) == 1 else f"{len(without)} others are"
+        warnings.append(
+            f"B has a truth for {have} of the {counted(have + len(without), 'frame')} of A: {which}"
+            f" {'is' if have == 1 else 'are'} judged, the {others} not"
+        )
     if heatmap is not None:
         make_folder(heatmap)
         for images in (comparison.test, comparison.reference):
@@ -345,15 +352,21 @@ def _warn(name: str, comparison: Comparison, lacking: list[int], in_time: bool, 
 
 
 def _check_followed(comparison: Comparison) -> None:
-    """Raise UsageError if --video cannot judge A: no capture, only a region, or no consecutive frames."""
+    """Raise UsageError if --video cannot judge A: no capture, only a region, or no consecutive frames; InputMissing if
+    no two of these have a truth."""
     if comparison.capture is None:
         raise UsageError("--video needs the capture", cure="give it as B, or alone as A, with its truth in reference/")
     if comparison.region is not None:
         expected, found = (images.layouts[images.first].size for images in (comparison.reference, comparison.test))
         what, cure = "--video judges whole pictures only", "leave --video out for a region"
         raise UsageError(what, path=comparison.test.folder, expected=expected, found=found, cure=cure)
-    apart = even_step(comparison.test.numbers)
-    if apart > 1 and comparison.capture.step == 1:
+    numbers, step = comparison.test.numbers, comparison.capture.step
+    if comparison.without_truth and not any(number + step in numbers for number in numbers):
+        what = "--video follows each frame to the next, but no two consecutive frames have a truth"
+        cure = "render the truth of consecutive frames, or leave --video out"
+        raise InputMissing(what, path=comparison.reference.folder, found=ranges(numbers), cure=cure)
+    apart = even_step(numbers)
+    if apart > 1 and step == 1:
         what = "--video follows each frame to the next, but no two frame numbers are consecutive"
         found, cure = f"{apart} apart", f"say --step {apart} if each continues the last"
         raise UsageError(what, path=comparison.test.folder, expected="frames 1 apart", found=found, cure=cure)

@@ -405,9 +405,9 @@ class ForeignImages(ImageSequence):
         """Read one frame number, [H, W, 3] linear float32, then alpha if asked for and present."""
         return self.sequence.colour(number, alpha=alpha)
 
-    def select(self, first: int, last: int) -> Self:
-        """Return the frames ``first`` to ``last``, both included."""
-        return type(self)(self.sequence.select(first, last))
+    def of_numbers(self, numbers: Many[int]) -> Self:
+        """Return the frames of these numbers."""
+        return type(self)(self.sequence.of_numbers(numbers))
 
 
 def open_pictures(

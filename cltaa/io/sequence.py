@@ -75,9 +75,9 @@ class ChangedImages(ImageSequence):
         """Read one frame number, [H, W, 3] linear float32; ``alpha`` appends A where the file has it."""
         return self._change(self._images.image(number, alpha=alpha))
 
-    def select(self, first: int, last: int) -> Self:
-        """Return the frames ``first`` to ``last``, both included."""
-        return type(self)(self._images.select(first, last), self._change, self._notes, self.layouts)
+    def of_numbers(self, numbers: Many[int]) -> Self:
+        """Return the frames of these numbers."""
+        return type(self)(self._images.of_numbers(numbers), self._change, self._notes, self.layouts)
 
 
 def as_shown(images: ImageSequence, by: NumberedFiles) -> ImageSequence:

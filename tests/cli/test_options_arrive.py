@@ -36,7 +36,7 @@ def begins(*_: object, **__: object) -> None:
 
 
 def sequence(*_: object, **__: object) -> MagicMock:
-    made = MagicMock(notes=(), width=64, height=32, region=None)
+    made = MagicMock(notes=(), width=64, height=32, region=None, without_truth=())
     made.__class__ = FrameSequence  # type: ignore[assignment]
     return made
 

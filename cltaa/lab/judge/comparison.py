@@ -11,7 +11,7 @@ import json
 import os
 from collections.abc import Iterable, Mapping
 from collections.abc import Sequence as Many
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,7 @@ class Comparison:
     reference: ImageSequence
     capture: FrameSequence | None
     yardsticks: Mapping[int, ImageSequence] = field(default_factory=dict)  # samples a pixel -> images of the capture
+    without_truth: tuple[int, ...] = ()  # frames that test and capture had, left out of the test
 
     @property
     def of_itself(self) -> bool:
@@ -73,6 +74,13 @@ class Comparison:
             there &= set(self.capture.numbers)
         first, last = frames or (min(there), max(there))
         return sorted(number for number in there - set(self.test.numbers) if first <= number <= last)
+
+    def judging_what_has_a_truth(self) -> Comparison:
+        """Return the comparison without the captured frames that have no truth, unless none would be left."""
+        captured = () if self.capture is None else self.capture.numbers
+        without = tuple(n for n in self.test.numbers if n in captured and n not in self.reference.layouts)
+        there = [number for number in self.test.numbers if number not in without]
+        return replace(self, test=self.test.of_numbers(there), without_truth=without) if without and there else self
 
     def check(self) -> None:
         """Raise DataError for different sizes and InputMissing for a frame that another sequence lacks."""
@@ -117,7 +125,7 @@ def pair_up(
     """Open tests (folders, files or patterns) and their one reference (likewise, or a capture with a truth).
 
     Without a reference the only test is a capture, whose frames are judged against its own truth.
-    ``frames`` are the first and the last frame number to judge, both included; by default all.
+    ``frames`` are the first and the last frame number to judge, both included; by default all that have a truth.
     ``verify`` is that of ``open_sequence``; ``reading`` are ``profile`` and ``assignments`` of ``open_input``, for
     files of another tool; ``gaps`` says whether a test may lack frames between others; ``side_file`` and ``step`` are
     those of the capture.
@@ -135,6 +143,8 @@ def pair_up(
         check_named([*tests, against], [*images, truth], **reading)
     yardsticks = {} if capture is None else open_yardsticks(capture)
     comparisons = [Comparison(test, truth, capture, yardsticks) for test in images]
+    if frames is None:
+        comparisons = [comparison.judging_what_has_a_truth() for comparison in comparisons]
     for comparison in comparisons:
         comparison.check()
     return comparisons

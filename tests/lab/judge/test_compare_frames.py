@@ -11,24 +11,99 @@ from cltaa.cli import main
 from cltaa.errors import InputMissing
 from cltaa.io.display import to_display, to_picture, write_png
 from cltaa.io.exr_write import write_image
+from cltaa.io.numbered import ranges
 from cltaa.io.sequence import open_sequence
+from tests.inputs.foreign import write_blender
 from tests.lab.judge.test_compare_command import refusal, run_json
 from tests.sequence_factory import make_frame, write_images, write_sequence
+
+
+def without_truth(capture: Path, *numbers: int) -> None:
+    for number in numbers:
+        (capture / "reference" / f"synthetic.{number:04d}.exr").unlink()
 
 
 @pytest.mark.parametrize("missing", [0, 1, 3])
 def test_frames_that_have_a_truth_are_judged_where_others_have_none(
     capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, missing: int
 ) -> None:
-    (capture / "reference" / f"synthetic.{missing:04d}.exr").unlink()
-    said = refusal(capsys, 66, resolved, capture)
-    assert f"frame {missing}: no reference for this frame" in said
-    assert "choose frames that both have with --frames" in said
+    without_truth(capture, missing)
+    there = [number for number in range(4) if number != missing]
+    line = f"B has a truth for 3 of the 4 frames of A: frames {ranges(there)} are judged, the other is not"
+    for paths in ((resolved, capture), (capture,)):
+        for options in ((), ("--video",)):
+            assert main(["compare", *map(str, paths), "--metrics", "mse", *options]) == 0
+            assert capsys.readouterr().err.count(f"cltaa: warning: {line}\n") == 1
+            judged = run_json(capsys, *paths, "--metrics", "mse", *options)
+            assert [row["frame"] for row in judged["frames"]] == there
+            assert (judged["warnings"], judged["not_judged"]) == ([line], [missing])
+    for frames in ("0-3", "4"):
+        said = refusal(capsys, 66, resolved, capture, "--frames", frames)
+        assert f"frame {missing}: no reference for this frame" in said
+        assert "choose frames that both have with --frames" in said
     judged = run_json(capsys, resolved, capture, "--frames", "2-2", "--metrics", "mse", "--video")
     assert [row["frame"] for row in judged["frames"]] == [2]
     assert judged["equal_quality_samples"]["method"] == "n^-1.5 law"
+    assert (judged["warnings"], judged["not_judged"]) == ([], [])
     with pytest.raises(InputMissing, match=r"the reference of this frame is missing \(found .*\); capture it again"):
         _ = open_sequence(capture).reference
+
+
+def test_each_run_of_frames_with_a_truth_is_followed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Like that run alone; nothing is followed across the frames between."""
+    capture = write_sequence(tmp_path / "capture", 9, reference=True, motion=True)
+    without_truth(capture, 0, 4, 8)
+    judged = run_json(capsys, capture, "--metrics", "mse", "--video")
+    runs = [run_json(capsys, capture, "--metrics", "mse", "--video", "--frames", run) for run in ("1-3", "5-7")]
+    assert judged["frames"] == [row for run in runs for row in run["frames"]]
+    assert [row["video"]["flicker"] for row in judged["frames"]][::3] == [None, None]
+    assert judged["video"]["flicker"] > 0
+    assert judged["not_judged"] == [0, 4, 8]
+    assert "frames 1-3, 5-7 are judged, the 3 others are not" in judged["warnings"][0]
+
+
+def test_frames_with_a_truth_of_which_none_follows_another_are_not_scored_over_time(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
+) -> None:
+    without_truth(capture, 1, 3)
+    for paths in ((resolved, capture), (capture,)):
+        said = refusal(capsys, 66, *paths, "--video")
+        assert "--video follows each frame to the next, but no two consecutive frames have a truth (found 0, 2)" in said
+        assert [row["frame"] for row in run_json(capsys, *paths, "--metrics", "mse")["frames"]] == [0, 2]
+    without_truth(capture, 2)
+    assert "have a truth (found 0)" in refusal(capsys, 66, resolved, capture, "--video")
+
+
+@pytest.mark.parametrize("name", ["blender", "encoded", "png"])
+def test_pictures_of_any_kind_are_judged_where_they_have_a_truth(
+    name: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, capture: Path
+) -> None:
+    """Those of another tool, those that are decoded, and PNGs."""
+    without_truth(capture, 1)
+    frames, mine = [make_frame(number) for number in range(4)], tmp_path / "mine"
+    if name == "blender":
+        write_blender(mine, frames)
+    elif name == "encoded":
+        write_images(mine, [frame.colour for frame in frames])
+    else:
+        mine.mkdir()
+        for frame in frames:
+            write_png(mine / f"x.{frame.index:04d}.png", to_picture(frame.colour))
+    asked = ("--input", "colour.encoding=srgb") if name == "encoded" else ()
+    judged = run_json(capsys, mine, capture, "--metrics", "mse", "--video", *asked)
+    alone = run_json(capsys, mine, capture, "--metrics", "mse", "--video", "--frames", "2-3", *asked)
+    assert [row["frame"] for row in judged["frames"]] == [0, 2, 3]
+    assert judged["frames"][1:] == alone["frames"]
+    assert judged["not_judged"] == [1]
+
+
+def test_a_frame_that_the_capture_never_had_is_refused(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
+) -> None:
+    """It is no frame without a truth: A shows something else, or is numbered otherwise."""
+    write_images(resolved, [make_frame().colour], name="synthetic", first=4)
+    without_truth(capture, 0)
+    assert "frame 4: no single samples for this frame" in refusal(capsys, 66, resolved, capture, "--video")
 
 
 @pytest.mark.parametrize("name", ["plain", "passes", "png"])
