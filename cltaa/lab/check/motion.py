@@ -52,7 +52,7 @@ from cltaa.lab.check.registration import (
     Shot,
     Vector,
     differences,
-    fit_shift,
+    find_shift,
     linearised,
     seen_before,
     stays_inside,
@@ -287,7 +287,8 @@ def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> tuple[l
         if there.sum() < LEAST_POINTS or (anchored and fit is None):
             continue
         shift = fit.shift if anchored and fit is not None else None
-        halves = [there & ~pair.held_back, there & pair.held_back]
+        back = pair.held_back
+        halves = [there & ~back, there & back]
         if min(half.sum() for half in halves) < 2 * LEAST_POINTS:
             halves = [there, there]
         for half, into in zip(halves, (fitted, judging), strict=True):
@@ -318,7 +319,7 @@ def _differences(scenes: Sequence[Observed], meant: Affine) -> list[Vector]:
     for scene in scenes:
         u, v = meant(scene.own)
         x, y = scene.x + u, scene.y + v
-        shift = fit_shift(scene.now, scene.before, x, y, scene.scale).shift if scene.shift is None else scene.shift
+        shift = find_shift(scene.now, scene.before, x, y, scene.scale)[0] if scene.shift is None else scene.shift
         found.append(differences(scene.now, scene.before, x + shift[0], y + shift[1], scene.scale))
     return found
 
@@ -456,8 +457,8 @@ def _resting(pair: Pair) -> Vector:
         return np.full(2, np.nan)
     beyond, length = beyond[:, known], np.hypot(*pair.own[:, known])
     some = slice(None, None, max(1, -(-len(length) // MOST_SEEN)))
-    apart = np.hypot(*(beyond[:, some, None] - beyond[:, None, some]))
-    alike = apart <= (ROUNDED_PX + ROUNDED * length)[some]
+    across, down = (np.subtract.outer(along, along) for along in beyond[:, some])
+    alike = across**2 + down**2 <= ((ROUNDED_PX + ROUNDED * length) ** 2)[some]
     most = alike[np.argmax(alike.sum(1))]
     if most.mean() >= UPHELD:  # resting points share one offset, moving points have any
         return np.asarray(np.median(beyond[:, some][:, most], axis=1))

@@ -57,7 +57,8 @@ def _shifted(image: NDArray[np.float32], reach: int, axis: int) -> Iterator[NDAr
     """Yield [H, W] moved along an axis by -``reach`` to ``reach`` texels; edges repeat."""
     padded = np.pad(image, [(reach, reach) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
     for first in range(2 * reach + 1):
-        yield np.take(padded, range(first, first + image.shape[axis]), axis=axis)
+        there = slice(first, first + image.shape[axis])
+        yield padded[there] if axis == 0 else padded[:, there]
 
 
 def grid_points(height: int, width: int) -> Points:
@@ -69,6 +70,12 @@ def grid_points(height: int, width: int) -> Points:
 
 def sample(images: NDArray[np.float32], x: Vector, y: Vector) -> Vector:
     """Sample ``images`` [..., H, W] bilinearly at positions [n] in texels (0: first texel's centre); NaN outside."""
+    values, inside = _sampled(images, x, y)
+    return np.where(inside, values, np.nan)
+
+
+def _sampled(images: NDArray[np.float32], x: Vector, y: Vector) -> tuple[Vector, Mask]:
+    """Return what ``sample`` returns, but any numbers outside, and the mask of the positions inside."""
     height, width = images.shape[-2:]
     inside = (x >= 0) & (y >= 0) & (x <= width - 1) & (y <= height - 1)  # false for NaN
     x, y = np.where(inside, x, 0.0), np.where(inside, y, 0.0)
@@ -79,7 +86,7 @@ def sample(images: NDArray[np.float32], x: Vector, y: Vector) -> Vector:
     right, down = int(width > 1), width * int(height > 1)
     upper = flat.take(place, axis=-1) * (1 - fx) + flat.take(place + right, axis=-1) * fx
     lower = flat.take(place + down, axis=-1) * (1 - fx) + flat.take(place + (down + right), axis=-1) * fx
-    return np.where(inside, upper * (1 - fy) + lower * fy, np.nan)
+    return upper * (1 - fy) + lower * fy, inside
 
 
 ITERATIONS, LEAST_STEP_PX = 8, 4e-3
@@ -116,6 +123,14 @@ Shifts = tuple[list[Fit | None], bool]  # of each pair, and whether they were me
 
 def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> Fit:
     """Fit ``now`` = ``before`` at (x, y) + shift, positions in texels; ``scale`` is the difference with residual 1."""
+    shift, information = find_shift(now, before, x, y, scale)
+    found = residual_of(now, before, x + shift[0], y + shift[1], scale)
+    noise = max(found, 1e-3) * scale
+    return Fit(shift, information / noise**2, found)
+
+
+def find_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> tuple[Vector, Vector]:
+    """Return the shift [2] of ``fit_shift`` and the sum of the weighted products of gradients [2, 2] there."""
     shift = np.zeros(2)
     information = np.zeros((2, 2))
     for _ in range(ITERATIONS):
@@ -131,9 +146,7 @@ def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) 
             break
         if np.abs(step).max() < LEAST_STEP_PX:
             break
-    found = residual_of(now, before, x + shift[0], y + shift[1], scale)
-    noise = max(found, 1e-3) * scale
-    return Fit(shift, information / noise**2, found)
+    return shift, information
 
 
 def residual_of(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> float:
@@ -143,16 +156,16 @@ def residual_of(now: Vector, before: Picture, x: Vector, y: Vector, scale: float
 
 def differences(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> Vector:
     """Return min(|difference| / scale, 1) for each point; 1 for points outside the earlier picture."""
-    difference = np.abs(now - sample(before[0], x, y)) / scale
-    return np.minimum(np.nan_to_num(difference, nan=1.0), 1.0)
+    there, inside = _sampled(before[0], x, y)
+    return np.where(inside, np.minimum(np.abs(now - there) / scale, 1.0), 1.0)
 
 
 def linearised(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> tuple[Vector, Vector, Vector, Mask]:
     """Return residuals, gradients [2, n] and robust weights (Geman-McClure) of the points inside the earlier picture,
     and their mask."""
-    there = sample(before, x, y)
-    inside = np.isfinite(there[0])
-    left, slope = (now - there[0])[inside], there[1:, inside]
+    there, inside = _sampled(before, x, y)
+    left, *slopes = (values[inside] for values in (now - there[0], *there[1:]))
+    slope = np.array(slopes)
     weight = 1.0 / (1.0 + (left / scale) ** 2) ** 2
     return left, slope, weight, inside
 
@@ -350,10 +363,11 @@ def _shift(pair: Pair, there: Mask, anchored: bool) -> Fit | None:
     if fit.residual >= LARGEST_RESIDUAL:
         return None
     back = there & pair.held_back
-    halves = [fit_shift(now[part], pair.before, x[part], y[part], pair.scale) for part in (there & ~back, back)]
+    parts = (there & ~back, back)
+    halves = [find_shift(now[part], pair.before, x[part], y[part], pair.scale)[0] for part in parts]
     judging = back & _inside(pair, motion)
 
     def judge(right: float, down: float) -> float:
         return residual_of(now[judging], pair.before, x[judging] + right, y[judging] + down, pair.scale)
 
-    return fit._replace(halves=np.array([half.shift for half in halves]), judge=judge)
+    return fit._replace(halves=np.array(halves), judge=judge)
