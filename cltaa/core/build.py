@@ -150,6 +150,14 @@ def edge_build(build: Build) -> Build:
     return Build(lanes=build.lanes, rows=build.rows, storage=build.storage)
 
 
+@lru_cache(maxsize=BUILDS_KEPT)
+def mix_build(build: Build) -> Build:
+    """Return the build of ``mix_windows``, which many ways to gather share: it looks at few of their choices."""
+    asked = build.choices
+    choices = Choices(negatives=asked.negatives, recursion=asked.recursion, weighting=asked.weighting)
+    return msgspec.structs.replace(build, choices=choices, steps=Steps(alpha=build.steps.alpha), terms=Terms())
+
+
 # The per-frame struct: name -> (C type, meaning). All members have 4 bytes, so that every compiler lays it out alike.
 FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "width": ("int", "pixels a row"),

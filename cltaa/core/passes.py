@@ -9,7 +9,7 @@ import numpy as np
 
 from cltaa.core.backend import Launcher
 from cltaa.core.buffers import Buffers, FrameRing, LastRun
-from cltaa.core.build import Build, Record, edge_build, settings_record, window_count, window_planes
+from cltaa.core.build import Build, Record, edge_build, mix_build, settings_record, window_count, window_planes
 from cltaa.core.constants import BALANCED_REACH
 from cltaa.core.plan import Plan
 from cltaa.frame import Frame
@@ -69,7 +69,7 @@ class Passes:
         ratio = 0.0 if build.steps.reactive else frame_ring.lag_ratio(frame)
         reach = 0.0 if build.steps.reactive else 1.0 if ratio > 0.0 else BALANCED_REACH
         mixed |= {"static_frames": unmoved["static_frames"], "lag_ratio": np.float32(ratio), "reach": np.float32(reach)}
-        self.launcher.run("mix_windows", build, layout, windows | mixed)
+        self.launcher.run("mix_windows", mix_build(build), layout, windows | mixed)
         if build.extends and self.recursive is None:
             self._extend()
         return last

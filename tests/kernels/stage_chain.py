@@ -120,7 +120,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "tonemap",
         "weighting",
     ),
-    "mix_windows": ("alpha", "recursion", "storage", "weighting"),
+    "mix_windows": ("alpha", "negatives", "recursion", "storage", "weighting"),
 }
 # Of the rows of several choices: with it each value is in one that shows it, light is tested for where depth is, and no
 # clip that rounding in one channel can turn is in RGB.
@@ -318,11 +318,13 @@ def every_variant(kernel: str, build: Build) -> dict[str, Build]:
 
 def others(kernel: str, build: Build) -> dict[str, list[Any]]:
     """The values that each choice or step that a stage looks at does not have in ``build``."""
-    found = {}
-    for name in LOOKS_AT[kernel]:
-        usual = value_in(build, name)
-        found[name] = [not usual] if isinstance(usual, bool) else [v for v in type(usual) if v is not usual]
-    return found
+    return {name: other_values(name, build) for name in LOOKS_AT[kernel]}
+
+
+def other_values(name: str, build: Build) -> list[Any]:
+    """The values that a choice or step does not have in ``build``."""
+    usual = value_in(build, name)
+    return [not usual] if isinstance(usual, bool) else [v for v in type(usual) if v is not usual]
 
 
 def value_in(build: Build, name: str) -> Any:

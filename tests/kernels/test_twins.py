@@ -18,7 +18,7 @@ import pytest
 from msgspec.structs import replace
 
 from cltaa.core.backend import storage_dtype
-from cltaa.core.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Steps, Storage, window_planes
+from cltaa.core.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Steps, Storage, mix_build, window_planes
 from cltaa.core.constants import PAD_X, PAD_Y, UNMOVED
 from cltaa.core.constants import value as value_of
 from cltaa.core.parameters import (
@@ -52,6 +52,7 @@ from tests.kernels.stage_chain import (
     changed,
     differing,
     every_variant,
+    other_values,
     others,
     rows_together,
     run_stage,
@@ -322,6 +323,18 @@ def test_values_that_a_stage_does_not_tell_apart_give_the_same_bits(kernel: str)
     for name, other in ALIKE[kernel].items():
         found, expected = (run_stage(kernel, builds[value], work, NumpyLauncher()) for value in (name, other))
         assert differing(work, found, expected) == 0, name
+
+
+def test_windows_are_mixed_by_a_build_that_has_all_that_it_takes() -> None:
+    """What it looks at, one choice after another, and then whatever else there is."""
+    work, builds = chain_work(33, 9), every_variant("mix_windows", strict())
+    for name, build in builds.items():
+        found, expected = (run_stage("mix_windows", each, work, NumpyLauncher()) for each in (mix_build(build), build))
+        assert differing(work, found, expected) == 0, name
+    rest = {*Choices.__struct_fields__, *Steps.__struct_fields__} - {*LOOKS_AT["mix_windows"]}
+    other = changed(strict(), {name: other_values(name, strict())[0] for name in rest})
+    found, expected = (run_stage("mix_windows", each, work, device()) for each in (mix_build(other), other))
+    assert differing(work, found, expected) == 0
 
 
 def test_every_choice_and_step_is_looked_at_by_a_stage() -> None:
