@@ -1,4 +1,7 @@
-"""Temporal windows: where light may change, each pixel is resolved from the one that its latest samples support."""
+"""Temporal windows: where light may change, each pixel is resolved from the one that its latest samples support.
+
+What they are worth is shown by the oracle, whose bits the device has.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,7 @@ def lit(index: int, light: float, motion_px: float) -> Frame:
 
 def errors(preset: str, lights: list[float], motion_px: float = 0.0) -> list[float]:
     """Root mean square error of each frame."""
-    resolver = Resolver(override(load_preset(preset), {"current_filter": "none"}))
+    resolver = Resolver(override(load_preset(preset), {"current_filter": "none"}), "numpy")
     two = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3))
     resolved = [resolver.resolve(lit(index, light, motion_px)) for index, light in enumerate(lights)]
     return [float(np.sqrt(np.mean((i - k * two.mean(0)) ** 2))) for i, k in zip(resolved, lights, strict=True)]
@@ -58,7 +61,7 @@ def test_what_moves_along_itself_is_resolved_where_it_stands() -> None:
 def veiled(reactivity: float, frames: int = 24) -> tuple[Array, Array]:
     """The last frame of a texture under a mask of one ``reactivity``, drawn and resolved, as a camera sees it that all
     but stands."""
-    resolver = Resolver(override(load_preset("gather-48"), {"current_filter": "none"}))
+    resolver = Resolver(override(load_preset("gather-48"), {"current_filter": "none"}), "numpy")
     for index in range(frames):
         mask = np.full((HEIGHT, WIDTH), reactivity, np.float32)
         seen = replace(lit(index, 1.0, 0.0), camera=make_camera((1e-7 * index, 0.0, 5.0)), effects=ALL)
@@ -79,7 +82,7 @@ def test_a_reactive_mask_of_one_shows_the_current_frame() -> None:
 
 
 def test_samples_from_before_a_transparent_surface_are_used_once_it_has_left() -> None:
-    resolver = Resolver(override(load_preset("gather-48"), {"current_filter": "none"}))
+    resolver = Resolver(override(load_preset("gather-48"), {"current_filter": "none"}), "numpy")
     truth = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3)).mean(0)
     errors = []
     for index in range(30):

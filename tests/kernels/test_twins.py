@@ -352,9 +352,8 @@ def test_the_structs_hold_what_a_kernel_reads_and_nothing_else() -> None:
     assert set(Settings.__struct_fields__) > HOST_SETTINGS
 
 
-@pytest.mark.optimised
 def test_sixteen_lanes_give_the_same_bits() -> None:
-    # Of what runs so; test_resolve.py has the resolve, and with it what the stages give.
+    # Of what runs so; test_resolve.py has the resolve, optimised, and with it what the stages give.
     # PoCL 3.0 cannot build 16 lanes for every CPU: LLVM may end the whole process, so it is tried in one of its own.
     kernels = ("gather", "gather_windows", "mix_windows")
     code = (

@@ -91,13 +91,23 @@ def test_a_file_of_parameters_may_have_another_name_now(
     assert f"│ {name} " in capsys.readouterr().out
 
 
+STORED = [*SHORT, "--only", "storage: half", "--pictured", "4"]
+
+
+@pytest.fixture(scope="module")
+def measured_before(sequence: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A report of ``sequence``."""
+    folder = tmp_path_factory.mktemp("report")
+    assert main(["bench", "accuracy", str(sequence), "-o", str(folder), *STORED]) == 0
+    return folder
+
+
 @pytest.mark.parametrize("name", ["front-door", r"a$\foo$b", os.fsdecode(b"bad\xff")])
 def test_frames_are_reported_by_the_name_that_they_have_now(
-    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+    sequence: Path, measured_before: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     """Whatever it is, beside the frames themselves, and though they were measured under another."""
-    asked = ["-o", str(tmp_path), *SHORT, "--only", "storage: half", "--pictured", "4"]
-    assert main(["bench", "accuracy", str(sequence), *asked]) == 0
+    asked = ["-o", str(shutil.copytree(measured_before, tmp_path, dirs_exist_ok=True)), *STORED]
     moved = shutil.copytree(sequence, tmp_path / name)
     capsys.readouterr()
     assert main(["bench", "accuracy", str(moved), *asked, "--json"]) == 0
