@@ -71,7 +71,7 @@ def differing(changes: dict[str, object], frames: list[Frame], lanes: int, rows:
     return different
 
 
-# Optimised one lane and eight are in test_twins.py.
+# Eight lanes, optimised, are in test_twins.py.
 @pytest.mark.parametrize(
     ("lanes", "rows"), [(1, 1), *(pytest.param(*shape, marks=pytest.mark.optimised) for shape in ((4, 3), (16, 5)))]
 )

@@ -44,7 +44,6 @@ def test_it_keeps_an_answer_until_it_is_forgotten(
     usual, _ = usual_shape(first)
     monkeypatch.setattr(devices, "candidate_shapes", lambda _: [usual, "nvidia", "gpu-long", "gpu"])
     monkeypatch.setattr(devices, "Resolver", Wrong)
-    monkeypatch.setattr(devices, "PROVEN", ("basic", "fast"))  # built sooner than the default
     monkeypatch.setattr(devices, "fastest", lambda samples, base, _: next(n for n in samples.by_job if n != base))
     assert main(["bench", "devices", "--json"]) == 0
     out, told = capsys.readouterr()
