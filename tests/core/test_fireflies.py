@@ -48,7 +48,7 @@ def test_two_fireflies_side_by_side_add_nothing_to_the_filtered_samples_around_t
 
 def test_a_first_firefly_is_as_bright_as_the_second_brightest_around_it() -> None:
     sharp = override(load_preset(), {**CLAMP, "current_filter": "none"})
-    image = Resolver(sharp, "numpy").resolve(standing(0, PLACE))
+    image = Resolver(sharp, strict=True).resolve(standing(0, PLACE))
     around = standing(0).colour[PLACE[0] - 1 : PLACE[0] + 2, PLACE[1] - 1 : PLACE[1] + 2] @ [0.25, 0.5, 0.25]
     around[1, 1] = 0.0
     assert image[PLACE] @ [0.25, 0.5, 0.25] == pytest.approx(np.sort(around.ravel())[-2], rel=2.0**-20)
