@@ -423,6 +423,11 @@ def without_leak(shot: Shot) -> Shot:
     return less
 
 
+def may_leak(shot: Shot) -> bool:
+    """Return whether vectors fill the picture in too few pairs to tell whether they contain the jitter."""
+    return len(shot.pairs) < LEAST_PAIRS and all(map(_filled, shot.pairs))
+
+
 def _filled(pair: Pair) -> bool:
     return bool((np.isfinite(pair.own).all(0) & pair.usable).mean() >= COVERED)
 

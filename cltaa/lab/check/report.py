@@ -36,7 +36,7 @@ from cltaa.lab.check.colour import check_channels, check_colour, check_exposure
 from cltaa.lab.check.depth import AS_DECLARED, check_depth, check_depth_scale, check_sign, tell_device
 from cltaa.lab.check.hypotheses import ASKED, DOUBTFUL, Finding, mistake
 from cltaa.lab.check.jitter import check_jitter, check_mean, check_size, settled_shifts
-from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion, without_leak
+from cltaa.lab.check.motion import LEAST_EFFECT_PX, LEAST_PAIRS, check_motion, may_leak, without_leak
 from cltaa.lab.check.projection import check_held_jitter, check_projection_jitter
 from cltaa.lab.check.registration import Shot, measure_shifts
 from cltaa.lab.check.unverifiable import unverifiable
@@ -143,10 +143,23 @@ def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
         found += wrong_vectors
         # Shifts measured with wrong vectors say nothing about the jitter.
         if anchored or not wrong_vectors:
-            found += check_jitter(shot)
+            found += _unless_leaking(shot, check_jitter(shot))
         if not wrong_vectors:
             found += check_disagreement(shot)
     return found
+
+
+def _unless_leaking(shot: Shot, found: Sequence[Finding]) -> list[Finding]:
+    """Make an absent jitter in ``found`` a question where vectors may contain it, which leaves no shift either."""
+    if not may_leak(shot):
+        return list(found)
+    or_else = f"; or the vectors contain it, which takes {LEAST_PAIRS + 1} frames to tell"
+    return [
+        msgspec.structs.replace(finding, evidence=finding.evidence + or_else, confidence=DOUBTFUL)
+        if finding.name == "jitter-absent"
+        else finding
+        for finding in found
+    ]
 
 
 def _excused(shot: Shot, found: Sequence[Finding]) -> list[Finding]:

@@ -13,7 +13,7 @@ from cltaa.inputs.open import open_input
 from cltaa.lab.check.camera import ROUNDED_PX
 from cltaa.lab.check.motion import without_leak
 from cltaa.lab.check.registration import Shot
-from cltaa.lab.check.report import check_folder
+from cltaa.lab.check.report import check_folder, check_frames
 from tests.inputs.foreign import write_own
 from tests.lab.check.conftest import Scene
 from tests.lab.check.mistakes import MISTAKES, Plant, full_motion, jitter, jitter_delayed, motion_jittered
@@ -55,6 +55,15 @@ def test_vectors_with_jitter_and_a_wrong_jitter_are_both_mended(
         # Numbers of an option have six digits.
         np.testing.assert_allclose(theirs.jitter_px, ours.jitter_px, rtol=0, atol=1e-5)
         np.testing.assert_allclose(theirs.motion, ours.motion, rtol=0, atol=1e-4)
+
+
+def test_jitter_in_the_vectors_of_few_frames_does_not_accuse_the_declared_jitter(scene: Scene) -> None:
+    """Vectors with the jitter leave no shift, as if there were no jitter; six frames are too few to tell which."""
+    found = check_frames(motion_jittered(1.0)(full_motion(scene("corridor")))[:6])
+    assert [finding.name for finding in found if finding.mistake] == []
+    asked = next(finding for finding in found if finding.name == "jitter-absent")
+    assert asked.question
+    assert "or the vectors contain it, which takes 7 frames to tell" in asked.evidence
 
 
 def test_what_moves_on_its_own_is_no_jitter_in_vectors(scene: Scene) -> None:
