@@ -154,6 +154,9 @@ def parse_preset(text: str, origin: str, base: Preset) -> Preset:
         values = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise DataError(f"not TOML: {error}", path=origin) from None
+    if isinstance(values.get("preset"), dict):
+        what, cure = f"{origin}: preset is the name of a preset, and no table", "write the keys at the top, in no table"
+        raise UsageError(what, expected='a text, such as "default"', cure=cure)
     if "preset" in values:
         try:
             base = load_preset(str(values.pop("preset")))

@@ -421,10 +421,16 @@ ALPHA_NAME = re.compile(r"alpha|opacity|coverage|\.a$", re.IGNORECASE)
 NO_LIGHT = re.compile(
     r"albedo|base_?colou?r|diff(use)?_?col|matte|mask|crypto|normal|position|(^|[._])(uv|id|n|p)[._]", re.I
 )
+ONE_LETTER = re.compile(r"(^|[._])(z|zback|a|u|v|n|p|uv|id|object_?id)$", re.IGNORECASE)
 
 
 def _is_auxiliary(name: str) -> bool:
     return any(pattern.search(name) for pattern in (DEPTH_NAME, MOTION_NAME, NO_LIGHT))
+
+
+def _is_no_light(name: str) -> bool:
+    """Return True for a name of depth, vectors, alpha, an id or another auxiliary channel."""
+    return _is_auxiliary(name) or ALPHA_NAME.search(name) is not None or ONE_LETTER.search(name) is not None
 
 
 OF_NO_TOOL = {"parts": 1, "cltaa": 2}  # profiles of no tool; the greater number wins
@@ -451,11 +457,11 @@ def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]],
     if {*there} >= CHROMA:
         what, cure = "the picture is in luminance and chroma", "convert it to R G B"
         return DataError(what, path=folder, expected="R G B", found=written(there), cure=cure)
-    found, grey = written(there), there[0] if len(there) == 1 else None
+    found, grey = written(there), there[0] if len(there) == 1 and not _is_no_light(there[0]) else None
     if LUMINANCE in there and not {*there} >= {*"XYZ"}:
         grey = LUMINANCE
     # In a grey picture one channel serves as all three.
-    alike = ((label, _like_colour(names)) for label, names in channels.items())
+    alike = ((label, _like_colour([n for n in names if not _is_no_light(n)])) for label, names in channels.items())
     three = next(([shown_name(Place(label, name), channels) for name in its] for label, its in alike if its), None)
     example = [grey] * 3 if grey else three or ["RED", "GREEN", "BLUE"]
     cure = f"name them: {channels_option('colour.channels', example)}"
