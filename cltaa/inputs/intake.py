@@ -43,7 +43,7 @@ from cltaa.inputs.roles import (
     without_vectors,
 )
 from cltaa.inputs.side_file import Side, read_side_file
-from cltaa.io.exr_frame import COLOUR
+from cltaa.io.exr_frame import COLOUR, check_number
 from cltaa.io.exr_layout import Layout
 from cltaa.io.exr_read import ImageHeader, read_any_header
 from cltaa.io.names import Named, Selection, renumbered, selection_of
@@ -257,6 +257,9 @@ def open_intake(
     layouts = as_pictures({number: pictures[number] for number in numbers}, on_resize)
     _refuse_whole_numbers(first, roles)
     given = {number: header.of_channel(colour[0]) for number, header in headers.items()}
+    if not place.alone:  # a picture that is named by itself may have any name
+        for number in numbers:
+            check_number(main[number], given[number], number)
     side = {} if side_file is None else _side_of(side_file, numbers)
     stated = {number: [Stated(main[number], given[number]), *_beside(found, number)] for number in around}
     if not side:
@@ -392,13 +395,16 @@ def _check_complete(
         ("jitter", "with --input jitter.source=none", "jitter_px", "jitter_px"),
         ("exposure", "of them", "exposure", "exposure"),
     ):
-        without = [number for number in numbers if getattr(known[number], told) is None]
+        late, beside = delays[what], {number for number, one in side.items() if getattr(one, given) is not None}
+        source = {number: number + late if number + late in known else number for number in numbers}
+        missing = {number for number in numbers if getattr(known[number], told) is None}
+        # Not the headers' for some frames and the side file's for others: the two may differ by a convention.
+        without = missing | ({number for number in numbers if source[number] not in beside} if beside else set())
         if 0 < len(without) < len(numbers):
-            late = delays[what]
-            lacking = sorted({number + late if number + late in known else number for number in without})
-            beside = any(getattr(one, given) is not None for one in side.values())
+            lacking = sorted({source[number] for number in without})
             where = "there" if beside else "with --camera FILE"
-            cure = f"give {what} to every frame {where}, or to none {otherwise}"
+            none = f"to none {otherwise}" if missing else "to none, and those of the headers count"
+            cure = f"give {what} to every frame {where}, or {none}"
             raise DataError(f"no {what} for {named_frames(lacking)}", path=side_file if beside else folder, cure=cure)
 
 

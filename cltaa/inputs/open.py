@@ -56,6 +56,7 @@ def open_input(
     if plain and str(profile) in ("auto", "cltaa") and is_own(place):
         own = open_sequence(place, **options)
         own.refuse_result()
+        own.warn_of_truth()
         return own
     from cltaa.inputs.foreign import ForeignSequence
     from cltaa.inputs.intake import open_intake
@@ -65,6 +66,7 @@ def open_input(
     intake = open_intake(place, profile=profile, assignments=assignments, side_file=side_file, **options)
     sequence = ForeignSequence(place.folder, intake, sorted(intake.declared), verify=verify)
     sequence.refuse_result()
+    sequence.warn_of_truth()
     check_declared(sequence, effects)
     if not isinstance(effects, str):
         sequence = ForeignSequence(place.folder, intake, sorted(intake.declared), verify=verify, effects=effects)

@@ -133,6 +133,14 @@ def frame_attributes(frame: Frame) -> dict[str, object]:
     return attributes
 
 
+def check_number(path: Path, attributes: Mapping[str, object], number: int) -> None:
+    """Raise DataError where attribute ``cltaa:frame`` is not the ``number`` in the name of the file."""
+    stated = attributes.get("cltaa:frame", number)
+    if stated != number:
+        what, cure = "the file name and attribute cltaa:frame disagree", "give the file its own number again"
+        raise DataError(what, path=path, expected=number, found=stated, cure=cure)
+
+
 def frame_outline(path: Path, attributes: Mapping[str, object], layout: Layout) -> Frame:
     """Return a frame of which only the header was read: its channels exist, and are empty.
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from cltaa.errors import DataError, UsageError, check_flags, public
 from cltaa.frame import Effect, Frame, Image, name_effects
-from cltaa.io.exr_frame import CHANNEL_OF, OF_FRAMES, check_float_channels, frame_outline
+from cltaa.io.exr_frame import CHANNEL_OF, OF_FRAMES, check_float_channels, check_number, frame_outline
 from cltaa.io.exr_layout import Layout, covers
 from cltaa.io.exr_read import FrameFile, read_colour, read_frame_and_header, read_header, read_planes
 from cltaa.io.guides import guides_of
@@ -143,6 +143,13 @@ class FrameSequence(NumberedFiles):
             what, cure = "these are results of cltaa resolve", "name the folder that they were made from"
             raise UsageError(what, path=self.folder, found=f"preset {preset}", cure=cure)
 
+    def warn_of_truth(self) -> None:
+        """Warn of frames that state many samples a pixel, as a truth does: a resolve takes frames of one."""
+        samples = self.attributes.get("cltaa:samples")
+        if isinstance(samples, int) and samples > 1:
+            what = f"these are frames of {samples} samples a pixel, as a truth has"
+            warnings.warn(f"{self.folder}: {what}; name the folder of their single samples", stacklevel=4)
+
     @cached_property
     def effects(self) -> frozenset[Effect] | None:
         """Effects that the first frame declares, or None."""
@@ -224,9 +231,7 @@ class FrameSequence(NumberedFiles):
         frame, header = read_frame_and_header(path, sha256=self.sha256(number), picture=picture)
         if "cltaa:frame" not in header.attributes:  # then its folder decides whether shot-003 is 3 or -3
             frame = replace(frame, index=number)
-        if frame.index != number:
-            what, cure = "the file name and attribute cltaa:frame disagree", "give the file its own number again"
-            raise DataError(what, path=frame.path, expected=number, found=frame.index, cure=cure)
+        check_number(path, header.attributes, number)
         if frame.effects != self.effects:
             raise other_effects(self.path(number), number, self.effects, frame.effects)
         if self.step != 1 or self.found is not None:

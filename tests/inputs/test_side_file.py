@@ -204,6 +204,33 @@ def test_a_side_file_of_other_frames(numbered: tuple[int, ...], message: str, tm
         open_input(tmp_path / "shot", side_file=side)
 
 
+@pytest.mark.parametrize(
+    ("key", "what"), [("jitter_px", "jitter"), ("world_to_view", "matrices"), ("exposure", "exposure")]
+)
+def test_no_frame_takes_from_the_side_file_what_another_takes_from_its_header(
+    key: str, what: str, tmp_path: Path
+) -> None:
+    made, side = frames(), tmp_path / "camera.json"
+    shown = {
+        "world_to_view": made[0].camera.world_to_view.tolist(),
+        "view_to_clip": made[0].camera.view_to_clip.tolist(),
+    }
+    value = shown if key == "world_to_view" else {key: {"jitter_px": [0.0, 0.0], "exposure": 2.0}[key]}
+    write_own(tmp_path / "shot", made)
+
+    def told(*numbers: int) -> None:
+        side.write_text(json.dumps({"frames": dict.fromkeys(numbers, value) | {9: {"cut": 1}}}))
+
+    told(0)
+    rest = f"give {what} to every frame there, or to none, and those of the headers count"
+    with pytest.raises(DataError, match=rf"camera\.json: no {what} for frames 1-2; {rest}"):
+        open_input(tmp_path / "shot", side_file=side)
+    told(0, 1, 2)
+    assert len(open_input(tmp_path / "shot", side_file=side)) == 3
+    side.write_text(json.dumps({"frames": {1: {"cut": 1}}}))  # a cut is of one frame
+    assert [frame.cut for frame in open_input(tmp_path / "shot", side_file=side)] == [False, True, False]
+
+
 def test_the_frame_that_a_side_file_leaves_out_is_named_where_its_matrices_are_late(tmp_path: Path) -> None:
     """With a delay of 1 it is the frame before whose matrices they would have been."""
     made, side = frames(), tmp_path / "camera.txt"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,11 @@ from cltaa.cli import main
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.frame import Effect
 from cltaa.inputs.open import open_input
+from cltaa.io.exr_read import read_image
 from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.numbered import OnBreak, check_steps, even_step, missing_from
 from cltaa.io.sequence import open_images, open_sequence
+from cltaa.lab.check.report import check_folder
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_frames, write_images, write_sequence
 
 
@@ -153,6 +156,25 @@ def test_a_renamed_frame_is_refused(tmp_path: Path) -> None:
     (tmp_path / "synthetic.0000.exr").rename(tmp_path / "synthetic.0001.exr")
     with pytest.raises(DataError, match=r"the file name and attribute cltaa:frame disagree \(expected 1, found 0\)"):
         next(iter(open_sequence(tmp_path)))
+    for read in (check_folder, partial(open_input, assignments=["jitter.delay=1"])):
+        with pytest.raises(
+            DataError, match=r"cltaa:frame disagree \(expected 1, found 0\); give the file its own number"
+        ):
+            read(tmp_path)
+
+
+def test_frames_of_many_samples_are_reported(tmp_path: Path) -> None:
+    """A truth in place of its capture: nothing else says that the samples which a resolve needs are gone."""
+    truth = write_images(tmp_path / "reference", [make_frame().colour] * 2, samples=64)
+    said = rf"{truth}: these are frames of 64 samples a pixel, as a truth has; name the folder of their single samples"
+    with pytest.warns(UserWarning, match=said):
+        open_input(truth)
+    own = write_sequence(tmp_path / "own", 2)
+    for path in own.glob("*.exr"):
+        pixels, attributes = read_image(path)
+        write_image(path, pixels, attributes | {"cltaa:samples": 4})
+    with pytest.warns(UserWarning, match="frames of 4 samples a pixel"):
+        open_input(own)
 
 
 def test_frames_that_declare_other_effects(tmp_path: Path) -> None:
