@@ -15,7 +15,8 @@ from cltaa.commands.printing import figures, print_line, print_table, three_digi
 from cltaa.errors import LONGEST_VALUE, InputMissing, UsageError
 from cltaa.inputs.foreign import first_pictures
 from cltaa.io.atomic import make_folder
-from cltaa.io.names import has_suffix, name_of, number_of, selection_of
+from cltaa.io.manifest import REFERENCE
+from cltaa.io.names import name_of, number_of, real_path, selection_of
 from cltaa.io.numbered import even_step, named_frames, ranges
 from cltaa.io.sequence import FrameSequence, ImageSequence
 from cltaa.lab.judge.comparison import Comparison, doubts, pair_up
@@ -340,15 +341,25 @@ def _warn(name: str, comparison: Comparison, lacking: list[int], in_time: bool, 
             f" {'is' if have == 1 else 'are'} judged, the {others} not"
         )
     if heatmap is not None:
+        _refuse_among_pictures(comparison, heatmap)
         make_folder(heatmap)
-        for images in (comparison.test, comparison.reference):
-            if has_suffix(images.path(images.first), ".png") and images.folder.samefile(heatmap):
-                what = "--heatmap: maps have the names of the pictures there"
-                raise UsageError(what, path=heatmap, cure="name another folder")
         warnings += stale_maps(heatmap, comparison.test)
     for warning in warnings:
         click.echo(f"cltaa: warning: {'' if name == 'A' else f'{printable(name)}: '}{warning}", err=True)
     return warnings
+
+
+def _refuse_among_pictures(comparison: Comparison, heatmap: Path) -> None:
+    """Raise UsageError for a folder of maps that holds what is compared, or is in the place of a truth."""
+    place, capture = real_path(heatmap), comparison.capture
+    read = [comparison.test, comparison.reference, *([] if capture is None else [capture])]
+    if place in {real_path(images.folder) for images in read}:
+        what = "--heatmap: maps have the names of the pictures there"
+    elif REFERENCE.fullmatch(place.name) and place.parent in {real_path(images.folder) for images in read}:
+        what = "--heatmap: maps there would be taken for a truth"
+    else:
+        return
+    raise UsageError(what, path=heatmap, cure="name another folder")
 
 
 def _check_followed(comparison: Comparison) -> None:

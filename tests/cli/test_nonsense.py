@@ -119,6 +119,11 @@ CASES: list[tuple[str, int, str]] = [
         "overwrite the output; name another file or folder",
     ),
     ("resolve seq -o a.mp4/out --device numpy --preview a.mp4", WRONG, "a.mp4: the film would overwrite the output"),
+    (
+        "resolve seq -o out --config table.toml",
+        WRONG,
+        'table.toml: preset is the name of a preset, and no table (expected a text, such as "default"); write the keys',
+    ),
     ("resolve seq -o out --config other.toml", WRONG, "other.toml: unknown preset nope"),
     ("resolve seq -o out --debug count --band-rows 4", WRONG, "images only; use --band-rows 0 or smaller frames"),
     ("resolve seq -o out --device numpy --compare side", WRONG, "--compare side needs a film; name it: --preview"),
@@ -175,6 +180,9 @@ CASES: list[tuple[str, int, str]] = [
     ("compare seq --frames 0-99999999999999999999", WRONG, "no such frame"),
     ("compare seq --stops nan", USAGE, "not a number"),
     ("compare seq --stops 1e9", USAGE, "not in the range"),
+    ("compare seq --heatmap seq", WRONG, "seq: --heatmap: maps have the names of the pictures there; name another"),
+    ("compare seq --heatmap seq/reference", WRONG, "--heatmap: maps have the names of the pictures there"),
+    ("compare seq --heatmap seq/reference-8", WRONG, "--heatmap: maps there would be taken for a truth"),
     ("compare seq --heatmap file.txt", OUTPUT, "file.txt: the folder cannot be created"),
     ("presets nonsense", WRONG, "unknown preset nonsense"),
     ("presets Babylon", WRONG, "unknown preset Babylon; did you mean one of babylon-accumulate, babylon-disable-on-c"),
@@ -289,6 +297,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / "linked" / path.name).symlink_to(path)
     (folder / "file.txt").write_text("not what you think")
     (folder / "latin.toml").write_bytes(b"# caf\xe9")
+    (folder / "table.toml").write_text("[preset]\nhistory_frames = 3\n")
     (folder / "other.toml").write_text('preset = "nope"')
     (folder / "broken.glb").write_bytes(b"glTF\0\0\0 not really")
     (folder / "said.toml").write_text("published = 3")

@@ -21,10 +21,11 @@ import numpy as np
 from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.inputs.foreign import check_named, open_pictures, stated
 from cltaa.inputs.open import is_own, open_input
+from cltaa.io.exr_frame import check_number
 from cltaa.io.exr_layout import Part, Window
 from cltaa.io.manifest import CAPTURE, Entry, Manifest, file_sha256, recorded_hashes
 from cltaa.io.names import Named, Selection, selection_of
-from cltaa.io.numbered import FrameRange, NumberedFiles, OnBreak, ranges, shared_region
+from cltaa.io.numbered import FrameRange, NumberedFiles, OnBreak, named_frames, ranges, shared_region
 from cltaa.io.sequence import RESOLVED, FrameSequence, ImageSequence
 from cltaa.printable import counted, printable
 
@@ -57,17 +58,17 @@ class Comparison:
         return np.s_[:, :] if region is None else images.shows(region)
 
     @property
-    def _two_images(self) -> bool:
+    def two_images(self) -> bool:
         """True for two single images, whose frame numbers may differ."""
         return self.capture is None and len(self.test) == len(self.reference) == 1
 
     def truth_number(self, number: int) -> int:
         """Return the reference's frame number for a frame of the test."""
-        return self.reference.first if self._two_images else number
+        return self.reference.first if self.two_images else number
 
     def not_judged(self, frames: FrameRange | None) -> list[int]:
         """Return the frames in the range ``frames`` that reference and capture have and the test lacks."""
-        if self._two_images:
+        if self.two_images:
             return []
         there = set(self.reference.numbers)
         if self.capture is not None:
@@ -83,15 +84,19 @@ class Comparison:
         return replace(self, test=self.test.of_numbers(there), without_truth=without) if without and there else self
 
     def check(self) -> None:
-        """Raise DataError for different sizes and InputMissing for a frame that another sequence lacks."""
+        """Raise DataError for different sizes and for a file of another frame, InputMissing for a frame that one
+        lacks."""
         shared_region(self.test, self.reference)
-        if self._two_images:
+        if self.two_images:
             return
         both = "choose frames that both have with --frames"
         if self.capture is not None:
             _check_frames(self.test, self.capture, "single samples", both)
         _check_frames(self.test, self.reference, "reference", both)
         check_yardsticks(self.test, self.yardsticks)
+        for images in (self.test, self.reference, *self.yardsticks.values()):
+            for number in self.test.numbers:
+                check_number(images.path(number), stated(images.path(number)), number)
 
 
 def _check_frames(wanted: NumberedFiles, other: NumberedFiles, what: str, cure: str) -> None:
@@ -214,6 +219,8 @@ def doubts(comparison: Comparison, *, followed: bool) -> list[str]:
         return [f"the truth of B, {printable(comparison.reference.folder)}, was written by a resolve: capture it again"]
     if comparison.of_itself:
         return []
+    if RESOLVED in truth:
+        return ["B is itself a result of cltaa resolve and no truth: the figures are no errors; name the truth last"]
     test = comparison.test
     other: NumberedFiles = comparison.reference if comparison.capture is None else comparison.capture
     number = test.first if test.first in other.numbers else other.first
@@ -221,9 +228,11 @@ def doubts(comparison: Comparison, *, followed: bool) -> list[str]:
     scenes = [str(attributes.get("cltaa:scene", "")) for attributes in (ours, theirs)]
     if all(scenes) and scenes[0] != scenes[1]:
         return [f"A shows scene {printable(scenes[0])} and B scene {printable(scenes[1])}"]
-    views = [attributes.get(VIEW) for attributes in (ours, theirs)]
-    if test.first == number and _differ(*views):
-        return [f"A and B are seen by different cameras in frame {number}"]
+    numbers = [attributes.get("cltaa:frame") for attributes in (ours, theirs)]
+    if comparison.two_images and None not in numbers and numbers[0] != numbers[1]:
+        return [f"A is frame {numbers[0]} and B frame {numbers[1]}: name two pictures of one frame"]
+    if apart := [n for n in test.numbers if n in other.layouts and _differ(*_views(test.path(n), other.path(n)))]:
+        return [f"A and B are seen by different cameras in {named_frames(apart)}"]
     if _other_primaries(ours.get(PRIMARIES), truth.get(PRIMARIES)):
         return ["A and B state different primaries (attribute chromaticities), and neither is converted"]
     manifest, capture = Manifest(test.folder), comparison.capture
@@ -241,6 +250,11 @@ def doubts(comparison: Comparison, *, followed: bool) -> list[str]:
             " for by B's depth, vectors and matrices things are followed"
         ]
     return []
+
+
+def _views(*paths: Path) -> list[object]:
+    """Return the view matrices that the headers state, None for those that state none."""
+    return [stated(path).get(VIEW) for path in paths]
 
 
 def _differ(one: object, other: object) -> bool:

@@ -162,7 +162,7 @@ def test_another_scene_is_told_by_what_files_say(capsys: pytest.CaptureFixture[s
     assert warnings(capsys, made) == []
     assert warnings(capsys, resolved, made / "reference") == []
     assert warnings(capsys, tmp_path / "elsewhere", made) == ["A shows scene spinner and B scene synthetic"]
-    assert warnings(capsys, tmp_path / "moved", made) == ["A and B are seen by different cameras in frame 0"]
+    assert warnings(capsys, tmp_path / "moved", made) == ["A and B are seen by different cameras in frames 0-1"]
     assert "resolved from other frames than those of B" in warnings(capsys, resolved, other_seed)[0]
 
 
@@ -170,6 +170,43 @@ NO_TRUTH = (
     "which has no truth in a folder reference/: the figures are no errors; capture it with --reference 64, or render"
     " the truth there, with many samples a pixel"
 )
+NO_TRUTH_ITSELF = "B is itself a result of cltaa resolve and no truth: the figures are no errors; name the truth last"
+
+
+def test_cameras_are_compared_in_each_frame_that_is_judged(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Two paths of a camera may begin at one place, as those of one scene at two frame rates do."""
+    for name, speed in (("slow", 1.0), ("fast", 2.0)):
+        cameras = [make_camera((speed * (index >= 2), 0.0, 5.0)) for index in range(4)]
+        write_frames(tmp_path / name, (make_frame(index, camera=its) for index, its in enumerate(cameras)))
+    pair = tmp_path / "slow", tmp_path / "fast"
+    assert warnings(capsys, *pair) == ["A and B are seen by different cameras in frames 2-3"]
+    assert run_json(capsys, *pair, "--frames", "0-1", "--metrics", "mse")["warnings"] == []
+
+
+def test_two_pictures_of_two_frames_are_reported(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    made, other = write_sequence(tmp_path / "a", 2), write_sequence(tmp_path / "b", 2)
+    said = ["A is frame 0 and B frame 1: name two pictures of one frame"]
+    assert warnings(capsys, made / "synthetic.0000.exr", other / "synthetic.0001.exr") == said
+    (made / "synthetic.0001.exr").rename(tmp_path / "best2.exr")  # whatever it is called
+    assert warnings(capsys, tmp_path / "best2.exr", other / "synthetic.0001.exr") == []
+
+
+@pytest.mark.parametrize("swapped", ["test", "truth/reference", "truth/reference-2"])
+def test_frames_under_each_others_names_are_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, swapped: str
+) -> None:
+    grey = np.full((HEIGHT, WIDTH), 0.5, np.float32)
+    write_sequence(tmp_path / "truth", 3)
+    for folder in ("test", "truth/reference", "truth/reference-2"):
+        (tmp_path / folder).mkdir()
+        for name, number in enumerate((0, 2, 1) if folder == swapped else (0, 1, 2)):
+            write_image(
+                tmp_path / folder / f"synthetic.{name:04d}.exr", dict.fromkeys("RGB", grey), {"cltaa:frame": number}
+            )
+    said = refusal(capsys, 65, tmp_path / "test", tmp_path / "truth")
+    place = tmp_path / swapped / "synthetic.0001.exr"
+    assert f"{place}: the file name and attribute cltaa:frame disagree (expected 1, found 2)" in said
+    assert main(["compare", *map(str, (tmp_path / "test", tmp_path / "truth")), "--frames", "0-0"]) == 0
 
 
 def test_frames_that_are_no_truth_are_reported(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -185,7 +222,8 @@ def test_frames_that_are_no_truth_are_reported(capsys: pytest.CaptureFixture[str
     assert warnings(capsys, other, own) == []  # nothing says what these are
     (own / "sequence.json").write_text("{}")
     assert warnings(capsys, other, own) == [f"B is a capture of one sample a pixel, {NO_TRUTH}"]
-    assert warnings(capsys, tmp_path / "own-resolved", tmp_path / "own-resolved") == []
+    for test in (own, dump):  # as where the two are named the wrong way round
+        assert warnings(capsys, test, tmp_path / f"{test.name}-resolved") == [NO_TRUTH_ITSELF]
 
 
 def write_region(folder: Path, images: list[np.ndarray]) -> Path:
@@ -250,7 +288,7 @@ def test_a_truth_that_a_resolve_wrote_is_reported(capsys: pytest.CaptureFixture[
     for arguments in ([capture], [tmp_path / "out", capture]):
         (warning,) = run_json(capsys, *arguments)["warnings"]
         assert "reference, was written by a resolve: capture it again" in warning
-    assert run_json(capsys, tmp_path / "out", capture / "reference")["warnings"] == []  # two resolves
+    assert run_json(capsys, tmp_path / "out", capture / "reference")["warnings"] == [NO_TRUTH_ITSELF]
 
 
 @pytest.mark.parametrize("own", [False, True])
