@@ -103,10 +103,12 @@ def known(name: str, names: Iterable[str], kind: str) -> str:
 def several(given: object, argument: str, kind: type = str) -> list[Any]:
     """Return a text or a ``kind`` in a list, or several as a list; raises UsageError, which names ``argument``, for
     anything else."""
-    each = [*given] if isinstance(given, Iterable) and not isinstance(given, str) else [given]
+    holds = isinstance(given, Iterable) and not isinstance(given, str) and getattr(given, "shape", None) != ()
+    each = [*cast(Iterable[Any], given)] if holds else [given]
     for one in each:
         if not isinstance(one, str | kind):
-            raise UsageError(f"{argument} takes names", expected="a text, or several", found=repr(one))
+            found = type(one).__name__ if hasattr(one, "shape") else repr(one)  # arrays are long
+            raise UsageError(f"{argument} takes names", expected="a text, or several", found=found)
     return each
 
 

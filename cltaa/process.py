@@ -212,11 +212,12 @@ def _handled(handler: Callable[[int, FrameType | None], Any]) -> Iterator[Callab
 
 
 INSIDE = "_inside"  # the attribute that holds the thread inside
+CLOSED = "_closed"  # the one that is true of a closed object
 Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 def one_thread(method: Method) -> Method:
-    """Make ``method`` raise UsageError while another thread uses the same object.
+    """Make ``method`` raise UsageError while another thread uses the same object, and once that is closed.
 
     It does not wait for the other: frames come in order, and which of two threads is first is chance.
     """
@@ -228,6 +229,8 @@ def one_thread(method: Method) -> Method:
         if state.setdefault(INSIDE, me) != me:
             raise UsageError("two threads use one resolver at once", cure="frames come in order: take one a thread")
         try:
+            if state.get(CLOSED) and method.__name__ != "_end":  # which close calls, any number of times
+                raise UsageError("the resolver is closed", cure="make a new one")
             return method(owner, *given, **named)
         except WRONG_TYPES:
             check_arguments(f"Resolver.{method.__name__}", method, (owner, *given), named)

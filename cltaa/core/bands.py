@@ -125,7 +125,7 @@ class BandedResolver(Resolver):
     @one_thread
     def resolve(self, frame: Frame, *, half: bool = False, out: Any = None) -> Any:
         """Return the colour of ``frame`` as ``Resolver.resolve`` does, but in the arrays of the frame."""
-        check_frame(frame)
+        self._told = check_frame(frame, self._told)
         into = None if out is None else checked_out(out, frame)
         half = half if into is None else into.dtype == np.float16
         started = perf_counter()

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.constants import PAD_X, PAD_Y, value
 from cltaa.core.planes import Layout
 from cltaa.errors import DataError, UsageError, known
 from cltaa.frame import PLANES, Camera, Effect, Frame, on_device
@@ -39,15 +39,19 @@ NUMBERS = "attribute cltaa:jitterPx", "attribute cltaa:exposure"
 NUMBER_ARGUMENTS = "jitter_px", "exposure"
 LOOKED_AT = 100  # most rows and columns that are searched for meaningless numbers
 READ_ON_DEVICE = np.dtype(np.float32), np.dtype(np.float16)  # types that kernels read
+LIMIT = np.float64(value("DOMAIN_LIMIT"))  # in double precision, for halves end below it
 _EFFECTS = frozenset(Effect)
 
 
 class MeaninglessNumbers(UserWarning):
-    """Depth or vectors of a frame say nothing; what resolves files reports their frames instead."""
+    """Depth, vectors or colour of a frame say nothing; what resolves files reports their frames instead."""
 
 
-def check_frame(frame: Frame) -> None:
-    """Raise DataError for a frame that cannot be resolved: channels, camera, jitter, exposure, effects, numbers."""
+def check_frame(frame: Frame, told: bool = False) -> bool:
+    """Raise DataError for a frame that cannot be resolved: channels, camera, jitter, exposure, effects, numbers.
+
+    Warns of the first frame without a usable sample; returns whether it, or an earlier one, which ``told`` says, was.
+    """
     if not isinstance(frame, Frame):
         raise DataError("no frame", expected="a cltaa.Frame", found=_kind(frame))
     check_channels(frame)
@@ -57,8 +61,18 @@ def check_frame(frame: Frame) -> None:
     _check_effects(frame)
     if frame.step < 1:
         raise _wrong(frame, "step", WHOLE)
-    _check_depth(frame)
+    if nothing := _check_depth(frame):
+        warnings.warn(
+            f"depth is {nothing} everywhere and counts as the sky; leave it out where there is none",
+            MeaninglessNumbers,
+            stacklevel=4,
+        )
     _warn_of_motion(frame)
+    if told or not _without_samples(frame):
+        return told
+    what = f"frame {frame.index} has no usable sample: its colour, or alpha, is masked, NaN, infinite or beyond 2^50"
+    warnings.warn(f"{what} everywhere; its image is the history's, or black", MeaninglessNumbers, stacklevel=4)
+    return True
 
 
 def each_frame(frames: Iterable[Frame]) -> Iterator[Frame]:
@@ -69,7 +83,8 @@ def each_frame(frames: Iterable[Frame]) -> Iterator[Frame]:
 
 
 def check_fields(frame: Frame) -> None:
-    """Raise DataError for a frame that cannot be written: fields of wrong types, no pixel, unknown effects."""
+    """Raise DataError for a frame that cannot be written: fields of wrong types, no pixel, unknown effects, depth that
+    is negative everywhere."""
     _check_types(frame)
     _check_effects(frame)
     for name in PLANES:
@@ -79,31 +94,51 @@ def check_fields(frame: Frame) -> None:
         if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiub":
             raise _error(frame, f"{name} is no array", "one of the host, of numbers", _kind(array))
     _check_colour(frame)
+    if frame.depth.shape == frame.colour.shape[:2]:
+        _check_depth(frame)
 
 
 def _looked_at(array: Any) -> NDArray[Any]:
     """Return a sample of an array [H, W, ...], of bounded size: this is on the frame's critical path."""
-    return np.asarray(array[:: -(-array.shape[0] // LOOKED_AT), :: -(-array.shape[1] // LOOKED_AT)])
+    return np.asarray(array[_sampled(array)])
 
 
-def _check_depth(frame: Frame) -> None:
-    """Raise DataError where depth holds only negative numbers, apart from the sky; warn where it is NaN everywhere.
+def _sampled(array: Any) -> tuple[slice, slice]:
+    return slice(None, None, -(-array.shape[0] // LOOKED_AT)), slice(None, None, -(-array.shape[1] // LOOKED_AT))
+
+
+def _without_samples(frame: Frame) -> bool:
+    """True where no pixel of colour and alpha in host memory is a number within the domain."""
+    colour, alpha = frame.colour, frame.alpha
+    if on_device(colour) or on_device(alpha):
+        return False
+    y, x = colour.shape[0] // 2, colour.shape[1] // 2
+    middle, whole = (slice(y, y + 1), slice(x, x + 1)), (slice(None), slice(None))
+    for part in (middle, _sampled(colour), whole):  # all of it only where the rest decides nothing
+        usable = (np.abs(colour[part]) <= LIMIT).all(-1)
+        if alpha is not None:
+            usable &= np.abs(alpha[part]) <= LIMIT
+        if usable.any():
+            return False
+    return True
+
+
+def _check_depth(frame: Frame) -> str | None:
+    """Return what depth is everywhere, apart from the sky, where that says nothing: ``NaN``, ``0`` or ``0 or less``.
+    Raise DataError where it holds only negative numbers.
 
     A frame of sky may be 0 everywhere, and one that a farm lost NaN everywhere.
     """
     if on_device(frame.depth):
-        return
+        return None
     for depth in (_looked_at(frame.depth), frame.depth):  # all of it only where the sample decides nothing
         depth = depth[depth != np.inf]
-        if not depth.size or (np.isfinite(depth) if frame.camera.orthographic else depth >= 0).any():
-            return
+        if not depth.size or (np.isfinite(depth) if frame.camera.orthographic else depth > 0).any():
+            return None
     if np.isnan(depth).all():
-        warnings.warn(
-            "depth is NaN everywhere and counts as the sky; leave it out where there is none",
-            MeaninglessNumbers,
-            stacklevel=4,
-        )
-        return
+        return "NaN"
+    if (depth == 0).any():
+        return "0 or less" if (depth < 0).any() else "0"
     expected, found = "positive numbers, np.inf for the sky", f"{np.nanmin(depth):g} to {np.nanmax(depth):g}"
     how = "depth=-depth" if frame.path is None else "cltaa check tells whether an option mends it"
     cure = f"it is positive before the camera: {how}"
@@ -116,7 +151,7 @@ def _warn_of_motion(frame: Frame) -> None:
         warnings.warn(
             "motion is infinite in places, where history is dropped; NaN there means that the camera's motion is all",
             MeaninglessNumbers,
-            stacklevel=4,
+            stacklevel=5,
         )
 
 

@@ -191,6 +191,11 @@ def checked_out(out: Any, frame: Frame) -> Any:
     return out
 
 
+def may_overlap(one: Any, other: Any) -> bool:
+    """True where two arrays of the host may share memory."""
+    return isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and np.may_share_memory(one, other)
+
+
 def mapped_image(
     shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.float32, pool: BlockPool = BLOCK_POOL
 ) -> NDArray[Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -20,11 +21,12 @@ from cltaa.core.frame_checks import check_frame, each_frame
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.passes import Passes
 from cltaa.core.plan import JittersBefore, Plan, channel_steps, from_ring_alone, plan_frame, recursive_choices
-from cltaa.core.planes import Layout, checked_out, empty_result, result_shape
+from cltaa.core.planes import Layout, checked_out, empty_result, may_overlap, result_shape
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.record import Coarse, Past, coarse_colours, frame_record, looks_cut
 from cltaa.errors import ResourceError, UsageError, check_flags, public
 from cltaa.frame import Array, Frame, on_device, outline
+from cltaa.printable import counted
 from cltaa.process import OneProcess, no_copy, one_thread
 
 Out = TypeVar("Out", bound=Array)
@@ -66,6 +68,8 @@ class Resolver:
         look_ahead: int | None = None,
     ) -> None:
         check_flags(strict=strict, every_step=every_step)
+        if isinstance(look_ahead, str):
+            raise UsageError("look_ahead is wrong", expected="a whole number", found=repr(look_ahead))
         if not isinstance(build, Build | None):
             raise UsageError("no build", expected="None, or that of a measurement", found=repr(build))
         self.every_step = every_step
@@ -92,17 +96,19 @@ class Resolver:
         self._coarse: Coarse = ()  # of the current frame
         self.cuts_found: deque[int] = deque(maxlen=CUTS_KEPT)  # frame numbers, the latest last
         self._lends = False  # whether an unfinished frame may still use arrays of the host
+        self._closed = self._told = False  # told: of a frame without samples
         self.plan: Plan | None = None
         self.last: LastRun | None = None
         self.times = Times(0.0, 0.0, 0.0)
 
+    @one_thread
     def __enter__(self) -> Self:
         """Return the resolver itself; the block's end closes it."""
         return self
 
-    def __exit__(self, *_: object) -> None:
-        """Close it."""
-        self.close()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Close it; an exception is not followed by the warning about frames that wait."""
+        self._end(tells=kind is None)
 
     def __repr__(self) -> str:
         """The preset and the device."""
@@ -151,13 +157,19 @@ class Resolver:
         """Forget the history, and the waiting frames: the next frame starts a new one."""
         self._forget()
 
-    @one_thread
     def close(self) -> None:
-        """Free the device memory and end the copying threads. The resolver stays usable: the next frame starts a new
-        history."""
+        """Free the device memory; all other methods then raise UsageError. Warns where frames wait for later ones."""
+        self._end(tells=True)
+
+    @one_thread
+    def _end(self, *, tells: bool) -> None:
+        self._closed, waiting = True, len(self._waiting)
         self._free()
         self._frame_ring = None
         self._forget()
+        if waiting and tells:
+            what = f"the resolver closed while {counted(waiting, 'frame')} waited for later ones"
+            warnings.warn(f"{what}: call flush() before, for their images", stacklevel=4)  # of close, or of the block
 
     @one_thread
     def reopen(self) -> None:
@@ -223,7 +235,7 @@ class Resolver:
                 f"preset {self.preset.name} looks ahead, and its image of a frame comes later",
                 cure="take one that does not; in Python call feed() and flush()",
             )
-        check_frame(frame)
+        self._told = check_frame(frame, self._told)
         check_flags(half=half)
         into = None if out is None else checked_out(out, frame)
         started = perf_counter()
@@ -236,7 +248,7 @@ class Resolver:
         if waits:
             self.launcher.finish()
         self._resolved(frame, previous, build, buffers, into, started, waits=waits)
-        if out is not None and any(_may_overlap(into, array) for array in frame.arrays):
+        if out is not None and any(may_overlap(into, array) for array in frame.arrays):
             self.last = None  # it may read the frame in place, where the result is now
         return into if out is None else out
 
@@ -318,7 +330,7 @@ class Resolver:
         Raises the errors of ``resolve``, and UsageError where frames wait for later ones, or where the preset needs the
         result before.
         """
-        check_frame(frame)
+        self._told = check_frame(frame, self._told)
         if self._waiting:
             raise UsageError("frames are still waiting for later ones", cure="call flush()")
         self._previous = self._latest if self.look_ahead else self._previous
@@ -335,7 +347,7 @@ class Resolver:
         self.times = Times(perf_counter() - started, 0.0, 0.0)
 
     def _fed(self, frame: Frame, *, half: bool, planar: bool = False) -> Iterator[NDArray[Any]]:
-        check_frame(frame)
+        self._told = check_frame(frame, self._told)
         check_flags(half=half)
         if self._latest is not None:
             self._latest.refuse_again(frame)
@@ -586,8 +598,3 @@ class Resolver:
 
     def _forget_ahead(self) -> None:
         self._latest, self._waiting = None, deque()
-
-
-def _may_overlap(one: Any, other: Any) -> bool:
-    """True where two arrays of the host may share memory."""
-    return isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and np.may_share_memory(one, other)

@@ -11,7 +11,8 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.inputs.intake import OPAQUE
-from cltaa.io.exr_write import write_frame
+from cltaa.io.exr_frame import frame_attributes, frame_planes
+from cltaa.io.exr_write import write_image
 from cltaa.pipeline.run import ResolveReport, StageTimes
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import make_frame, write_sequence
@@ -95,7 +96,9 @@ def test_an_alpha_of_1_in_every_frame_of_another_tool_is_reported(
 def test_of_negative_depth_the_way_to_an_option_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     frame = make_frame(0, motion=True)
     (tmp_path / "in").mkdir()
-    write_frame(tmp_path / "in" / "x.0000.exr", replace(frame, depth=-np.where(np.isinf(frame.depth), 9, frame.depth)))
+    frame = replace(frame, depth=-np.where(np.isinf(frame.depth), np.float32(9), frame.depth))
+    path = tmp_path / "in" / "x.0000.exr"
+    write_image(path, frame_planes(frame, path), frame_attributes(frame))  # write_frame refuses it
     run = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy"]
     assert main(run) == 65
     assert "before the camera: cltaa check tells whether an option" in capsys.readouterr().err

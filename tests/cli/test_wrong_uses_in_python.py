@@ -28,6 +28,11 @@ def write_truth(sequence: Path) -> Path:
     return sequence
 
 
+def copied(sequence: Path, name: str) -> Path:
+    """A copy of ``sequence``, without a truth."""
+    return Path(shutil.copytree(sequence, name, ignore=shutil.ignore_patterns("reference")))
+
+
 def written(text: str) -> str:
     """The name of a TOML file with this text."""
     Path("a.toml").write_text(text)
@@ -239,6 +244,36 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "a table of settings": (
         lambda _: cltaa.load_preset(written("[settings]\nblend_weight = 1")),
         "keys stand at the top",
+    ),
+    "metrics of numbers": (
+        lambda _: cltaa.measure(LIGHT, LIGHT, LIGHT),
+        "metrics takes names .*several, found ndarray.$",
+    ),
+    "metrics of one number": (
+        lambda _: cltaa.measure(LIGHT, LIGHT, np.array(3)),
+        "metrics takes names .*found ndarray",
+    ),
+    "no metrics": (lambda _: cltaa.measure(LIGHT, LIGHT, metrics=[]), "no metric is named .expected mse"),
+    "metrics of a blank": (lambda _: cltaa.measure(LIGHT, LIGHT, metrics=[" "]), "no metric is named .expected mse"),
+    "no truth": (
+        lambda seq: cltaa.measure(LIGHT, cltaa.open(copied(seq, "b")).reference),
+        "expected an array, found NoneType.; the reference of a sequence without truth is None",
+    ),
+    "a truth for its image": (
+        lambda seq: cltaa.measure(LIGHT, cltaa.open(write_truth(copied(seq, "a"))).reference),
+        r"found ImageSequence.; take one of its images: .image.frame.",
+    ),
+    "look-ahead by text": (
+        lambda _: cltaa.Resolver("gather-8", look_ahead="4"),
+        "look_ahead is wrong .expected a whole number, found '4'",
+    ),
+    "another number in a frame's name": (
+        lambda _: cltaa.write_frame("frame.0007.exr", make_frame(0)),
+        "frame.0007.exr: the file name has another number than the frame .expected 0, found 7",
+    ),
+    "negative depth to write": (
+        lambda _: cltaa.write_frame("x.0000.exr", cltaa.Frame(0, LIGHT, depth=-LIGHT[..., 0])),
+        "depth is no distance anywhere .*found -1 to -1.; it is positive before the camera: depth=-depth",
     ),
     "no film": (
         lambda seq: cltaa.resolve(seq, "out", compare="side"),

@@ -108,6 +108,7 @@ def test_gathering_leaves_no_rim_of_what_recedes(device: str | None) -> None:
     assert not image[:, WIDTH - 8 - 3 :].any()
 
 
+@pytest.mark.filterwarnings("ignore:frame 5 has no usable sample")
 def test_gathered_alpha_of_missing_samples_is_a_share() -> None:
     """The mean of others is a difference from the pixel's own alpha, and their sum is rounded: 1 + 2^-22 was seen."""
     resolver = Resolver(load_preset("gather-8").replace(illumination="static", recursion="none"), "numpy")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import replace
 from typing import Any
 from unittest.mock import Mock
@@ -9,10 +10,11 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from cltaa.core.bands import BandedResolver
 from cltaa.core.buffers import Buffers
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
-from cltaa.errors import ResourceError
+from cltaa.errors import ResourceError, UsageError
 from cltaa.frame import Camera, Effect
 from tests.core.standing import STILL, panned, still_frame
 from tests.numerics.exact_cameras import orthographic
@@ -163,14 +165,39 @@ def test_what_an_interrupted_frame_lent_is_waited_for(preset: str, monkeypatch: 
     assert called[0] == "finish"
 
 
-def test_a_resolver_closes_at_the_end_of_its_block_and_starts_anew_after_it() -> None:
-    frames = [make_frame(number) for number in range(2)]
+@pytest.mark.parametrize("kind", [Resolver, BandedResolver])
+def test_a_closed_resolver_refuses_every_method_but_close(kind: type[Resolver]) -> None:
     with Resolver(device="numpy") as resolver:
-        first = [resolver.resolve(frame) for frame in frames]
+        resolver.resolve(make_frame(0))
         assert resolver.recurrent()[1].keys() > {"history"}
-    with pytest.raises(ValueError, match="no history"):
-        resolver.recurrent()
-    assert all(np.array_equal(resolver.resolve(frame), image) for frame, image in zip(frames, first, strict=True))
+    methods = {name for name, _ in inspect.getmembers(kind, inspect.isfunction) if not name.startswith("_")}
+    given: dict[str, list[Any]] = {"feed": [make_frame(0)], "images": [[make_frame(0)]]}
+    for name in {*methods, "__enter__"} - {"close"}:
+        with pytest.raises(UsageError, match=r"^the resolver is closed; make a new one$"):
+            list(getattr(kind, name)(resolver, *given.get(name, [])))  # a generator begins when it is read
+    with pytest.raises(UsageError, match="the resolver is closed"):
+        list(resolver.images([]))
+    resolver.close()
+
+
+def test_frames_that_wait_when_a_resolver_closes_are_told() -> None:
+    def fed() -> Resolver:
+        resolver = Resolver("gather-8", "numpy", look_ahead=2)
+        assert [resolver.feed(make_frame(number)) for number in range(2)] == [[], []]
+        return resolver
+
+    told = r"^the resolver closed while 2 frames waited for later ones: call flush\(\) before, for their images$"
+    with pytest.warns(UserWarning, match=told) as by_block, fed():
+        pass
+    resolver = fed()
+    with pytest.warns(UserWarning, match=told) as by_call:
+        resolver.close()
+    assert {each.filename for each in (*by_block, *by_call)} == {__file__}
+    resolver.close()  # which tells nothing again
+    with pytest.raises(ZeroDivisionError), fed():  # as little as after an exception
+        raise ZeroDivisionError
+    with fed() as resolver:
+        assert len(resolver.flush()) == 2
 
 
 def test_planes_that_found_no_memory_are_allocated_at_the_next_try(monkeypatch: pytest.MonkeyPatch) -> None:

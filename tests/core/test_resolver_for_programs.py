@@ -286,11 +286,38 @@ def test_what_comes_or_goes_starts_a_new_history(left_out: str) -> None:
 def test_depth_of_nothing_is_the_sky() -> None:
     """A frame that a farm has lost ends no sequence."""
     frame, resolver = make_frame(0), Resolver(device="numpy")
-    empty = resolver.resolve(replace(frame, depth=np.zeros_like(frame.depth)))
+    empty = resolver.resolve(replace(frame, depth=np.full_like(frame.depth, np.inf)))
+    for depth in (np.zeros_like(frame.depth), np.where(frame.depth < 5, np.float32(0), -frame.depth)):
+        resolver.reset()
+        with pytest.warns(UserWarning, match="depth is 0 (or less )?everywhere and counts as the sky") as told:
+            zero = resolver.resolve(replace(frame, depth=depth))
+        assert np.array_equal(zero, empty)
+        assert told[0].filename == __file__
     resolver.reset()
     with pytest.warns(UserWarning, match="depth is NaN everywhere and counts as the sky"):
         lost = resolver.resolve(replace(frame, depth=np.full_like(frame.depth, np.nan)))
     assert np.array_equal(lost, empty)
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, -(2.0**51)])
+@pytest.mark.parametrize("name", ["colour", "alpha"])
+def test_the_first_frame_without_samples_is_told(name: str, number: float) -> None:
+    """A farm may have lost it, and where there is history the image is that."""
+    resolver, frame = Resolver(device="numpy"), make_frame(3, alpha=True)
+    lost: dict[str, Any] = {name: np.full(getattr(frame, name).shape, number)}
+    with pytest.warns(UserWarning, match="^frame 3 has no usable sample: its colour, or alpha") as told:
+        assert not resolver.resolve(replace(frame, **lost)).any()
+    assert [each.filename for each in told] == [__file__]
+    resolver.resolve(replace(make_frame(4, alpha=True), **lost))  # once a resolver
+
+
+def test_masked_colour_is_told_and_one_pixel_of_it_is_enough() -> None:
+    frame = make_frame(0, width=301, height=203)
+    mask = np.ones(frame.colour.shape, bool)
+    with pytest.warns(UserWarning, match="frame 0 has no usable sample"):
+        Resolver(device="numpy").resolve(replace(frame, colour=np.ma.array(frame.colour, mask=mask)))
+    mask[1, 1] = False
+    Resolver(device="numpy").resolve(replace(frame, colour=np.ma.array(frame.colour, mask=mask)))
 
 
 def test_one_pixel_of_depth_is_enough() -> None:
@@ -419,7 +446,8 @@ def test_every_kind_of_array_is_the_numbers_in_it(device: str | None, tmp_path: 
 def test_doubles_beyond_a_float_are_missing_samples(device: str | None, tmp_path: Path) -> None:
     """Without NumPy's warning, of a place in our code."""
     frame = Frame(0, np.full((40, 60, 3), 1e300))
-    assert not Resolver(device=device).resolve(frame).any()
+    with pytest.warns(UserWarning, match="frame 0 has no usable sample"):
+        assert not Resolver(device=device).resolve(frame).any()
     write_frame(tmp_path / "a.0000.exr", frame)
 
 

@@ -16,6 +16,8 @@ WIDTH, HEIGHT = 48, 40
 HOLE = (slice(8, 29), slice(10, 37))  # in which no 3x3 of the inside holds a usable texel
 WHOLE = (slice(None), slice(None))
 RECURRENT = ["default", "fast", "karis"]  # a count, a mean with a least weight, and a weight that no count decides
+# What a frame of nothing is told of.
+pytestmark = pytest.mark.filterwarnings("ignore:frame . has no usable sample")
 
 
 def strict(preset: str, launcher: DeviceLauncher) -> Resolver:

@@ -23,6 +23,7 @@ from cltaa.core.frame_checks import EXPOSURE_STOPS
 from cltaa.errors import DataError, UsageError, import_extra, known, public, several
 from cltaa.frame import Image, shared
 from cltaa.io.display import luma, shown_light, to_display
+from cltaa.io.sequence import ImageSequence
 from cltaa.printable import counted
 
 SSIM_SIGMA = 1.5  # pixels; Wang et al. 2004, with their 11 x 11 Gaussian window
@@ -236,6 +237,10 @@ def measure(
     for image in (test, reference):
         if not isinstance(image, np.ndarray):
             cure = "files are judged by cltaa compare"
+            if image is None:
+                cure = "the reference of a sequence without truth is None"
+            elif isinstance(image, ImageSequence):
+                cure = "take one of its images: .image(frame)"
             raise UsageError("no image to measure", expected="an array", found=type(image).__name__, cure=cure)
     if test.shape != reference.shape:
         expected, found = list(reference.shape), list(test.shape)
@@ -249,10 +254,9 @@ def measure(
         within = f"a number from {-EXPOSURE_STOPS:g} to {EXPOSURE_STOPS:g}"
         raise UsageError("stops are out of range", expected=within, found=repr(stops))
     asked = several(DEFAULT_METRICS if metrics is None else metrics, "metrics", Metric)
-    names = [each.split(",") if isinstance(each, str) else [each] for each in asked]
-    chosen = [
-        named_metrics([each.strip()])[0] if isinstance(each, str) else each for each in chain.from_iterable(names)
-    ]
+    if not asked:
+        raise UsageError("no metric is named", expected=", ".join(METRICS))
+    chosen = chain.from_iterable(parse_metrics(each) if isinstance(each, str) else [each] for each in asked)
     return {metric.name: metric.function(test, reference, stops) for metric in chosen}
 
 
