@@ -27,6 +27,8 @@ def assert_like_numpy(launcher: DeviceLauncher, width: int, height: int, count: 
         assert np.array_equal(bits(ours.resolve(frame)), bits(theirs.resolve(frame)))
 
 
+# The hard frames of a few pixels have depth of 0 everywhere, which is told.
+@pytest.mark.filterwarnings("ignore:depth is 0:cltaa.core.frame_checks.MeaninglessNumbers")
 @pytest.mark.parametrize("size", [(1, 1), (1, 13), (13, 1), (2, 2), (3, 3), (17, 13), (97, 5), (241, 131)])
 def test_g5_every_size_gives_the_oracles_bits(launcher: DeviceLauncher, size: tuple[int, int]) -> None:
     assert_like_numpy(launcher, *size)

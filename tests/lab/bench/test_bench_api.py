@@ -27,9 +27,9 @@ def test_each_way_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     """In each of three rounds, and once before them, ``CALLS`` calls of each way; two are with arrays of the device."""
     kinds = list[str]()
 
-    def noted(frame: Frame) -> None:
+    def noted(frame: Frame, told: bool) -> bool:
         kinds.append(type(frame.colour).__name__)
-        check_frame(frame)
+        return check_frame(frame, told)
 
     monkeypatch.setattr(resolver, "check_frame", noted)
     done = CliRunner().invoke(root, ["bench", "api", "--size", "32x18", "--rounds", "3", "--json"])
