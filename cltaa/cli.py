@@ -93,7 +93,6 @@ MEASUREMENTS = {
     "devices": Entry("cltaa.commands.bench_times", "devices", "Measure how kernels are best cut up for a device."),
     "files": Entry("cltaa.commands.bench_times", "files", "Time files, and how well the stages of a resolve overlap."),
     "kernels": Entry("cltaa.commands.bench_times", "kernels", "Time the kernels against the alternatives."),
-    "overview": Entry("cltaa.commands.bench_accuracy", "overview", "Put reports of bench accuracy together."),
     "quality": Entry("cltaa.commands.bench_quality", "quality", "Judge presets on scenes against the truth."),
 }
 

@@ -1,4 +1,4 @@
-"""``cltaa bench accuracy`` and ``cltaa bench overview``: the time that each step of accuracy costs."""
+"""``cltaa bench accuracy``: the time that each step of accuracy costs."""
 
 from __future__ import annotations
 
@@ -26,14 +26,13 @@ from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.errors import UsageError, known
 from cltaa.inputs.open import Reading
 from cltaa.io.atomic import make_folder
-from cltaa.lab.bench.accuracy.figures import import_pyplot
 from cltaa.lab.bench.accuracy.measurement import Accuracy, MeasuredSequence, bench_accuracy, cost, tasks_of
-from cltaa.lab.bench.accuracy.report import falling_metrics, merged, page, read_report, write_report
+from cltaa.lab.bench.accuracy.report import page, write_report
 from cltaa.lab.bench.cells import Judging
 from cltaa.lab.bench.variants import Variant, ladder
 from cltaa.lab.judge.metrics import parse_metrics
 from cltaa.lab.timing import Clock
-from cltaa.printable import counted, json_of, printable, shown
+from cltaa.printable import counted, printable, shown
 
 
 @click.command("accuracy")
@@ -97,10 +96,9 @@ def accuracy(
     judging = Judging(metrics=names, rounding_frames=rounding_frames, pictures=True)
     tasks = tasks_of(sequences, variants, device, judging, reading)
     make_folder(output)
-    import_pyplot()  # a missing package, and how files are read, show before the work, not after it
-    open_each(sequences, reading)
+    open_each(sequences, reading)  # how files are read shows before the work, not after it
     result = bench_accuracy(tasks, output, **work)
-    write_report(result, output, pictured, {"index.html": page(result, tasks, output, pictured)})
+    write_report(result, output, page(result, tasks, output, pictured))
     answer(result, as_json, print_accuracy)
     if not as_json:
         click.echo(f"look at {printable(output / 'index.html')}")
@@ -154,24 +152,3 @@ def _table(result: Accuracy, measured: MeasuredSequence) -> Table:
         errors = (f"{row.errors[name].mean:.4g}" for name in result.metrics)
         table.add_row(f"{counted(row.samples, 'sample')} a pixel", added, "", "", *errors, "", "", style="dim")
     return table
-
-
-@click.command("overview")
-@click.argument("reports", nargs=-1, required=True, type=FILE_PATH, metavar="REPORT...")
-@click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder for the merged report.")
-@click.option(
-    "--pictured", default=4, type=click.IntRange(min=0), help="Number of first sequences with plots of their own."
-)
-@json_option
-def overview(reports: tuple[Path, ...], output: Path, pictured: int, as_json: bool) -> None:
-    """Merge reports of cltaa bench accuracy: all sequences in one figure, one table, one JSON and one CSV.
-
-    Each REPORT is the output folder of one run. All runs must share device, kernels and variants, as when several
-    processes, each on its own card, measured some of the sequences.
-    """
-    result = merged([(folder, read_report(folder)) for folder in reports])
-    if not falling_metrics(result):
-        raise UsageError("no error to compare by: no metric that falls with it", found=", ".join(result.metrics))
-    make_folder(output)
-    text = write_report(result, output, pictured)
-    click.echo(json_of(result) if as_json else text, nl=as_json)

@@ -261,7 +261,6 @@ CASES: list[tuple[str, int, str]] = [
     ("bench kernels --size 4x4", WRONG, "too small to compare images in"),
     ("bench kernels --rounds 1", USAGE, "x>=3"),
     ("bench kernels --device numpy", WRONG, "bench kernels times OpenCL kernels"),
-    ("bench overview seq -o out", MISSING, "not a report; make one: cltaa bench accuracy SEQUENCE -o DIR"),
     ("tune seq -o out.toml", WRONG, "one of --budget and --target is needed"),
     ("tune seq -o out.toml --budget 5ms --trials 1", USAGE, "x>=2"),
     ("tune seq -o out.toml --budget 5ms --seed 4294967296", USAGE, "0<=x<=4294967295"),

@@ -159,15 +159,6 @@ COMMANDS = {
         {"cltaa.commands.bench_times.open_each": opened, "cltaa.commands.bench_times.bench_files": begins},
     ),
     "bench api": Command("bench api", {"cltaa.commands.bench_times.bench_api": begins}),
-    "bench overview": Command(
-        "bench overview one two -o out",
-        {
-            "cltaa.commands.bench_accuracy.read_report": lambda folder: folder.name,
-            "cltaa.commands.bench_accuracy.merged": lambda _: "merged",
-            "cltaa.commands.bench_accuracy.falling_metrics": lambda _: ["mse"],
-            "cltaa.commands.bench_accuracy.write_report": begins,
-        },
-    ),
     "raycast": Command("raycast rolling -o out", {"cltaa_datasets.ray_cast.draw": begins}),
     "capture": Command("capture spinner -o out", {"cltaa_capture.sequence.capture_sequence": begins}),
     "kernels": Command("kernels --show resolve", {"cltaa.commands.presets.source": begins}),
@@ -320,7 +311,6 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--pixels 7", "bench_accuracy.pixels", 7),
         ("--jobs 7", "bench_accuracy.jobs", 7),
         ("--dask there", "bench_accuracy.dask", "there"),
-        ("--pictured 7", "write_report.pictured", 7),
         ("--pictured 7", "page.pictured", 7),
         *frames_that_are_read("tasks_of", judged=True),
         *frames_that_are_read("open_each", judged=True),
@@ -374,10 +364,6 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--device 3", "bench_api.device", "3"),
         ("--rounds 7", "bench_api.rounds", 7),
     ],
-    "bench overview": [
-        ("-o elsewhere", "write_report.output", Path("elsewhere")),
-        ("--pictured 7", "write_report.pictured", 7),
-    ],
     "raycast": [
         ("-o elsewhere", "draw.output", Path("elsewhere")),
         ("--frames 12", "draw.frames", 12),
@@ -419,9 +405,8 @@ OTHERWISE = {
         "resolve_sequence.stopping",
     },
     "demo": {"resolve_sequence.restart", "resolve_sequence.stopping"},  # the folder is the demo's own
-    "bench accuracy": {"page.pictured", "write_report.pictured", "write_report.pages"},
+    "bench accuracy": {"page.pictured"},
     "bench quality": {"Reading.effects", "task_of.reading"},
-    "bench overview": {"write_report.pictured"},
     "capture": {"capture_sequence.progress"},
 }
 # Of --json every command has a test of its answer (test_nonsense.py and that of the command).

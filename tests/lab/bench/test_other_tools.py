@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -16,8 +17,7 @@ from cltaa.core.presets import load_preset
 from cltaa.errors import UsageError
 from cltaa.frame import Frame, parse_effects
 from cltaa.inputs.open import Reading, readings
-from cltaa.lab.bench.accuracy.measurement import tasks_of, yardstick_errors
-from cltaa.lab.bench.accuracy.report import read_report
+from cltaa.lab.bench.accuracy.measurement import Accuracy, tasks_of, yardstick_errors
 from cltaa.lab.bench.cases import REDRAWN
 from cltaa.lab.bench.cells import Judging, run, task_of
 from cltaa.lab.bench.variants import ladder
@@ -239,16 +239,13 @@ def test_what_cannot_be_read_is_told_as_resolve_tells_it(
         assert said == expected or not options
 
 
-def test_accuracy_in_words_and_pictures(
-    shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("cltaa.lab.bench.accuracy.figures.FORMATS", ("svg",))
+def test_accuracy_in_words_and_pictures(shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["bench", "accuracy", str(shot), "-o", str(tmp_path), "--only", "basic", "--preset", "fast"]
     arguments += ["--rounds", "3"]
     arguments += ["--patience", "0", "--pixels", "1", "--rounding-frames", "1", "--camera", str(shot / "camera.txt")]
     assert main([*arguments, "--json"]) == 0
     said = capsys.readouterr()
-    print_accuracy(read_report(tmp_path))
+    print_accuracy(msgspec.json.decode((tmp_path / "accuracy.json").read_bytes(), type=Accuracy))
     assert "        all │" in capsys.readouterr().out  # bits right: a first frame is not rounded
     (measured,) = json.loads(said.out)["sequences"]
     assert [yard["samples"] for yard in measured["yardstick"]] == [1, 2]

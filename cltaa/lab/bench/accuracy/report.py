@@ -1,4 +1,4 @@
-"""Write, read and merge accuracy reports: folders with a page and tables."""
+"""Accuracy reports: folders with a page, tables and numbers."""
 
 from __future__ import annotations
 
@@ -9,22 +9,23 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from statistics import geometric_mean
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 
 from cltaa.camera import inverse_depth
-from cltaa.errors import DataError, InputMissing
 from cltaa.frame import Frame, Image
 from cltaa.io.atomic import atomic_path
 from cltaa.io.display import Picture, heat, to_picture
-from cltaa.lab.bench.accuracy.figures import FORMATS, table, write_plots
-from cltaa.lab.bench.accuracy.measurement import Accuracy, Spread, cells_of
+from cltaa.lab.bench.accuracy.measurement import Accuracy, Measured, MeasuredSequence, Spread, cells_of
 from cltaa.lab.bench.cells import COUNT_WHITE, Task, packed
+from cltaa.lab.bench.variants import PRESETS
 from cltaa.lab.judge.comparison import truth_of
 from cltaa.lab.judge.metrics import METRICS
-from cltaa.printable import counted, printable
+from cltaa.lab.timing import Interval
+from cltaa.printable import counted, literal, markdown, printable
 
 _FOLDER = resources.files("cltaa") / "lab" / "bench" / "accuracy" / "page"
 
@@ -125,88 +126,112 @@ def _columns(errors: Mapping[str, Spread]) -> dict[str, object]:
     return {f"{name}{end}": getattr(errors[name], part) for name in errors for end, part in ends.items()}
 
 
-NAME = "accuracy.json"
+class Overall(NamedTuple):
+    """A variant over all sequences: error and time over the default's, for each sequence and as geometric means."""
+
+    variant: str
+    errors: list[float | None]  # None if either of the two has no error
+    error: float
+    times: list[Interval]  # of the sequences that were not too noisy to rank
+    rounding: float | None  # root mean square over the sequences
+    best_of: int  # number of sequences on which no variant has less error
+
+    @property
+    def time(self) -> float | None:
+        """The geometric mean of the times; None if every sequence was too noisy."""
+        return geometric_mean(time.median for time in self.times) if self.times else None
+
+    @property
+    def error_range(self) -> tuple[float, float]:
+        """The least and the greatest of the known errors; 1 without any."""
+        there = [error for error in self.errors if error is not None] or [1.0]
+        return min(there), max(there)
 
 
-def falling_metrics(result: Accuracy) -> list[str]:
-    """Return the metrics that fall as the image gets better; variants are compared by these errors."""
-    return [name for name in result.metrics if not METRICS[name].higher_is_better]
+def overall(result: Accuracy, metric: str) -> list[Overall]:
+    """Return every variant, least error first; ``metric`` must fall as the image gets better."""
+    least = [min(cell.errors[metric].mean for cell in measured.cells) for measured in result.sequences]
+    rows = []
+    for place, variant in enumerate(result.variants):
+        cells = [measured.cells[place] for measured in result.sequences]
+        errors = [_ratio(measured, cell, metric) for measured, cell in zip(result.sequences, cells, strict=True)]
+        times = [measured.cells[place].ratio for measured in result.sequences if not measured.noisy]
+        best = sum(cell.errors[metric].mean <= value for cell, value in zip(cells, least, strict=True))
+        apart = [cell.rounding.rms**2 for cell in cells if cell.rounding is not None]
+        rounding = math.sqrt(math.fsum(apart) / len(apart)) if apart else None
+        mean = geometric_mean([error for error in errors if error is not None] or [1.0])
+        rows.append(Overall(variant.name, errors, mean, times, rounding, best))
+    return sorted(rows, key=lambda row: row.error)
 
 
-def write_report(
-    result: Accuracy, output: Path, pictured: int | None = None, pages: Mapping[str, str] | None = None
-) -> str:
-    """Write the numbers as JSON and CSV, the plots, a table over all sequences, and ``pages``, texts by file name, into
-    the folder ``output``; returns the table, which is empty, and not written, if no metric falls with the error.
+def table(result: Accuracy, metrics: Sequence[str]) -> str:
+    """Return Markdown: a row for each variant, least error by the first metric first; then a row for each sequence."""
+    every = {metric: {row.variant: row for row in overall(result, metric)} for metric in metrics}
+    heads = ["variant", *(head for metric in metrics for head in (metric, "least to greatest", "best in"))]
+    rows = []
+    for variant, row in every[metrics[0]].items():
+        texts = [variant]
+        for own in (found[variant] for found in every.values()):
+            texts += [f"{own.error:.3f}", "{:.3f} to {:.3f}".format(*own.error_range), str(own.best_of)]
+        low, high = min((t.low for t in row.times), default=0.0), max((t.high for t in row.times), default=0.0)
+        texts += ["too noisy to rank", "–"] if row.time is None else [f"{row.time:.3f}", f"{low:.3f} to {high:.3f}"]
+        rows.append([*texts, "–" if row.rounding is None else f"{row.rounding:.1e}" if row.rounding else "0"])
+    whole = markdown([*heads, "time", "95 % of every sequence within", "rounding"], rows)
+    return f"{_about(result)}\n\n{whole}{by_sequence(result, metrics[0])}"
 
-    The first ``pictured`` sequences get their own plots. Deletes plots, tables and pages of an earlier report that this
-    one lacks. Raises OutputError, StorageError, and UsageError without matplotlib.
+
+def by_sequence(result: Accuracy, metric: str) -> str:
+    """Return Markdown with a row for each sequence: the default's error and time, then the ratios of every other
+    preset; empty without another preset."""
+    presets = [variant.name for variant in result.variants if variant.group == PRESETS]
+    if not presets:
+        return ""
+    rows = []
+    for measured in result.sequences:
+        first = measured.cells[0]
+        own = [f"{first.errors[metric].mean:.3g}", "noisy" if measured.noisy else f"{first.time.median:.3g}"]
+        others = (_beside(measured, cell, metric) for cell in measured.cells if cell.variant in presets)
+        rows.append([measured.name, *own, *others])
+    base = result.variants[0].name
+    heads = "sequence", f"{base}: {metric}", "ms a megapixel", *presets
+    return f"\nBy sequence, {metric} and time of each preset over those of {literal(base)}:\n\n{markdown(heads, rows)}"
+
+
+def _beside(measured: MeasuredSequence, cell: Measured, metric: str) -> str:
+    ratio = _ratio(measured, cell, metric)
+    time = "noisy" if measured.noisy else f"{cell.ratio.median:.3g}"
+    return f"{'–' if ratio is None else f'{ratio:.2f}'}, {time}"
+
+
+def _about(result: Accuracy) -> str:
+    noisy = [measured.name for measured in result.sequences if measured.noisy]
+    without = f" Times without those that were too noisy to rank: {', '.join(noisy)}." if noisy else ""
+    where, base = result.environment, result.variants[0].name
+    over = counted(len(result.sequences), "sequence")
+    return literal(
+        f"{where.hardware}; {where.cpu}; {where.date} UTC. Multiples of those of {base}, geometric means"
+        f" over {over}; rounding is the relative rms distance from float64.{without}"
+    )
+
+
+def _ratio(measured: MeasuredSequence, cell: Measured, metric: str) -> float | None:
+    base, own = measured.cells[0].errors[metric].mean, cell.errors[metric].mean
+    return own / base if base > 0 and own > 0 else None
+
+
+def write_report(result: Accuracy, output: Path, html: str) -> None:
+    """Write the numbers as JSON and CSV, the page ``html``, and a table over all sequences, if a metric falls with the
+    error, into the folder ``output``; deletes the table of an earlier report that this one lacks. Raises OutputError
+    and StorageError.
     """
-    texts = {NAME: msgspec.json.encode(result).decode(), "accuracy.csv": csv_text(result), **(pages or {})}
-    falling = falling_metrics(result)
-    whole = table(result, falling) if falling else ""
-    if whole:
-        texts["overview.md"] = whole
-    again = (output / NAME).exists()
-    for name, text in texts.items():
-        with atomic_path(output / name) as temporary:
+    numbers, overview = output / "accuracy.json", output / "overview.md"
+    texts = {numbers: msgspec.json.encode(result).decode(), output / "accuracy.csv": csv_text(result)}
+    texts[output / "index.html"] = html
+    falling = [name for name in result.metrics if not METRICS[name].higher_is_better]
+    if falling:
+        texts[overview] = table(result, falling)
+    elif numbers.exists():
+        overview.unlink(missing_ok=True)
+    for path, text in texts.items():
+        with atomic_path(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
-    written = {output / name for name in texts} | set(write_plots(result, output, pictured))
-    plots = [f"{name}.{suffix}" for name in ("front-*", "overview") for suffix in FORMATS]
-    for pattern in (*plots, "overview.md", "index.html") if again else ():
-        for path in {*output.glob(pattern)} - written:
-            if path.is_file():  # a sequence may lie beside its report
-                path.unlink()
-    return whole
-
-
-def read_report(folder: Path) -> Accuracy:
-    """Read the numbers of a report; raises InputMissing if missing and DataError if invalid."""
-    path = folder / NAME
-    try:
-        return msgspec.convert(_restored(msgspec.json.decode(path.read_bytes())), Accuracy)
-    except FileNotFoundError:
-        raise InputMissing("not a report", path=path, cure="make one: cltaa bench accuracy SEQUENCE -o DIR") from None
-    except (msgspec.DecodeError, RecursionError) as error:
-        raise DataError(f"not the numbers of a report: {error}", path=path) from None
-
-
-def _restored(value: Any, *, error: bool = False) -> Any:
-    """Return ``value`` with infinity for each null error, which is JSON's form for the PSNR of identical images."""
-    if isinstance(value, dict):
-        return {key: _restored(item, error=error or key == "errors") for key, item in value.items()}
-    if isinstance(value, list):
-        return [_restored(item, error=error) for item in value]
-    return math.inf if error and value is None else value
-
-
-def merged(reports: Sequence[tuple[Path, Accuracy]]) -> Accuracy:
-    """Merge the sequences of some reports; raises DataError for different devices, code or ladders."""
-    (_, first), *others = reports
-    for path, other in others:
-        for what, expected in _agreed(first).items():
-            if (found := _agreed(other)[what]) != expected:
-                raise DataError(f"another {what} than in {reports[0][0]}", path=path, expected=expected, found=found)
-        for ours, theirs in zip(first.variants, other.variants, strict=True):
-            if ours != theirs:
-                what, cure = f"other parameters of {ours.name} than in {reports[0][0]}", "measure both with the same"
-                raise DataError(what, path=path, cure=cure)
-    sequences = [measured for _, report in reports for measured in report.sequences]
-    names = [measured.name for measured in sequences]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise DataError(f"the sequence {twice} is in two reports", path=reports[-1][0], cure="leave one of them out")
-    return msgspec.structs.replace(first, sequences=sequences)
-
-
-def _agreed(report: Accuracy) -> dict[str, str]:
-    """Return the facts that merged reports must share."""
-    where = report.environment
-    return {
-        "device": where.device,
-        "number of compute units": str(where.units),
-        "processor": where.cpu,
-        "version of the kernels": where.kernels_sha256,
-        "list of metrics": ", ".join(report.metrics),
-        "ladder": ", ".join(variant.name for variant in report.variants),
-    }
