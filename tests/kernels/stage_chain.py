@@ -61,7 +61,7 @@ STAGES = [kernel for kernel in WRITES if kernel not in FUSED]
 # The choices and steps that each stage's code looks at; of the fused kernels what no stage does.
 LOOKS_AT: dict[str, tuple[str, ...]] = {
     "repair_colour": (),
-    "neighbourhood_statistics": ("neighbourhood", "variance", "box", "box_space", "current_filter", "tonemap"),
+    "neighbourhood_statistics": ("neighbourhood", "box", "box_space", "current_filter", "tonemap"),
     "surface_motion": ("dilation", "camera_motion", "own_motion", "orthographic"),
     "sample_history": (
         "history_filter",

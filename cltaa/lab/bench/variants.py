@@ -25,8 +25,6 @@ SETTINGS_RUNGS: dict[str, tuple[float, ...]] = {
     "resampling_penalty": (0.0,),
     "disocclusion_blur": (0.0,),
 }
-# Choices that matter only with a variance box; they are also tried together with that box.
-IN_VARIANCE_BOX = ("neighbourhood", "variance")
 SLOW_WEIGHT = 0.05  # a second weight of the exponential blend
 
 
@@ -64,8 +62,8 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
 def steps(base: Variant) -> Iterator[Variant]:
     """Yield ``base`` with one step changed, for every step."""
     yield from _other_choices(base, Choices.__struct_fields__)
-    if base.choices.box is not Box.VARIANCE:
-        yield from _other_choices(base, IN_VARIANCE_BOX, box=Box.VARIANCE)
+    if base.choices.box is not Box.VARIANCE:  # which alone shows what the neighbourhood is
+        yield from _other_choices(base, ("neighbourhood",), box=Box.VARIANCE)
     exponential = {"accumulate": Accumulate.EXPONENTIAL}
     slow = {"blend_weight": SLOW_WEIGHT}
     yield _changed(base, "accumulate", f"exponential {SLOW_WEIGHT:g}", choices=exponential, settings=slow)

@@ -62,7 +62,7 @@ def test_a_step_changes_one_thing() -> None:
         ]
         if changed == ["storage", "real"]:  # the numbers are a grid
             continue
-        if changed in (["neighbourhood", "box"], ["variance", "box"]):  # what only a box of deviations shows
+        if changed == ["neighbourhood", "box"]:  # what only a box of deviations shows
             assert (rung.choices.box, settings) == (Box.VARIANCE, [])
             continue
         # An exponential blend is one step with its weight; the default's own weight is no change.
