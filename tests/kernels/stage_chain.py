@@ -129,7 +129,7 @@ SEED = 3
 APART = ("surface_motion", "mix_windows")
 # Values that give the bits of the usual one where nothing else is changed, by ways of their own: each has a row alone.
 UNSEEN = {
-    "sample_history": ["alpha_from=current", "storage=double"],
+    "sample_history": ["alpha_from=current"],
     "rectify_history": ["box=rounded"],
     "blend": ["anti_flicker=clamp-distance", "rectify=clip"],
 }

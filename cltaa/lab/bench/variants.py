@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 
 from cltaa.core.backend import Launcher
-from cltaa.core.build import Build, Real, Storage
+from cltaa.core.build import Build, Storage
 from cltaa.core.parameters import Accumulate, Box, Choices, Settings
 from cltaa.core.presets import Preset, Published
 from cltaa.core.resolver import Resolver
@@ -36,9 +36,7 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
     choices: Choices
     settings: Settings
     storage: Storage = Storage.FLOAT
-    real: Real = Real.FLOAT
     strict: bool = False
-    relaxed: bool = False
     published: Published = Published.NO
 
     @classmethod
@@ -55,8 +53,7 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
 
     def resolver(self, device: str | Launcher | None) -> Resolver:
         """Make a new resolver of this variant."""
-        build = Build(real=self.real, storage=self.storage, strict=self.strict, relaxed=self.relaxed)
-        return Resolver(self.preset, device, build=build)
+        return Resolver(self.preset, device, build=Build(storage=self.storage, strict=self.strict))
 
 
 def steps(base: Variant) -> Iterator[Variant]:
@@ -74,12 +71,7 @@ def steps(base: Variant) -> Iterator[Variant]:
     for storage in Storage:
         if storage is not base.storage:
             yield _changed(base, "storage", str(storage), storage=storage)
-    yield _changed(base, "arithmetic", "double", real=Real.DOUBLE)
-    for storage in Storage:
-        if storage is not base.storage:
-            yield _changed(base, "arithmetic", f"double, storage: {storage}", real=Real.DOUBLE, storage=storage)
     yield _changed(base, "build", "strict", strict=True)
-    yield _changed(base, "build", "fast-relaxed", relaxed=True)
 
 
 def _other_choices(base: Variant, fields: Iterable[str], **beside: Any) -> Iterator[Variant]:
