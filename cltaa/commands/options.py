@@ -17,7 +17,7 @@ from click.shell_completion import CompletionItem
 
 from cltaa.core.build import Storage
 from cltaa.core.frame_checks import EXPOSURE_STOPS
-from cltaa.core.presets import Preset, load_preset, override, renamed
+from cltaa.core.presets import Preset, load_preset, override, renamed, tell_unused
 from cltaa.errors import UsageError, known
 from cltaa.frame import ASKED, Asked, Effect, format_effects, parse_effects
 from cltaa.io.names import SUFFIXES, Named, has_suffix
@@ -331,4 +331,6 @@ def assigned(preset: Preset, assignments: tuple[str, ...], option: str = "--set"
     if not values:
         return preset
     changes = ", ".join(f"{key}={value}" for key, value in values.items())
-    return msgspec.structs.replace(override(preset, values, option), name=f"{preset.name} with {changes}")
+    changed = override(preset, values, option)
+    tell_unused(changed, values, option)
+    return msgspec.structs.replace(changed, name=f"{preset.name} with {changes}")

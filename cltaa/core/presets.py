@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+import warnings
+from collections.abc import Collection, Iterable, Mapping
 from enum import StrEnum
 from importlib import resources
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any, get_type_hints
 
 import msgspec
 
+from cltaa.core.needs import unmet
 from cltaa.core.parameters import Choices, Settings
 from cltaa.errors import DataError, UsageError, known, public
 from cltaa.printable import printable
@@ -48,8 +50,10 @@ class Preset(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     @public("Preset.replace")
     def replace(self, **values: str | float) -> Preset:
         """Return the preset with new values for keys that ``cltaa presets --parameters`` lists; raises UsageError for
-        an unknown key or a value out of range."""
-        return override(self, values, f"preset {self.name}")
+        an unknown key or a value out of range, and warns of a key that changes nothing there."""
+        preset = override(self, values, f"preset {self.name}")
+        tell_unused(preset, values, "Preset.replace", stacklevel=4)  # of the program's own call
+        return preset
 
     def deciding(self) -> dict[str, Any]:
         """Return the parts that decide the bits of a result: not name and description."""
@@ -113,6 +117,21 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
     return msgspec.structs.replace(preset, **parts)
 
 
+def tell_unused(
+    preset: Preset, keys: Iterable[str], origin: str, *, known_to: Collection[str] = (), stacklevel: int = 2
+) -> None:
+    """Warn of each of ``keys``, set by ``origin``, that has no effect in ``preset``, unless a parameter that decides
+    that is one of ``known_to``."""
+    for key in (KEYS.get(key, key) for key in keys):
+        lacking = list(unmet(key, preset.choices, preset.settings))
+        if lacking and not any({*need.fields} & {*known_to} for need in lacking):
+            expected = "; ".join(need.words for need in lacking)
+            found = "; ".join(need.found(preset.choices, preset.settings) for need in lacking)
+            what = f"{origin}: {key} changes nothing in preset {printable(preset.name)}"
+            cure = "set that too, or leave it out"
+            warnings.warn(f"{what} (expected {expected}, found {found}); {cure}", stacklevel=stacklevel)
+
+
 def _as_number(value: Any) -> object:
     """Return the number in a text as Python reads it, such as .5 and +2, or of NumPy; anything else unchanged."""
     if getattr(value, "shape", None) == ():
@@ -145,10 +164,11 @@ def load_preset(name: str = "default") -> Preset:
     return msgspec.structs.replace(parsed, name=name)  # also where the file begins with another preset
 
 
-def parse_preset(text: str, origin: str, base: Preset) -> Preset:
+def parse_preset(text: str, origin: str, base: Preset, *, tells: bool = False) -> Preset:
     """Return ``base`` with the keys of a TOML text over it; its optional key ``preset`` names another base.
 
     Raises DataError for a text that is not TOML, UsageError for an unknown key or value; ``origin`` names the text.
+    With ``tells`` it warns of keys without effect where the text does not say itself why, as a whole preset does.
     """
     try:
         values = tomllib.loads(text)
@@ -165,6 +185,8 @@ def parse_preset(text: str, origin: str, base: Preset) -> Preset:
     words = ("description", "jitter", "published")
     said = {key: values.pop(key) for key in words if key in values and not isinstance(values[key], dict)}
     preset = override(base, values, origin)  # first: its keys give a file of another kind away
+    if tells:
+        tell_unused(preset, values, origin, known_to=values, stacklevel=6)  # of a program's load_preset
     for key, value in said.items():
         if value not in [*Published] if key == "published" else not isinstance(value, str):
             expected = ", ".join(word or "nothing" for word in Published) if key == "published" else "a text in quotes"

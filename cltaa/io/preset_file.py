@@ -17,7 +17,7 @@ LARGEST_CONFIG = 1 << 16  # bytes; every parameter with a comment takes a few th
 
 def load_config(path: Path, base: Preset) -> Preset:
     """Return ``base`` with the keys of a TOML file over it, named after both; its key ``preset`` names another base."""
-    parsed = parse_preset(read_text(path, "a TOML file", LARGEST_CONFIG), str(path), base)
+    parsed = parse_preset(read_text(path, "a TOML file", LARGEST_CONFIG), str(path), base, tells=True)
     return msgspec.structs.replace(parsed, name=f"{printable(path.name)} over {parsed.name}")
 
 

@@ -21,6 +21,7 @@ import tomli_w
 
 from cltaa.core.backend import Launcher
 from cltaa.core.build import code_sha256
+from cltaa.core.needs import unmet
 from cltaa.core.parameters import Choices
 from cltaa.core.presets import LADDER, Preset, load_preset, override, preset_names
 from cltaa.core.resolver import Resolver
@@ -313,7 +314,8 @@ def _suggested(trial: Any) -> dict[str, str | float]:
 
 
 def preset_text(tuned: Tuned, preset: Preset) -> str:
-    """Return the preset as TOML: a description, its base preset, and the keys that differ from that."""
+    """Return the preset as TOML: a description, its base preset, the keys that differ from that, and why some of them
+    have no effect."""
     limit = f"{tuned.goal.budget_ms:g} ms" if tuned.goal.budget_ms is not None else f"{tuned.goal.target:g}"
     searched, trials = printable(", ".join(tuned.searched_on)), counted(tuned.trials, "trial")
     about = f"Tuned for {tuned.goal.metric} within {limit} on {searched}, {trials}"
@@ -328,4 +330,7 @@ def preset_text(tuned: Tuned, preset: Preset) -> str:
         values["published"] = ours["published"]
     for part in ("choices", "settings"):
         values |= {name: value for name, value in ours[part].items() if value != theirs[part][name]}
+    lacking = [need for name in values for need in unmet(name, preset.choices, preset.settings)]
+    whole = ours["choices"] | ours["settings"]
+    values |= {field: whole[field] for need in lacking for field in need.fields}
     return tomli_w.dumps(values)

@@ -168,7 +168,7 @@ COMMANDS = {
     ),
 }
 
-CHANGED = "preset.settings.box_scale_static"  # what config.toml and --set change
+CHANGED = "preset.settings.depth_tolerance"  # what config.toml and --set change
 
 
 def frames_that_are_read(call: str, *, judged: bool = False) -> list[tuple[str, str, object]]:
@@ -200,7 +200,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("-o elsewhere", "resolve_sequence.output", Path("elsewhere")),
         ("--preset basic", "resolver_for.preset.name", "basic"),
         ("--config config.toml", f"resolver_for.{CHANGED}", 0.375),
-        ("--set box_scale_static=0.625", f"resolver_for.{CHANGED}", 0.625),
+        ("--set depth_tolerance=0.625", f"resolver_for.{CHANGED}", 0.625),
         ("--look-ahead 7", "resolver_for.preset.settings.look_ahead", 7),
         ("--preset gather-8 --jobs 7", "devices_of.jobs", 7),
         ("--preset gather-8 --jobs 7", "resolver_for.jobs", 7),
@@ -246,7 +246,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--plan --device 3", "plan.device", "3"),
         ("--plan --effects motion", "plan.effects", {"motion"}),
         ("--plan --config config.toml", f"plan.{CHANGED}", 0.375),
-        ("--plan --set box_scale_static=0.625", f"plan.{CHANGED}", 0.625),
+        ("--plan --set depth_tolerance=0.625", f"plan.{CHANGED}", 0.625),
         ("--plan --storage half", "plan.storage", Storage.HALF),
         ("--plan --band-rows 7", "plan.band_rows", 7),
         ("--plan --half", "plan.half", True),
@@ -283,7 +283,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--check c", "tune.checked", ["c"]),
         ("--check c", "tune.searched", ["a", "b"]),
         ("--preset basic", "tune.base.name", "basic"),
-        ("--config config.toml", "tune.base.settings.box_scale_static", 0.375),
+        ("--config config.toml", "tune.base.settings.depth_tolerance", 0.375),
         ("--trials 7", "tune.trials", 7),
         ("--seed 7", "tune.seed", 7),
         ("--device 3", "tune.launcher", "launcher 3"),
@@ -472,7 +472,7 @@ def found(calls: Mapping[str, Any], path: str) -> Any:
 @pytest.fixture
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "config.toml").write_text("box_scale_static = 0.375\n")
+    (tmp_path / "config.toml").write_text("depth_tolerance = 0.375\n")
     return monkeypatch
 
 

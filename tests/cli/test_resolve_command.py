@@ -119,16 +119,16 @@ def test_finished_frames_survive_a_bad_one(tmp_path: Path) -> None:
 
 def test_a_number_of_set_is_read_as_python_reads_it() -> None:
     for text, key, value in [
-        (".3", "blend_weight", 0.3),
-        (" 0.3 ", "blend_weight", 0.3),
-        ("+0.3", "blend_weight", 0.3),
-        ("1.", "blend_weight", 1.0),
-        ("3e-1", "blend_weight", 0.3),
+        (".3", "disocclusion_blur", 0.3),
+        (" 0.3 ", "disocclusion_blur", 0.3),
+        ("+0.3", "disocclusion_blur", 0.3),
+        ("1.", "disocclusion_blur", 1.0),
+        ("3e-1", "disocclusion_blur", 0.3),
         ("+7", "history_frames", 7),
         ("7.", "history_frames", 7),
         ("none", "rectify", "none"),
     ]:
-        preset = assigned(load_preset(), (f"{key}={text}",))
+        preset = assigned(load_preset("gather-8"), (f"{key}={text}",))
         found = getattr(preset.choices if isinstance(value, str) else preset.settings, key)
         assert found == value, text
         assert type(found) is type(value) or isinstance(value, str), text

@@ -42,10 +42,10 @@ def test_every_old_preset_stands_for_its_new_one(tmp_path: Path) -> None:
         with pytest.warns(Renamed, match=f"^preset {old} is called {new} now"):
             assert load_preset(old) == load_preset(new), old
         path = tmp_path / "mine.toml"
-        path.write_text(f'preset = "{old}"\ngamma_still = 5.0\n')
+        path.write_text(f'preset = "{old}"\nfresh_blur = 0.25\n')
         with pytest.warns(Renamed) as said:
             preset = load_config(path, load_preset("simvx"))
-        assert (preset.name, preset.settings.box_scale_static) == (f"mine.toml over {new}", 5.0), old
+        assert (preset.name, preset.settings.disocclusion_blur) == (f"mine.toml over {new}", 0.25), old
         assert (preset.choices, len(said)) == (load_preset(new).choices, 2), old
 
 
