@@ -20,6 +20,9 @@ from cltaa.frame import PLANES, Camera, Effect, Frame, on_device
 # Kernels count the texels of a plane in 32 bits, and steps from one to another in 31.
 MOST_TEXELS = 2**31 - 1
 OPTIONAL = ("motion", "alpha", "reactive")  # channels that a frame need not have
+SHARES = ("alpha", "reactive")  # channels that go from 0 to 1
+SHARE_SLACK = 0.5  # how far beyond 0 and 1 filters with negative lobes may take them, generously
+WHITE_BYTE, LEAST_BYTES = 255.0, 16  # colour of whole numbers up to the one, and of at least that many, is of bytes
 INVERSE_TOLERANCE = 1e-6  # largest |M inv(M) - I|; a sound camera 10^6 m from the origin stays below 1e-9
 LARGEST_SCALE = 1e100  # largest determinant, or inverse of one: cameras divide by it, and float64 ends at 1e308
 MATRICES_KEPT = 128  # cached sound ones: of a frame, and of all that are read, resolved and written beside it
@@ -68,6 +71,7 @@ def check_frame(frame: Frame, told: bool = False) -> bool:
             stacklevel=4,
         )
     _warn_of_motion(frame)
+    _warn_of_ranges(frame)
     if told or not _without_samples(frame):
         return told
     what = f"frame {frame.index} has no usable sample: its colour, or alpha, is masked, NaN, infinite or beyond 2^50"
@@ -153,6 +157,35 @@ def _warn_of_motion(frame: Frame) -> None:
             MeaninglessNumbers,
             stacklevel=5,
         )
+
+
+def _warn_of_ranges(frame: Frame) -> None:
+    """Warn of alpha and reactive masks beyond 0 to 1, and of colour that is the bytes of a picture."""
+    for name in SHARES:
+        share: Any = getattr(frame, name)
+        if share is not None and not on_device(share) and (beyond := is_no_share(seen := _looked_at(share))).any():
+            what = f"{name} is beyond its range (expected 0 to 1, found {float(seen[beyond][0]):g})"
+            cure = "counts as 0 or 1 there; divide bytes by 255"
+            warnings.warn(f"{what}; {cure}", MeaninglessNumbers, stacklevel=5)
+    if not on_device(frame.colour) and holds_bytes(_looked_at(frame.colour)):
+        what = "colour holds whole numbers up to 255 alone (expected linear light)"
+        cure = "bytes of a picture have to be decoded first"
+        warnings.warn(f"{what}; {cure}", MeaninglessNumbers, stacklevel=5)
+
+
+def is_no_share(plane: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return where numbers, of samples that are not missing, are so far from 0 to 1 that no filter took them there."""
+    return np.asarray(((plane < -SHARE_SLACK) | (plane > 1.0 + SHARE_SLACK)) & (np.abs(plane) <= LIMIT))
+
+
+def holds_bytes(colour: NDArray[Any]) -> bool:
+    """True where colour [H, W, 3] consists of whole numbers from 0 to 255, many of them different."""
+    row = colour[colour.shape[0] // 2]  # decides nearly always
+    return _are_bytes(row) and _are_bytes(colour) and len(np.unique(colour)) >= LEAST_BYTES
+
+
+def _are_bytes(numbers: NDArray[Any]) -> bool:
+    return bool(((numbers >= 0) & (numbers <= WHITE_BYTE)).all()) and bool((numbers == np.rint(numbers)).all())
 
 
 def _check_types(frame: Frame) -> None:

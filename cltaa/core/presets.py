@@ -124,7 +124,8 @@ def tell_unused(
     that is one of ``known_to``."""
     for key in (KEYS.get(key, key) for key in keys):
         lacking = list(unmet(key, preset.choices, preset.settings))
-        if lacking and not any({*need.fields} & {*known_to} for need in lacking):
+        off = getattr(preset.choices, key, "") == "none"  # which says that it shall have none
+        if lacking and not off and not any({*need.fields} & {*known_to} for need in lacking):
             expected = "; ".join(need.words for need in lacking)
             found = "; ".join(need.found(preset.choices, preset.settings) for need in lacking)
             what = f"{origin}: {key} changes nothing in preset {printable(preset.name)}"

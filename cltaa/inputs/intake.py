@@ -34,6 +34,7 @@ from cltaa.inputs.roles import (
     file_sets,
     guessed_profile,
     ignored_files,
+    incomplete,
     may_be_colour,
     no_colour,
     shown_name,
@@ -433,7 +434,11 @@ def notes_of(intake: Intake, place: Selection) -> list[str]:
             "motion vectors alone tell what moves" if "motion" in intake.roles else "the camera is taken to stand still"
         )
         there = intake.attributes[min(intake.attributes)].keys()
-        like = STANDARD_THERE if intake.profile.camera.source == "declared" and there >= STANDARD_NAMES else ""
+        rule = intake.profile.camera
+        like = STANDARD_THERE if rule.source == "declared" and there >= STANDARD_NAMES else ""
+        if len(lacking := [name for name in (rule.view, rule.projection) if name not in there]) == 1:
+            (half,) = {rule.view, rule.projection} - {*lacking}
+            like = f"; beside attribute {half} is no {lacking[0]}: write both"
         notes.append(f"no matrices: {kept}; give them with --camera FILE{like}")
     if "depth" not in intake.roles:
         rest = "nothing is told apart by distance, and moving edges are less exact"
@@ -447,6 +452,8 @@ def notes_of(intake: Intake, place: Selection) -> list[str]:
             "the camera's motion comes from depth and matrices" if intake.has_camera and "depth" in intake.roles else ""
         )
         like = _may_be("motion.channels", MOTION_NAME, intake.unused)
+        if not like and (half := incomplete(intake.unused, vectors=True)):
+            like = f"; {half}: write both"
         notes.append(f"no motion vectors: {rest or 'whatever moves is rectified only'}{like}")
     elif intake.step > 1:
         notes.append(

@@ -237,6 +237,8 @@ def convert_profile(values: dict[str, Any], origin: str) -> Profile:
                 every = [name for one in found for name in one]
                 if len(found) == len(every) == count:
                     cure = f"spaces separate the names of one: {written(every)}"
+                elif key == "motion.channels":
+                    cure = "name those to the right and down"
                 else:
                     cure = f"one channel may be named more than once: {written([next(iter(names), '') or 'Y'] * count)}"
                 raise DataError(

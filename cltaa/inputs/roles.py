@@ -413,7 +413,7 @@ def with_usual_names(profile: Profile, channels: Channels, views: Views) -> Prof
 
 
 # Names that tools give to vectors and depth, in a channel or its file.
-MOTION_NAME = re.compile(r"mot(ion|vec)|veloc|vector|flow|(^|[._])mvs?($|[._])", re.IGNORECASE)
+MOTION_NAME = re.compile(r"mot(ion|vec)|veloc|vector|flow|(^|[._])mv(s|ecs?)?($|[._])", re.IGNORECASE)
 DEPTH_NAME = re.compile(r"depth|(^|[._])(dist(ance)?|pz)($|[._])|(linear|view|eye|scene)_?z($|[._])", re.IGNORECASE)
 Z_ALONE = re.compile(r"\.z$", re.IGNORECASE)  # depth where no x and y lie beside
 ALPHA_NAME = re.compile(r"alpha|opacity|coverage|\.a$", re.IGNORECASE)
@@ -431,6 +431,30 @@ def _is_auxiliary(name: str) -> bool:
 def _is_no_light(name: str) -> bool:
     """Return True for a name of depth, vectors, alpha, an id or another auxiliary channel."""
     return _is_auxiliary(name) or ALPHA_NAME.search(name) is not None or ONE_LETTER.search(name) is not None
+
+
+# Components that mean something together alone, by the last words of their names.
+IN_VECTORS = ("x", "y"), ("u", "v"), ("r", "g"), ("red", "green")
+IN_COLOURS = ("r", "g", "b"), ("red", "green", "blue")
+
+
+def incomplete(names: Iterable[str], *, vectors: bool) -> str:
+    """Return which components of a layer, of ``vectors`` or of a colour, lack others; empty where none do."""
+    every = {*names}
+    for name in sorted(every):
+        stem = re.sub(r"[^._]*\Z", "", name)
+        last = name[len(stem) :]
+        like = str.upper if last.isupper() else str.title if last.istitle() else str
+        for words in IN_VECTORS if vectors else IN_COLOURS:
+            whole = [stem + like(word) for word in words]
+            if last.lower() in words and _is_vector(name) is vectors and not every.issuperset(whole):
+                lacking, there = (written(one for one in whole if (one in every) is has) for has in (False, True))
+                return f"beside {there} is no {lacking}"
+    return ""
+
+
+def _is_vector(name: str) -> bool:
+    return MOTION_NAME.search(name) is not None or name.startswith("backward.")
 
 
 OF_NO_TOOL = {"parts": 1, "cltaa": 2}  # profiles of no tool; the greater number wins
@@ -457,6 +481,7 @@ def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]],
     if {*there} >= CHROMA:
         what, cure = "the picture is in luminance and chroma", "convert it to R G B"
         return DataError(what, path=folder, expected="R G B", found=written(there), cure=cure)
+    shown = [shown_name(Place(label, name), channels) for label, names in channels.items() for name in names]
     found, grey = written(there), there[0] if len(there) == 1 and not _is_no_light(there[0]) else None
     if LUMINANCE in there and not {*there} >= {*"XYZ"}:
         grey = LUMINANCE
@@ -465,6 +490,10 @@ def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]],
     three = next(([shown_name(Place(label, name), channels) for name in its] for label, its in alike if its), None)
     example = [grey] * 3 if grey else three or ["RED", "GREEN", "BLUE"]
     cure = f"name them: {channels_option('colour.channels', example)}"
+    if not grey and not three:
+        halves = [half for kind in (False, True) if (half := incomplete(shown, vectors=kind))]
+        none = ["none of them is a picture: write R G B beside"] if all(map(_is_no_light, shown)) else []
+        cure = f"{'; '.join(none + halves)}: write all" if halves else none[0] if none else cure
     expected = " or ".join(map(written, profile.colour.channels))
     what = f"no colour channels of view {profile.colour.view}" if profile.colour.view else "no colour channels"
     return DataError(what, path=folder, expected=expected, found=found, cure=cure)

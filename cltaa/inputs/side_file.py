@@ -51,7 +51,8 @@ def read_side_file(path: Path) -> dict[int, Side]:
         found[number] = _side(path, number, values)
     for number, side in found.items():
         if (side.world_to_view is None) != (side.view_to_clip is None):
-            raise DataError("world_to_view and view_to_clip belong together", path=path, frame=number)
+            what, cure = "world_to_view and view_to_clip belong together", "give both, or neither"
+            raise DataError(what, path=path, frame=number, cure=cure)
     if all(value is None for side in found.values() for value in side):
         what, keys = "no frame has a camera, a jitter, an exposure or a cut", ", ".join(KEYS)
         raise DataError(what, path=path, expected=keys, found=", ".join([*unknown][:9]) or None)

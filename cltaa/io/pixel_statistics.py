@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.core.constants import value
+from cltaa.core.frame_checks import SHARE_SLACK, SHARES, holds_bytes, is_no_share
 from cltaa.frame import Frame, Image
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.numbered import named_frames
@@ -95,7 +96,7 @@ def _lacks(missing: Missing) -> str:
 
 
 class Meaningless(msgspec.Struct, kw_only=True, frozen=True):
-    """Depths or vectors of a frame that say nothing: what they are, and how many of its pixels hold one."""
+    """Numbers of a frame that say nothing, or another thing: what they are, and how many of its pixels hold one."""
 
     frame: int
     what: str
@@ -109,6 +110,9 @@ MEANINGLESS = {
     "depth is negative": "counts as the sky; cltaa check tells whether an option mends it",
     "motion is infinite": "history is dropped there; NaN says that the camera's motion is all",
     "motion is NaN": "taken to stand still, for no matrices and depth stand in",
+    "alpha is beyond 0 to 1": "counts as 0 or 1; divide bytes by 255 when writing them, or leave it out",
+    "reactive is beyond 0 to 1": "counts as 0 or 1; divide bytes by 255 when writing them, or leave it out",
+    "colour is whole numbers up to 255": "taken for linear light; bytes of a picture have to be decoded first",
 }
 
 
@@ -127,6 +131,14 @@ def meaningless(frame: Frame, *, first: bool) -> list[Meaningless]:
         lost = int(np.isnan(motion).any(axis=-1).sum())
         alone = not (frame.has_camera and frame.has_depth)
         found["motion is NaN"] = lost if alone and lost == frame.depth.size else 0
+    for name in SHARES:
+        share = getattr(frame, name)
+        if share is not None and not (
+            share.min(initial=0.0) >= -SHARE_SLACK and share.max(initial=1.0) <= 1.0 + SHARE_SLACK
+        ):
+            found[f"{name} is beyond 0 to 1"] = int(is_no_share(share).sum())
+    if holds_bytes(frame.colour):
+        found["colour is whole numbers up to 255"] = frame.depth.size
     among, counts = frame.depth.size, found.items()
     return [Meaningless(frame=frame.index, what=what, pixels=n, among=among) for what, n in counts if n]
 
@@ -170,7 +182,8 @@ def pixel_problems(statistics: dict[str, ChannelStatistics], *, orthographic: bo
     if depth is not None and depth.zero and not orthographic:
         problems.append("channel Z: depth 0 is not in front of the camera")
     alpha = statistics.get("A")
-    if alpha is not None and (alpha.lowest < 0 or alpha.highest > 1) and alpha.lowest <= alpha.highest:
+    near = alpha is not None and -SHARE_SLACK <= alpha.lowest <= alpha.highest <= 1 + SHARE_SLACK  # else said by frame
+    if alpha is not None and near and (alpha.lowest < 0 or alpha.highest > 1):
         problems.append(f"channel A: alpha from {alpha.lowest:g} to {alpha.highest:g} leaves 0 to 1")
     return problems
 

@@ -560,7 +560,7 @@ def test_a_frame_that_its_result_overwrote_shows_nothing() -> None:
 
 
 def test_a_preset_is_changed_by_its_keys() -> None:
-    assert load_preset().replace(box_scale_static=2, box="variance").settings.box_scale_static == 2.0
+    assert load_preset("fast").replace(box_scale_static=2, box="variance").settings.box_scale_static == 2.0
     with pytest.raises(UsageError, match="preset default: unknown key boxx; did you mean box"):
         load_preset().replace(boxx=1)
 

@@ -39,8 +39,11 @@ def test_a_colour_is_of_one_layer(tmp_path: Path) -> None:
         (["X", "Y", "Z"], "no colour channels.*name them: .*'RED GREEN BLUE'"),  # whose Y is no grey
         (["Y"], r"no colour channels.*found Y\); name them: .*'Y Y Y'"),
         (["Y", "Z"], r"no colour channels.*found Y Z\); name them: .*'Y Y Y'"),
-        *(([name], "no colour channels.*'RED GREEN BLUE'") for name in ("Z", "depth.V", "A", "id", "alpha", "flow.X")),
-        (["motion.b", "motion.g", "motion.r"], "no colour channels.*'RED GREEN BLUE'"),
+        *(
+            ([name], "no colour channels.*none of them is a picture: write R G B beside")
+            for name in ("Z", "depth.V", "A", "id", "alpha", "flow.X")
+        ),
+        (["motion.b", "motion.g", "motion.r"], "no colour channels.*none of them is a picture: write R G B beside"),
         (["Y", "RY", "BY"], r"luminance and chroma \(expected R G B, found BY RY Y\); convert it to R G B"),
     ],
 )

@@ -9,7 +9,7 @@ import numpy as np
 from cltaa.camera import is_still
 from cltaa.frame import Frame
 from cltaa.io.display import encoded
-from cltaa.io.pixel_statistics import missing_lines, missing_samples
+from cltaa.io.pixel_statistics import meaningless, meaningless_lines, missing_lines, missing_samples
 from cltaa.lab.check.hypotheses import DOUBTFUL, Finding, mistake
 from cltaa.lab.check.registration import Vector
 from cltaa.printable import counted
@@ -65,6 +65,10 @@ def check_channels(frames: Sequence[Frame], *, has_camera: bool, has_depth: bool
         yield _channel("colour-constant", bool(np.nanmin(colour)), f"every value is {np.nanmin(colour):g}", "colour")
     elif len(frames) > 1 and all(np.array_equal(frame.colour, frames[0].colour) for frame in frames[1:]):
         yield _channel("colour-repeated", _changes_declared(frames), f"all {len(frames)} frames are one", "colour")
+    beyond = [one for frame in frames for one in meaningless(frame, first=True) if "depth" not in one.what]
+    for what in dict.fromkeys(one.what for one in beyond):
+        (line,) = meaningless_lines([one for one in beyond if one.what == what])
+        yield mistake(f"{what.partition(' ')[0]}-beyond-range", what, line, 0.99)
     if has_depth:
         depth = np.stack([frame.depth for frame in frames])
         if wrong := float(np.isnan(depth).mean()):  # infinity is the sky

@@ -369,7 +369,8 @@ def _with_pixels(header: Frame | None, number: int, channels: Mapping[str, Pixel
 
     planes = {name: np.asarray(plane, np.float32) for name, plane in channels.items()}
     motion = np.stack([planes[name] for name in MOTION], axis=-1) if MOTION[0] in planes else None
-    given: dict[str, Any] = {"depth": planes.get("Z"), "motion": motion, "alpha": planes.get("A")}
+    given: dict[str, Any] = {"depth": planes.get("Z"), "motion": motion}
+    given |= {"alpha": planes.get("A"), "reactive": planes.get("reactive")}
     colour = np.stack([planes[name] for name in COLOUR], axis=-1)
     return replace(header or Frame(number, NO_PIXELS), colour=colour, **given)
 
