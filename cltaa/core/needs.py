@@ -140,7 +140,6 @@ NEEDS: dict[str, tuple[Need, ...]] = {
         Need(("sky_at",), "sky_at above 0", lambda _, its: its.sky_at > 0.0, lambda _, its: f"{its.sky_at:g}"),
     ),
     "subpixel_frames": (_GATHERED,),
-    "variance": (_BOXED, _any_of(Box.VARIANCE, Box.BOTH)),
 }
 
 
