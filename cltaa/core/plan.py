@@ -76,11 +76,12 @@ FOUND, DECLARED = "found", "declared"
 
 
 def estimate(
-    preset: Preset, settings: Settings, declared: frozenset[Effect] | None, word: str = DECLARED
+    preset: Preset, settings: Settings, declared: frozenset[Effect] | None, word: str, *, followed: bool
 ) -> tuple[Choices, Settings, list[Reason]]:
     """Adapt the choices of ``preset`` and ``settings`` to the effects, with a reason for each decision.
 
-    ``word`` says how the effects are known. Found effects are no promise, so no plain mean rests on them.
+    ``word`` says how the effects are known. Found effects are no promise, so no plain mean rests on them. With
+    ``followed``, a camera or vectors tell where surfaces were.
     """
     choices, reasons = preset.choices, []
     # A published resolve omits nothing, whether the scene needs it or not.
@@ -100,7 +101,7 @@ def estimate(
         settings = with_narrow_box(settings)
     if preset.choices.history is HistoryKind.FRAMES:
         reasons.append(_gathered(choices, still=still, recursive=recursive))
-        choices, reason = _with_recursion(preset, choices, declared, word)
+        choices, reason = _with_recursion(preset, choices, declared, word, followed=followed)
         reasons.append(reason)
         if not _illumination_may_change(declared):
             settings = msgspec.structs.replace(settings, drift_t=SURER * settings.drift_t)
@@ -213,18 +214,20 @@ def _testing_illumination(
 
 
 def _with_recursion(
-    preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str
+    preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str, *, followed: bool
 ) -> tuple[Choices, Reason]:
     """Drop the recursive resolve beside the ring where a camera moves: no pixel is static, and each result then depends
-    on the frames in the ring alone, so that a shot can be split anywhere."""
+    on the frames in the ring alone, so that a shot can be split anywhere. Where no motion can be ``followed``, every
+    pixel is static, and only recursion shows what motion has refuted."""
     if why := declined(preset, "recursion", Recursion.STANDING):
         return choices, Reason(RECURSION, False, why)
     if choices.illumination is not Illumination.WINDOW:
         why = "one window of all frames" if choices.history is HistoryKind.FRAMES else "nothing is gathered"
-    elif declared is not None and Effect.CAMERA in declared:
+    elif followed and declared is not None and Effect.CAMERA in declared:
         why = f"effect camera is {word}"
     else:
-        return choices, Reason(RECURSION, True, "static pixels have more samples than the ring holds")
+        why = "static pixels have more samples than the ring holds" if followed else "no motion can be followed"
+        return choices, Reason(RECURSION, True, why)
     return msgspec.structs.replace(choices, recursion=Recursion.NONE), Reason(RECURSION, False, why)
 
 
@@ -404,15 +407,10 @@ def _known(declared: frozenset[Effect] | None, found: frozenset[Effect] | None) 
     return None if declared is None else frozenset(declared), DECLARED
 
 
-def from_ring_alone(
-    preset: Preset, asked: Asked, declared: frozenset[Effect] | None, found: frozenset[Effect] | None
-) -> bool:
-    """True where each result of ``preset`` depends on frames in the ring alone, with the effects ``asked`` for."""
-    if isinstance(asked, frozenset):
-        declared = asked
-    elif asked != "auto":
-        declared, found = None, found if asked == "find" else None
-    choices, *_ = estimate(preset, preset.settings, *_known(declared, found))
+def from_ring_alone(preset: Preset, frame: Frame) -> bool:
+    """True where results of ``preset`` for frames like ``frame``, which may be an outline, depend on the ring alone."""
+    followed = frame.has_camera or frame.motion is not None
+    choices, *_ = estimate(preset, preset.settings, *_known(frame.effects, frame.found), followed=followed)
     return choices.history is HistoryKind.FRAMES and choices.recursion is Recursion.NONE
 
 
@@ -435,7 +433,8 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
     if facts.first and not preset.published:
         # The blur is for pixels without history among others that have one.
         settings = msgspec.structs.replace(settings, disocclusion_blur=0.0)
-    choices, settings, estimated = estimate(preset, settings, declared, facts.word)
+    followed = facts.camera or facts.motion
+    choices, settings, estimated = estimate(preset, settings, declared, facts.word, followed=followed)
     if not facts.depth:  # all is as far as the sky, and there are no depth edges
         # BESIDE then reads motion beside the pixel itself instead of beside the nearest surface.
         dilation = choices.dilation if choices.dilation is Dilation.BESIDE else Dilation.NONE

@@ -336,7 +336,7 @@ class Resolver:
         self._previous = self._latest if self.look_ahead else self._previous
         started, (previous, build) = perf_counter(), self._begin(frame)
         assert self.plan is not None
-        if not from_ring_alone(self.preset, "auto", frame.effects, frame.found):
+        if not from_ring_alone(self.preset, frame):
             what = f"preset {self.preset.name} resolves this frame from the result before it, so none is only kept"
             raise UsageError(what, cure="call resolve() or feed()")
         steps = self._channel_steps(frame) if self.look_ahead else build.steps
@@ -513,7 +513,7 @@ class Resolver:
         self._coarse, self.last = coarse_colours(frame), None  # the frame's channels overwrite those of the last one
         if previous is not None:
             goes_on = previous.continues_in(frame, self.preset.choices)
-            alone = not previous.only_kept or from_ring_alone(self.preset, "auto", frame.effects, frame.found)
+            alone = not previous.only_kept or from_ring_alone(self.preset, frame)
             if not (goes_on and alone) or self._is_cut(previous, frame, self._coarse):
                 previous = None
         jitters = self._jitters.of(frame, goes_on=previous is not None)

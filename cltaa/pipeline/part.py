@@ -39,7 +39,7 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
 
 def from_ring_alone(preset: Preset, sequence: FrameSequence, how: How) -> bool:
     """True where frames are gathered, and no known effect needs more than the ring holds."""
-    return plan.from_ring_alone(preset, how.effects, sequence.effects, sequence.found)
+    return plan.from_ring_alone(preset, with_effects(sequence.outline(sequence.first), how.effects))
 
 
 def gathered_from(sequence: FrameSequence, wanted: Sequence[int], preset: Preset, how: How) -> FrameSequence:

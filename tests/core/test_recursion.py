@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cltaa.core.parameters import Recursion
-from cltaa.core.plan import from_ring_alone, plan_frame
+from cltaa.core.plan import from_ring_alone, plan_frame, with_effects
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
@@ -166,6 +166,15 @@ def test_a_camera_that_comes_to_stand_has_the_bits_of_the_oracle(stands: int) ->
     assert np.array_equal(bits(ours), bits(theirs))
 
 
+# What is found in frames without depth, camera and motion.
+UNTOLD = frozenset({Effect.CAMERA, Effect.DISOCCLUSION, Effect.THIN, Effect.ILLUMINATION})
+
+
+def untold(index: int) -> Frame:
+    """As ``drawn``, but nothing tells what moves."""
+    return Frame(colour=drawn(index).colour, index=index, found=UNTOLD)
+
+
 def planned(effects: frozenset[Effect] | None, *, moves: bool = False) -> Recursion:
     frame = replace(drawn(1), effects=effects)
     before = make_camera((1.0, 0.0, 5.0)) if moves else frame.camera
@@ -176,6 +185,21 @@ def test_only_a_camera_that_stands_has_it() -> None:
     assert planned(None) is planned(OWN) is Recursion.STANDING
     assert planned(None, moves=True) is planned(OWN | {Effect.CAMERA}) is Recursion.NONE
     assert planned(frozenset({Effect.DISOCCLUSION})) is Recursion.NONE  # there is one window of all frames
+
+
+def test_frames_in_which_no_motion_can_be_followed_have_it() -> None:
+    frame, own = untold(1), drawn(1)
+    followed = replace(frame, motion=own.motion), replace(frame, depth=own.depth, camera=own.camera)
+    of_each = [plan_frame(load_preset("gather-8"), each, None).choices.recursion for each in (frame, *followed)]
+    assert of_each == [Recursion.STANDING, Recursion.NONE, Recursion.NONE]
+
+
+def test_frames_in_which_no_motion_can_be_followed_gather_more_samples_than_the_ring_holds() -> None:
+    errors = []
+    for recursion in ("standing", "none"):
+        *_, image = Resolver(preset_of("gather-8", recursion), "numpy").images(map(untold, range(40)))
+        errors.append(error(image))
+    assert errors[0] < 0.5**0.5 * errors[1]  # at least twice the samples
 
 
 def test_noise_adds_samples_where_jitter_repeats() -> None:
@@ -190,10 +214,15 @@ def test_noise_adds_samples_where_jitter_repeats() -> None:
 
 
 def test_a_sequence_is_split_only_where_frames_are_of_the_ring_alone() -> None:
-    assert not from_ring_alone(load_preset("gather-8"), "auto", OWN, None)
-    assert from_ring_alone(load_preset("gather-8"), "auto", OWN | {Effect.CAMERA}, None)
-    assert from_ring_alone(preset_of("gather-8", "none"), "auto", OWN, None)
-    assert from_ring_alone(load_preset("gather-48").replace(recursion="none"), "all", OWN, None)
+    ring, own, moving = load_preset("gather-8"), drawn(0), OWN | {Effect.CAMERA}
+    assert not from_ring_alone(ring, replace(own, effects=OWN))
+    assert from_ring_alone(ring, replace(own, effects=moving))
+    assert from_ring_alone(preset_of("gather-8", "none"), replace(own, effects=OWN))
+    assert from_ring_alone(load_preset("gather-48").replace(recursion="none"), own)
+    assert not from_ring_alone(ring, untold(0))
+    assert from_ring_alone(ring, replace(untold(0), motion=own.motion))
+    unread = with_effects(replace(untold(0), motion=own.motion), UNTOLD)
+    assert not from_ring_alone(ring, unread)  # no vectors, since no motion is said to occur
     with pytest.raises(UsageError, match="resolves this frame from the result before it"):
         Resolver("gather-8", "numpy").keep(drawn(0))
 

@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 import cltaa
@@ -15,6 +16,7 @@ from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError, UsageError
 from cltaa.frame import Frame
+from cltaa.io.exr_write import write_image
 from cltaa.io.sequence import open_sequence
 from cltaa.pipeline.folder import devices_of
 from cltaa.pipeline.part import Parts
@@ -166,6 +168,21 @@ def test_a_recurrent_history_is_resolved_in_one_part(
     assert (first.began, second.began) == ([*range(FRAMES)], [])
     said = "cltaa: resolved in one part: each result of preset gather-8 holds all frames before it here; plan:"
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("motion", [False, True])
+def test_frames_without_cameras_are_split_where_vectors_tell_their_motion(
+    motion: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "in").mkdir()
+    rng = np.random.default_rng(5)
+    for number in range(FRAMES):
+        names = ("R", "G", "B", *(("backward.u", "backward.v") if motion else ()))
+        write_image(tmp_path / f"in/f.{number}.exr", {name: rng.random((9, 19), np.float32) for name in names})
+    for jobs in (1, 2):
+        cltaa.resolve(tmp_path / "in", tmp_path / str(jobs), PRESETS["behind"], "numpy", jobs=jobs, progress=True)
+    assert ("in one part" not in capsys.readouterr().err) == motion
+    assert contents(tmp_path / "2") == contents(tmp_path / "1")
 
 
 def test_jobs_take_devices_of_one_name_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -139,7 +139,8 @@ def plan(
     run = [(choices, each.steps) for each in plans for choices in (each.choices, recursive_choices(each.choices))]
     kernels = len({(choices, steps) for choices, steps in run if choices is not None})
     needed = memory(sequence, resolver, plans, half=half, layers=carried_kinds(sequence, layers), rows=band_rows)
-    jobs = min(jobs, len(sequence)) if from_ring_alone(preset, effects, sequence.effects, sequence.found) else 1
+    first = sequence.outline(sequence.first)
+    jobs = min(jobs, len(sequence)) if from_ring_alone(preset, with_effects(first, effects)) else 1
     return SequencePlan(
         folder=str(sequence.folder),
         preset=resolver.preset.name,
