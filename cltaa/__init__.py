@@ -80,7 +80,10 @@ def __getattr__(name: str) -> Any:
 
         name = current(name, PUBLIC, frozenset(_HOMES), "cltaa's")
     if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        import sys
+
+        what = f"module {__name__!r} has no attribute {name!r}"
+        raise AttributeError(what, name=name, obj=sys.modules[__name__])  # Python names the nearest
     from importlib import import_module
 
     module, _, there = _HOMES[name].partition(":")

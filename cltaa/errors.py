@@ -119,9 +119,10 @@ Call = TypeVar("Call", bound=Callable[..., Any])
 WRONG_TYPES = (TypeError, ValueError, AttributeError)
 
 
-def public(name: str) -> Callable[[Call], Call]:
+def public(name: str, cure: str | None = None) -> Callable[[Call], Call]:
     """Decorate what programs call as ``name``: where it fails because of arguments that it does not take, or of wrong
-    types, it raises UsageError, and where the system refuses a file StorageError."""
+    types, it raises UsageError, with ``cure`` where some are missing, and where the system refuses a file StorageError.
+    """
 
     def decorated(call: Call) -> Call:
         @wraps(call)
@@ -129,7 +130,7 @@ def public(name: str) -> Callable[[Call], Call]:
             try:
                 return call(*given, **named)
             except WRONG_TYPES:
-                check_arguments(name, call, given, named)
+                check_arguments(name, call, given, named, cure)
                 raise
             except OSError as error:
                 if error.filename is None:  # of no file, as a closed pipe
@@ -141,7 +142,9 @@ def public(name: str) -> Callable[[Call], Call]:
     return decorated
 
 
-def check_arguments(name: str, call: Callable[..., Any], given: tuple[Any, ...], named: Mapping[str, Any]) -> None:
+def check_arguments(
+    name: str, call: Callable[..., Any], given: tuple[Any, ...], named: Mapping[str, Any], cure: str | None = None
+) -> None:
     """Raise UsageError where ``call`` does not take these arguments, or one has another type than it declares: an error
     came from the call itself."""
     from inspect import signature  # imported here: it is slow, and most calls are right
@@ -152,7 +155,7 @@ def check_arguments(name: str, call: Callable[..., Any], given: tuple[Any, ...],
         names = [each for each in its.parameters if each != "self"]
         for each in named.keys() - its.parameters.keys():
             raise UsageError(f"{name} takes no {each}", cure=known(each, names, "arguments")) from None
-        raise UsageError(f"{name}: {error}") from None
+        raise UsageError(f"{name}: {error}", cure=cure) from None
     for each, value in bound.arguments.items():
         declared = call.__annotations__.get(each)
         if declared is not None and not _fits(value, _evaluated(declared, call)):

@@ -15,7 +15,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.errors import DataError, public
+from cltaa.errors import DataError, UsageError, known, public
 from cltaa.renamed import EFFECTS, RenamedMembers, current
 
 Image = NDArray[np.float32]
@@ -43,10 +43,12 @@ class Effect(StrEnum, metaclass=RenamedMembers):
     NOISE = "noise"  # samples of one surface point vary, as a path tracer's do
 
     @classmethod
-    def _missing_(cls, value: object) -> Effect | None:
-        """Accept the word of an earlier version."""
+    def _missing_(cls, value: object) -> Effect:
+        """Accept the word of an earlier version; raises UsageError for any other."""
         word = current(str(value), EFFECTS, cls._value2member_map_, "effect")
-        return None if word == value else cls(word)
+        if word not in cls._value2member_map_:
+            raise UsageError(f"unknown effect {word}", cure=known(word, cls, "effects"))
+        return cls(word)
 
 
 # The effects to plan for: declared, else found; found, whatever is declared; every one; or this set.
@@ -55,7 +57,7 @@ ASKED: tuple[Literal["auto", "find", "all"], ...] = ("auto", "find", "all")
 
 
 def parse_effects(text: str) -> frozenset[Effect]:
-    """Read the comma-separated list of an EXR header or a command line; raises ValueError for an unknown name.
+    """Read the comma-separated list of an EXR header or a command line; raises UsageError for an unknown name.
 
     Words of earlier versions are read without a warning: files hold them.
     """
@@ -98,6 +100,8 @@ class Camera:
         return bool(self.view_to_clip[3, 2] == 0.0)
 
 
+# A dataclass makes its constructor itself.
+Camera.__init__ = public("Camera", "give world_to_view and view_to_clip")(Camera.__init__)  # type: ignore[method-assign]
 # Camera of a frame that was given none. It never moves, so it causes no motion.
 NO_CAMERA = Camera(np.eye(4), np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, -1.0, -0.2], [0, 0, -1.0, 0]]))
 # The depth of a frame that was given none, one number in memory.

@@ -344,6 +344,8 @@ def _check_row(name: str, matrix: NDArray[Any], allowed: tuple[list[int], ...]) 
     if right(matrix[3]):
         return
     cure = "check whether it is transposed"
+    if allowed is VIEW_ROWS and [*map(abs, matrix[3])] == [0, 0, 1, 0]:
+        cure = "it is a projection: are the two matrices swapped?"
     for kind, row in (
         ("transposed", matrix[:, 3]),
         ("of a camera along +z", matrix[3] * AWAY),

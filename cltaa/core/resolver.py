@@ -182,6 +182,8 @@ class Resolver:
     @one_thread
     def reserve(self, width: int, height: int, *, alpha: bool, half: bool = False) -> None:
         """Prepare for frames of a size, with or without alpha, while the first of them is still being read."""
+        if width < 1 or height < 1:
+            raise UsageError("no size of frames", expected="width and height from 1 on", found=f"{width} x {height}")
         self._fitting(Layout(width, height), alpha or self.every_step)
         build = edge_build(self.launcher.build(self._asked))
         for kernel in (*([] if build.extends else ["extend_edges"]), "pack"):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from cltaa.core.frame_checks import check_camera, check_numbers
 from cltaa.core.planes import as_floats
-from cltaa.errors import DataError
+from cltaa.errors import DataError, UsageError
 from cltaa.frame import Camera, Effect, Frame, Matrix, format_effects, parse_effects
 from cltaa.io.exr_layout import OTHER_TOOLS, Layout, of_region
 from cltaa.io.names import number_of
@@ -197,7 +197,7 @@ def _effects(attributes: Mapping[str, object], path: Path) -> frozenset[Effect] 
     text = _text(attributes, "cltaa:effects", path)
     try:
         return None if text is None else parse_effects(text)
-    except ValueError as error:
+    except UsageError as error:
         raise wrong_attribute("cltaa:effects", path, f"names out of {', '.join(Effect)}", text) from error
 
 

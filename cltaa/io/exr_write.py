@@ -28,7 +28,7 @@ from cltaa.io.atomic import atomic_path
 from cltaa.io.exr_frame import STRUCTURAL, Pixels, Single, frame_attributes, frame_planes
 from cltaa.io.exr_header import UNKNOWN, hidden_types, places_of, read_at, read_headers, read_layout
 from cltaa.io.exr_layout import COMPRESSION_NUMBERS, Windows, check_lossless
-from cltaa.io.names import number_of
+from cltaa.io.names import numbers_of
 from cltaa.io.openexr import OpenEXR
 
 try:
@@ -169,10 +169,10 @@ def write_frame(path: str | Path, frame: Frame, *, compression: str = "zip") -> 
         expected, found = "a name that ends in .exr", path.suffix or "no suffix"
         raise UsageError("frames are written as EXR", path=path, expected=expected, found=found)
     check_fields(frame)
-    attributes, number = frame_attributes(frame), number_of(path)
-    if number not in (None, frame.index, -frame.index):  # whether shot-003 is 3 or -3 its folder decides
+    attributes, numbers = frame_attributes(frame), numbers_of(path)
+    if numbers and not {*numbers} & {frame.index, -frame.index}:  # whether shot-003 is 3 or -3 its folder decides
         what, cure = "the file name has another number than the frame", "reading it would be refused: give both one"
-        raise DataError(what, path=path, expected=frame.index, found=number, cure=cure)
+        raise DataError(what, path=path, expected=frame.index, found=numbers[0], cure=cure)
     write_image(path, frame_planes(frame, path), attributes, compression=compression)
 
 

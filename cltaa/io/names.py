@@ -109,6 +109,17 @@ def number_of(path: Path) -> int | None:
     return its.value if its else None
 
 
+def numbers_of(path: Path) -> list[int]:
+    """Return the numbers in a file's name that its folder may take for the frame's: the last, else each long one."""
+    its = number_of(path)
+    return [its] if its is not None else [one.value for one in _numbers_in(path) if one.padded]
+
+
+def shows_number(path: Path, number: int) -> bool:
+    """True if ``number`` stands anywhere in a file's name."""
+    return _number_in(path, number) is not None
+
+
 def name_of(path: Path) -> str:
     """Return the name of the sequence that ``path`` belongs to; that of the file if it is not numbered."""
     its = _last_in(path)
@@ -177,7 +188,7 @@ class Selection:
     def by_name(self, files: Iterable[Path]) -> dict[str, dict[int, Path]]:
         """Return those of ``files``, of one folder, that have a number, by the names of their sequences; raises
         DataError for two of one number, and for a number that does not stand last."""
-        if self.alone and self.files is not None and number_of(self.files[0]) is None:
+        if self.alone and self.files is not None and not self._places(self.files):
             return {name_of(self.files[0]): {0: self.files[0]}}
         there = self._places(without_copies([*files]))
         # Names as in shot0001, beside which shot-001 is -1.

@@ -23,7 +23,7 @@ from cltaa.io.exr_layout import Layout, covers
 from cltaa.io.exr_read import FrameFile, read_colour, read_frame_and_header, read_header, read_planes
 from cltaa.io.guides import guides_of
 from cltaa.io.manifest import read_capture_record, recorded_hashes
-from cltaa.io.names import Named, name_of, number_of, selection_of
+from cltaa.io.names import Named, name_of, number_of, selection_of, shows_number
 from cltaa.io.numbered import (
     FrameRange,
     NumberedFiles,
@@ -229,9 +229,11 @@ class FrameSequence(NumberedFiles):
         """As ``frame``, with the header of its file, and the ``kept`` channels that are decoded with the frame."""
         path, picture = self.path(number), self.layouts[number]
         frame, header = read_frame_and_header(path, sha256=self.sha256(number), picture=picture)
-        if "cltaa:frame" not in header.attributes:  # then its folder decides whether shot-003 is 3 or -3
+        named = shows_number(path, number)  # a picture that is named by itself may have any name
+        if "cltaa:frame" not in header.attributes or not named:  # its folder decides whether shot-003 is 3 or -3
             frame = replace(frame, index=number)
-        check_number(path, header.attributes, number)
+        if named:
+            check_number(path, header.attributes, number)
         if frame.effects != self.effects:
             raise other_effects(self.path(number), number, self.effects, frame.effects)
         if self.step != 1 or self.found is not None:
@@ -241,6 +243,12 @@ class FrameSequence(NumberedFiles):
     def __iter__(self) -> Iterator[Frame]:
         """Read the frames one after another."""
         return (self.frame(number) for number in self.numbers)
+
+
+# Programs that call it with a folder mean ``cltaa.open``.
+FrameSequence.__init__ = public("FrameSequence", "cltaa.open(folder) makes one")(  # type: ignore[method-assign]
+    NumberedFiles.__init__
+)
 
 
 def other_effects(path: Path, number: int, first: frozenset[Effect] | None, its: frozenset[Effect] | None) -> DataError:

@@ -51,8 +51,30 @@ def own(**parts: Any) -> Any:
     return cltaa.Preset(**{"name": "own", "description": "", **parts})
 
 
+def swapped() -> Any:
+    """A frame whose camera has its projection for its view."""
+    frame = make_frame()
+    return cltaa.Frame(0, frame.colour, camera=cltaa.Camera(frame.camera.view_to_clip, frame.camera.world_to_view))
+
+
 LIGHT = np.ones((8, 8, 3), np.float32)
 CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
+    "no effect": (lambda _: cltaa.Effect("camra"), "^unknown effect camra; did you mean camera.$"),
+    "an effect of None": (lambda _: cltaa.Effect(None), "^unknown effect None; known effects: camera, "),
+    "a camera of one matrix": (lambda _: cltaa.Camera(np.eye(4)), "^Camera: missing .*'view_to_clip'; give world_to_"),
+    "a camera by other names": (
+        lambda _: cltaa.Camera(view=np.eye(4)),
+        "^Camera takes no view; .*world_to_view, view_to_clip",
+    ),
+    "a camera swapped": (
+        lambda _: cltaa.Resolver(device="numpy").resolve(swapped()),
+        "camera.world_to_view has a wrong last row .*; it is a projection: are the two matrices swapped",
+    ),
+    "a sequence of a folder": (lambda seq: cltaa.FrameSequence(seq), "^FrameSequence: missing .*; cltaa.open.folder. "),
+    "memory for no pixel": (
+        lambda _: cltaa.Resolver(device="numpy").reserve(0, 8, alpha=False),
+        "no size of frames .expected width and height from 1 on, found 0 x 8",
+    ),
     "open nothing": (lambda _: cltaa.open(None), "no sequence is named .*found None"),
     "open a number": (lambda _: cltaa.inspect(3), "no sequence is named"),
     "frames as text": (lambda seq: cltaa.open(seq, frames="0-1"), "invalid range of frames .*found '0-1'"),

@@ -29,7 +29,7 @@ def earlier(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_old_effect_name_makes_an_effect_and_an_unknown_one_none() -> None:
     with pytest.warns(Renamed):
         assert Effect("reflecting") is Effect.REACTIVE
-    with pytest.raises(ValueError, match="glowing"):
+    with pytest.raises(UsageError, match="unknown effect glowing; known effects: "):
         Effect("glowing")
     with pytest.raises(AttributeError, match="type object 'Effect' has no attribute 'GLOWING'"):
         Effect.GLOWING  # type: ignore[attr-defined]  # noqa: B018

@@ -14,6 +14,7 @@ import pytest
 from cltaa.core.planes import Layout, around
 from cltaa.errors import DataError, UsageError
 from cltaa.frame import Camera, Frame
+from cltaa.inputs.open import open_input
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.exr_header import read_layout
 from cltaa.io.exr_layout import COMPRESSION_NUMBERS, COMPRESSIONS, LOSSLESS
@@ -223,3 +224,22 @@ def test_wrong_arrays_are_not_written(tmp_path: Path, change: dict[str, Any], me
     with pytest.raises(DataError, match=message):
         write_frame(tmp_path / "a.exr", full_frame(**change))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "name", ["x0007_beauty.exr", "a10_x0007_b.exr", "x0007left.exr", "v2_beauty.exr", "beauty.exr"]
+)
+def test_a_frame_comes_back_from_any_name(tmp_path: Path, name: str) -> None:
+    """By itself; a number that its folder may take for the frame's has to be that."""
+    write_frame(tmp_path / name, make_frame(7))
+    (frame,) = open_input(tmp_path / name)
+    assert np.array_equal(frame.colour, make_frame(7).colour)
+    if "0007" in name:
+        with pytest.raises(DataError, match=r"has another number than the frame .expected 3, found 7"):
+            write_frame(tmp_path / name, make_frame(3))
+
+
+def test_frames_with_their_numbers_amid_their_names_come_back(tmp_path: Path) -> None:
+    for number in (7, 8):
+        write_frame(tmp_path / f"x{number:04d}_beauty.exr", make_frame(number))
+    assert [frame.index for frame in open_input(tmp_path)] == [7, 8]
