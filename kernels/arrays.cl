@@ -69,9 +69,9 @@ __kernel void unpack_kernel(__global const float* restrict source, __global floa
 // Doubles a value from the largest half on, so that it exceeds all halves.
 STAGE float beyond_half(float v) { return fabs(v) >= (float)HALF_LIMIT ? v + v : v; }
 
-STAGE real beyond_halves(real v)
+STAGE floats beyond_halves(floats v)
 {
-    const real most = SPLAT(HALF_LIMIT);
+    const floats most = (floats)((float)HALF_LIMIT);
     return ((v >= most) | (v <= -most)) ? v + v : v;
 }
 
@@ -91,7 +91,7 @@ __kernel void pack_kernel(history_in image, __global float* restrict target, con
         for (int p = 0; p < planes; ++p) {
             const size_t to = begin + (size_t)p * (size_t)plane_step;
             for (x = 0; x + LANES <= width; x += LANES) {
-                const real v = load_history(image + p * plane + from + x);
+                const floats v = TO_FLOATS(load_history(image + p * plane + from + x));
                 if (halves)
                     store_halves((__global half*)target + to + x, beyond_halves(v));
                 else

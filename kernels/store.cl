@@ -5,6 +5,8 @@
 // Texels are copied as they are; halves as bits, since a device may lack arithmetic on them.
 #if STORAGE_HALF
 typedef __global ushort* texels;
+#elif STORAGE_DOUBLE
+typedef __global double* texels;
 #else
 typedef __global float* texels;
 #endif

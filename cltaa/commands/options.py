@@ -15,7 +15,7 @@ import msgspec
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
-from cltaa.core.build import Storage
+from cltaa.core.build import STORAGES, Storage
 from cltaa.core.frame_checks import EXPOSURE_STOPS
 from cltaa.core.presets import Preset, load_preset, override, renamed, tell_unused
 from cltaa.errors import UsageError, known
@@ -206,7 +206,7 @@ def storage_option(command: Command, where: str = "") -> Command:
     """Add ``--storage``; its help begins with ``where``, the mode in which it applies."""
     return click.option(
         "--storage",
-        type=click.Choice([kind.value for kind in Storage]),
+        type=click.Choice([kind.value for kind in STORAGES]),
         default=Storage.FLOAT.value,
         help=f"{where}Number format of the stored history.",
     )(command)

@@ -92,7 +92,7 @@ class Launcher(Protocol):
 
 def storage_dtype(build: Build) -> Any:
     """Return the NumPy type of the history."""
-    return np.float32 if build.storage is Storage.FLOAT else np.float16
+    return {Storage.FLOAT: np.float32, Storage.DOUBLE: np.float64}.get(build.storage, np.float16)
 
 
 def launcher_for(device: str | int | Launcher | Queue | None) -> Launcher:

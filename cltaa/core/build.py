@@ -21,12 +21,20 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
+class Real(StrEnum):
+    """The type in which the stages compute."""
+
+    FLOAT = "float"
+    DOUBLE = "double"
+
+
 class Storage(StrEnum):
     """The type in which the history is stored."""
 
     FLOAT = "float"
     HALF = "half"  # rounded to nearest: an old history stops within ulp / (2 weight) of its target
     HALF_STOCHASTIC = "half-stochastic"  # rounded up or down at random: unbiased, but noisy
+    DOUBLE = "double"  # only for the ladder of cltaa bench accuracy
 
 
 def storage_of(name: str) -> Storage:
@@ -39,6 +47,8 @@ def storage_of(name: str) -> Storage:
 
 HALVES = (Storage.HALF, Storage.HALF_STOCHASTIC)
 BUILDS_KEPT = 64  # of resolves, and of the kernels that copy results
+# The storages that a user can choose.
+STORAGES = (Storage.FLOAT, *HALVES)
 
 
 class Steps(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
@@ -99,7 +109,7 @@ class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     choices: Choices = Choices()
     steps: Steps = Steps()
     terms: Terms = Terms()
-    double: bool = False  # float64 instead of float32, which the NumPy twin alone computes in
+    real: Real = Real.FLOAT
     storage: Storage = Storage.FLOAT
     lanes: int = 0  # 0: the device's
     rows: int = 0
@@ -109,6 +119,7 @@ class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     columns_ahead: int = 0  # distance of the prefetch to the right, in work-items (kernels/schedule/ahead.h)
     far_first: bool = False  # whether that prefetch fills the first-level cache too, not the second alone
     strict: bool = False
+    relaxed: bool = False  # built with -cl-fast-relaxed-math: only for timing (decisions/04)
 
     @property
     def extends(self) -> bool:
@@ -120,7 +131,9 @@ class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
         always: tuple[str, ...] = ("-cl-std=CL1.2", "-Werror", "-cl-kernel-arg-info")
         if self.registers:
             always += (f"-cl-nv-maxrregcount={self.registers}",)
-        return (*always, "-cl-fp32-correctly-rounded-divide-sqrt") if self.strict else always
+        if self.strict:
+            return (*always, "-cl-fp32-correctly-rounded-divide-sqrt")
+        return (*always, "-cl-fast-relaxed-math") if self.relaxed else always
 
 
 def build_of(asked: Build, choices: Choices, settings: Settings, steps: Steps) -> Build:
@@ -225,13 +238,15 @@ def _struct_lines(name: str, fields: dict[str, str]) -> Iterator[str]:
 
 
 # Members of a build that kernels see under their own names.
-SHAPED = "lanes", "rows", "stride", "plane", "columns_ahead", "far_first", "strict"
+SHAPED = "lanes", "rows", "stride", "plane", "columns_ahead", "far_first", "strict", "relaxed"
 
 
 def prelude(build: Build) -> str:
     """Return the text in front of every kernel: build constants, choices, named constants and structs."""
     numbers = {
         **{_macro(name): int(getattr(build, name)) for name in SHAPED},
+        "REAL_DOUBLE": int(build.real is Real.DOUBLE),
+        "STORAGE_DOUBLE": int(build.storage is Storage.DOUBLE),
         "STORAGE_HALF": int(build.storage in HALVES),
         "STORAGE_STOCHASTIC": int(build.storage is Storage.HALF_STOCHASTIC),
         **WHOLE_NUMBERS,
@@ -242,7 +257,8 @@ def prelude(build: Build) -> str:
     for name in sorted(set(Choices.__struct_fields__) - HOST_CHOICES):
         lines.extend(_enum_lines(name, getattr(build.choices, name)))
     for name, constant in CONSTANTS.items():
-        lines.append(f"#define {name} {float(np.float32(constant.value)).hex()}f")
+        as_float = f"{float(np.float32(constant.value)).hex()}f"
+        lines.append(f"#define {name} {as_float if build.real is Real.FLOAT else constant.value.hex()}")
     lines.extend(_struct_lines("frame_t", {name: kind for name, (kind, _) in FRAME_FIELDS.items()}))
     lines.extend(_struct_lines("settings_t", dict.fromkeys(KERNEL_SETTINGS, "float")))
     return "\n".join(lines) + "\n"

@@ -53,6 +53,7 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "LEAST_HEADROOM": Constant(2.0**-16, "least 1 - peak when a tonemap is undone: half's largest number, 65504"),
     "ONE_THIRD": Constant(1.0 / 3.0, "mean of a row of three"),
     "TWO_27THS": Constant(2.0 / 27.0, "variance over the spread of the 3x3: a ninth of that"),
+    "ONE_NINTH": Constant(1.0 / 9.0, "mean of the 3x3"),
 }
 
 # Halo of every plane, in texels. A 4x4 history filter of an on-screen position reads 2 texels past the edge, and a

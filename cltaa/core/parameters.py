@@ -299,6 +299,13 @@ class Neighbourhood(Choice):
     JITTERED = "jittered", "the square, with weights exp(-filter_falloff d^2), d from a sample to the pixel's centre"
 
 
+class Variance(Choice):
+    """How the deviation of the neighbourhood is computed."""
+
+    SHIFTED = "shifted", "from differences to the centre: accurate at any mean"
+    NAIVE = "naive", "E[x^2] - E[x]^2, the popular form: cancels where the mean is much larger than the deviation"
+
+
 class Box(Choice):
     """What the history is compared with."""
 
@@ -406,6 +413,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     exposure_change: ExposureChange = ExposureChange.FOLLOW
     reactive_mask: ReactiveMask = ReactiveMask.USE
     neighbourhood: Neighbourhood = Neighbourhood.SQUARE
+    variance: Variance = Variance.SHIFTED
     box: Box = Box.EXTREMES
     box_space: BoxSpace = BoxSpace.YCOCG
     rectify: Rectify = Rectify.CLAMP

@@ -9,7 +9,7 @@ import numpy as np
 
 from cltaa.core.build import Build, Record
 from cltaa.core.constants import value
-from cltaa.core.parameters import Box, BoxSpace, CurrentFilter, Dilation, Neighbourhood
+from cltaa.core.parameters import Box, BoxSpace, CurrentFilter, Dilation, Neighbourhood, Variance
 from cltaa.reference.colour import Colour, from_box_space, luminance, to_box_space, to_range
 from cltaa.reference.real import Array, Mask, Run, greater, lesser, limit, neighbour, number, outside_domain
 
@@ -53,15 +53,38 @@ def window_moments(above: Moments, centre: Moments, below: Moments) -> Moments:
     )
 
 
-def deviation_of(m: Moments) -> Array:
-    """The root of the variance."""
-    return np.sqrt(m.spread * value("TWO_27THS"))
+def naive_row(m: Moments, left: Array, centre: Array, right: Array) -> Moments:
+    """Sum and sum of squares of three texels, as offset and spread."""
+    return m._replace(offset=(left + right) + centre, spread=(left * left + right * right) + centre * centre)
+
+
+def naive_window(m: Moments, above: Moments, centre: Moments, below: Moments) -> Moments:
+    """The mean of such rows as shift, E[x^2] - E[x]^2 as spread."""
+    share = value("ONE_NINTH")
+    mean = ((above.offset + below.offset) + centre.offset) * share
+    squares = (above.spread + below.spread) + centre.spread
+    return m._replace(shift=mean, offset=np.zeros_like(mean), spread=squares * share - mean * mean)
+
+
+def chosen_row(left: Array, centre: Array, right: Array, build: Build) -> Moments:
+    """Moments of a row, in the form that the chosen variance needs."""
+    m = row_moments(left, centre, right)
+    return naive_row(m, left, centre, right) if build.choices.variance is Variance.NAIVE else m
+
+
+def deviation_of(m: Moments, build: Build) -> Array:
+    """The root of the variance; 0 where rounding made the naive one negative."""
+    naive = build.choices.variance is Variance.NAIVE
+    variance = greater(m.spread, 0.0) if naive else m.spread * value("TWO_27THS")
+    return np.sqrt(variance)
 
 
 def neighbourhood_moments(above: Moments, centre: Moments, below: Moments, build: Build) -> Moments:
     """Moments of the 3x3."""
     m = window_moments(above, centre, below)
-    return _rounded(m, above, centre, below) if build.choices.box is Box.ROUNDED else m
+    if build.choices.box is Box.ROUNDED:
+        m = _rounded(m, above, centre, below)
+    return naive_window(m, above, centre, below) if build.choices.variance is Variance.NAIVE else m
 
 
 def _rounded(m: Moments, above: Moments, centre: Moments, below: Moments) -> Moments:
@@ -139,7 +162,7 @@ def weighted_statistics(texels: Sequence[Colour], run: Run) -> tuple[Colour, Col
 def neighbourhood_statistics(above: Row, centre: Row, below: Row, run: Run) -> Statistics:
     """Mean, deviation and extremes of each channel."""
     m = neighbourhood_moments(above.moments, centre.moments, below.moments, run.build)
-    mean, deviation = m.shift + m.offset, deviation_of(m)
+    mean, deviation = m.shift + m.offset, deviation_of(m, run.build)
     if run.choices.neighbourhood in (Neighbourhood.LUMINANCE, Neighbourhood.JITTERED):
         mean, deviation = weighted_statistics((*above.texels, *centre.texels, *below.texels), run)
         mean = limit(mean, m.low, m.high)
@@ -192,7 +215,7 @@ def read_row(colour: Array, inverse_depth: Array, motion: Array | None, dy: int,
         u, v = np.where(to_right, window(motion, 1), np.where(to_left, window(motion, -1), window(motion, 0)))
         centre_u, centre_v = window(motion, 0)
     return Row(
-        row_moments(*texels),
+        chosen_row(*texels, run.build),
         texels,
         centre,
         filter_three(left, centre, right, run.frame["left_weight"], run.frame["right_weight"], run.build),

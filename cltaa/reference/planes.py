@@ -58,7 +58,7 @@ def stochastic_half(v: Array, dither: Array) -> Array:
 
 def stored_history(v: Array, run: Run) -> NDArray[Any]:
     """``v`` [..., H, W] in the storage format of the history."""
-    if run.build.storage is Storage.FLOAT:
+    if run.build.storage in (Storage.FLOAT, Storage.DOUBLE):
         return v
     rounded = half_storable(v.astype(np.float32))
     if run.build.storage is Storage.HALF_STOCHASTIC:

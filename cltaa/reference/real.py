@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.build import Build, Steps
+from cltaa.core.build import Build, Real, Steps
 from cltaa.core.constants import PAD_X, PAD_Y, value
 from cltaa.core.parameters import Choices
 from cltaa.core.planes import Layout
@@ -43,7 +43,7 @@ quiet = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 
 def real_type(build: Build) -> Any:
     """NumPy type of the build's real."""
-    return np.float64 if build.double else np.float32
+    return np.float64 if build.real is Real.DOUBLE else np.float32
 
 
 def number(v: Any, like: Array) -> Any:

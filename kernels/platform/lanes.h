@@ -1,7 +1,7 @@
 // lanes: how many pixels a work-item computes at once. One on GPUs, a vector of LANES neighbouring pixels on CPUs; and
 // the loads, stores and tests across lanes for each case.
-#if !defined(LANES) || !defined(STORAGE_HALF)
-#error "lanes.h needs LANES and STORAGE_HALF from the prelude"
+#if !defined(LANES) || !defined(REAL_DOUBLE) || !defined(STORAGE_HALF) || !defined(STORAGE_DOUBLE)
+#error "lanes.h needs LANES, REAL_DOUBLE, STORAGE_HALF and STORAGE_DOUBLE from the prelude"
 #endif
 
 // Only Clang has these tests.
@@ -60,6 +60,21 @@
 #define LANED(type) PASTE(type, LANES)
 #endif
 
+#if REAL_DOUBLE || STORAGE_DOUBLE
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+#endif
+#if REAL_DOUBLE
+typedef double scalar;
+typedef long scalar_whole;
+typedef LANED(double) real;
+typedef LANED(long) whole;
+#define AS_WHOLE PASTE(as_, LANED(long))
+#define AS_REAL PASTE(as_, LANED(double))
+#define TO_WHOLE PASTE(PASTE(convert_, LANED(long)), _rtz)
+#define TO_REAL PASTE(convert_, LANED(double))
+#define MAGNITUDE_BITS 0x7fffffffffffffffL
+#define DOMAIN_BITS as_long(DOMAIN_LIMIT)
+#else
 typedef float scalar;
 typedef int scalar_whole;
 typedef LANED(float) real;
@@ -70,18 +85,22 @@ typedef LANED(int) whole;
 #define TO_REAL PASTE(convert_, LANED(float))
 #define MAGNITUDE_BITS 0x7fffffff
 #define DOMAIN_BITS as_int(DOMAIN_LIMIT)
+#endif
 typedef whole mask;
 
-// Literals: the formula's coefficient as a float.
+// Literals: the formula's coefficient in the precision of real.
 #define K(value) ((scalar)(value))
 #define SPLAT(value) ((real)(K(value)))
 
-// Planes hold floats; only the history may be stored in half.
+// Planes hold floats; only the history may be stored in half or double.
 typedef __global const float* restrict plane_in;
 typedef __global float* restrict plane_out;
 #if STORAGE_HALF
 typedef __global const half* restrict history_in;
 typedef __global half* restrict history_out;
+#elif STORAGE_DOUBLE
+typedef __global const double* restrict history_in;
+typedef __global double* restrict history_out;
 #else
 typedef __global const float* restrict history_in;
 typedef __global float* restrict history_out;
@@ -111,7 +130,7 @@ typedef __global float* restrict history_out;
 #endif
 
 // Gathers sixteen floats or words by one instruction: half of the time of sixteen loads, where measured.
-#if LANES == 16 && defined(__AVX512F__) && __has_builtin(__builtin_ia32_gathersiv16sf)                                 \
+#if LANES == 16 && !REAL_DOUBLE && defined(__AVX512F__) && __has_builtin(__builtin_ia32_gathersiv16sf)                 \
     && __has_builtin(__builtin_ia32_gathersiv16si)
 #define GATHERS 1
 #else
@@ -120,13 +139,13 @@ typedef __global float* restrict history_out;
 
 // Converts a vector of halves to floats and back by one instruction each. OpenCL's vload_half and vstore_half are calls
 // on some CPU drivers, and spill every register.
-#if LANES == 16 && defined(__AVX512F__) && __has_builtin(__builtin_ia32_vcvtph2ps512_mask)                             \
+#if LANES == 16 && !REAL_DOUBLE && defined(__AVX512F__) && __has_builtin(__builtin_ia32_vcvtph2ps512_mask)             \
     && __has_builtin(__builtin_ia32_vcvtps2ph512_mask)
 #define CONVERTS_HALVES 1
 #define FROM_HALVES_BUILTIN(v) __builtin_ia32_vcvtph2ps512_mask(v, SPLAT(0.0), (ushort)0xffff, CURRENT_ROUNDING)
 #define VECTOR_REGISTER "v"
 #define TO_HALVES(v) __builtin_ia32_vcvtps2ph512_mask(v, NEAREST_EVEN, (short16)(0), (ushort)0xffff)
-#elif LANES == 8 && defined(__F16C__) && __has_builtin(__builtin_ia32_vcvtph2ps256)                                    \
+#elif LANES == 8 && !REAL_DOUBLE && defined(__F16C__) && __has_builtin(__builtin_ia32_vcvtph2ps256)                    \
     && __has_builtin(__builtin_ia32_vcvtps2ph256)
 #define CONVERTS_HALVES 1
 #define FROM_HALVES_BUILTIN(v) __builtin_ia32_vcvtph2ps256(v)
@@ -138,12 +157,16 @@ typedef __global float* restrict history_out;
 
 #if LANES == 1
 STAGE real load(plane_in p) { return *p; }
-STAGE void store(plane_out p, real v) { *p = v; }
+STAGE void store(plane_out p, real v) { *p = (float)v; }
 STAGE int any_of(mask m) { return m != 0; }
 STAGE scalar_whole first_lane(whole v) { return v; }
 #define LANE_NUMBERS 0
 #define LANE_INDEX ((real)(0))
 STAGE real first_lanes(real v) { return v; }
+#else
+#if REAL_DOUBLE
+STAGE real load(plane_in p) { return PASTE(convert_, LANED(double))(PASTE(vload, LANES)(0, p)); }
+STAGE void store(plane_out p, real v) { PASTE(vstore, LANES)(PASTE(convert_, LANED(float))(v), 0, p); }
 #else
 // A vector at any float's address: vloadn and vstoren are calls on some CPU drivers.
 typedef real loose_real __attribute__((aligned(4)));
@@ -152,6 +175,7 @@ STAGE real load(plane_in p) { return *(__global const loose_real*)p; }
 STAGE void store(plane_out p, real v) { __builtin_nontemporal_store(v, (__global real*)p); }
 #else
 STAGE void store(plane_out p, real v) { *(__global loose_real*)p = v; }
+#endif
 #endif
 #if LANES == 16
 #define HALVES(m) ((m).lo.lo | (m).lo.hi | (m).hi.lo | (m).hi.hi)

@@ -1,12 +1,12 @@
-// real: the number that every stage computes with. One float a work-item on GPUs, a vector of LANES
+// real: the number that every stage computes with. One float (or double) a work-item on GPUs, a vector of LANES
 // neighbouring pixels on CPUs. The same source serves both: comparisons give masks, masks are combined with & and |,
 // and values are chosen with `mask ? a : b`, which selects lane by lane on vectors.
 //
 // No max, min, clamp or mix on reals: they are undefined or inexact for NaN in OpenCL C, and calls on some CPU drivers.
-#if !defined(STRICT)
-#error "real.h needs STRICT from the prelude"
+#if !defined(STRICT) || !defined(RELAXED)
+#error "real.h needs STRICT and RELAXED from the prelude"
 #endif
-#if defined(__FAST_RELAXED_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#if (defined(__FAST_RELAXED_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)) && !RELAXED
 #error "finite-math flags remove the guards against NaN: build without -cl-fast-relaxed-math"
 #endif
 #if STRICT
@@ -17,7 +17,7 @@
 #include "platform/lanes.h"
 
 // One float a work-item, without the strict build's roundings: the device's own maximum, minimum and root.
-#define NATIVE ((LANES == 1) & !STRICT)
+#define NATIVE ((LANES == 1) & !REAL_DOUBLE & !STRICT)
 
 STAGE whole magnitude_bits(real v) { return AS_WHOLE(v) & MAGNITUDE_BITS; }
 
@@ -56,7 +56,11 @@ STAGE float scalar_reciprocal(float v)
     return one_over;
 }
 #elif defined(__clang__) && LANES > 1
+#if REAL_DOUBLE
+#define SCALAR_ROOT __builtin_sqrt
+#else
 #define SCALAR_ROOT __builtin_sqrtf
+#endif
 #else
 #define SCALAR_ROOT sqrt
 #endif
@@ -109,7 +113,7 @@ STAGE real floor_of(real v)
 // compiler flag can remove it; a GPU compares in one instruction.
 STAGE mask outside_domain(real v)
 {
-#if LANES == 1
+#if LANES == 1 && !RELAXED
     return !(fabs(v) <= K(DOMAIN_LIMIT));
 #else
     return magnitude_bits(v) > DOMAIN_BITS;
@@ -120,7 +124,7 @@ STAGE mask outside_domain(real v)
 // number, a CPU's compiler no longer recognises a maximum, and emits a slower comparison and selection.
 STAGE real in_domain_or(real v, real otherwise)
 {
-#if ELEMENTWISE
+#if ELEMENTWISE && !RELAXED
     return !(__builtin_elementwise_abs(v) <= K(DOMAIN_LIMIT)) ? otherwise : v;
 #else
     return outside_domain(v) ? otherwise : v;

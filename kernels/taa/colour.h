@@ -121,7 +121,7 @@ STAGE mask outside_domain_of(texel_t v)
 // several lanes, each own texel is also a neighbour of another.
 STAGE int any_outside_domain(texel_t left, texel_t own, texel_t right)
 {
-    if (LANES == 1)
+    if ((LANES == 1) | REAL_DOUBLE)
         return any_of(outside_domain_of(left) | outside_domain_of(own) | outside_domain_of(right));
     whole most = larger_bits(largest_bits(left.rgb), largest_bits(right.rgb));
     if (ALPHA)

@@ -54,7 +54,37 @@ STAGE moments window_moments(moments centre, moments below, joined upper, joined
     return m;
 }
 
-STAGE real deviation_of(moments m) { return square_root(m.spread * K(TWO_27THS)); }
+// The popular form of the variance, E[x^2] - E[x]^2, an option so that its failure can be seen: it cancels where the
+// mean is large beside the deviation. Rows hold their sum as offset and their sum of squares as spread; the whole has
+// its mean as shift, and its variance as spread.
+STAGE moments naive_row(moments m, real left, real centre, real right)
+{
+    m.offset = (left + right) + centre;
+    m.spread = (left * left + right * right) + centre * centre;
+    return m;
+}
+
+STAGE moments naive_window(moments m, moments above, moments centre, moments below)
+{
+    const real sum = (above.offset + below.offset) + centre.offset;
+    const real squares = (above.spread + below.spread) + centre.spread;
+    m.shift = sum * K(ONE_NINTH);
+    m.offset = SPLAT(0.0);
+    m.spread = squares * K(ONE_NINTH) - m.shift * m.shift;
+    return m;
+}
+
+// Moments of a row, in the form that the chosen variance needs.
+STAGE moments chosen_row(real left, real centre, real right)
+{
+    const moments m = row_moments(left, centre, right);
+    return VARIANCE == VARIANCE_NAIVE ? naive_row(m, left, centre, right) : m;
+}
+
+STAGE real deviation_of(moments m)
+{
+    return square_root(VARIANCE == VARIANCE_NAIVE ? greater(m.spread, SPLAT(0.0)) : m.spread * K(TWO_27THS));
+}
 
 STAGE moments neighbourhood_moments(moments above, moments centre, moments below, joined upper, joined lower)
 {
@@ -63,7 +93,7 @@ STAGE moments neighbourhood_moments(moments above, moments centre, moments below
         m.low = K(0.5) * (m.low + lesser(lesser(above.shift, below.shift), centre.low));
         m.high = K(0.5) * (m.high + greater(greater(above.shift, below.shift), centre.high));
     }
-    return m;
+    return VARIANCE == VARIANCE_NAIVE ? naive_window(m, above, centre, below) : m;
 }
 
 // Three texels of a row in the box space, with their alpha where there is one.
@@ -215,9 +245,9 @@ STAGE row_t read_row(
     row.has_missing = t.has_missing;
     row.texels = to_boxed_row(t);
     const boxed bl = row.texels.left, bc = row.texels.own, br = row.texels.right;
-    row.a = row_moments(bl.a, bc.a, br.a);
-    row.b = row_moments(bl.b, bc.b, br.b);
-    row.c = row_moments(bl.c, bc.c, br.c);
+    row.a = chosen_row(bl.a, bc.a, br.a);
+    row.b = chosen_row(bl.b, bc.b, br.b);
+    row.c = chosen_row(bl.c, bc.c, br.c);
     row.centre = c;
     row.across = filter_three(minus(c, l), c, minus(r, c), K(frame.left_weight), K(frame.right_weight));
 

@@ -72,6 +72,7 @@ def test_bands_of_any_height_give_the_bits_of_whole_images() -> None:
     ("how", "channels"),
     [
         ({"storage": Storage.HALF_STOCHASTIC}, ("alpha", "motion", "reactive")),
+        ({"storage": Storage.DOUBLE}, ("alpha", "motion", "reactive")),
         ({"every_step": True}, ()),
     ],
     ids=str,
@@ -85,7 +86,7 @@ def test_bands_with_every_channel_storage_and_step(how: dict[str, Any], channels
 
 def test_bands_in_halves_give_the_bits_of_whole_images() -> None:
     # Of a kernel that another test builds.
-    whole, banded = (made("fast") for made in (Resolver, partial(BandedResolver, band_rows=6)))
+    whole, banded = (made("fast", storage=Storage.DOUBLE) for made in (Resolver, partial(BandedResolver, band_rows=6)))
     for frame in frames(alpha=True, motion=True, reactive=True):
         frame.colour[5:9, 3] = 1e6
         expected = whole.resolve(frame, half=True)

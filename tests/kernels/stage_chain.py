@@ -61,7 +61,7 @@ STAGES = [kernel for kernel in WRITES if kernel not in FUSED]
 # The choices and steps that each stage's code looks at; of the fused kernels what no stage does.
 LOOKS_AT: dict[str, tuple[str, ...]] = {
     "repair_colour": (),
-    "neighbourhood_statistics": ("neighbourhood", "box", "box_space", "current_filter", "tonemap"),
+    "neighbourhood_statistics": ("neighbourhood", "variance", "box", "box_space", "current_filter", "tonemap"),
     "surface_motion": ("dilation", "camera_motion", "own_motion", "orthographic"),
     "sample_history": (
         "history_filter",
@@ -129,7 +129,7 @@ SEED = 3
 APART = ("surface_motion", "mix_windows")
 # Values that give the bits of the usual one where nothing else is changed, by ways of their own: each has a row alone.
 UNSEEN = {
-    "sample_history": ["alpha_from=current"],
+    "sample_history": ["alpha_from=current", "storage=double"],
     "rectify_history": ["box=rounded"],
     "blend": ["anti_flicker=clamp-distance", "rectify=clip"],
 }

@@ -101,10 +101,11 @@ def test_every_half_and_what_lies_around_it(lanes: int | str) -> None:
     assert (halves[:, :, PAD_X + -(-layout.width // 16) * 16 :] == UNWRITTEN).all()
 
 
+@pytest.mark.parametrize("storage", [Storage.HALF, Storage.DOUBLE])
 @pytest.mark.parametrize("lanes", [1, 8])
-def test_of_halves_that_a_history_is_kept_in(lanes: int) -> None:
+def test_of_every_number_that_a_history_is_kept_in(storage: Storage, lanes: int) -> None:
     launcher, layout = DeviceLauncher(), Layout(33, 9)
-    build = launcher.build(Build(lanes=lanes, storage=Storage.HALF))
+    build = launcher.build(Build(lanes=lanes, storage=storage))
     planes = layout.zeros(PLANES, storage_dtype(build))
     random = np.random.default_rng(5)
     layout.inside(planes)[...] = np.clip(random.standard_cauchy((PLANES, 9, 33)) * 1e4, -65504, 65504)
@@ -187,7 +188,7 @@ def test_a_distance_becomes_its_inverse_depth_to_the_bit(lanes: int) -> None:
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_a_result_becomes_an_array(lanes: int) -> None:
     launcher, layout, random = device(), Layout(37, 9), np.random.default_rng(9)
-    storages, dtypes = (Storage.FLOAT, Storage.HALF), (np.float32, np.float16)
+    storages, dtypes = (Storage.FLOAT, Storage.HALF, Storage.DOUBLE), (np.float32, np.float16)
     for storage, dtype, planes in product(storages, dtypes, (3, 4)):
         build = launcher.build(Build(lanes=lanes, storage=storage))
         content = layout.zeros(planes, storage_dtype(build))

@@ -22,9 +22,9 @@ from tests.kernels.test_resolve import ALONE, CHOICES, differing, hard_frames
 
 Row = dict[str, Any]  # choices by name
 
-LANES, ROWS, SEED = 8, 7, 1  # with it every box is tried where something is moved into it
+LANES, ROWS, SEED = 8, 7, 19  # with it every box is tried where something is moved into it
 GROUPS = [
-    ("box", "box_space", "neighbourhood"),
+    ("box", "box_space", "neighbourhood", "variance"),
     ("rectify",),
     ("history_filter", "weighting"),
     ("current_filter", "filter_use", "history_range"),
@@ -32,6 +32,8 @@ GROUPS = [
     ("dilation", "off_screen", "ray_through", "reject"),
     ("exposure_change", "illumination", "reactive_mask", "tonemap"),
 ]
+# What a choice needs to be seen: the usual box knows no variance.
+BESIDE = {"variance": {"box": "variance"}}
 CHOSEN = [name for group in GROUPS for name in group]
 # For frames that declare no effects, which no illumination change is looked for in. A box says nothing of history that
 # nothing moves into it.
@@ -40,7 +42,8 @@ USUAL = msgspec.structs.replace(load_preset().choices, illumination=Illumination
 
 def alternatives(group: Sequence[str]) -> list[Row]:
     """What a row may have of a group: all as usual, or one value that is not."""
-    return [{}, *({name: value} for name in group for value in CHOICES[name] if value is not getattr(USUAL, name))]
+    rare = [(name, value) for name in group for value in CHOICES[name] if value is not getattr(USUAL, name)]
+    return [{}, *({name: value, **BESIDE.get(name, {})} for name, value in rare)]
 
 
 def rows(chance: random.Random) -> Iterator[Row]:

@@ -13,6 +13,7 @@ from cltaa.core.build import (
     FRAME_DTYPE,
     SETTINGS_DTYPE,
     Build,
+    Real,
     Storage,
     prelude,
 )
@@ -126,6 +127,20 @@ def test_same_bits_for_every_storage(storage: Storage, lanes: int, effects: froz
         resolved = device.resolve(frame)
         assert np.array_equal(resolved, resolved.astype(np.float16))
         assert np.array_equal(bits(resolved), bits(twin.resolve(frame)))
+
+
+def test_same_numbers_in_doubles() -> None:
+    # A device may contract or reorder nothing in a strict build, whatever the numbers are.
+    build = Build(storage=Storage.DOUBLE, real=Real.DOUBLE, strict=True, lanes=4)
+    device, twin = Resolver(build=build), Resolver(device="numpy", build=build)
+    for frame in hard_frames():
+        assert np.array_equal(bits(device.resolve(frame)), bits(twin.resolve(frame)))
+        kept = []
+        for resolver in (device, twin):
+            with resolver.recurrent()[1]["history"].mapped(write=False) as planes:
+                kept.append(planes.copy())
+        assert kept[0].dtype == kept[1].dtype == np.float64
+        assert np.array_equal(kept[0].view(np.uint64), kept[1].view(np.uint64))
 
 
 def test_fast_build_is_another_program() -> None:

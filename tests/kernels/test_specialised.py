@@ -24,6 +24,7 @@ from cltaa.core.parameters import (
     Illumination,
     Rectify,
     Reject,
+    Variance,
     Weighting,
 )
 from cltaa.opencl.device import POCL, Device, devices
@@ -48,6 +49,11 @@ CODE: dict[str, tuple[str, dict[str, bool], dict[str, object]]] = {
     "rectification": ("K(settings.box_floor)", {}, {"rectify": Rectify.CLIP}),
     "illumination change": ("SPLAT(settings.illumination_t)", {}, {"illumination": Illumination.TEST}),
     "dilation": ("K(settings.edge_tolerance)", {}, {"dilation": Dilation.EDGE}),
+    "naive variance": (
+        "centre * centre",
+        {},
+        {"rectify": Rectify.CLAMP, "box": Box.VARIANCE, "variance": Variance.NAIVE},
+    ),
     "six taps": ("K(0.105)", {"camera_motion": True}, {"history_filter": HistoryFilter.CROSS_20}),
     "luminance weights": ("SPLAT(settings.luminance_knee)", {}, {"weighting": Weighting.LUMINANCE}),
 }

@@ -190,6 +190,20 @@ def test_a3_finite_math_is_refused_or_outlived() -> None:
         assert np.array_equal(bits(resolved), bits(twin.resolve(frame)))
 
 
+@pytest.mark.optimised
+def test_a3_the_relaxed_build_is_asked_for_by_name() -> None:
+    # It is timed by cltaa bench accuracy; its picture differs by rounding, on frames that hold what numbers are.
+    # With every step there is one program of each for all frames.
+    relaxed, plain = (Resolver("basic", build=Build(relaxed=how, lanes=8), every_step=True) for how in (True, False))
+    for index in range(3):
+        frame = moving(index)
+        a, b = relaxed.resolve(frame), plain.resolve(frame)
+    assert relaxed.last is not None
+    assert "-cl-fast-relaxed-math" in relaxed.last.build.flags()
+    apart = np.abs(a - b) / np.abs(b).max()
+    assert (apart <= 2.0**-16).mean() > 0.999
+
+
 def test_a3_the_options_are_part_of_what_is_built() -> None:
     build = Build(lanes=1, rows=1)
     assert source_hash("resolve", build) != source_hash("resolve", msgspec.structs.replace(build, strict=True))

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.core.build import Build, Steps, settings_record
-from cltaa.core.parameters import BoxSpace, Choices, Neighbourhood, Settings
+from cltaa.core.parameters import BoxSpace, Choices, Neighbourhood, Settings, Variance
 from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset, override
 from cltaa.core.record import Past, frame_record
@@ -102,6 +102,19 @@ def test_c1_the_usual_form_would_fail() -> None:
     assert (naive < 0).mean() > 0.05
     off = np.abs(np.sqrt(np.maximum(naive, 0)) - true) > 60 * UNIT_ROUNDOFF * true
     assert off.mean() > 0.3
+
+
+def test_c1_the_naive_variance_fails_as_it_is_known_to(launcher: DeviceLauncher) -> None:
+    # The option: what it gives is E[x^2] - E[x]^2 within its own rounding, and most of it is not the deviation.
+    image = patches()
+    mean, deviation = measured(launcher, image, box_space=BoxSpace.RGB, variance=Variance.NAIVE)
+    taps = windows(image.astype(np.float64))
+    true, size = taps.std(axis=0), (taps**2).mean(axis=0)
+    assert (np.abs(mean - taps.mean(axis=0)) <= 12 * UNIT_ROUNDOFF * np.abs(taps).max(axis=0)).all()
+    # numerics.md, C1: (n + 2) u of the mean square, in the variance.
+    assert (np.abs(deviation**2 - true**2) <= (len(taps) + 2) * 2 * UNIT_ROUNDOFF * size).all()
+    assert np.isfinite(deviation).all()
+    assert (np.abs(deviation - true) > 60 * UNIT_ROUNDOFF * true).mean() > 0.3
 
 
 def after_a_firefly(weight: float, **changes: Any) -> float:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cltaa.core.build import Build
+from cltaa.core.build import Build, Real
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Frame
 from tests.kernels.test_resolve import turned
@@ -39,7 +39,7 @@ def bright_frames(count: int, width: int = 96, height: int = 64) -> Iterator[Fra
 
 
 def test_thirty_nine_frames_stay_near_those_of_float64() -> None:
-    device, oracle = Resolver(), Resolver(device="numpy", build=Build(double=True))
+    device, oracle = Resolver(), Resolver(device="numpy", build=Build(real=Real.DOUBLE))
     for frame in bright_frames(39):
         found, exact = (resolver.resolve(frame).astype(np.float64) for resolver in (device, oracle))
         error = np.abs(found - exact)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.core.build import Build
+from cltaa.core.build import Build, Real
 from cltaa.core.constants import PAD_X, PAD_Y, UNMOVED, WINDOW_REACH
 from cltaa.core.constants import value as value_of
 from cltaa.reference.accumulate import current_pixel
@@ -106,7 +106,7 @@ def parts(work: Work) -> list[Values]:
 @quiet
 def filled(work: Work) -> Values:
     """Largest magnitude, any channel, of what stands in for a missing sample."""
-    run = Run(Build(steps=ALL_STEPS, double=True), work.layout, work.frame, work.settings)
+    run = Run(Build(steps=ALL_STEPS, real=Real.DOUBLE), work.layout, work.frame, work.settings)
     current, alpha = whole_samples(work.planes["current"], work.planes["alpha"], run)
     return np.abs(filled_texels(current, alpha, run.build, work.layout)[0]).max(0)
 
@@ -138,7 +138,7 @@ def conditioned(work: Work) -> Values:
 def gathered(work: Work) -> Values:
     """Largest magnitude of the current sample, what lies around it or stands in for it, and the mean of what was
     gathered, any channel."""
-    build = Build(steps=ALL_STEPS, double=True)
+    build = Build(steps=ALL_STEPS, real=Real.DOUBLE)
     planes, layout = work.planes, work.layout
     run = Run(build, layout, work.frame, work.settings)
     current, _ = whole_samples(planes["current"], planes["alpha"], run)

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 
 from cltaa.core.backend import DEVICE_VARIABLE, Buffer, Launcher, launcher_for
-from cltaa.core.build import Build, Storage, code_sha256
+from cltaa.core.build import Build, Real, Storage, code_sha256
 from cltaa.core.planes import Layout
 from cltaa.core.resolver import Resolver
 from cltaa.errors import CltaaError, DataError, ResourceError
@@ -221,7 +221,7 @@ class DoubleTwin(NumpyLauncher):
 
     def build(self, plan_build: Build) -> Build:
         """Return the build with the same algorithm in double."""
-        return msgspec.structs.replace(plan_build, double=True, storage=Storage.FLOAT)
+        return msgspec.structs.replace(plan_build, real=Real.DOUBLE, storage=Storage.FLOAT)
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
         """Allocate zeros; floats are always float64."""

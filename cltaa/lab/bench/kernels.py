@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from cltaa.core.backend import storage_dtype
-from cltaa.core.build import Build, Record, settings_record
+from cltaa.core.build import Build, Real, Record, settings_record
 from cltaa.core.parameters import Accumulate, Box, Choices, Dilation, Rectify, Reject, Settings
 from cltaa.core.planes import Layout
 from cltaa.core.presets import Preset
@@ -67,7 +67,7 @@ class PlainPort:
     def __init__(self, launcher: DeviceLauncher, width: int, height: int) -> None:
         launcher.device.time_commands()
         self._launcher, self._size = launcher, (width, height)
-        build = Build(choices=BASELINE.choices, lanes=1, rows=1)
+        build = Build(choices=BASELINE.choices, real=Real.FLOAT, lanes=1, rows=1)
         self._kernel = launcher.kernel("bench/plain", build)
         self._inverse_depth = launcher.allocate((height, width))
         self._current, self._history, self._output = (launcher.allocate((height, width, 4)) for _ in range(3))

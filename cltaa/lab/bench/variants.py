@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 
 from cltaa.core.backend import Launcher
-from cltaa.core.build import Build, Storage
+from cltaa.core.build import Build, Real, Storage
 from cltaa.core.parameters import Accumulate, Box, Choices, Settings
 from cltaa.core.presets import Preset, Published
 from cltaa.core.resolver import Resolver
@@ -25,6 +25,8 @@ SETTINGS_RUNGS: dict[str, tuple[float, ...]] = {
     "resampling_penalty": (0.0,),
     "disocclusion_blur": (0.0,),
 }
+# Choices that matter only with a variance box; they are also tried together with that box.
+IN_VARIANCE_BOX = ("neighbourhood", "variance")
 SLOW_WEIGHT = 0.05  # a second weight of the exponential blend
 
 
@@ -36,7 +38,9 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
     choices: Choices
     settings: Settings
     storage: Storage = Storage.FLOAT
+    real: Real = Real.FLOAT
     strict: bool = False
+    relaxed: bool = False
     published: Published = Published.NO
 
     @classmethod
@@ -53,14 +57,15 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
 
     def resolver(self, device: str | Launcher | None) -> Resolver:
         """Make a new resolver of this variant."""
-        return Resolver(self.preset, device, build=Build(storage=self.storage, strict=self.strict))
+        build = Build(real=self.real, storage=self.storage, strict=self.strict, relaxed=self.relaxed)
+        return Resolver(self.preset, device, build=build)
 
 
 def steps(base: Variant) -> Iterator[Variant]:
     """Yield ``base`` with one step changed, for every step."""
     yield from _other_choices(base, Choices.__struct_fields__)
-    if base.choices.box is not Box.VARIANCE:  # which alone shows what the neighbourhood is
-        yield from _other_choices(base, ("neighbourhood",), box=Box.VARIANCE)
+    if base.choices.box is not Box.VARIANCE:
+        yield from _other_choices(base, IN_VARIANCE_BOX, box=Box.VARIANCE)
     exponential = {"accumulate": Accumulate.EXPONENTIAL}
     slow = {"blend_weight": SLOW_WEIGHT}
     yield _changed(base, "accumulate", f"exponential {SLOW_WEIGHT:g}", choices=exponential, settings=slow)
@@ -71,7 +76,12 @@ def steps(base: Variant) -> Iterator[Variant]:
     for storage in Storage:
         if storage is not base.storage:
             yield _changed(base, "storage", str(storage), storage=storage)
+    yield _changed(base, "arithmetic", "double", real=Real.DOUBLE)
+    for storage in Storage:
+        if storage is not base.storage:
+            yield _changed(base, "arithmetic", f"double, storage: {storage}", real=Real.DOUBLE, storage=storage)
     yield _changed(base, "build", "strict", strict=True)
+    yield _changed(base, "build", "fast-relaxed", relaxed=True)
 
 
 def _other_choices(base: Variant, fields: Iterable[str], **beside: Any) -> Iterator[Variant]:

@@ -31,11 +31,11 @@ def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert main([*arguments, "--json"]) == 0
     out, told = capsys.readouterr()
     result = json.loads(out)
-    assert "measuring errors: 3 of 3 tasks, " in told
+    assert "measuring errors: 4 of 4 tasks, " in told
     assert f"timing {sequence.name}: 3 of 3 rounds, " in told
     assert result == json.loads((tmp_path / "accuracy.json").read_text())
     (measured,) = result["sequences"]
-    kept_in = ["half", "half-stochastic"]
+    kept_in = ["half", "half-stochastic", "double"]
     assert [cell["variant"] for cell in measured["cells"]] == ["basic", *(f"storage: {kind}" for kind in kept_in)]
     assert [yard["samples"] for yard in measured["yardstick"]] == [1, 2]
     assert measured["cells"][0]["ratio"]["median"] == 1.0
@@ -49,7 +49,7 @@ def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     if measured["noisy"]:
         assert not any(cell["dominated_by"] for cell in measured["cells"])
     rows = list(csv.DictReader((tmp_path / "accuracy.csv").read_text().splitlines()))
-    assert [row["group"] for row in rows] == ["default", *["storage"] * 2, *["supersampling"] * 2]
+    assert [row["group"] for row in rows] == ["default", *["storage"] * 3, *["supersampling"] * 2]
     assert float(rows[0]["mse"]) == measured["cells"][0]["errors"]["mse"]["mean"]
 
     finished = {path: path.stat().st_mtime_ns for path in (tmp_path / "cells").iterdir()}

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cltaa.core.build import Storage
+from cltaa.core.build import Real, Storage
 from cltaa.core.parameters import Box, Choices
 from cltaa.core.presets import Preset, Published, load_preset
 from cltaa.lab.bench.accuracy.measurement import dominated_by, exponential_noise
@@ -29,6 +29,7 @@ def test_every_choice_and_storage_is_a_rung() -> None:
         kind: type[StrEnum] = type(getattr(base.choices, field))
         assert {getattr(rung.choices, field) for rung in rungs} == set(kind)
     assert {rung.storage for rung in rungs} == set(Storage)
+    assert {rung.real for rung in rungs} == set(Real)
     assert any(rung.strict for rung in rungs)
 
 
@@ -51,13 +52,17 @@ def test_a_step_changes_one_thing() -> None:
             for field in Choices.__struct_fields__
             if getattr(rung.choices, field) is not getattr(base.choices, field)
         ]
-        changed += [name for name in ("storage", "strict") if getattr(rung, name) != getattr(base, name)]
+        changed += [
+            name for name in ("storage", "real", "strict", "relaxed") if getattr(rung, name) != getattr(base, name)
+        ]
         settings = [
             name
             for name in type(base.settings).__struct_fields__
             if getattr(rung.settings, name) != getattr(base.settings, name)
         ]
-        if changed == ["neighbourhood", "box"]:  # what only a box of deviations shows
+        if changed == ["storage", "real"]:  # the numbers are a grid
+            continue
+        if changed in (["neighbourhood", "box"], ["variance", "box"]):  # what only a box of deviations shows
             assert (rung.choices.box, settings) == (Box.VARIANCE, [])
             continue
         # An exponential blend is one step with its weight; the default's own weight is no change.

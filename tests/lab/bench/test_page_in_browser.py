@@ -238,7 +238,7 @@ def test_several_sequences_stand_in_one_table(window: Browser) -> None:
     assert float(second) == pytest.approx(4 * float(first), rel=0.01)
     assert float(mean) == pytest.approx(2 * float(first), rel=0.01)
     window.run("document.querySelector('#overview tbody tr:last-child td:last-child button').click()")
-    assert window.run("return [state.sequence, state.a]") == [1, "storage: half"]
+    assert window.run("return [state.sequence, state.a]") == [1, "arithmetic: double"]
     places = "[...document.querySelectorAll('#overview button')]"
     window.run(f"{places}.find(p => p.tabIndex === 0).focus()")
     window.press(DOWN)  # a row is as long as there are sequences
@@ -293,7 +293,7 @@ def test_a_sequence_without_frames_says_so(window: Browser) -> None:
     assert window.run(f"return {shown}") == [True, True, True, False]
     window.run("kept = pictures[current().name]; delete pictures[current().name]; drawAll()")
     assert window.run(f"return {shown}") == [False, False, False, True]
-    assert window.run("return [...document.getElementById('a').options].some(o => o.value === 'storage: half')")
+    assert window.run("return [...document.getElementById('a').options].some(o => o.value === 'arithmetic: double')")
     window.run("document.querySelector('.point[data-variant]').dispatchEvent(new Event('click'))")
     assert window.run("return document.querySelectorAll('#frames path').length") >= 2  # errors are there all the same
     window.run("pictures[current().name] = kept; drawAll()")

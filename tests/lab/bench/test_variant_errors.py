@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cltaa.core.build import Storage
+from cltaa.core.build import Real, Storage
 from cltaa.core.presets import load_preset, preset_names
 from cltaa.errors import DataError
 from cltaa.io.exr_write import write_frame
@@ -33,6 +33,10 @@ def test_rounding_is_that_of_the_numbers(sequence: Path) -> None:
     assert 22.0 < single.bits < 26.5  # seen: 24.6
     assert 10.0 < half.bits < 13.5  # seen: 11.9
     assert len(single.frames) == 3
+    # Doubles throughout but for the count of samples, which stays in float: what is left is its rounding, in weights.
+    double = found(task(sequence, storage=Storage.DOUBLE, real=Real.DOUBLE)).rounding
+    assert double is not None
+    assert double.bits > single.bits + 2.0
     assert single.largest >= max(single.frames)
 
 
