@@ -165,8 +165,6 @@ class Resolver:
     def _end(self, *, tells: bool) -> None:
         self._closed, waiting = True, len(self._waiting)
         self._free()
-        self._frame_ring = None
-        self._forget()
         if waiting and tells:
             what = f"the resolver closed while {counted(waiting, 'frame')} waited for later ones"
             warnings.warn(f"{what}: call flush() before, for their images", stacklevel=4)  # of close, or of the block
@@ -175,8 +173,6 @@ class Resolver:
     def reopen(self) -> None:
         """Open the device again after it was lost, without a history; raises the errors of opening it."""
         self._free()
-        self._frame_ring = None
-        self._forget()
         self.launcher, self._builds = launcher_for(self._device), {}
 
     @one_thread
@@ -493,7 +489,7 @@ class Resolver:
         """Continue after ``past``; returns the memory to fill with that of ``recurrent``, by the same names."""
         layout = Layout(past.shape[1], past.shape[0])
         buffers = self._allocate(layout, past.alpha or self.every_step)
-        self._previous, self._frame_ring = past, None
+        self._previous = past
         self._jitters.restore(past.jitters)
         buffers.holds_changes = past.holds_changes
         if past.holds_changes:
@@ -568,15 +564,15 @@ class Resolver:
 
     def _allocate(self, layout: Layout, alpha: bool) -> Buffers:
         self._free()  # before the new ones are allocated
-        self._forget()  # what was in them
         self._buffers = self._new_buffers(layout, alpha)
         return self._buffers
 
     def _free(self) -> None:
-        """Free the planes on the device, and end the threads that copy to them."""
+        """Free the planes on the device with what they hold, and end the threads that copy to them."""
         if self._buffers is not None:
             self._buffers.close()
-        self._buffers = self.last = None
+        self._buffers = self._frame_ring = self.last = None
+        self._forget()
 
     def _new_buffers(self, layout: Layout, alpha: bool) -> Buffers:
         return Buffers(self.launcher, layout, alpha, storage_dtype(self._asked))
