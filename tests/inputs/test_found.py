@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import cltaa
 from cltaa.errors import DataError, OutputError, UsageError
 from cltaa.frame import Effect, Frame
-from cltaa.inputs.found import BLOCK, PLACES, SPAN, TILE, Found, find_effects
+from cltaa.inputs.found import BLOCK, LEAST_SPAN, PLACES, SPAN, TILE, Found, find_effects
 from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.manifest import Manifest
 from cltaa.io.numbered import OnBreak
@@ -206,24 +206,58 @@ def test_vectors_of_the_camera_alone_are_no_motion(tmp_path: Path) -> None:
 
 
 def test_few_frames_tell_nothing_of_light(tmp_path: Path) -> None:
-    assert find_effects(drawn(tmp_path / "wall", frames=3 * SPAN - 1)).effects == STANDING | {Effect.ILLUMINATION}
+    few = 3 * LEAST_SPAN
+    assert find_effects(drawn(tmp_path / "few", frames=few)).effects == STANDING
+    assert find_effects(drawn(tmp_path / "fewer", frames=few - 1)).effects == STANDING | {Effect.ILLUMINATION}
     assert find_effects(drawn(tmp_path / "one", frames=1)).effects == STANDING | UNKNOWN
 
 
-def test_a_cut_hides_what_lies_around_it(tmp_path: Path) -> None:
-    cut = drawn(tmp_path / "wall", lambda frame, _, index: replace(frame, cut=index == 5))
-    found = find_effects(cut)
-    assert found.effects == STANDING | UNKNOWN | {Effect.CUT, Effect.HDR, Effect.SKY}
-    assert "no frame looked at" in found.line
+def shots(*lengths: int, light: float = 1.0) -> tuple[int, Change]:
+    """Frames in shots of these lengths, each of another light, which changes by a factor in the middle of each."""
+    begins = [0, *np.cumsum(lengths)]
+
+    def change(frame: Frame, _across: Array, index: int) -> Frame:
+        shot = int(np.searchsorted(begins, index, "right")) - 1
+        late = index >= begins[shot] + lengths[shot] // 2
+        return replace(lit(frame, (1.0 + shot / 2) * (light if late else 1.0)), cut=index in begins)
+
+    return int(begins[-1]), change
+
+
+@pytest.mark.parametrize(
+    ("lengths", "light", "expected"),
+    [
+        ((5, 3 * LEAST_SPAN, 7), 1.0, STANDING),
+        ((3 * LEAST_SPAN,) * 6, 1.0, STANDING),
+        ((4, 3 * LEAST_SPAN), 1.5, STANDING | {Effect.ILLUMINATION}),
+        ((3 * LEAST_SPAN,) * 6, 1.5, STANDING | {Effect.ILLUMINATION}),
+        ((3 * LEAST_SPAN - 1,) * 6, 1.0, STANDING | {Effect.ILLUMINATION}),  # too short to tell
+    ],
+)
+def test_light_is_compared_within_shots(
+    tmp_path: Path, lengths: tuple[int, ...], light: float, expected: frozenset[Effect]
+) -> None:
+    frames, change = shots(*lengths, light=light)
+    assert find_effects(drawn(tmp_path / "wall", change, frames=frames)).effects == expected | {Effect.CUT}
+
+
+def test_frames_of_which_none_can_be_read_tell_nothing(tmp_path: Path) -> None:
+    sequence = drawn(tmp_path / "wall")
+    for path in sequence.paths:
+        path.write_bytes(path.read_bytes()[:-200] + bytes(200))
+    found = find_effects(sequence)
+    assert found.effects == STANDING | UNKNOWN | {Effect.HDR, Effect.SKY}
+    assert "no frame can be read" in found.line
 
 
 def test_a_frame_that_cannot_be_read_tells_nothing(tmp_path: Path) -> None:
     sequence = drawn(tmp_path / "wall")
-    path = sequence.path(4)
-    path.write_bytes(path.read_bytes()[:-200] + bytes(200))
-    found = find_effects(sequence)
-    assert found.effects == STANDING | {Effect.ILLUMINATION}
-    assert found.frames == FRAMES - 1
+    for lost, tells in ((SPAN - LEAST_SPAN, True), (SPAN - LEAST_SPAN + 1, False)):  # of the first span
+        for path in sequence.paths[:lost]:
+            path.write_bytes(path.read_bytes()[:-200] + bytes(200))
+        found = find_effects(sequence)
+        assert found.effects == STANDING | (frozenset() if tells else {Effect.ILLUMINATION})
+        assert found.frames == FRAMES - lost
 
 
 def test_a_long_sequence_is_looked_at_in_a_bounded_number_of_frames(tmp_path: Path) -> None:
@@ -294,7 +328,7 @@ def test_bad_numbers_and_another_size_tell_nothing(tmp_path: Path) -> None:
         colour, depth = frame.colour.copy(), frame.depth.copy()
         colour[0, :4, 0], depth[0, :2] = (np.nan, np.inf, -1.0, 3e38), np.nan  # missing samples, all of them
         frame = replace(frame, colour=colour, depth=depth)
-        return frame if index < 12 else replace(frame, colour=colour[:48], depth=depth[:48])
+        return frame if index < SPAN + LEAST_SPAN - 1 else replace(frame, colour=colour[:48], depth=depth[:48])
 
     drawn_so = drawn(tmp_path / "wall", bad, on_resize=OnBreak.RESET)
     assert find_effects(drawn_so).effects == STANDING | {Effect.ILLUMINATION}
