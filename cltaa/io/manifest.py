@@ -15,7 +15,7 @@ import threading
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 from cltaa.errors import DataError, StorageError, UsageError, disk_cure
 from cltaa.io.atomic import atomic_path
@@ -27,8 +27,6 @@ REFERENCE = re.compile(r"reference(-\d+)?")  # folders inside a capture
 LARGEST_RECORD = 1 << 28  # bytes; a million frames with their truth take about 200 MB
 FORMAT = 1
 _SHA256 = re.compile(r"[0-9a-f]{64}")
-PIECE = 4 << 20  # bytes that are hashed at a time
-_OF_THREAD = threading.local()
 RESTART_CURE = "use --restart to begin anew, or another folder"
 
 
@@ -57,21 +55,11 @@ class Entry(NamedTuple):
 
 def file_sha256(path: Path) -> str:
     """SHA-256 of a file, in hexadecimal; raises StorageError where it cannot be read."""
-    digest, piece = hashlib.sha256(), _piece()
     try:
         with path.open("rb", buffering=0) as stream:
-            while length := stream.readinto(piece):
-                digest.update(piece[:length])
-        return digest.hexdigest()
+            return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError as error:
         raise StorageError(f"cannot be read: {error.strerror}", path=path) from error
-
-
-def _piece() -> memoryview:
-    """Return this thread's buffer for reading; large, since each read acquires the GIL."""
-    if not hasattr(_OF_THREAD, "piece"):
-        _OF_THREAD.piece = memoryview(bytearray(PIECE))
-    return cast(memoryview, _OF_THREAD.piece)
 
 
 def recorded_hashes(folder: Path) -> dict[str, str]:

@@ -16,7 +16,6 @@ from cltaa.core.planes import SMALLEST, Layout, in_large_pages
 from cltaa.io import exr_write as exr_zip
 from cltaa.io.exr_frame import GROUPS
 from cltaa.io.exr_layout import PIXEL_BYTES
-from cltaa.io.manifest import PIECE
 from cltaa.io.openexr import OpenEXR
 from cltaa.io.sequence import FrameSequence
 from cltaa.io.streams import AHEAD, BEHIND
@@ -85,7 +84,7 @@ class Memory(msgspec.Struct, frozen=True, kw_only=True):
     layers: int = 0  # channels that are carried over from a frame's file to that of its result
     results: int
     reading: int  # packed files, and planes decoded beside those of their frames
-    packing: int  # blocks of the threads that unpack each file that is read, of those that pack, and of those that hash
+    packing: int  # blocks of the threads that unpack each file that is read, and of those that pack
     program: int = PROGRAM
     jobs: int = 1  # parts that are resolved at once, each in memory of its own
 
@@ -118,13 +117,12 @@ def of_sequence(sequence: FrameSequence, held: DevicePlanes, layers: Mapping[str
     Memory of packed files, of groups of planes and of results is reused from frame to frame. Decoded channels exist
     beside the planes of their frame until they are moved there; this counts for one of the frames read at a time, since
     they are seldom in step. In bands, one frame at a time is in memory, its result in its place, and beside it the
-    counts of each pixel, and the result itself where it has alpha or halves; nothing is reused. Readers also hash files
-    without a recorded hash. Until frames of another tool are converted, each reader holds their channels twice.
+    counts of each pixel, and the result itself where it has alpha or halves; nothing is reused. Until frames of another
+    tool are converted, each reader holds their channels twice.
     """
     width, height, channels, converted = sequence.width, sequence.height, sequence.channels, sequence.converted
     layouts = sequence.layouts.values()
     file, chunk = max(path.stat().st_size for path in sequence.files), max(each.chunk_bytes for each in layouts)
-    recorded = all(sequence.sha256(number) for number in sequence.numbers)
     banded, half = bool(held.band_rows), held.half
     plane, planes = REAL * width * height, 3 + held.steps.alpha
     groups = [len(group) for group in GROUPS if group[0] in channels]
@@ -152,7 +150,7 @@ def of_sequence(sequence: FrameSequence, held: DevicePlanes, layers: Mapping[str
         layers=(held.look_ahead + (1 if banded else RESULTS)) * carried,
         results=results,
         reading=readers * file + beside * plane,
-        packing=unpacking + packing + (writers + (0 if recorded else readers)) * PIECE,
+        packing=unpacking + packing,
     )
 
 

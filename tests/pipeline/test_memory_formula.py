@@ -28,9 +28,7 @@ from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect
 from cltaa.io.exr_write import write_frame
-from cltaa.io.manifest import PIECE, file_sha256
 from cltaa.io.sequence import open_sequence
-from cltaa.io.streams import AHEAD
 from cltaa.lab.inspect.plan import memory, plan
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.memory import DevicePlanes, Memory, device_bytes, of_sequence
@@ -154,14 +152,6 @@ def test_the_windows_of_changing_light_are_in_the_formula_and_in_the_plan(tmp_pa
     assert 0 < launcher.allocated - told < 1024
     sequence = open_sequence(write_sequence(tmp_path / "in", 1, width=50, height=31))
     assert memory(sequence, resolver, [resolver.plan], rows=0).device == told
-
-
-def test_files_that_were_hashed_before_are_not_hashed_again(tmp_path: Path) -> None:
-    folder = write_sequence(tmp_path / "in", 2)
-    unknown = of_sequence(open_sequence(folder), DevicePlanes(PLAIN)).packing
-    record = {"files": {path.name: file_sha256(path) for path in folder.glob("*.exr")}}
-    (folder / "sequence.json").write_text(json.dumps(record))
-    assert unknown - of_sequence(open_sequence(folder), DevicePlanes(PLAIN)).packing == AHEAD * PIECE
 
 
 def test_the_plan_counts_results_in_halves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
