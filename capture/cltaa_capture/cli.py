@@ -13,6 +13,7 @@ from cltaa.commands.options import COUNT_OR_0, FILE_PATH, FROM_2, SIZE, json_opt
 from cltaa.printable import counted, json_of, printable
 from cltaa.progress import shown_progress
 from cltaa_capture.jitter import USUAL
+from cltaa_capture.osmesa import BACKENDS
 from cltaa_datasets import MOTIONS
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def complete_scene(_context: click.Context, _parameter: click.Parameter, incompl
     type=click.Choice(MOTIONS),
     help="Motion of file:PATH.  [default: play if it is animated, else turntable]",
 )
-@click.option("--backend", type=click.Choice(["auto", "egl"]), hidden=True, expose_value=False)  # there is one now
+@click.option("--backend", type=click.Choice(BACKENDS), default="auto", help="Off-screen OpenGL implementation.")
 @click.option("--restart", is_flag=True, help="Replace the capture in a folder that was begun with other settings.")
 @json_option
 def capture(scene: str, output: Path, size: tuple[int, int], as_json: bool, **options: Any) -> None:
@@ -86,6 +87,7 @@ def _print_summary(request: Request, captured: Captured, seconds: float, as_json
             "width": request.width,
             "height": request.height,
             "reference": request.reference,
+            "backend": captured.backend,
             "opengl": captured.opengl,
             "seconds": round(seconds, 3),
         }
@@ -95,6 +97,6 @@ def _print_summary(request: Request, captured: Captured, seconds: float, as_json
     truth = f", {counted(captured.supersampled, 'supersampled image')} drawn" if captured.supersampled else ""
     print(
         f"{printable(request.output)}: {counted(captured.drawn, 'frame')} drawn{kept}{truth} in {seconds:.1f} s"
-        f" with OpenGL {captured.opengl}",
+        f" with {captured.backend} ({captured.opengl})",
         file=sys.stderr,
     )

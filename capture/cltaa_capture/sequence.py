@@ -23,7 +23,7 @@ from cltaa.io.streams import Writer
 from cltaa.printable import counted
 from cltaa_capture.jitter import LONGEST_PERIOD, USUAL, jitter_sequence
 from cltaa_capture.manifest import REFERENCE, Manifest, code_sha256, frame_name, versions
-from cltaa_capture.offscreen import Context, open_context
+from cltaa_capture.osmesa import Context, open_context
 from cltaa_datasets.model_files import content_sha256, default_motion
 from cltaa_datasets.scene import Instant, Scene
 from cltaa_datasets.scenes import FILE_PREFIX, build_scene
@@ -50,6 +50,7 @@ class Request:
     seed: int = 0
     fps: float = 30.0
     motion: str | None = None  # of file:PATH
+    backend: str = "auto"
     restart: bool = False
 
     def settings(self) -> dict[str, Any]:
@@ -78,6 +79,7 @@ class Captured:
     """Result of a capture."""
 
     scene: Scene
+    backend: str  # osmesa or egl
     opengl: str
     drawn: int  # frames drawn in this run, one sample a pixel
     kept: int  # frames kept from an earlier run
@@ -103,7 +105,7 @@ def capture_sequence(request: Request, progress: Callable[[int, int], None] | No
     jitter_sequence(request.jitter)  # raises for a wrong name before anything is opened
     scene = build_scene(request.scene, request.seed, request.motion)
     with owned(request.output):
-        context = open_context()
+        context = open_context(request.backend)
         try:
             return _capture(request, scene, context, progress)
         finally:
@@ -122,7 +124,7 @@ def _capture(request: Request, scene: Scene, context: Context, progress: Callabl
         "scene": scene.name,
         "effects": format_effects(scene.effects),
         "frames": request.frames,
-        "versions": versions(opengl),
+        "versions": versions(f"{opengl} ({context.backend})"),
     }
     settings = request.settings() | {"opengl": opengl}
     manifest = Manifest(request.output, settings, facts, restart=request.restart)
@@ -147,7 +149,7 @@ def _capture(request: Request, scene: Scene, context: Context, progress: Callabl
     finally:
         if renderer is not None:
             renderer.delete()
-    return Captured(scene, opengl, drawn, request.frames - drawn, supersampled)
+    return Captured(scene, context.backend, opengl, drawn, request.frames - drawn, supersampled)
 
 
 @contextmanager

@@ -1,7 +1,8 @@
 """``cltaa doctor``: probe what capture and resolve need on this machine; every failure comes with its cure.
 
-A badly set up driver may end the whole process, as PoCL does without a linker. So each probe runs in its own process:
-``python -m cltaa.commands.doctor NAME`` prints its finding as one line of JSON.
+A badly set up driver may end the whole process (PoCL without a linker does), and a process can choose only once
+between OSMesa and EGL. So each probe runs in its own process: ``python -m cltaa.commands.doctor NAME [ARGUMENT]``
+prints its finding as one line of JSON.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ OPENCL_CURE = "python -m pip install 'pyopencl[pocl]'"
 ENDING_DRIVER_CURE = (
     "leave out the driver that ends the program: OCL_ICD_VENDORS=DIR makes OpenCL read only the .icd files of DIR"
 )
+OSMESA_CURE = "sudo apt-get install -y libosmesa6"
 EGL_CURE = "sudo apt-get install -y libegl1 libegl-mesa0 libgl1"
 RESOLVE_CURE = "see to the lines above first, else try another device; cltaa resolve --debug shows the whole error"
 ABORT_CURE = (
@@ -78,7 +80,7 @@ class Diagnosis(msgspec.Struct, frozen=True):
     findings: list[Finding]
 
     def hurts(self, finding: Finding) -> bool:
-        """Return True if the part that the finding serves fails; kernels may be built already."""
+        """Return True if the part that the finding serves fails; without EGL, say, capture may still use OSMesa."""
         works = {"capture": self.capture, "resolve": self.resolve, "both": self.capture and self.resolve}
         return not finding.ok and not works[finding.serves]
 
@@ -95,21 +97,22 @@ def diagnose() -> Diagnosis:
         look_at_drivers,
         look_at_devices,
         look_at_resolve,
-        lambda: probe("capture on EGL", "capture", EGL_CURE, "capture"),
+        lambda: probe("capture on OSMesa", "capture", OSMESA_CURE, "capture", "osmesa"),
+        lambda: probe("capture on EGL", "capture", EGL_CURE, "capture", "egl"),
     ]
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
         findings = list(pool.map(lambda look: look(), looks))
     ok = {finding.name: finding.ok for finding in findings}
     return Diagnosis(
-        capture=ok["EXR files"] and ok["capture on EGL"],
+        capture=ok["EXR files"] and (ok["capture on OSMesa"] or ok["capture on EGL"]),
         resolve=ok["EXR files"] and ok["resolve"],
         findings=findings,
     )
 
 
-def probe(name: str, serves: str, cure: str, which: str, **environment: str) -> Finding:
-    """Run a probe of PROBES in a separate process, which may die, and return its finding."""
-    command = [sys.executable, "-m", "cltaa.commands.doctor", which]
+def probe(name: str, serves: str, cure: str, *arguments: str, **environment: str) -> Finding:
+    """Run a probe with its arguments in a separate process, which may die, and return its finding."""
+    command = [sys.executable, "-m", "cltaa.commands.doctor", *arguments]
     try:
         child = subprocess.run(
             command,
@@ -222,7 +225,8 @@ def doctor(ctx: click.Context, as_json: bool) -> None:
     """Look for what capture and resolve need on this machine.
 
     Each probe runs in its own process, so that a driver that aborts costs only one line of the table. Each failure
-    comes with its cure. The exit code is 0 if capture and resolve both work, else 69.
+    comes with its cure. Capture needs either OSMesa or EGL. The exit code is 0 if capture and resolve both work, else
+    69.
     """
     console = Console(stderr=as_json)
     with console.status("Trying files, linker, OpenCL and OpenGL ..."):
@@ -355,12 +359,12 @@ def _try_resolve() -> str:
     return f"resolved three frames on {device}"
 
 
-def _try_capture() -> str:
-    """Draw one frame of a scene with ``cltaa capture`` and return its OpenGL version."""
+def _try_capture(backend: str) -> str:
+    """Draw one frame of a scene with ``cltaa capture`` on one back end and return its OpenGL version."""
     from cltaa.cli import main
 
     with tempfile.TemporaryDirectory() as folder:
-        arguments = ["still", "-o", folder, "--frames", "1", "--size", f"{WIDTH}x{HEIGHT}"]
+        arguments = ["still", "-o", folder, "--frames", "1", "--size", f"{WIDTH}x{HEIGHT}", "--backend", backend]
         code = main(["capture", *arguments, "--reference", "0"])
         if code:
             raise SystemExit(code)
@@ -368,7 +372,7 @@ def _try_capture() -> str:
     return str(asked.get("versions", {}).get("opengl", "drew one frame"))
 
 
-PROBES: dict[str, Callable[[], object]] = {
+PROBES: dict[str, Callable[..., object]] = {
     "cache": _try_cache,
     "capture": _try_capture,
     "devices": _try_devices,
@@ -377,10 +381,10 @@ PROBES: dict[str, Callable[[], object]] = {
 }
 
 
-def _run_probe(name: str) -> None:
+def _run_probe(name: str, *arguments: str) -> None:
     """Run one probe; an error ends the process with one line on standard error."""
     try:
-        found = PROBES[name]()
+        found = PROBES[name](*arguments)
     except CltaaError as error:
         raise SystemExit(str(error)) from None
     print("\n" + json.dumps(found))
@@ -388,4 +392,4 @@ def _run_probe(name: str) -> None:
 
 if __name__ == "__main__":
     configure()
-    _run_probe(sys.argv[1])
+    _run_probe(*sys.argv[1:])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cltaa.frame import Effect
 from cltaa_capture.cameras import view_to_clip
-from cltaa_capture.offscreen import open_context
+from cltaa_capture.osmesa import open_context
 from cltaa_datasets import meshes
 from cltaa_datasets.scene import Instant, Lens, Light, Material, Matrix, Orthographic, Part, Perspective, Scene, Sky
 

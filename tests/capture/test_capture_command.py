@@ -1,7 +1,8 @@
-"""``cltaa capture`` as a user meets it: output, errors in one line, exit codes, displays."""
+"""``cltaa capture`` as a user meets it: output, errors in one line, exit codes, back ends."""
 
 from __future__ import annotations
 
+import ctypes.util
 import json
 import os
 import subprocess
@@ -16,7 +17,7 @@ import trimesh
 from cltaa.cli import main
 from cltaa.commands import doctor
 from cltaa.io.sequence import open_sequence
-from cltaa_capture import offscreen
+from cltaa_capture import osmesa
 from tests.datasets.gltf_writer import Writer
 from tests.sequence_factory import digests
 
@@ -36,7 +37,7 @@ def test_the_summary_is_json_when_asked(tmp_path: Path, capsys: pytest.CaptureFi
     assert main(["capture", "conveyor", "-o", str(tmp_path), *TINY, "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["drawn"] == len(open_sequence(tmp_path)) == 2
-    assert summary["opengl"]
+    assert summary["backend"] in ("osmesa", "egl")
 
 
 def test_a_truth_beside_frames_that_are_there_is_no_frame(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -73,27 +74,43 @@ def test_no_opengl_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delitem(sys.modules, "OpenGL", raising=False)
-    monkeypatch.setattr(offscreen, "LIBRARIES", {"EGL": ("libEGL.so.none",)})
+    monkeypatch.setattr(osmesa, "LIBRARIES", {"OSMesa": ("libOSMesa.so.none",), "EGL": ("libEGL.so.none",)})
     assert main(["capture", "conveyor", "-o", str(tmp_path), *TINY]) == 69
     said = capsys.readouterr().err
-    cures = doctor.EGL_CURE.replace("sudo apt-get install -y", "")
+    cures = f"{doctor.OSMESA_CURE} {doctor.EGL_CURE}".replace("sudo apt-get install -y", "")
     assert not [package for package in cures.split() if package not in said.replace(",", "").split()]
 
 
-def drawn(folder: Path, **variables: str) -> dict[str, str]:
-    """Digests of the frames that a process of its own draws."""
-    done = run_alone("capture", "conveyor", "-o", str(folder), *TINY, **variables)
+def drawn_on(backend: str, folder: Path, **variables: str) -> dict[str, str]:
+    """Digests of the frames that a process of its own draws on a back end."""
+    arguments = ["capture", "conveyor", "-o", str(folder), *TINY, "--backend", backend, "--json"]
+    done = run_alone(*arguments, **variables)
     assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["backend"] == backend
     return digests(folder)
 
 
-def test_egl_without_a_surfaceless_display_draws_on_a_device(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def on_egl(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    return drawn_on("egl", tmp_path_factory.mktemp("surfaceless"))
+
+
+@pytest.mark.skipif(
+    not (ctypes.util.find_library("OSMesa") and ctypes.util.find_library("EGL")),
+    reason="needs both OSMesa and EGL on this machine",
+)
+def test_both_back_ends_draw_the_same_bits(on_egl: dict[str, str], tmp_path: Path) -> None:
+    assert drawn_on("osmesa", tmp_path) == on_egl
+
+
+@pytest.mark.skipif(not ctypes.util.find_library("EGL"), reason="needs EGL on this machine")
+def test_egl_without_a_surfaceless_display_draws_on_a_device(on_egl: dict[str, str], tmp_path: Path) -> None:
     # As NVIDIA's driver has it: displays of devices alone. No platform has the number 0.
     program = (
-        "import sys; from cltaa.cli import main; from cltaa_capture import offscreen; "
-        "offscreen.EGL_PLATFORM_SURFACELESS_MESA = 0; sys.exit(main(sys.argv[1:]))"
+        "import sys; from cltaa.cli import main; from cltaa_capture import osmesa; "
+        "osmesa.EGL_PLATFORM_SURFACELESS_MESA = 0; sys.exit(main(sys.argv[1:]))"
     )
-    arguments = ["capture", "conveyor", *TINY, "-o"]
+    arguments = ["capture", "conveyor", *TINY, "--backend", "egl", "-o"]
     done = subprocess.run(
         [sys.executable, "-c", program, *arguments, str(tmp_path / "device")],
         capture_output=True,
@@ -102,17 +119,17 @@ def test_egl_without_a_surfaceless_display_draws_on_a_device(tmp_path: Path) -> 
         timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr
-    surfaceless = drawn(tmp_path / "surfaceless")
-    assert digests(tmp_path / "device") == surfaceless
-    assert drawn(tmp_path / "named", EGL_DEVICE_ID="0") == surfaceless
+    assert digests(tmp_path / "device") == on_egl
+    assert drawn_on("egl", tmp_path / "named", EGL_DEVICE_ID="0") == on_egl
 
 
+@pytest.mark.skipif(not ctypes.util.find_library("EGL"), reason="needs EGL on this machine")
 def test_a_card_that_egl_does_not_know_is_refused(tmp_path: Path) -> None:
     program = (
         "import os, sys; from cltaa.cli import main\n"
         "for os.environ['EGL_DEVICE_ID'] in ('99', 'one'): assert main(sys.argv[1:]) == 64"
     )
-    arguments = ["capture", "conveyor", *TINY, "-o", str(tmp_path)]
+    arguments = ["capture", "conveyor", *TINY, "--backend", "egl", "-o", str(tmp_path)]
     done = subprocess.run(
         [sys.executable, "-c", program, *arguments], capture_output=True, text=True, check=False, timeout=PATIENCE
     )

@@ -128,7 +128,7 @@ def test_where_only_what_is_kept_ends_the_process_it_is_to_go(tmp_path: Path, mo
 def test_the_cure_for_a_missing_package_is_to_install_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "trimesh.py").write_text("raise ModuleNotFoundError(\"No module named 'trimesh'\", name='trimesh')\n")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
-    finding = doctor.probe("capture on EGL", "capture", doctor.EGL_CURE, "capture")
+    finding = doctor.probe("capture on OSMesa", "capture", doctor.OSMESA_CURE, "capture", "osmesa")
     assert not finding.ok
     assert "the Python package trimesh is not installed" in finding.found
     assert finding.cure == doctor.PACKAGES_CURE

@@ -382,6 +382,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--seed 7", "capture_sequence.request.seed", 7),
         ("--fps 7", "capture_sequence.request.fps", 7.0),
         ("--motion orbit", "capture_sequence.request.motion", "orbit"),
+        ("--backend egl", "capture_sequence.request.backend", "egl"),
         ("--restart", "capture_sequence.request.restart", True),
     ],
     "kernels": [
@@ -489,7 +490,7 @@ def test_every_option_is_among_them() -> None:
     for name, command in commands():
         words = {word for row in ROWS.get(name, []) for word in row[0].split()}
         for option in command.params:
-            if isinstance(option, click.Option) and option.expose_value and not ANSWERS & {*option.opts}:
+            if isinstance(option, click.Option) and not ANSWERS & {*option.opts}:
                 given = words & {*option.opts, *option.secondary_opts}
                 forgotten += [] if given else [f"{name} {option.opts[-1]}"]
     assert forgotten == []
