@@ -112,6 +112,15 @@ def several(given: object, argument: str, kind: type = str) -> list[Any]:
     return each
 
 
+def once(option: str, keys: Iterable[str]) -> None:
+    """Raise UsageError for a key that an ``option`` sets twice: either value may be meant."""
+    seen: set[str] = set()
+    for key in map(str.strip, keys):
+        if key in seen:
+            raise UsageError(f"{option} {key} is given twice", cure="leave one of them out")
+        seen.add(key)
+
+
 Call = TypeVar("Call", bound=Callable[..., Any])
 
 

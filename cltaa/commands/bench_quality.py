@@ -65,7 +65,7 @@ from cltaa.lab.bench.quality.table import (
     written,
 )
 from cltaa.lab.bench.variants import Variant
-from cltaa.lab.judge.metrics import ALPHA, METRICS, versions_of
+from cltaa.lab.judge.metrics import ALPHA, METRICS, SSIM_SMALLEST_SIDE, versions_of
 from cltaa.printable import counted, json_of, printable, shown
 
 ALL_SCENES = "all"  # all that cltaa scenes lists
@@ -160,6 +160,9 @@ def quality(
     shape = Shape(*size, frames, samples, jitter)
     if scenes or not folders:
         cases += planned(_effects_of(scenes), _seeds(train, held_out), shape, work / "sequences")
+        if min(size) < SSIM_SMALLEST_SIDE:
+            expected, found = f"at least {SSIM_SMALLEST_SIDE} pixels a side", f"{size[0]} x {size[1]}"
+            raise UsageError("--size: too small to judge by SSIM", expected=expected, found=found)
         if frames <= settled:
             found, cure = counted(frames, "frame"), "ask for more --frames, or judge sooner: --settled 0"
             raise UsageError("captures would end before they are judged", found=found, cure=cure)

@@ -44,6 +44,8 @@ def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: s
     if min(size) < ZOOM:
         expected, found = f"at least {ZOOM} pixels a side, of which the crop shows some", f"{size[0]} x {size[1]}"
         raise UsageError("--size: too small", expected=expected, found=found)
+    if any(output.glob("*.exr")):
+        raise UsageError("the folder holds frames", path=output, cure="choose another one for the demo")
     named_metrics(("mse", "psnr", "flip"))
     import_av()
     resolver = Resolver(device=device)  # fails for a missing device before the work, not after it

@@ -18,7 +18,7 @@ from click.shell_completion import CompletionItem
 from cltaa.core.build import STORAGES, Storage
 from cltaa.core.frame_checks import EXPOSURE_STOPS
 from cltaa.core.presets import Preset, load_preset, override, renamed, tell_unused
-from cltaa.errors import UsageError, known
+from cltaa.errors import UsageError, known, once
 from cltaa.frame import ASKED, Asked, Effect, format_effects, parse_effects
 from cltaa.io.names import SUFFIXES, Named, has_suffix
 from cltaa.io.preset_file import load_config
@@ -227,6 +227,11 @@ def denoise_option(command: Command, where: str = "") -> Command:
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
 
 
+def _each_once(_: click.Context, param: click.Parameter, value: tuple[str, ...]) -> tuple[str, ...]:
+    once(param.opts[0], (assignment.partition("=")[0] for assignment in value))
+    return value
+
+
 def input_options(command: Command) -> Command:
     """Add ``--profile``, ``--input``, ``--camera`` and ``--step``, named as the arguments of ``open_input``."""
     for option in (
@@ -243,6 +248,7 @@ def input_options(command: Command) -> Command:
             "--input",
             "assignments",
             multiple=True,
+            callback=_each_once,
             metavar="SECTION.KEY=VALUE",
             help="Override a key of the profile, as motion.scale=1,-1; repeatable.",
         ),
@@ -308,6 +314,9 @@ def chosen_effects(text: str) -> Asked:
     names = listed(text)
     if not names:  # an unset shell variable must not promise that nothing happens
         raise UsageError("--effects names no effect", cure="--effects none promises that nothing happens")
+    if len(names) > 1 and (alone := {*names} & {*ASKED, NO_EFFECT}):
+        what, cure = f"--effects: {min(alone)} stands alone", "leave it out, or all others"
+        raise UsageError(what, found=text, cure=cure)
     for name in () if names == (NO_EFFECT,) else names:
         if current(name, EFFECTS, frozenset(Effect), "effect") not in [*Effect]:
             words = [*Effect] if len(names) > 1 else [*ASKED, NO_EFFECT, *Effect]
@@ -327,6 +336,7 @@ def assigned(preset: Preset, assignments: tuple[str, ...], option: str = "--set"
     for key, equals, _ in told:
         if not equals:
             raise UsageError(f"--set {key}: no value", expected="KEY=VALUE", found=key)
+    once(option, (key for key, _, _ in told))
     values = renamed({key.strip(): value.strip() for key, _, value in told})
     if not values:
         return preset

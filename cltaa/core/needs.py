@@ -65,6 +65,7 @@ def _but(value: Choice) -> tuple[Choice, ...]:
     return tuple(other for other in type(value) if other is not value)
 
 
+_ACCUMULATED = _any_of(HistoryKind.ACCUMULATED)
 _ADAPTED = _any_of(Accumulate.ADAPTIVE, Accumulate.CAPPED)
 _BOXED = _any_of(*_but(Rectify.NONE), AntiFlicker.CLAMP_DISTANCE)
 _BETWEEN = _any_of(*_but(Reproject.NONE))
@@ -105,8 +106,9 @@ NEEDS: dict[str, tuple[Need, ...]] = {
     "filter_falloff": (_any_of(CurrentFilter.GAUSSIAN, Neighbourhood.JITTERED),),
     "filter_samples": (_FILTERED, _any_of(FilterUse.FEW)),
     "filter_use": (_FILTERED,),
-    "firefly_floor": (_FIREFLIES,),
-    "firefly_threshold": (_FIREFLIES,),
+    "fireflies": (_ACCUMULATED,),
+    "firefly_floor": (_ACCUMULATED, _FIREFLIES),
+    "firefly_threshold": (_ACCUMULATED, _FIREFLIES),
     "fit_reach": (_GATHERED,),
     "fit_ridge": (_GATHERED,),
     "history_frames": (_GATHERED,),

@@ -20,6 +20,8 @@ from cltaa.renamed import KEYS, PRESETS, WORDS, current
 
 LADDER = ("accumulate", "basic", "fast", "default", "gather-8", "gather-48")  # our own, from the fastest to the best
 BASE = "plain"  # the base of the others: files may name it, but it is not listed
+# Keys of a reader profile.
+OF_PROFILES = frozenset({"profile", "recognise", "telling", "colour", "depth", "motion", "camera"})
 _FOLDER = resources.files("cltaa") / "presets"
 
 
@@ -99,7 +101,9 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
     for key in values:
         if key not in FIELDS:
             cure = known(key, sorted(FIELDS), "keys")
-            if isinstance(values[key], dict):
+            if key in OF_PROFILES:
+                cure = "of a reader profile, which --profile takes"
+            elif isinstance(values[key], dict):
                 cure = "keys stand at the top, in no table"
             raise UsageError(f"{origin}: unknown key {key}", cure=cure)
     parts: dict[str, Any] = {}
@@ -124,7 +128,7 @@ def tell_unused(
     that is one of ``known_to``."""
     for key in (KEYS.get(key, key) for key in keys):
         lacking = list(unmet(key, preset.choices, preset.settings))
-        off = getattr(preset.choices, key, "") == "none"  # which says that it shall have none
+        off = getattr(preset.choices, key, "") in ("none", "keep")  # which says that it shall have none
         if lacking and not off and not any({*need.fields} & {*known_to} for need in lacking):
             expected = "; ".join(need.words for need in lacking)
             found = "; ".join(need.found(preset.choices, preset.settings) for need in lacking)

@@ -37,7 +37,7 @@ from cltaa.io.exr_layout import Layout, placed
 from cltaa.io.exr_read import FrameFile, ImageHeader, read_any_header, read_planes
 from cltaa.io.manifest import file_sha256
 from cltaa.io.names import Named, Selection, has_suffix, name_of, renumbered, selection_of
-from cltaa.io.numbered import FrameRange, OnBreak, even_step, files_in, frame_missing, numbered_files
+from cltaa.io.numbered import FrameRange, OnBreak, even_step, files_in, first_of, frame_missing, numbered_files
 from cltaa.io.sequence import ChangedImages, FrameSequence, ImageSequence, open_images
 
 SUFFIX = ".png"
@@ -454,8 +454,7 @@ def first_pictures(
     place = selection_of(named)
     asked = override(Profile() if profile == "auto" else load_profile(profile), assignments)
     if is_png(place) or _is_plain(place, asked, profile, assignments):
-        numbers = sorted(numbered_files(place, SUFFIX if is_png(place) else ".exr")[2])[:count]
-        return numbers[0], numbers[-1]
+        return first_of(sorted(numbered_files(place, SUFFIX if is_png(place) else ".exr")[2]), count, place)
     return first_frames(place, count, profile, (*assignments, *COLOUR_ALONE))
 
 

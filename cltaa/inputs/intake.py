@@ -56,6 +56,7 @@ from cltaa.io.numbered import (
     checked_range,
     chosen_numbers,
     even_step,
+    first_of,
     frame_missing,
     missing_from,
     named_frames,
@@ -212,10 +213,10 @@ def first_frames(
     them will raise, of those that have any. Raises InputMissing for no frames."""
     place, profile = selection_of(named), str(profile) if isinstance(profile, Path) else profile
     try:
-        numbers = _found_in(place, profile, assignments, {}).complete[:count]
+        numbers = _found_in(place, profile, assignments, {}).complete
     except CltaaError:
-        numbers = sorted({number for files in file_sets(place).values() for number in files})[:count]
-    return numbers[0], numbers[-1]
+        numbers = sorted({number for files in file_sets(place).values() for number in files})
+    return first_of(numbers, count, place)
 
 
 @public("open")

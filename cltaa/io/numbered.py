@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import warnings
 from collections.abc import Collection, Iterable, Mapping
 from collections.abc import Sequence as Many
 from enum import StrEnum
@@ -91,6 +92,14 @@ def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) 
         if end not in numbers:
             raise no_such_frame(folder, end, numbers)
     return [number for number in numbers if first <= number <= last]
+
+
+def first_of(numbers: Many[int], count: int, place: object) -> FrameRange:
+    """Return the first and the last of the first ``count`` of ``numbers``, those of ``place``; warns of fewer."""
+    if len(numbers) < count:
+        warnings.warn(f"{place}: of the first {count} frames only {len(numbers)} exist", stacklevel=2)
+    chosen = numbers[:count]
+    return chosen[0], chosen[-1]
 
 
 def checked_range(frames: FrameRange, folder: Path) -> FrameRange:

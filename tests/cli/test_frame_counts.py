@@ -94,3 +94,9 @@ def test_a_count_is_of_frames_that_can_be_read(
     assert answer(capsys, "inspect", *asked)["frames"] == 2
     assert first_frames(passes, 2) == (1, 2)
     assert first_frames(passes, 2, assignments=colour_alone[1:]) == (0, 1)
+
+
+def test_fewer_frames_than_are_asked_for_are_told(folders: dict[int, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    for line in ("inspect {} --frames 99", "compare {} --frames 99 --metrics mse"):
+        assert main(line.format(folders[1]).split()) in (0, 65)
+        assert f"cltaa: warning: {folders[1]}: of the first 99 frames only 1 exist\n" in capsys.readouterr().err, line

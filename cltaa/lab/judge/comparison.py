@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import warnings
 from collections.abc import Iterable, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, field, replace
@@ -174,7 +175,11 @@ def truth_of(sequence: FrameSequence) -> ImageSequence:
             " many samples a pixel and the names of the frames; or say by --truth DIR where it is"
         )
         raise InputMissing("no truth to measure against", path=sequence.folder / "reference", cure=cure)
-    return sequence.reference
+    truth = sequence.reference
+    ours, theirs = stated(sequence.path(sequence.first)), stated(truth.path(truth.first))
+    if told := _other_scene(ours, theirs, printable(str(sequence.folder)), "its truth"):
+        warnings.warn(told, stacklevel=2)
+    return truth
 
 
 def truth_samples(reference: ImageSequence) -> int | None:
@@ -199,6 +204,15 @@ def open_yardsticks(capture: FrameSequence) -> dict[int, ImageSequence]:
 
 
 VIEW = "cltaa:worldToView"
+
+
+def _other_scene(ours: Mapping[str, object], theirs: Mapping[str, object], one: str, other: str) -> str:
+    """Return a sentence where two headers name different scenes, else an empty one."""
+    scenes = [str(attributes.get("cltaa:scene", "")) for attributes in (ours, theirs)]
+    differ = all(scenes) and scenes[0] != scenes[1]
+    return f"{one} shows scene {printable(scenes[0])} and {other} scene {printable(scenes[1])}" if differ else ""
+
+
 PRIMARIES = "chromaticities"  # x and y of red, green, blue and white
 SAME_PRIMARIES = 1e-3  # files usually state them in three digits
 NO_TRUTH = (
@@ -225,9 +239,8 @@ def doubts(comparison: Comparison, *, followed: bool) -> list[str]:
     other: NumberedFiles = comparison.reference if comparison.capture is None else comparison.capture
     number = test.first if test.first in other.numbers else other.first
     ours, theirs = (stated(path) for path in (test.path(test.first), other.path(number)))
-    scenes = [str(attributes.get("cltaa:scene", "")) for attributes in (ours, theirs)]
-    if all(scenes) and scenes[0] != scenes[1]:
-        return [f"A shows scene {printable(scenes[0])} and B scene {printable(scenes[1])}"]
+    if told := _other_scene(ours, theirs, "A", "B"):
+        return [told]
     numbers = [attributes.get("cltaa:frame") for attributes in (ours, theirs)]
     if comparison.two_images and None not in numbers and numbers[0] != numbers[1]:
         return [f"A is frame {numbers[0]} and B frame {numbers[1]}: name two pictures of one frame"]

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cltaa.cli import main
+from cltaa.io.exr_write import write_frame
 from cltaa.io.sequence import open_images, open_sequence
-from cltaa.lab.judge.comparison import open_yardsticks
+from cltaa.lab.judge.comparison import open_yardsticks, truth_of
 from tests.lab.judge.test_compare_command import refusal, run_json
-from tests.sequence_factory import HEIGHT, WIDTH, write_images
+from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_images, write_sequence
 
 
 def test_samples_of_the_truth_limit_the_answer(
@@ -119,3 +121,15 @@ def test_a_yardstick_that_lacks_frames_is_reported_before_the_work(
     assert said in capsys.readouterr().err
     found = run_json(capsys, resolved, capture, "--frames", "2-3", "--metrics", "mse")["equal_quality_samples"]
     assert found == {"samples": pytest.approx(4, rel=1e-12), "method": "measured", "bound": None}
+
+
+def test_a_truth_of_another_scene_is_told(tmp_path: Path) -> None:
+    write_sequence(tmp_path / "in", 1)
+    for scene in ("synthetic", "other"):
+        (tmp_path / scene).mkdir()
+        write_frame(tmp_path / scene / "x.0000.exr", replace(make_frame(0), scene=scene))
+    sequence, wrong = open_sequence(tmp_path / "in"), open_sequence(tmp_path / "in")
+    sequence.truth, wrong.truth = open_images(tmp_path / "synthetic"), open_images(tmp_path / "other")
+    truth_of(sequence)  # whose warning would be an error
+    with pytest.warns(UserWarning, match="in shows scene synthetic and its truth scene other"):
+        truth_of(wrong)
