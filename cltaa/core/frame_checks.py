@@ -22,6 +22,11 @@ MOST_TEXELS = 2**31 - 1
 OPTIONAL = ("motion", "alpha", "reactive")  # channels that a frame need not have
 SHARES = ("alpha", "reactive")  # channels that go from 0 to 1
 SHARE_SLACK = 0.5  # how far beyond 0 and 1 filters with negative lobes may take them, generously
+MANY = 4  # widths of a picture that no vector is long
+NO_LIGHT = {
+    "negative everywhere": "light adds up from 0",
+    "whole numbers up to 255": "bytes of a picture have to be decoded first",
+}
 WHITE_BYTE, LEAST_BYTES = 255.0, 16  # colour of whole numbers up to the one, and of at least that many, is of bytes
 INVERSE_TOLERANCE = 1e-6  # largest |M inv(M) - I|; a sound camera 10^6 m from the origin stays below 1e-9
 LARGEST_SCALE = 1e100  # largest determinant, or inverse of one: cameras divide by it, and float64 ends at 1e308
@@ -150,27 +155,37 @@ def _check_depth(frame: Frame) -> str | None:
 
 
 def _warn_of_motion(frame: Frame) -> None:
-    """Warn where motion is infinite: such pixels have no history."""
-    if frame.motion is not None and not on_device(frame.motion) and np.isinf(_looked_at(frame.motion)).any():
-        warnings.warn(
-            "motion is infinite in places, where history is dropped; NaN there means that the camera's motion is all",
-            MeaninglessNumbers,
-            stacklevel=5,
-        )
+    """Warn of motion that is infinite, longer than the picture everywhere, or NaN where nothing stands in for it."""
+    if frame.motion is None or on_device(frame.motion):
+        return
+    motion, stands_in = _looked_at(frame.motion), frame.has_camera and frame.has_depth
+    told = ""
+    if np.isinf(motion).any():
+        told = "infinite in places, where history is dropped; NaN there means that the camera's motion is all"
+    elif is_too_long(motion, frame):
+        told = "longer than the picture everywhere, so there is no history; it is in pixels to the previous frame"
+    elif not stands_in and np.isnan(motion).all():
+        told = "NaN everywhere, and no camera and depth stand in for it; leave it out, or give them"
+    if told:
+        warnings.warn(f"motion is {told}", MeaninglessNumbers, stacklevel=5)
 
 
 def _warn_of_ranges(frame: Frame) -> None:
-    """Warn of alpha and reactive masks beyond 0 to 1, and of colour that is the bytes of a picture."""
+    """Warn of alpha and reactive masks beyond 0 to 1, and of colour that is no light."""
+    found: list[str] = []
     for name in SHARES:
         share: Any = getattr(frame, name)
-        if share is not None and not on_device(share) and (beyond := is_no_share(seen := _looked_at(share))).any():
+        if share is None or on_device(share):
+            continue
+        if (beyond := is_no_share(seen := _looked_at(share))).any():
             what = f"{name} is beyond its range (expected 0 to 1, found {float(seen[beyond][0]):g})"
-            cure = "counts as 0 or 1 there; divide bytes by 255"
-            warnings.warn(f"{what}; {cure}", MeaninglessNumbers, stacklevel=5)
-    if not on_device(frame.colour) and holds_bytes(_looked_at(frame.colour)):
-        what = "colour holds whole numbers up to 255 alone (expected linear light)"
-        cure = "bytes of a picture have to be decoded first"
-        warnings.warn(f"{what}; {cure}", MeaninglessNumbers, stacklevel=5)
+            found.append(f"{what}; counts as 0 or 1 there; divide bytes by 255")
+        elif name == "reactive" and np.isnan(seen).all():
+            found.append("reactive is NaN everywhere (expected 0 to 1); counts as 0; leave it out where there is none")
+    if not on_device(frame.colour) and (why := is_no_light(_looked_at(frame.colour))):
+        found.append(f"colour is {why} (expected linear light); {NO_LIGHT[why]}")
+    for line in found:
+        warnings.warn(line, MeaninglessNumbers, stacklevel=5)
 
 
 def is_no_share(plane: NDArray[Any]) -> NDArray[np.bool_]:
@@ -178,10 +193,20 @@ def is_no_share(plane: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray(((plane < -SHARE_SLACK) | (plane > 1.0 + SHARE_SLACK)) & (np.abs(plane) <= LIMIT))
 
 
-def holds_bytes(colour: NDArray[Any]) -> bool:
-    """True where colour [H, W, 3] consists of whole numbers from 0 to 255, many of them different."""
+def is_too_long(motion: NDArray[Any], frame: Frame) -> bool:
+    """True where every vector [..., 2] in pixels that is finite is far longer than the picture of ``frame``."""
+    longest = np.abs(motion).max(-1)
+    known = longest[np.isfinite(longest)]
+    return bool(known.size and (known > MANY * max(frame.width, frame.height)).all())
+
+
+def is_no_light(colour: NDArray[Any]) -> str:
+    """Return why colour [H, W, 3] is no light, by the words of ``NO_LIGHT``; empty where it may be some."""
     row = colour[colour.shape[0] // 2]  # decides nearly always
-    return _are_bytes(row) and _are_bytes(colour) and len(np.unique(colour)) >= LEAST_BYTES
+    if all(((part < 0) & (part >= -LIMIT)).all() for part in (row, colour)):
+        return "negative everywhere"
+    bytes_of_picture = _are_bytes(row) and _are_bytes(colour) and len(np.unique(colour)) >= LEAST_BYTES
+    return "whole numbers up to 255" if bytes_of_picture else ""
 
 
 def _are_bytes(numbers: NDArray[Any]) -> bool:

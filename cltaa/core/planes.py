@@ -178,7 +178,14 @@ def flat(array: NDArray[Any], *, dense: bool = False) -> NDArray[Any] | None:
     return as_strided(array, (length,), (item,))
 
 
-def checked_out(out: Any, frame: Frame) -> Any:
+def checked_layout(width: int, height: int) -> Layout:
+    """Return the layout of frames of a size; raises UsageError for no pixel."""
+    if width < 1 or height < 1:
+        raise UsageError("no size of frames", expected="width and height from 1 on", found=f"{width} x {height}")
+    return Layout(width, height)
+
+
+def checked_out(out: Any, frame: Frame, *, half: bool = False) -> Any:
     """Return ``out``, or NumPy's array of its memory, if it can hold the result of ``frame``; else raises UsageError,
     and DataError for memory that cannot be shared."""
     shape, out = result_shape(frame), writable(out)
@@ -186,6 +193,8 @@ def checked_out(out: Any, frame: Frame) -> Any:
     if not is_array or out.shape != shape or out.dtype not in (np.float32, np.float16):
         found = f"{out.dtype} {out.shape}" if is_array else type(out).__name__
         raise UsageError("out cannot hold the result", expected=f"float32 or float16 {shape}", found=found)
+    if half and out.dtype != np.float16:
+        raise UsageError("half=True, but out holds float32", cure="leave half out: the type of out counts")
     if isinstance(out, np.ndarray) and not out.flags.writeable:
         raise UsageError("out cannot be written to", cure="give an array of your own")
     return out

@@ -21,7 +21,7 @@ from cltaa.core.frame_checks import check_frame, each_frame
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.passes import Passes
 from cltaa.core.plan import JittersBefore, Plan, channel_steps, from_ring_alone, plan_frame, recursive_choices
-from cltaa.core.planes import Layout, checked_out, empty_result, may_overlap, result_shape
+from cltaa.core.planes import Layout, checked_layout, checked_out, empty_result, may_overlap, result_shape
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.record import Coarse, Past, coarse_colours, frame_record, looks_cut
 from cltaa.errors import ResourceError, UsageError, check_flags, public
@@ -178,9 +178,7 @@ class Resolver:
     @one_thread
     def reserve(self, width: int, height: int, *, alpha: bool, half: bool = False) -> None:
         """Prepare for frames of a size, with or without alpha, while the first of them is still being read."""
-        if width < 1 or height < 1:
-            raise UsageError("no size of frames", expected="width and height from 1 on", found=f"{width} x {height}")
-        self._fitting(Layout(width, height), alpha or self.every_step)
+        self._fitting(checked_layout(width, height), alpha or self.every_step)
         build = edge_build(self.launcher.build(self._asked))
         for kernel in (*([] if build.extends else ["extend_edges"]), "pack"):
             self.launcher.prepare(kernel, build)
@@ -235,7 +233,7 @@ class Resolver:
             )
         self._told = check_frame(frame, self._told)
         check_flags(half=half)
-        into = None if out is None else checked_out(out, frame)
+        into = None if out is None else checked_out(out, frame, half=half)
         started = perf_counter()
         previous, build = self._begin(frame)
         buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.core.constants import value
-from cltaa.core.frame_checks import SHARE_SLACK, SHARES, holds_bytes, is_no_share
+from cltaa.core.frame_checks import NO_LIGHT, SHARE_SLACK, SHARES, is_no_light, is_no_share, is_too_long
 from cltaa.frame import Frame, Image
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.numbered import named_frames
@@ -112,7 +112,9 @@ MEANINGLESS = {
     "motion is NaN": "taken to stand still, for no matrices and depth stand in",
     "alpha is beyond 0 to 1": "counts as 0 or 1; divide bytes by 255 when writing them, or leave it out",
     "reactive is beyond 0 to 1": "counts as 0 or 1; divide bytes by 255 when writing them, or leave it out",
-    "colour is whole numbers up to 255": "taken for linear light; bytes of a picture have to be decoded first",
+    "reactive is NaN": "counts as 0; write 0 to 1, or leave it out",
+    "motion is longer than the picture": "history is dropped; cltaa check tells whether an option mends it",
+    **{f"colour is {why}": f"taken for linear light; {cure}" for why, cure in NO_LIGHT.items()},
 }
 
 
@@ -131,14 +133,17 @@ def meaningless(frame: Frame, *, first: bool) -> list[Meaningless]:
         lost = int(np.isnan(motion).any(axis=-1).sum())
         alone = not (frame.has_camera and frame.has_depth)
         found["motion is NaN"] = lost if alone and lost == frame.depth.size else 0
+    if motion is not None and is_too_long(motion[:1], frame) and is_too_long(motion, frame):
+        found["motion is longer than the picture"] = frame.depth.size
     for name in SHARES:
         share = getattr(frame, name)
         if share is not None and not (
             share.min(initial=0.0) >= -SHARE_SLACK and share.max(initial=1.0) <= 1.0 + SHARE_SLACK
         ):
             found[f"{name} is beyond 0 to 1"] = int(is_no_share(share).sum())
-    if holds_bytes(frame.colour):
-        found["colour is whole numbers up to 255"] = frame.depth.size
+            found[f"{name} is NaN"] = int(np.isnan(share).sum()) if name == "reactive" else 0
+    if why := is_no_light(frame.colour):
+        found[f"colour is {why}"] = frame.depth.size
     among, counts = frame.depth.size, found.items()
     return [Meaningless(frame=frame.index, what=what, pixels=n, among=among) for what, n in counts if n]
 

@@ -120,6 +120,7 @@ def test_gathered_alpha_of_missing_samples_is_a_share() -> None:
         assert resolver.resolve(frame)[..., 3].max() <= 1.0
 
 
+@pytest.mark.filterwarnings("ignore:colour is negative everywhere")
 def test_light_of_two_signs_leaves_alpha_a_share() -> None:
     resolver = Resolver(load_preset("playdead").replace(rectify="none"), "numpy")
     for number, (light, share) in enumerate(((-4.0, 1.0), (0.01, 0.0))):

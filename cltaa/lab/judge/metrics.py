@@ -8,6 +8,7 @@ Functions of two images take the test first and the reference second, linear [H,
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -19,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa import __version__
-from cltaa.core.frame_checks import EXPOSURE_STOPS
+from cltaa.core.frame_checks import EXPOSURE_STOPS, NO_LIGHT, is_no_light
 from cltaa.errors import DataError, UsageError, import_extra, known, public, several
 from cltaa.frame import Image, shared
 from cltaa.io.display import luma, shown_light, to_display
@@ -250,6 +251,8 @@ def measure(
             what, given = f"the {name} is no linear light", f"{image.dtype} {list(image.shape)}"
             raise DataError(what, path=file, frame=frame, expected="floats [H, W, 3]", found=given)
         check_finite(name, image, file, frame)
+        if why := is_no_light(image):
+            warnings.warn(f"the {name} is {why} (expected linear light); {NO_LIGHT[why]}", stacklevel=4)
     if not isinstance(stops, Real) or not abs(stops) <= EXPOSURE_STOPS:
         within = f"a number from {-EXPOSURE_STOPS:g} to {EXPOSURE_STOPS:g}"
         raise UsageError("stops are out of range", expected=within, found=repr(stops))
