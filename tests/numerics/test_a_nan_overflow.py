@@ -100,6 +100,7 @@ def test_a1_nan_dies_in_its_own_frame(
     assert (ill.plan.choices.illumination is Illumination.TEST) == (effects is None)
 
 
+@pytest.mark.filterwarnings("ignore::cltaa.core.frame_checks.MeaninglessNumbers")
 @pytest.mark.parametrize("history", list(HistoryKind))
 @pytest.mark.parametrize("lanes", [pytest.param(0, marks=pytest.mark.optimised), 1])
 def test_a1_any_bits_of_input_give_finite_output(launcher: DeviceLauncher, lanes: int, history: HistoryKind) -> None:
