@@ -95,7 +95,7 @@ def estimate(
         choices = msgspec.structs.replace(choices, history=HistoryKind.ACCUMULATED)
     choices, reason = _testing_illumination(preset, choices, declared, word)
     reasons.append(reason)
-    if choices.illumination is Illumination.TEST and free and word == FOUND and not _refuting(declared):
+    if choices.illumination is Illumination.TEST and free and word == FOUND and not _refuting(choices, declared):
         settings = found_constant(settings, standing=standing)
     if choices.illumination is Illumination.STATIC and _illumination_may_change(declared) and free:
         settings = with_narrow_box(settings)
@@ -182,14 +182,16 @@ def _illumination_may_change(declared: frozenset[Effect] | None) -> bool:
     return declared is None or bool(declared & {Effect.ILLUMINATION, Effect.REACTIVE})
 
 
-def _refuting(declared: frozenset[Effect] | None) -> frozenset[Effect]:
+def _refuting(choices: Choices, declared: frozenset[Effect] | None) -> frozenset[Effect]:
     """Return the effects that make history wrong where depth shows the same surface.
 
-    Light changes, moving surfaces turn in the light, or a camera moves past sub-pixel features. A camera that moves
-    past solid surfaces, or is still before thin ones, needs no test.
+    Light changes, moving surfaces turn in the light, or a camera moves past sub-pixel features, which a resampled
+    history blurs into what is beside them. A camera that moves past solid surfaces, or is still before thin ones, needs
+    no test, and gathered samples stay what they were.
     """
     known = frozenset() if declared is None else declared
-    return known & (CHANGING_LIGHT | {Effect.THIN} if Effect.CAMERA in known else CHANGING_LIGHT)
+    resampled = choices.history is HistoryKind.ACCUMULATED
+    return known & (CHANGING_LIGHT | {Effect.THIN} if resampled and Effect.CAMERA in known else CHANGING_LIGHT)
 
 
 def _testing_illumination(
@@ -204,9 +206,11 @@ def _testing_illumination(
         return choices, Reason(LIGHT, True, "as published")
     if declared is None:
         return choices, Reason(LIGHT, True, declared_or_not(Effect.ILLUMINATION, declared, word))
-    if found := _refuting(declared):
+    if found := _refuting(choices, declared):
         return choices, Reason(LIGHT, True, f"{word}: {format_effects(found)}")
-    why = f"none of illumination, motion and reactive is {word}, nor thin with a camera"
+    why = f"none of illumination, motion and reactive is {word}"
+    if choices.history is HistoryKind.ACCUMULATED:
+        why += ", nor thin with a camera"
     if word == FOUND and choices.history is HistoryKind.ACCUMULATED:
         choices = msgspec.structs.replace(choices, illumination=Illumination.TEST)
         return choices, Reason(LIGHT, True, f"{why}: only a change that lasts counts")

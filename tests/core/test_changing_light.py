@@ -213,6 +213,16 @@ def test_where_history_may_be_wrong_it_is_tested() -> None:
         assert (plan.choices.rectify, plan.settings.resampling_penalty) == (Rectify.NONE, 0.8), effects
 
 
+@pytest.mark.parametrize("word", ["effects", "found"])
+def test_gathered_samples_past_thin_things_have_one_window(word: str) -> None:
+    """What a resampled history blurs there, they hold as it was."""
+    for effects, window in [({Effect.CAMERA, Effect.THIN}, False), ({Effect.CAMERA, Effect.ILLUMINATION}, True)]:
+        frame = make_frame(1, camera=make_camera(), effects=None)
+        known: dict[str, Any] = {word: frozenset(effects)}
+        plan = plan_frame(load_preset("gather-8"), replace(frame, **known), frame.camera)
+        assert plan.choices.illumination is (Illumination.WINDOW if window else Illumination.STATIC), effects
+
+
 @pytest.mark.parametrize(("effects", "scale"), [(LIT, 1.0), (None, 1.0), (frozenset({Effect.CAMERA}), 1.5)])
 def test_without_the_test_the_box_alone_tells_and_is_narrow(effects: frozenset[Effect] | None, scale: float) -> None:
     frame = make_frame(1, camera=make_camera(), effects=effects)
