@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from itertools import product
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,13 @@ import pytest
 
 from cltaa.inputs.open import open_input
 from cltaa.lab.check.camera import ROUNDED_PX
-from cltaa.lab.check.motion import without_leak
+from cltaa.lab.check.motion import _resting, without_leak
 from cltaa.lab.check.registration import Shot
 from cltaa.lab.check.report import check_folder, check_frames
 from tests.inputs.foreign import write_own
 from tests.lab.check.conftest import Scene
 from tests.lab.check.mistakes import MISTAKES, Plant, full_motion, jitter, jitter_delayed, motion_jittered
+from tests.sequence_factory import make_camera, make_frame
 
 DECLARED: dict[str, Plant] = {
     "units-ndc": MISTAKES["jitter-units-ndc"].plant,
@@ -80,3 +82,16 @@ def test_what_moves_on_its_own_is_no_jitter_in_vectors(scene: Scene) -> None:
     left = [np.median((pair.own - pair.camera_motion())[:, rests], axis=1) for pair in less.pairs]
     # But for the mean of what was taken out, since what fills a picture may move on.
     np.testing.assert_allclose(left - np.mean(left, 0), 0.0, rtol=0, atol=ROUNDED_PX)
+
+
+def test_resting_vectors_agree_to_their_rounding_and_no_farther() -> None:
+    """A third rests, rounded by half of what a vector may be off. The rest drifts one way by 5 to 25 times that, as
+    near as the square root of it."""
+    camera, random = make_camera(), np.random.default_rng(0)
+    frames = [make_frame(index, width=40, height=30, camera=camera) for index in range(2)]
+    drift = np.repeat([0.0, 5.0, 10.0, 15.0, 25.0], [400, 200, 200, 200, 200]) * ROUNDED_PX
+    vectors = np.array([0.3, -0.2]) + random.uniform(-0.5, 0.5, (1200, 2)) * ROUNDED_PX
+    vectors[:, 0] += drift
+    told = random.permutation(vectors).reshape(30, 40, 2).astype(np.float32)
+    (pair,) = Shot([frames[0], replace(frames[1], motion=told)], (40, 30)).pairs
+    np.testing.assert_allclose(_resting(pair), [0.3, -0.2], rtol=0, atol=ROUNDED_PX / 2)
