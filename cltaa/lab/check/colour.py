@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -22,7 +23,11 @@ MOST_FRAMES, MOST_PIXELS = 4, 250_000  # examined frames, and pixels of each
 LEVELS = 255
 ON_LEVELS = 0.98  # share of values on 8-bit steps; about 2 in 1000 float values are by chance
 JUST_WHITE, LEAST_CUT = 1.0 - 1e-6, 1e-4  # white up to the curve's rounding; least share of such pixels
-LEAST_TONES = 16  # below white; masks and flat graphics have fewer, which say nothing of a curve
+SURE_OF_CUT = 0.9  # confidence of encoded light that was cut off at white
+# Least tones below white. Tones of masks and flat graphics lie anywhere: n of them leave out the dark by chance in
+# (1 - DARKEST_ENCODED)^n of the pictures, and being sure admits so many. Of even tones those of 18 or fewer shades can
+# lie on 8-bit steps, and then of 52.
+LEAST_TONES = math.ceil(math.log(1.0 - SURE_OF_CUT) / math.log(1.0 - DARKEST_ENCODED))
 HALF = 0.5  # the zero vector in images without negative numbers
 HALF_STEPS = 1e-3  # largest distance from an 8-bit step, in steps
 
@@ -48,8 +53,8 @@ def check_colour(frames: Sequence[Frame]) -> list[Finding]:
         return [Finding(name="colour-8-bit", mistake=False, confidence=0.95, what=what, evidence=numbers)]
     if bright <= 1.0 and dark > DARKEST_ENCODED and middle > MIDDLE_ENCODED:
         # Light clipped at white was encoded for a display; without clipping it may be a pale scene.
-        cut = float((lit > JUST_WHITE).any(1).mean())
-        return [_encoded("colour looks encoded for a display (a guess)", numbers, 0.9 if cut > LEAST_CUT else DOUBTFUL)]
+        sure = SURE_OF_CUT if (lit > JUST_WHITE).any(1).mean() > LEAST_CUT else DOUBTFUL
+        return [_encoded("colour looks encoded for a display (a guess)", numbers, sure)]
     return []
 
 

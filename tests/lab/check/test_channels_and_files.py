@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import pytest
 
 from cltaa.frame import Frame
 from cltaa.io.exr_frame import Pixels
-from cltaa.lab.check.colour import check_channels, check_colour
+from cltaa.lab.check.colour import DARKEST_ENCODED, SURE_OF_CUT, check_channels, check_colour
 from cltaa.lab.check.hypotheses import Finding
 from cltaa.lab.check.report import check_folder, check_frames
 from tests.inputs.foreign import write_blender
@@ -106,11 +106,27 @@ def test_white_and_what_is_brighter_lie_on_no_step(brightest: float, white: floa
     assert "colour-8-bit" not in names(found, mistakes=False)
 
 
-@pytest.mark.parametrize("tones", [[0.0, 1.0], [0.0, 0.5, 1.0], [0.2, 0.4, 0.6, 0.8, 1.0]])
-def test_flat_tones_say_nothing_of_a_curve(tones: list[float]) -> None:
-    """Masks and flat graphics: of no tone but white, of one in its middle, and of some on 8-bit steps."""
-    light = np.random.default_rng(0).choice(np.array(tones, np.float32), make_frame().depth.shape)
-    assert check_colour([replace(make_frame(), colour=np.repeat(light[..., None], 3, -1))]) == []
+def flat(tones: Sequence[float]) -> list[Frame]:
+    """A picture of grey ``tones``, of equal areas."""
+    light = np.resize(np.array(tones, np.float32), make_frame().depth.shape)
+    return [replace(make_frame(), colour=np.repeat(light[..., None], 3, -1))]
+
+
+@pytest.mark.parametrize("tones", [[0.0, 1.0], [0.0, 0.5, 1.0], [0.2, 0.4, 0.6, 0.8, 1.0], np.arange(18) / 17])
+def test_flat_tones_say_nothing_of_a_curve(tones: Sequence[float]) -> None:
+    """Masks and flat graphics: of no tone but white, of one in its middle, and even ones that lie on 8-bit steps."""
+    assert check_colour(flat(tones)) == []
+
+
+@pytest.mark.parametrize(("count", "found"), [(19, []), (20, ["colour-encoded"])])
+def test_so_many_tones_as_leave_out_the_dark_by_chance_no_oftener_than_confidence_admits(
+    count: int, found: list[str]
+) -> None:
+    """Of tones that lie anywhere below white; with white, and on no 8-bit steps."""
+    made = check_colour(flat([*np.linspace(0.2001, 0.9, count), 1.0]))
+    assert names(made) == found
+    assert ((1.0 - DARKEST_ENCODED) ** count <= 1.0 - SURE_OF_CUT) == bool(found)
+    assert {finding.confidence for finding in made} <= {SURE_OF_CUT}
 
 
 def test_eight_bit_values_are_distinguished_from_linear_light_made_of_them() -> None:
