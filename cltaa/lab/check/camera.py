@@ -182,7 +182,6 @@ ALIKE = 0.01  # smaller differences decide nothing: the plainer reading wins
 SCALES = (1.0, 0.01, 100.0, 0.1, 10.0, 0.001, 1000.0)  # scales of depth
 MOST_SEEN, SAME = 4000, 1.002  # most points compared of a pair; ratio of residuals that count as equal
 LARGEST_SIZE = 20.0  # factor of vectors; units make greater ones
-LEAKS = (0.0, 1.0, -1.0)  # factors of the change of jitter in the vectors
 
 
 class _Reading(NamedTuple):
@@ -208,11 +207,13 @@ def check_agreement(shot: Shot) -> list[Finding]:
     if len(pairs) < 2:
         return []
     maps = affine_maps(*shot.window, shot.unit) | _sized(pairs)
-    declared = min(_compared(pairs, "", 1.0, _vectors(pairs, {"": maps[""]})), key=lambda reading: reading.apart)
+    leaks = [0, *shot.leaks.values()]
+    as_declared = _vectors(pairs, {"": maps[""]}, leaks)
+    declared = min(_compared(pairs, "", 1.0, as_declared), key=lambda reading: reading.apart)
     if declared.apart < DISAGREE * max(declared.moved, LEAST_MOTION_PX):
         return []
     able = [name for name, meant in COMBINED.items() if all(sound(frame, meant.change) for frame in shot.frames)]
-    vectors = _vectors(pairs, maps)
+    vectors = _vectors(pairs, maps, leaks)
     tried = [reading for name in able for scale in SCALES for reading in _compared(pairs, name, scale, vectors)]
     agreeing = [r for r in tried if r.moved > LEAST_MOTION_PX and r.apart < AGREE * r.moved]
     if not agreeing:
@@ -309,7 +310,7 @@ def tells_map(shot: Shot, meant: Affine) -> bool:
     pairs, plain = _filled(shot), Affine(np.eye(2))
     if len(pairs) < 2:
         return False
-    both = (_vectors(pairs, {"": each}) for each in (plain, meant))
+    both = (_vectors(pairs, {"": each}, [0, *shot.leaks.values()]) for each in (plain, meant))
     right, wrong = (min(reading.apart for reading in _compared(pairs, "", 1.0, vectors)) for vectors in both)
     moved = float(np.mean([middle_length(pair.camera_motion()) for pair in pairs]))
     return right < AGREE * moved and wrong >= DISAGREE * max(moved, LEAST_MOTION_PX)
@@ -369,12 +370,12 @@ def _sparse(pair: Pair) -> Pair:
 Vectors = dict[tuple[str, float], list[Vector]]  # (name of a map, leak) -> vectors [2, n] of each pair
 
 
-def _vectors(pairs: Sequence[Pair], maps: dict[str, Affine]) -> Vectors:
-    """Return the vectors under each of ``maps``, less each of LEAKS."""
+def _vectors(pairs: Sequence[Pair], maps: dict[str, Affine], leaks: Sequence[int]) -> Vectors:
+    """Return the vectors under each of ``maps``, less each of ``leaks``, factors of the change of jitter."""
     return {
         (name, leak): [meant(pair.own) - leak * pair.jitter_change[:, None] for pair in pairs]
         for name, meant in maps.items()
-        for leak in LEAKS
+        for leak in leaks
     }
 
 

@@ -107,14 +107,13 @@ def fit_model(observed: Sequence[Observed]) -> Model:
     return Model(unknown[:4].reshape(2, 2), unknown[4:].reshape(2, 2), information)
 
 
-def explanations(model: Model, maps: Mapping[str, Vector]) -> dict[str, float]:
-    """Return the distance of the model from each map of the vectors, and from jitter left in them, by name."""
+def explanations(model: Model, maps: Mapping[str, Vector], leaks: Mapping[str, int]) -> dict[str, float]:
+    """Return the distance of the model from each of ``maps`` of the vectors, and from each of ``leaks`` of the change
+    of jitter into them, by name."""
     none, one = np.zeros((2, 2)), np.eye(2)
     distances = {name: model.distance(matrix, none) for name, matrix in maps.items()}
-    # Vectors m' = m + c need c subtracted, and the other way round.
-    distances["jittered"] = model.distance(one, -one)
-    distances["jittered-reversed"] = model.distance(one, one)
-    return distances
+    # Vectors m' = m + c need c subtracted.
+    return distances | {name: model.distance(one, -leak * one) for name, leak in leaks.items()}
 
 
 def _normal_equations(pair: Observed, unknown: Vector) -> tuple[Vector, Vector]:
@@ -153,7 +152,11 @@ MOST_POINTS = 8000  # tested for each of three dozen maps; more only cost time
 FEW_POINTS = 1500  # for each of a hundred factors
 MOST_SEEN = 800  # compared pairwise, each with each
 LEAST_PAIRS = 6  # leaves four second differences for two gains of each axis
-JITTERED = "the vectors contain the change of jitter"
+JITTERED = {
+    "jittered": "the vectors contain the change of jitter",
+    "jittered-reversed": "the vectors contain the change of jitter, with the other sign",
+    "not-jittered": "the vectors do not contain the change of jitter, which motion.jittered takes out of them",
+}
 
 
 def check_motion(shot: Shot, settled: Shifts, maps: Mapping[str, Affine] | None = None) -> list[Finding]:
@@ -191,7 +194,8 @@ def check_motion(shot: Shot, settled: Shifts, maps: Mapping[str, Affine] | None 
     near = bool(coarse) and (ratio < FAR_BETTER or _stays(scenes, maps[best]))
     if near and ratio < CLEARLY_BETTER:
         return coarse
-    finer = (_finer(scenes, judges, linear_maps(width, height)) if anchored else []) or _resting_leak(shot)
+    finer = _finer(scenes, judges, linear_maps(width, height), shot.leaks) if anchored else []
+    finer = finer or _resting_leak(shot)
     if near and ratio < BETTER and not any("jittered" in finding.name for finding in finer):
         return coarse
     if coarse and anchored and not finer and _confirmed(scenes, maps[best]):
@@ -353,20 +357,21 @@ def _named(best: str, meant: Affine, declared: Vector, winner: Vector, sure: flo
     return mistake(f"motion-{best}", what, evidence, sure, meant.fix)
 
 
-def _finer(scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping[str, Vector]) -> list[Finding]:
+def _finer(
+    scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping[str, Vector], leaks: Mapping[str, int]
+) -> list[Finding]:
     """Find mistakes smaller than the width of an edge: factors of slow vectors, and jitter left in them."""
     model = fit_model(scenes)
     sized = dict(_fitted_sizes(model))
     maps = dict(maps) | sized
-    distances = explanations(model, maps)
+    distances = explanations(model, maps, leaks)
     best = min(distances, key=lambda name: distances[name])
     nothing = model.distance(np.zeros((2, 2)), np.zeros((2, 2)))
     if not best or distances[best] > CLEARLY_NEARER * min(distances[""], nothing):
         return []
-    held = {"jittered": 1, "jittered-reversed": -1}.get(best, 0)
+    held = leaks.get(best, 0)
     matrix = np.eye(2) if held else maps[best]
-    leaks = [scene.jitter_change[:, None] for scene in scenes]
-    moved = _rms(leaks) if held else _effect(scenes, Affine(matrix))
+    moved = _rms([held * scene.jitter_change[:, None] for scene in scenes]) if held else _effect(scenes, Affine(matrix))
     if moved < LEAST_EFFECT_PX or not _is_near(model, scenes, matrix, -held or None, moved):
         return []
     if held and _rms([_unlike(scene) for scene in scenes]) > NEAR * moved:
@@ -381,7 +386,7 @@ def _finer(scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping
         return []
     evidence = f"true vectors = {gain} x declared + {leak} x change of jitter, over {len(scenes)} pairs; "
     evidence += f"residual of other pixels {winner.mean():.3f} against {declared.mean():.3f}"
-    what = JITTERED if held else f"the motion vectors are {spoken(best)}"
+    what = JITTERED[best] if held else f"the motion vectors are {spoken(best)}"
     return [mistake(f"motion-{best}", what, evidence, _sureness(judges, mended, Affine(matrix)), fix)]
 
 
@@ -442,16 +447,15 @@ def _resting_leak(shot: Shot) -> list[Finding]:
     resting, change = (np.diff(of, n=2, axis=0) for of in (np.array([_resting(pair) for pair in pairs]), change))
     fit = regress(resting, change, np.ones(len(change)))
     gain = float(np.trace(fit.matrix)) / 2.0
-    held = 1 if gain > 0.0 else -1
+    name, held = min(shot.leaks.items(), key=lambda leak: abs(leak[1] - gain))
     spread = float(np.sqrt((change**2).sum(1).mean()))
     # Another factor means that the jitter has another unit or sign, which removing it does not correct.
     if left_over(held * change, change, fit.matrix, np.ones(len(change))) > NEAR * spread or fit.left > 0.5 * spread:
         return []
     evidence = f"resting pixels follow {gain:.2f} x the change of jitter over {len(pairs)} pairs, "
     evidence += f"to {fit.left:.2f} px rms"
-    name = "motion-jittered" if held > 0 else "motion-jittered-reversed"
     sure = float(np.clip(1.0 - fit.left / spread, 0.3, 0.99))
-    return [mistake(name, JITTERED, evidence, sure, {"jittered": held})]
+    return [mistake(f"motion-{name}", JITTERED[name], evidence, sure, {"jittered": held})]
 
 
 def _resting(pair: Pair) -> Vector:

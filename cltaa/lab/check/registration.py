@@ -244,12 +244,15 @@ class Pair:
         return np.where(np.isfinite(self.own), self.own, self.camera_motion())
 
 
+HELD = {"jittered": 1, "not-jittered": 0, "jittered-reversed": -1}  # of the change of jitter, in stored vectors
+
+
 @dataclass(slots=True)
 class Shot:
     """Frames in order; ``has_*`` is True for data that were declared and not filled in by the reader.
 
     ``window`` is the width and height of the display window; frames may show a region of it. ``unit`` is that of the
-    stored vectors, in pixels.
+    stored vectors, in pixels; ``jittered`` the factor of the change of jitter that their reader took out of them.
     """
 
     frames: Sequence[Frame]
@@ -258,8 +261,14 @@ class Shot:
     has_depth: bool = True
     has_jitter: bool = True
     unit: tuple[float, float] = (1.0, 1.0)
+    jittered: int = 0
     pairs: list[Pair] = field(default_factory=list)
     shifts: Shifts | None = None  # cached by ``measure_shifts``
+
+    @property
+    def leaks(self) -> dict[str, int]:
+        """Factors of the change of jitter that the vectors may contain as read, by what is then true of the files."""
+        return {name: held - self.jittered for name, held in HELD.items() if held != self.jittered}
 
     @property
     def narrow(self) -> bool:

@@ -79,12 +79,13 @@ def check_frames(
     has_depth: bool = True,
     has_jitter: bool = True,
     unit: tuple[float, float] = (1.0, 1.0),
+    jittered: int = 0,
     depth: Depth = AS_DECLARED,
 ) -> list[Finding]:
     """Return findings about frames read as their profile says; ``has_*`` is False for data that the reader filled in.
 
-    ``window`` is the width and height of the display window if the frames show a region of it; ``unit`` and ``depth``
-    are how their vectors and depth were read.
+    ``window`` is the width and height of the display window if the frames show a region of it; ``unit``, ``jittered``
+    and ``depth`` are how their vectors and depth were read.
 
     Later checks rely on earlier ones: if matrices or depth are wrong, checks that need them do not run.
     """
@@ -102,7 +103,15 @@ def check_frames(
     elif has_depth and not frames[0].camera.orthographic:
         found += check_sign([frame.depth for frame in frames])
     window = window or (frames[0].width, frames[0].height)
-    shot = Shot(frames, window, has_camera=has_camera, has_depth=has_depth, has_jitter=has_jitter, unit=unit)
+    shot = Shot(
+        frames,
+        window,
+        has_camera=has_camera,
+        has_depth=has_depth,
+        has_jitter=has_jitter,
+        unit=unit,
+        jittered=jittered,
+    )
     two_planes = ("depth-inverse", "depth-device")
     if not shot.narrow:
         found = [tell_device(shot, finding, depth) if finding.name in two_planes else finding for finding in found]
@@ -133,6 +142,7 @@ def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
     if held and not found:  # shifts measured with a camera that may contain the jitter are inconclusive
         return held
     if not wrong & {"camera", "depth"}:
+        jitter = None  # of the pixels, where the vectors' part in it is known
         if (less := without_leak(shot)) is not shot:
             jitter = check_jitter(less)
             # Only with the right jitter can its part in the vectors be found.
@@ -143,7 +153,7 @@ def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
         found += wrong_vectors
         # Shifts measured with wrong vectors say nothing about the jitter.
         if anchored or not wrong_vectors:
-            found += _unless_leaking(shot, check_jitter(shot))
+            found += _unless_leaking(shot, jitter if jitter is not None else check_jitter(shot))
         if not wrong_vectors:
             found += check_disagreement(shot)
     return found
@@ -340,6 +350,7 @@ def _look(
         "has_camera": intake.has_camera,
         "has_jitter": intake.has_jitter,
         "unit": unit_px(intake.profile.motion.units, sequence.layouts[numbers[0]].display_size),
+        "jittered": intake.profile.motion.jittered,
     }
     found = check_frames(read, **told, depth=intake.profile.depth)
     if all(is_opaque(frame.alpha) for frame in read):

@@ -5,7 +5,7 @@ A mistake without effect here may matter in the next shot that is read by the sa
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -39,8 +39,6 @@ VECTORS = {
     "swapped": "which is x",
     "scaled-2": "their size",
     "scaled-0.5": "their size",
-    "jittered": "jitter in them",
-    "jittered-reversed": "jitter in them",
 }
 AXES = {"the sign of x": 0, "the sign of y": 1}
 
@@ -135,7 +133,10 @@ def _motion(shot: Shot) -> Iterator[str]:
         yield f"the vectors' sign, axes and unit: none is longer than {LEAST_EFFECT_PX:g} px"
         return
     settled = settled_shifts(shot)
-    hidden = [what for name, what in VECTORS.items() if not _shows_vectors(shot, settled, name)]
+    maps = linear_maps(*shot.window)
+    hidden = [what for name, what in VECTORS.items() if not _shows_map(shot, settled, name, Affine(maps[name]))]
+    if not all(_shows_leak(shot, settled, leak) for leak in shot.leaks.values()):
+        hidden.append("jitter in them")
     for what, axis in AXES.items():
         # A flipped sign changes a vector by twice its component on that axis.
         if max(2 * float(np.sqrt((vectors[axis] ** 2).mean())) for vectors in own) < LEAST_EFFECT_PX:
@@ -145,18 +146,23 @@ def _motion(shot: Shot) -> Iterator[str]:
         yield f"the vectors: {', '.join(dict.fromkeys(hidden))}: the pictures match about as well either way"
 
 
-def _shows_vectors(shot: Shot, settled: Shifts, name: str) -> bool:
-    """Return True if the check finds this mistake after it is applied to the declared vectors,
-    with which the shifts were ``settled``."""
-    leak = {"jittered": 1.0, "jittered-reversed": -1.0}.get(name, 0.0)
-    meant = Affine(np.eye(2) if leak else linear_maps(*shot.window)[name])
+def _shows_map(shot: Shot, settled: Shifts, name: str, meant: Affine) -> bool:
+    """Return True if the check finds that ``meant`` is missing after the declared vectors, with which the shifts were
+    ``settled``, were mapped by its inverse."""
     wrong = Affine(np.asarray(np.linalg.inv(meant.matrix), np.float64))
-    if not leak and tells_map(shot, wrong):
-        return True
+    return tells_map(shot, wrong) or _finds(shot, settled, [wrong(p.own) for p in shot.pairs], {name: meant})
+
+
+def _shows_leak(shot: Shot, settled: Shifts, leak: int) -> bool:
+    """Return True if the check finds ``leak`` times the change of jitter after it was added to the vectors."""
+    return _finds(shot, settled, [p.own + leak * p.jitter_change[:, None] for p in shot.pairs], {})
+
+
+def _finds(shot: Shot, settled: Shifts, vectors: Sequence[Vector], maps: Mapping[str, Affine]) -> bool:
     spoilt = copy(shot)
-    spoilt.pairs = [replace(p, own=wrong(p.own) + leak * p.jitter_change[:, None]) for p in shot.pairs]
-    maps = {"": Affine(np.eye(2))} | ({} if leak else {name: meant})
-    return any(finding.settled.mistake for finding in check_motion(spoilt, settled, maps))
+    spoilt.pairs = [replace(p, own=own) for p, own in zip(shot.pairs, vectors, strict=True)]
+    found = check_motion(spoilt, settled, {"": Affine(np.eye(2)), **maps})
+    return any(finding.settled.mistake for finding in found)
 
 
 def _jitter(shot: Shot) -> Iterator[str]:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import shlex
-from itertools import product
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cltaa.inputs.open import open_input
+from cltaa.inputs.profile import Jitter
 from cltaa.lab.check.camera import ROUNDED_PX
 from cltaa.lab.check.motion import _resting, without_leak
 from cltaa.lab.check.registration import Shot
@@ -57,6 +58,22 @@ def test_vectors_with_jitter_and_a_wrong_jitter_are_both_mended(
         # Numbers of an option have six digits.
         np.testing.assert_allclose(theirs.jitter_px, ours.jitter_px, rtol=0, atol=1e-5)
         np.testing.assert_allclose(theirs.motion, ours.motion, rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["corridor", "spinner"])
+@pytest.mark.parametrize("given", [(), ("camera.source=none",)], ids=["matrices", "bare"])
+@pytest.mark.parametrize(("stored", "declared"), [(1, -1), (-1, 1), (0, 1)])
+def test_another_value_of_the_profile_is_named_and_not_the_jitter(
+    stored: int, declared: int, given: tuple[str, ...], name: str, scene: Scene, tmp_path: Path
+) -> None:
+    """Vectors from which it takes the jitter twice, or which hold none, move the pixels as a wrong jitter does."""
+    write_own(tmp_path, motion_jittered(float(stored))(full_motion(scene(name))))
+    report, mended = check_folder(tmp_path, assignments=[f"motion.jittered={declared}", *given])
+    (finding,) = report.mistakes
+    assert finding.name == f"motion-{ {1: 'jittered', 0: 'not-jittered', -1: 'jittered-reversed'}[stored] }"
+    assert finding.option == f"--input motion.jittered={stored}"
+    assert (mended.motion.jittered, mended.jitter) == (stored, Jitter())
+    assert report.questions == []
 
 
 def test_jitter_in_the_vectors_of_few_frames_does_not_accuse_the_declared_jitter(scene: Scene) -> None:

@@ -124,6 +124,7 @@ def test_each_explanation_is_nearest_where_it_is_so() -> None:
         ("jittered", IDENTITY, -IDENTITY),
         ("jittered-reversed", IDENTITY, IDENTITY),
     ):
-        distances = explanations(fit_model(observed(gain, leak, (0.0, 0.0))), maps)
+        leaks = {"jittered": 1, "jittered-reversed": -1}
+        distances = explanations(fit_model(observed(gain, leak, (0.0, 0.0))), maps, leaks)
         assert set(distances) == {*maps, "jittered", "jittered-reversed"}
         assert min(distances, key=lambda found: distances[found]) == name
