@@ -36,7 +36,7 @@ from cltaa.lab.check.colour import check_channels, check_colour, check_exposure
 from cltaa.lab.check.depth import AS_DECLARED, check_depth, check_depth_scale, check_sign, tell_device
 from cltaa.lab.check.hypotheses import ASKED, DOUBTFUL, Finding, mistake
 from cltaa.lab.check.jitter import check_jitter, check_mean, check_size, settled_shifts
-from cltaa.lab.check.motion import LEAST_EFFECT_PX, LEAST_PAIRS, check_motion, may_leak, without_leak
+from cltaa.lab.check.motion import JITTERED, LEAST_EFFECT_PX, LEAST_PAIRS, check_motion, may_leak, without_leak
 from cltaa.lab.check.projection import check_held_jitter, check_projection_jitter
 from cltaa.lab.check.registration import Shot, measure_shifts
 from cltaa.lab.check.unverifiable import unverifiable
@@ -159,17 +159,22 @@ def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
     return found
 
 
+LIKE_LEAKS = {"jitter-absent": 1, "jitter-scaled-2": -1, "jitter-negated": 2}  # whose shift is left by such a leak
+
+
 def _unless_leaking(shot: Shot, found: Sequence[Finding]) -> list[Finding]:
-    """Make an absent jitter in ``found`` a question where vectors may contain it, which leaves no shift either."""
+    """Make a jitter in ``found`` a question if vectors that may contain it would leave the same shift."""
     if not may_leak(shot):
         return list(found)
-    or_else = f"; or the vectors contain it, which takes {LEAST_PAIRS + 1} frames to tell"
-    return [
-        msgspec.structs.replace(finding, evidence=finding.evidence + or_else, confidence=DOUBTFUL)
-        if finding.name == "jitter-absent"
-        else finding
-        for finding in found
-    ]
+    names = {leak: name for name, leak in shot.leaks.items()}
+    made = list[Finding]()
+    for finding in found:
+        leak = LIKE_LEAKS.get(finding.name)
+        if leak in names:
+            or_else = f"; or {JITTERED[names[leak]]}, which takes {LEAST_PAIRS + 1} frames to tell"
+            finding = msgspec.structs.replace(finding, evidence=finding.evidence + or_else, confidence=DOUBTFUL)
+        made.append(finding)
+    return made
 
 
 def _excused(shot: Shot, found: Sequence[Finding]) -> list[Finding]:

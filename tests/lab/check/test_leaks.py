@@ -76,13 +76,26 @@ def test_another_value_of_the_profile_is_named_and_not_the_jitter(
     assert report.questions == []
 
 
-def test_jitter_in_the_vectors_of_few_frames_does_not_accuse_the_declared_jitter(scene: Scene) -> None:
+@pytest.mark.parametrize(
+    ("held", "declared", "name", "words"),
+    [
+        (1, 0, "jitter-absent", "or the vectors contain the change of jitter"),
+        (-1, 0, "jitter-scaled-2", "or the vectors contain the change of jitter, with the other sign"),
+        (1, -1, "jitter-negated", "or the vectors contain the change of jitter"),
+        (0, -1, "jitter-absent", "or the vectors do not contain the change of jitter, which motion.jittered takes out"),
+    ],
+)
+def test_jitter_in_the_vectors_of_few_frames_does_not_accuse_the_declared_jitter(
+    held: int, declared: int, name: str, words: str, scene: Scene
+) -> None:
     """Vectors with the jitter leave no shift, as if there were no jitter; six frames are too few to tell which."""
-    found = check_frames(motion_jittered(1.0)(full_motion(scene("corridor")))[:6])
+    frames = motion_jittered(float(held - declared))(full_motion(scene("corridor")))[:6]
+    found = check_frames(frames, jittered=declared)
     assert [finding.name for finding in found if finding.mistake] == []
-    asked = next(finding for finding in found if finding.name == "jitter-absent")
+    asked = next(finding for finding in found if finding.name == name)
     assert asked.question
-    assert "or the vectors contain it, which takes 7 frames to tell" in asked.evidence
+    assert words in asked.evidence
+    assert asked.evidence.endswith(", which takes 7 frames to tell")
 
 
 def test_what_moves_on_its_own_is_no_jitter_in_vectors(scene: Scene) -> None:
