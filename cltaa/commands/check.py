@@ -12,6 +12,7 @@ import msgspec
 from cltaa.commands.options import FILE_PATH, SOME_FRAMES, frame_range, input_options, json_option, one_sequence
 from cltaa.commands.printing import print_line
 from cltaa.errors import DataError, UsageError
+from cltaa.inputs.convert import correct
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import open_intake
 from cltaa.inputs.profile import Jitter, Profile, differences, load_profile, option_text, toml_text
@@ -72,6 +73,7 @@ def check(
         _write_jitter(jitter_file, named, mended, only, reading)
         base = mended.name if reading["profile"] == "auto" else reading["profile"]
         mended, side_file = msgspec.structs.replace(mended, jitter=Jitter()), jitter_file  # the file is in pixels
+        report, mended = _with_leak(report, mended, named, jitter_file, only, reading["step"])
         changes = option_text(differences(mended, load_profile(base)))
         options = f"{profile_options(base, side_file, reading['step'])} {changes}".strip()
     if fix is not None:
@@ -104,6 +106,18 @@ def _write_jitter(
     intake = open_intake(place, profile=profile, frames=frames, **told)
     jitter = measured_jitter(ForeignSequence(place.folder, intake, sorted(intake.declared)))
     write_jitter(path, jitter, read_side_file(reading["side_file"]) if reading["side_file"] else {})
+
+
+def _with_leak(
+    report: Report, mended: Profile, named: Named, jitter_file: Path, only: FrameRange | None, step: int
+) -> tuple[Report, Profile]:
+    """Add what the vectors contain of the jitter in ``jitter_file``, without which it cannot be found."""
+    frames = FRAMES if only is None else (only[0], min(only[1], only[0] + (FRAMES - 1) * step))
+    again, _ = check_folder(named, profile=mended, side_file=jitter_file, frames=frames, step=step)
+    found = [finding for finding in again.mistakes if "jittered" in finding.fix.get("motion", {})]
+    for finding in found:
+        mended = correct(mended, finding.fix)
+    return msgspec.structs.replace(report, findings=[*report.findings, *found]), mended
 
 
 def _resolve(words: tuple[str, ...], options: str) -> str:

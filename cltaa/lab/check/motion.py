@@ -46,6 +46,7 @@ from cltaa.lab.check.registration import (
     FARTHEST_PX,
     LEAST_POINTS,
     Fit,
+    Mask,
     Pair,
     Picture,
     Shifts,
@@ -415,10 +416,10 @@ def without_leak(shot: Shot) -> Shot:
 
     Does not use the declared jitter; returns ``shot`` itself if there is no such leak.
     """
-    pairs = [pair for pair in shot.pairs if _filled(pair)]
+    pairs = [pair for pair in shot.pairs if fills(pair)]
     if len(pairs) < max(LEAST_PAIRS, len(shot.pairs)) or not (shot.has_camera and shot.has_depth):
         return shot
-    leak = np.array([_resting(pair) for pair in pairs])
+    leak = np.array([resting_offset(pair) for pair in pairs])
     leak -= leak.mean(0)  # a surface that fills the picture may move steadily
     if not to_and_fro(leak) or np.abs(leak).max() > FARTHEST_PX:
         return shot
@@ -430,21 +431,22 @@ def without_leak(shot: Shot) -> Shot:
 
 def may_leak(shot: Shot) -> bool:
     """Return whether vectors fill the picture in too few pairs to tell whether they contain the jitter."""
-    return len(shot.pairs) < LEAST_PAIRS and all(map(_filled, shot.pairs))
+    return len(shot.pairs) < LEAST_PAIRS and all(map(fills, shot.pairs))
 
 
-def _filled(pair: Pair) -> bool:
+def fills(pair: Pair) -> bool:
+    """Return whether vectors fill the picture."""
     return bool((np.isfinite(pair.own).all(0) & pair.usable).mean() >= COVERED)
 
 
 def _resting_leak(shot: Shot) -> list[Finding]:
     """Find jitter left in vectors that cover the whole picture: those of resting pixels follow the jitter."""
-    pairs = [pair for pair in shot.pairs if _filled(pair)]
+    pairs = [pair for pair in shot.pairs if fills(pair)]
     change = np.array([pair.jitter_change for pair in pairs])
     if len(pairs) < LEAST_PAIRS or not change.any():
         return []
     # By second differences: a surface that fills the picture moves smoothly, and jitter goes to and fro.
-    resting, change = (np.diff(of, n=2, axis=0) for of in (np.array([_resting(pair) for pair in pairs]), change))
+    resting, change = (np.diff(of, n=2, axis=0) for of in (np.array([resting_offset(pair) for pair in pairs]), change))
     fit = regress(resting, change, np.ones(len(change)))
     gain = float(np.trace(fit.matrix)) / 2.0
     name, held = min(shot.leaks.items(), key=lambda leak: abs(leak[1] - gain))
@@ -458,7 +460,13 @@ def _resting_leak(shot: Shot) -> list[Finding]:
     return [mistake(f"motion-{name}", JITTERED[name], evidence, sure, {"jittered": held})]
 
 
-def _resting(pair: Pair) -> Vector:
+def follows(pair: Pair, offset: Vector, share: float = ROUNDED) -> Mask:
+    """Return the points whose vectors are the camera's motion plus ``offset``, to rounding and to a ``share`` of it."""
+    moved = pair.camera_motion()
+    return np.asarray(np.hypot(*(pair.own - moved - offset[:, None])) <= ROUNDED_PX + share * np.hypot(*moved))
+
+
+def resting_offset(pair: Pair) -> Vector:
     """Return the offset of vectors from the camera's motion where most agree, to rounding, else near the median."""
     beyond = pair.own - pair.camera_motion()
     known = np.isfinite(beyond).all(0)

@@ -13,7 +13,7 @@ import pytest
 from cltaa.inputs.open import open_input
 from cltaa.inputs.profile import Jitter
 from cltaa.lab.check.camera import ROUNDED_PX
-from cltaa.lab.check.motion import _resting, without_leak
+from cltaa.lab.check.motion import resting_offset, without_leak
 from cltaa.lab.check.registration import Shot
 from cltaa.lab.check.report import check_folder, check_frames
 from tests.inputs.foreign import write_own
@@ -124,4 +124,4 @@ def test_resting_vectors_agree_to_their_rounding_and_no_farther() -> None:
     vectors[:, 0] += drift
     told = random.permutation(vectors).reshape(30, 40, 2).astype(np.float32)
     (pair,) = Shot([frames[0], replace(frames[1], motion=told)], (40, 30)).pairs
-    np.testing.assert_allclose(_resting(pair), [0.3, -0.2], rtol=0, atol=ROUNDED_PX / 2)
+    np.testing.assert_allclose(resting_offset(pair), [0.3, -0.2], rtol=0, atol=ROUNDED_PX / 2)

@@ -16,8 +16,9 @@ from cltaa.cli import main
 from cltaa.frame import Frame, Image
 from cltaa.inputs.side_file import read_side_file
 from cltaa.io.sequence import open_images
-from tests.inputs.foreign import side_text, write_own
+from tests.inputs.foreign import side_text, write_blender, write_own
 from tests.lab.check.conftest import Scene, sixteen
+from tests.lab.check.mistakes import full_motion, motion_jittered
 
 Change = Callable[[list[Frame]], list[Frame]]
 
@@ -67,6 +68,57 @@ def test_a_capture_without_its_jitter(
     error, without = (float(np.sqrt(((one - right) ** 2).mean())) for one in (pasted, none))
     assert error <= apart.sum(1).max() * float(np.sqrt((slope**2).mean()))
     assert error < without / 2
+
+
+def undeclared(frames: list[Frame]) -> list[Frame]:
+    return [replace(frame, jitter_px=(0.0, 0.0)) for frame in frames]
+
+
+def written(file: Path) -> np.ndarray:
+    return np.array([side.jitter_px for side in read_side_file(file).values()])
+
+
+@pytest.mark.parametrize(
+    ("name", "matrices", "held"), [("corridor", True, 0.0), ("corridor", True, 1.0), ("roll", False, 0.0)]
+)
+def test_vectors_that_fill_the_picture(
+    name: str, matrices: bool, held: float, shot: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What they contain of the jitter is mended too. Without matrices, those of the frames between lead farther back
+    than one frame."""
+    frames, file = full_motion(shot(name)), tmp_path / "jitter.json"
+    write = write_own if matrices else write_blender
+    folder = write(tmp_path / "in", undeclared(motion_jittered(held)(frames)))
+    assert main(["check", str(folder), "--jitter-file", str(file)]) == 65
+    true = np.array([frame.jitter_px for frame in frames])
+    assert np.abs(written(file) - true).max() <= 0.1  # px, as above
+    said = capsys.readouterr().out.split("to resolve with it: ")[1].splitlines()[0]
+    assert (f"--input motion.jittered={held:g} " in said) == bool(held)
+
+
+@pytest.mark.parametrize("held", [1.0, -1.0])
+def test_jitter_in_the_vectors_of_a_camera_that_stands(
+    held: float, shot: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As Blender's EEVEE writes them, without matrices: it is measured as without the vectors."""
+    frames, plain, file = full_motion(shot("still")), tmp_path / "plain.json", tmp_path / "jitter.json"
+    bare = write_blender(tmp_path / "bare", undeclared([replace(frame, motion=None) for frame in frames]))
+    folder = write_blender(tmp_path / "in", undeclared(motion_jittered(held)(frames)))
+    for where, output in ((bare, plain), (folder, file)):
+        assert main(["check", str(where), "--jitter-file", str(output)]) == 65
+    np.testing.assert_allclose(written(file), written(plain), rtol=0, atol=0.02)  # the worst seen is 0.013
+    assert f"--input motion.jittered={held:g} " in capsys.readouterr().out.split("to resolve with it: ")[2]
+
+
+@pytest.mark.parametrize("held", [1.0, -1.0])
+def test_jitter_in_vectors_is_not_told_from_a_camera_without_matrices(
+    held: float, shot: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_blender(tmp_path / "in", undeclared(motion_jittered(held)(full_motion(shot("corridor")))))
+    assert main(["check", str(folder), "--jitter-file", str(tmp_path / "jitter.json")]) == 65
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "the jitter is not measured: the vectors go to and fro: by jitter or by the camera (expected " in said
+    assert said.endswith("; give matrices and depth, which tell")
 
 
 def test_the_rest_of_a_side_file_is_kept_and_frames_are_those_asked_for(
