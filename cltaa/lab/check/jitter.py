@@ -36,7 +36,17 @@ from cltaa.lab.check.hypotheses import (
     sureness,
     to_and_fro,
 )
-from cltaa.lab.check.registration import LEAST_ANCHORS, Fit, Shifts, Shot, Vector, measure_shifts, squeezed_light
+from cltaa.lab.check.motion import LEAST_FILLED, fills, shared_offset
+from cltaa.lab.check.registration import (
+    LEAST_ANCHORS,
+    Fit,
+    Pair,
+    Shifts,
+    Shot,
+    Vector,
+    measure_shifts,
+    squeezed_light,
+)
 from cltaa.printable import counted
 
 MOST_FRAMES = 16  # compared pairwise, each with each
@@ -125,6 +135,11 @@ def _resting(shot: Shot) -> tuple[Vector, Vector]:
 def declared_jitter(frames: Sequence[Frame]) -> Vector:
     """Return the jitter of each frame, [n, 2]."""
     return np.array([frame.jitter_px for frame in frames[:MOST_FRAMES]], float)
+
+
+def stays_in_pixel(changes: Vector) -> bool:
+    """Return True if ``changes`` [n, 2] of position sum up to less than a centred jitter spans."""
+    return bool(np.ptp(np.cumsum(changes, axis=0), axis=0).max() <= 2.0 * CENTRED_PX)
 
 
 def _positions(shot: Shot) -> int:
@@ -247,7 +262,7 @@ def _by_shifts(shot: Shot) -> list[Finding]:
     weights = _weights(fits)
     present = float(np.sqrt((measured**2).sum(1).mean()))
     if not declared.any():
-        return _undeclared(shot, fits, measured, present)
+        return _undeclared(shot, known, fits, measured, present)
     as_declared = left_over(measured, declared, np.eye(2), weights)
     maps = linear_maps(*shot.window) | {"absent": np.zeros((2, 2))}
     left = {name: left_over(measured, declared, matrix, weights) for name, matrix in maps.items()}
@@ -336,7 +351,11 @@ def check_size(shot: Shot) -> list[Finding]:
     return [mistake("jitter-size", what, evidence, 0.95)]
 
 
-def _undeclared(shot: Shot, fits: Sequence[Fit], measured: Vector, present: float) -> list[Finding]:
+def _undeclared(
+    shot: Shot, known: Sequence[int], fits: Sequence[Fit], measured: Vector, present: float
+) -> list[Finding]:
+    if found := _in_vectors(shot, [shot.pairs[place] for place in known], fits, present):
+        return found
     if present < LEAST_SHIFT_PX:
         note = f"still regions move by {present:.3f} px rms between frames"
         what = "no jitter is declared and none is seen: there is nothing to accumulate but noise"
@@ -365,6 +384,31 @@ def _undeclared(shot: Shot, fits: Sequence[Fit], measured: Vector, present: floa
     what = "the pixels are jittered and no jitter is declared: give jitter_px of each frame with --camera FILE"
     what += ", or measure it with --jitter-file FILE.json"
     return [mistake("jitter-missing", what, evidence, sure)]
+
+
+def _in_vectors(shot: Shot, pairs: Sequence[Pair], fits: Sequence[Fit], left: float) -> list[Finding]:
+    """Find undeclared jitter in vectors that fill the picture, which follows them to ``left`` pixels.
+
+    A camera moves the picture so too. If it stands, most vectors share one offset, and all offsets sum up to less than
+    a pixel. Else only matrices and depth tell (``cltaa.lab.check.motion.without_leak``).
+    """
+    by_matrices = shot.has_camera and shot.has_depth
+    if not all(map(fills, pairs)) or (by_matrices and len(shot.pairs) >= LEAST_FILLED):
+        return []
+    offsets, shared = zip(*map(shared_offset, pairs), strict=True)
+    held = np.array(offsets)
+    size = float(np.hypot(*held.std(0)))
+    if not to_and_fro(held) or left > NEAR * size:
+        return []
+    evidence = f"the vectors go to and fro by {size:.2f} px rms, and the picture with them to {left:.2f} px"
+    if all(shared) and stays_in_pixel(held):
+        what = "the pixels are jittered, the vectors contain it, and no jitter is declared: measure it with"
+        what += " --jitter-file FILE.json"
+        return [mistake("jitter-missing", what, evidence, _sureness(fits, -held, 0.0 * held))]
+    without = f"in fewer than {LEAST_FILLED + 1} frames" if by_matrices else "without matrices and depth"
+    what = f"{without} nobody can tell whether the vectors contain jitter or the camera moves so: give"
+    what += " more frames" if by_matrices else " them with --camera FILE"
+    return [mistake("jitter-missing", f"{what}, or the jitter itself", evidence, DOUBTFUL)]
 
 
 def _given(shot: Shot) -> dict[str, bool]:

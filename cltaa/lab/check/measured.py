@@ -23,11 +23,11 @@ from cltaa.inputs.side_file import Side
 from cltaa.io.atomic import atomic_path
 from cltaa.io.exr_frame import MATRICES
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.check.camera import AGREE, ROUNDED
+from cltaa.lab.check.camera import AGREE
 from cltaa.lab.check.hypotheses import LEAST_SHIFT_PX, regress, to_and_fro
-from cltaa.lab.check.jitter import CENTRED_PX, LEAST_PAIRS
-from cltaa.lab.check.motion import fills, follows, resting_offset
-from cltaa.lab.check.registration import COVERED, Pair, Shot, Vector, measure_shifts, sample
+from cltaa.lab.check.jitter import CENTRED_PX, LEAST_PAIRS, stays_in_pixel
+from cltaa.lab.check.motion import fills, follows, shared_offset
+from cltaa.lab.check.registration import Mask, Pair, Shot, Vector, measure_shifts, sample
 from cltaa.printable import counted
 from cltaa.progress import track
 
@@ -107,7 +107,8 @@ def _changes(
 ) -> Iterator[tuple[_Change, _Offset | None]]:
     """Yield the changes of jitter since some of the frames ``held``, and the offset of vectors that led to them."""
     by_matrices = has_camera and bool(np.isfinite(frame.depth).any())
-    rests, offset = None, None
+    rests: Mask | None = None
+    offset: _Offset | None = None
     for lag in (lag for lag in LAGS if lag <= len(held)):
         before = held[-lag]
         following = replace(frame, step=frame.index - before.index)
@@ -115,11 +116,10 @@ def _changes(
         (pair,) = shot.pairs
         led, own = fills(pair), pair.own.copy()
         if led and lag == 1:
-            shared = resting_offset(pair)
+            offset = _Offset(*shared_offset(pair))
+        if offset is not None and by_matrices:
             # Without its jitter the camera's motion is known to a share of it.
-            rests = follows(pair, shared, AGREE if by_matrices else ROUNDED)
-            offset = _Offset(shared, bool(rests.mean() >= COVERED))
-        if rests is not None and by_matrices:
+            rests = follows(pair, offset.offset, AGREE) if rests is None else rests
             pair.own[:, rests] = np.nan
         (fit,), anchored = measure_shifts(shot)
         led = led and not anchored
@@ -156,8 +156,7 @@ def _held(sequence: FrameSequence, changes: Sequence[_Change], offsets: Mapping[
     follow = regress(np.diff(known, n=2, axis=0), np.diff(shifts, n=2, axis=0), np.ones(len(known) - 2)).matrix
     if not to_and_fro(known) and abs(np.trace(follow)) / 2.0 < FOLLOWED:
         return held
-    places = np.cumsum(known, axis=0)
-    if not all(each.shared for each in offsets.values()) or np.ptp(places, axis=0).max() > 2.0 * CENTRED_PX:
+    if not (all(each.shared for each in offsets.values()) and stays_in_pixel(known)):
         what, cure = "the vectors go to and fro: by jitter or by the camera", "give matrices and depth, which tell"
         raise _unsure(sequence, what, "vectors that rest or move on", f"{np.hypot(*known.std(0)):.2f} px rms", cure)
     held[[*offsets]] = known

@@ -152,7 +152,7 @@ LEAST_EFFECT_PX = 0.08  # a mistake that changes the vectors by less is not repo
 MOST_POINTS = 8000  # tested for each of three dozen maps; more only cost time
 FEW_POINTS = 1500  # for each of a hundred factors
 MOST_SEEN = 800  # compared pairwise, each with each
-LEAST_PAIRS = 6  # leaves four second differences for two gains of each axis
+LEAST_FILLED = 6  # pairs with vectors that fill the picture: leaves four second differences for two gains of each axis
 JITTERED = {
     "jittered": "the vectors contain the change of jitter",
     "jittered-reversed": "the vectors contain the change of jitter, with the other sign",
@@ -417,7 +417,7 @@ def without_leak(shot: Shot) -> Shot:
     Does not use the declared jitter; returns ``shot`` itself if there is no such leak.
     """
     pairs = [pair for pair in shot.pairs if fills(pair)]
-    if len(pairs) < max(LEAST_PAIRS, len(shot.pairs)) or not (shot.has_camera and shot.has_depth):
+    if len(pairs) < max(LEAST_FILLED, len(shot.pairs)) or not (shot.has_camera and shot.has_depth):
         return shot
     leak = np.array([resting_offset(pair) for pair in pairs])
     leak -= leak.mean(0)  # a surface that fills the picture may move steadily
@@ -431,7 +431,7 @@ def without_leak(shot: Shot) -> Shot:
 
 def may_leak(shot: Shot) -> bool:
     """Return whether vectors fill the picture in too few pairs to tell whether they contain the jitter."""
-    return len(shot.pairs) < LEAST_PAIRS and all(map(fills, shot.pairs))
+    return len(shot.pairs) < LEAST_FILLED and all(map(fills, shot.pairs))
 
 
 def fills(pair: Pair) -> bool:
@@ -443,7 +443,7 @@ def _resting_leak(shot: Shot) -> list[Finding]:
     """Find jitter left in vectors that cover the whole picture: those of resting pixels follow the jitter."""
     pairs = [pair for pair in shot.pairs if fills(pair)]
     change = np.array([pair.jitter_change for pair in pairs])
-    if len(pairs) < LEAST_PAIRS or not change.any():
+    if len(pairs) < LEAST_FILLED or not change.any():
         return []
     # By second differences: a surface that fills the picture moves smoothly, and jitter goes to and fro.
     resting, change = (np.diff(of, n=2, axis=0) for of in (np.array([resting_offset(pair) for pair in pairs]), change))
@@ -464,6 +464,12 @@ def follows(pair: Pair, offset: Vector, share: float = ROUNDED) -> Mask:
     """Return the points whose vectors are the camera's motion plus ``offset``, to rounding and to a ``share`` of it."""
     moved = pair.camera_motion()
     return np.asarray(np.hypot(*(pair.own - moved - offset[:, None])) <= ROUNDED_PX + share * np.hypot(*moved))
+
+
+def shared_offset(pair: Pair) -> tuple[Vector, bool]:
+    """Return ``resting_offset``, and whether the vectors of most of the picture have it, to rounding."""
+    offset = resting_offset(pair)
+    return offset, bool(follows(pair, offset).mean() >= COVERED)
 
 
 def resting_offset(pair: Pair) -> Vector:

@@ -36,7 +36,7 @@ from cltaa.lab.check.colour import check_channels, check_colour, check_exposure
 from cltaa.lab.check.depth import AS_DECLARED, check_depth, check_depth_scale, check_sign, tell_device
 from cltaa.lab.check.hypotheses import ASKED, DOUBTFUL, Finding, mistake
 from cltaa.lab.check.jitter import check_jitter, check_mean, check_size, settled_shifts
-from cltaa.lab.check.motion import JITTERED, LEAST_EFFECT_PX, LEAST_PAIRS, check_motion, may_leak, without_leak
+from cltaa.lab.check.motion import JITTERED, LEAST_EFFECT_PX, LEAST_FILLED, check_motion, may_leak, without_leak
 from cltaa.lab.check.projection import check_held_jitter, check_projection_jitter
 from cltaa.lab.check.registration import Shot, measure_shifts
 from cltaa.lab.check.unverifiable import unverifiable
@@ -171,7 +171,7 @@ def _unless_leaking(shot: Shot, found: Sequence[Finding]) -> list[Finding]:
     for finding in found:
         leak = LIKE_LEAKS.get(finding.name)
         if leak in names:
-            or_else = f"; or {JITTERED[names[leak]]}, which takes {LEAST_PAIRS + 1} frames to tell"
+            or_else = f"; or {JITTERED[names[leak]]}, which takes {LEAST_FILLED + 1} frames to tell"
             finding = msgspec.structs.replace(finding, evidence=finding.evidence + or_else, confidence=DOUBTFUL)
         made.append(finding)
     return made

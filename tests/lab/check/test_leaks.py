@@ -10,12 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cltaa.frame import Frame
 from cltaa.inputs.open import open_input
 from cltaa.inputs.profile import Jitter
+from cltaa.io.sequence import open_sequence
 from cltaa.lab.check.camera import ROUNDED_PX
+from cltaa.lab.check.hypotheses import Finding
 from cltaa.lab.check.motion import resting_offset, without_leak
 from cltaa.lab.check.registration import Shot
 from cltaa.lab.check.report import check_folder, check_frames
+from cltaa_capture.sequence import Request, capture_sequence
 from tests.inputs.foreign import write_own
 from tests.lab.check.conftest import Scene
 from tests.lab.check.mistakes import MISTAKES, Plant, full_motion, jitter, jitter_delayed, motion_jittered
@@ -96,6 +100,49 @@ def test_jitter_in_the_vectors_of_few_frames_does_not_accuse_the_declared_jitter
     assert asked.question
     assert words in asked.evidence
     assert asked.evidence.endswith(", which takes 7 frames to tell")
+
+
+def bare(frames: list[Frame]) -> list[Finding]:
+    """Return what is found of ``frames`` alone."""
+    found = check_frames(frames, has_camera=False, has_depth=False, has_jitter=False)
+    return [finding for finding in found if finding.mistake or finding.question]
+
+
+def undeclared(frames: list[Frame]) -> list[Frame]:
+    """Without jitter, matrices and depth, as EEVEE writes them but for its jitter."""
+    return [replace(frame, jitter_px=(0.0, 0.0), camera=make_camera()) for frame in frames]
+
+
+@pytest.mark.parametrize("name", ["still", "spinner"])
+def test_undeclared_jitter_in_vectors_is_named_where_the_camera_stands(name: str, scene: Scene) -> None:
+    (finding,) = bare(undeclared(motion_jittered(1.0)(full_motion(scene(name)))))
+    assert (finding.name, finding.mistake) == ("jitter-missing", True)
+    assert "the vectors contain it" in finding.what
+
+
+@pytest.mark.parametrize("name", ["corridor", "pan"])
+def test_undeclared_jitter_in_vectors_of_a_camera_that_moves_is_asked_about(name: str, scene: Scene) -> None:
+    """It shakes, or they contain jitter: the pictures match either way."""
+    (finding,) = bare(undeclared(motion_jittered(1.0)(full_motion(scene(name)))))
+    assert (finding.name, finding.question) == ("jitter-missing", True)
+    assert finding.what.startswith("without matrices and depth nobody can tell whether the vectors contain jitter")
+    assert "give them with --camera FILE, or the jitter itself" in finding.what
+
+
+def test_undeclared_jitter_in_the_vectors_of_few_frames_is_asked_about(scene: Scene) -> None:
+    frames = motion_jittered(1.0)(full_motion(scene("corridor")))
+    frames = [replace(frame, jitter_px=(0.0, 0.0)) for frame in frames]
+    assert "jitter-missing" in [finding.name for finding in check_frames(frames, has_jitter=False) if finding.mistake]
+    (asked,) = [found for found in check_frames(frames[:6], has_jitter=False) if found.name.startswith("jitter")]
+    assert asked.question
+    assert asked.what.startswith("in fewer than 7 frames nobody can tell")
+
+
+@pytest.mark.parametrize("name", ["dolly", "pan", "roll"])
+def test_vectors_of_a_camera_that_moves_are_not_asked_for_jitter(name: str, tmp_path: Path) -> None:
+    request = Request(name, tmp_path, frames=12, width=96, height=54, jitter="none", fps=12.0, seed=1)
+    capture_sequence(request)
+    assert bare(undeclared(full_motion(list(open_sequence(tmp_path))))) == []
 
 
 def test_what_moves_on_its_own_is_no_jitter_in_vectors(scene: Scene) -> None:
