@@ -37,6 +37,7 @@ CLEARLY_MORE = 0.8  # share of the pixels that distinguish two readings
 LEAST_PIXELS = 200
 MOST_FRAMES = 3  # all frames have the same kind of depth; more only cost time
 DEVICE = "depth is a device depth, 0 near to 1 far"
+RECIPROCAL = "depth is 1/Z, or a reversed device depth"
 AS_DECLARED = Depth()
 READ_AS = {DepthKind.PLANAR: "planar", DepthKind.RAY: "ray"}  # all other kinds are linear on a plane, like 1/Z
 ALONG = {"planar": "the view axis, not along the ray", "ray": "the ray, not along the view axis"}
@@ -51,7 +52,7 @@ def check_depth(frames: Sequence[Frame], rule: Depth = AS_DECLARED) -> list[Find
     Judges the stored numbers, independent of the reading: the declared kind is one hypothesis among others.
     """
     frames = frames[:MOST_FRAMES]
-    depth = [_stored(frame, frame.depth.astype(np.float64), rule) for frame in frames]
+    depth = [stored(frame, frame.depth.astype(np.float64), rule) for frame in frames]
     finite = _finite(depth)
     if not len(finite):
         return []
@@ -87,7 +88,7 @@ def _finite(depth: Sequence[Plane | Image]) -> Vector:
     return np.concatenate([plane[np.isfinite(plane)].astype(np.float64) for plane in depth])
 
 
-def _stored(frame: Frame, planar: Plane, rule: Depth) -> Plane:
+def stored(frame: Frame, planar: Plane, rule: Depth) -> Plane:
     """Return the stored numbers, up to their scale, of depth that was read by ``rule``."""
     with np.errstate(divide="ignore", invalid="ignore"):
         if rule.kind is DepthKind.RAY:
@@ -149,6 +150,14 @@ def tells_kind(frames: Sequence[Frame]) -> bool:
     return "reciprocal" in _flat_shares(frames, [frame.depth.astype(np.float64) for frame in frames], "planar")
 
 
+def planes_decide(frames: Sequence[Frame], rule: Depth) -> bool:
+    """Return True if planes in view confirm the kind of depth, read by ``rule``, against every other."""
+    frames, read = frames[:MOST_FRAMES], READ_AS.get(rule.kind, "reciprocal")
+    depth = [stored(frame, frame.depth.astype(np.float64), rule) for frame in frames]
+    shares = _flat_shares(frames, depth, read)
+    return len(shares) == len(READ_AS) and max(shares.values()) < 1.0 - CLEARLY_MORE  # one for each other reading
+
+
 def is_coarse(frames: Sequence[Frame]) -> bool:
     """Return True for depth that was stored in half precision; False for a few distances far apart."""
     steps = [_step(frame.depth[_known(frame.depth)].astype(np.float64)) for frame in frames[:MOST_FRAMES]]
@@ -200,19 +209,18 @@ def _are_flat(lines: Plane, step: float) -> NDArray[np.bool_]:
     return np.asarray(flat[np.isfinite(left + middle + right)])
 
 
-def _reciprocal(stored: Sequence[Plane], finite: Vector, evidence: str, confidence: float) -> Finding:
+def _reciprocal(planes: Sequence[Plane], finite: Vector, evidence: str, confidence: float) -> Finding:
     """Distinguish 1/Z from device depth and find its direction, by the range, the sky and the lower rows."""
     bounded = finite.max() <= 1.0 and finite.min() >= 0.0
     sky_at_one, sky_at_zero = float((finite == 1.0).mean()), float((finite == 0.0).mean())
-    depth = np.stack(stored)
+    depth = np.stack(planes)
     rows = depth.shape[1]
     lower, upper = (_middle(part) for part in (depth[:, -(-rows * 5 // 6) :], depth[:, : rows // 2]))
     nearer_is_smaller = sky_at_one > sky_at_zero if max(sky_at_one, sky_at_zero) > 0.01 else bool(lower < upper)
     evidence += f"; values {finite.min():.4g} to {finite.max():.4g}"
     if bounded and nearer_is_smaller:
         return mistake("depth-device", DEVICE, evidence, confidence, {"kind": "device"})
-    what = "depth is 1/Z, or a reversed device depth"
-    return mistake("depth-inverse", what, evidence, confidence, {"kind": "inverse"})
+    return mistake("depth-inverse", RECIPROCAL, evidence, confidence, {"kind": "inverse"})
 
 
 def _middle(values: Plane) -> float:
@@ -234,11 +242,11 @@ def tell_device(shot: Shot, found: Finding, rule: Depth) -> Finding:
     near, other = (planes_of(clip, from_zero=from_zero)[0] for from_zero in (False, True))
     if len(pairs) < 2 or near <= 0.0 or (reverse and near == 1.0):
         return found
-    planes = [_stored(pair.frame, pair.frame.depth.astype(np.float64), rule) for pair in pairs]
+    planes = [stored(pair.frame, pair.frame.depth.astype(np.float64), rule) for pair in pairs]
     raw = [plane[pair.y.astype(int), pair.x.astype(int)] for plane, pair in zip(planes, pairs, strict=True)]
-    stored = raw if reverse else [1.0 - values for values in raw]
+    near_to_far = raw if reverse else [1.0 - values for values in raw]
     by_plain, by_changed = (
-        [pair.camera_motion(inverse_depth=values * by) for pair, values in zip(pairs, stored, strict=True)]
+        [pair.camera_motion(inverse_depth=values * by) for pair, values in zip(pairs, near_to_far, strict=True)]
         for by in ((1.0, near) if reverse else (near, other))
     )
     both = zip(pairs, by_plain, strict=True)

@@ -33,7 +33,8 @@ from cltaa.lab.check.camera import (
     sound,
 )
 from cltaa.lab.check.colour import check_channels, check_colour, check_exposure
-from cltaa.lab.check.depth import AS_DECLARED, check_depth, check_depth_scale, check_sign, tell_device
+from cltaa.lab.check.depth import AS_DECLARED, check_depth, check_depth_scale, check_sign, planes_decide, tell_device
+from cltaa.lab.check.depth_travel import check_kind
 from cltaa.lab.check.hypotheses import ASKED, DOUBTFUL, Finding, mistake
 from cltaa.lab.check.jitter import check_jitter, check_mean, check_size, settled_shifts
 from cltaa.lab.check.motion import JITTERED, LEAST_EFFECT_PX, LEAST_FILLED, check_motion, may_leak, without_leak
@@ -114,6 +115,9 @@ def check_frames(
     )
     two_planes = ("depth-inverse", "depth-device")
     if not shot.narrow:
+        told = any(finding.name.startswith("depth-") for finding in found)
+        if has_depth and has_camera and not told and not planes_decide(frames, depth):
+            found += check_kind(shot, depth)
         found = [tell_device(shot, finding, depth) if finding.name in two_planes else finding for finding in found]
     found = _excused(shot, found + _check_motions(shot, found))
     if not any(finding.name.startswith("jitter") and finding.settled.mistake for finding in found):

@@ -24,6 +24,7 @@ from cltaa.lab.check.camera import (
     tells_map,
 )
 from cltaa.lab.check.depth import is_coarse, tells_kind
+from cltaa.lab.check.depth_travel import tells_kind_by_travel
 from cltaa.lab.check.hypotheses import MEANINGS, Affine, linear_maps
 from cltaa.lab.check.jitter import declared_jitter, jitter_evidence, settled_shifts
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
@@ -89,9 +90,10 @@ def _camera(shot: Shot) -> Iterator[str]:
 
 
 def _depth(shot: Shot) -> Iterator[str]:
-    if shot.has_depth and shot.has_camera and not tells_kind(shot.frames):
+    if shot.has_depth and shot.has_camera and not (tells_kind(shot.frames) or tells_kind_by_travel(shot.frames)):
         coarse = "half precision rounds off by what planes of another kind would bend"
-        yield f"the kind of depth: {coarse if is_coarse(shot.frames) else 'no plane in view lies aslant'}"
+        flat = "no plane in view lies aslant, and the camera's motion does not tell"
+        yield f"the kind of depth: {coarse if is_coarse(shot.frames) else flat}"
 
 
 def _shows(pairs: Sequence[Pair], wrong: Sequence[Vector]) -> bool:
