@@ -60,7 +60,7 @@ def measured_jitter(sequence: FrameSequence) -> dict[int, Vector]:
 
     Raises what reading raises, and DataError if the pixels leave it uncertain.
     """
-    has_camera = sequence.undeclared.isdisjoint(MATRICES)
+    has_camera = _has_camera(sequence)
     count, held = len(sequence), list[Frame]()
     changes, offsets = list[_Change](), dict[int, _Offset]()
     for place, given in enumerate(track(sequence, count, "measuring")):
@@ -90,7 +90,7 @@ def measured_jitter(sequence: FrameSequence) -> dict[int, Vector]:
     left, size = (float(np.sqrt((each**2).sum(1).mean())) for each in (seen - ways @ jitter, jitter))
     if size < LEAST_SHIFT_PX:
         what, cure = "the pixels show no jitter", "resolve without a file of jitter"
-        if offsets:
+        if offsets and not _has_camera(sequence):
             what = "the pixels show no jitter that their vectors do not contain"
             cure = "give matrices and depth, which tell what the vectors contain, or resolve without a file of jitter"
         raise _unsure(sequence, what, f"{LEAST_SHIFT_PX:g} px rms or more", f"{size:.3f} px", cure)
@@ -152,15 +152,21 @@ def _held(sequence: FrameSequence, changes: Sequence[_Change], offsets: Mapping[
     known = np.array([each.offset for each in offsets.values()])
     if len(shifts) != len(known) or len(known) < LEAST_PAIRS:
         return held
-    # Of jitter with the other sign the vectors hold half of what is then measured, less.
+    # Vectors that hold the jitter with the other sign follow minus half of what is measured then.
     follow = regress(np.diff(known, n=2, axis=0), np.diff(shifts, n=2, axis=0), np.ones(len(known) - 2)).matrix
     if not to_and_fro(known) and abs(np.trace(follow)) / 2.0 < FOLLOWED:
         return held
     if not (all(each.shared for each in offsets.values()) and stays_in_pixel(known)):
-        what, cure = "the vectors go to and fro: by jitter or by the camera", "give matrices and depth, which tell"
+        what, cure = "the vectors go to and fro: by jitter or by the camera", "give the jitter itself"
+        if not _has_camera(sequence):
+            cure = "give matrices and depth, which tell"
         raise _unsure(sequence, what, "vectors that rest or move on", f"{np.hypot(*known.std(0)):.2f} px rms", cure)
     held[[*offsets]] = known
     return held
+
+
+def _has_camera(sequence: FrameSequence) -> bool:
+    return sequence.undeclared.isdisjoint(MATRICES)
 
 
 def _unsure(sequence: FrameSequence, why: str, expected: str, found: str, cure: str) -> DataError:
