@@ -167,12 +167,12 @@ def test_a_camera_that_comes_to_stand_has_the_bits_of_the_oracle(stands: int) ->
 
 
 # What is found in frames without depth, camera and motion.
-UNTOLD = frozenset({Effect.CAMERA, Effect.DISOCCLUSION, Effect.THIN, Effect.ILLUMINATION})
+FOUND_IN_COLOUR = frozenset({Effect.CAMERA, Effect.DISOCCLUSION, Effect.THIN, Effect.ILLUMINATION})
 
 
-def untold(index: int) -> Frame:
+def colour_alone(index: int) -> Frame:
     """As ``drawn``, but nothing tells what moves."""
-    return Frame(colour=drawn(index).colour, index=index, found=UNTOLD)
+    return Frame(colour=drawn(index).colour, index=index, found=FOUND_IN_COLOUR)
 
 
 def planned(effects: frozenset[Effect] | None, *, moves: bool = False) -> Recursion:
@@ -188,7 +188,7 @@ def test_only_a_camera_that_stands_has_it() -> None:
 
 
 def test_frames_in_which_no_motion_can_be_followed_have_it() -> None:
-    frame, own = untold(1), drawn(1)
+    frame, own = colour_alone(1), drawn(1)
     followed = replace(frame, motion=own.motion), replace(frame, depth=own.depth, camera=own.camera)
     of_each = [plan_frame(load_preset("gather-8"), each, None).choices.recursion for each in (frame, *followed)]
     assert of_each == [Recursion.STANDING, Recursion.NONE, Recursion.NONE]
@@ -197,7 +197,7 @@ def test_frames_in_which_no_motion_can_be_followed_have_it() -> None:
 def test_frames_in_which_no_motion_can_be_followed_gather_more_samples_than_the_ring_holds() -> None:
     errors = []
     for recursion in ("standing", "none"):
-        *_, image = Resolver(preset_of("gather-8", recursion), "numpy").images(map(untold, range(40)))
+        *_, image = Resolver(preset_of("gather-8", recursion), "numpy").images(map(colour_alone, range(40)))
         errors.append(error(image))
     assert errors[0] < 0.5**0.5 * errors[1]  # at least twice the samples
 
@@ -219,9 +219,9 @@ def test_a_sequence_is_split_only_where_frames_are_of_the_ring_alone() -> None:
     assert from_ring_alone(ring, replace(own, effects=moving))
     assert from_ring_alone(preset_of("gather-8", "none"), replace(own, effects=OWN))
     assert from_ring_alone(load_preset("gather-48").replace(recursion="none"), own)
-    assert not from_ring_alone(ring, untold(0))
-    assert from_ring_alone(ring, replace(untold(0), motion=own.motion))
-    unread = with_effects(replace(untold(0), motion=own.motion), UNTOLD)
+    assert not from_ring_alone(ring, colour_alone(0))
+    assert from_ring_alone(ring, replace(colour_alone(0), motion=own.motion))
+    unread = with_effects(replace(colour_alone(0), motion=own.motion), FOUND_IN_COLOUR)
     assert not from_ring_alone(ring, unread)  # no vectors, since no motion is said to occur
     with pytest.raises(UsageError, match="resolves this frame from the result before it"):
         Resolver("gather-8", "numpy").keep(drawn(0))
