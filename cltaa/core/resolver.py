@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cltaa.core.backend import Buffer, Launcher, Queue, launcher_for, storage_dtype
 from cltaa.core.buffers import Buffers, FrameRing, LastRun, upload
 from cltaa.core.build import HALVES, Build, Steps, Storage, build_of, code_sha256, edge_build, storage_of
+from cltaa.core.cuts import Coarse, coarse_colours, looks_cut
 from cltaa.core.debug import decided, parse_views
 from cltaa.core.frame_checks import check_frame, each_frame
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
@@ -23,7 +24,7 @@ from cltaa.core.passes import Passes
 from cltaa.core.plan import JittersBefore, Plan, channel_steps, from_ring_alone, plan_frame, recursive_choices
 from cltaa.core.planes import Layout, checked_layout, checked_out, empty_result, may_overlap, result_shape
 from cltaa.core.presets import Preset, load_preset, override
-from cltaa.core.record import Coarse, Past, coarse_colours, frame_record, looks_cut
+from cltaa.core.record import Past, frame_record
 from cltaa.errors import ResourceError, UsageError, check_flags, public
 from cltaa.frame import Array, Frame, on_device, outline
 from cltaa.printable import counted

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cltaa import Effect, Frame, Resolver
-from cltaa.core.record import coarse_colours, looks_cut
+from cltaa.core.cuts import coarse_colours, looks_cut
 from cltaa.io.exr_read import read_colour
 from cltaa.pipeline.checkpoint import Checkpoints
 from cltaa.pipeline.folder import resolve_folder

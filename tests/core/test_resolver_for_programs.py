@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from pyopencl import invoker
 
 from cltaa.core.bands import BandedResolver
+from cltaa.core.cuts import Coarse, coarse_colours
 from cltaa.core.plan import Reason
 from cltaa.core.planes import haloed
 from cltaa.core.presets import load_preset, override, preset_names
-from cltaa.core.record import Coarse, coarse_colours
 from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError, UsageError
 from cltaa.frame import Camera, Frame
