@@ -38,7 +38,8 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
         const history_t h = sample_history(current, alpha, rows.below.texels, rows.centre.has_missing, history,
             history_count, previous_inverse_depth, m, s, x, y, frame, settings, &cache);
 
-        // Rectify: move the history into the box of the 3x3. The default does not: its tests drop wrong history.
+        // Rectify: move the history into the box of the 3x3, by neighbourhood clamp or variance clipping. The default
+        // does not: its tests drop wrong history.
         rectification r = rectify(h.rgb, p.filtered, p.stats, m, box_scale_of(m, settings), frame, settings);
         const int has_missing = rows.above.has_missing | rows.centre.has_missing | rows.below.has_missing;
         r.alpha = rectified_alpha(current, alpha, has_missing, h.alpha, x, y, frame);

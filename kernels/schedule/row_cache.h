@@ -4,7 +4,8 @@
 // CPU need not wait for it.
 #include "taa/illumination.h"
 
-// Without motion there is no filter to keep rows for.
+// Filtered rows are kept for Catmull-Rom's 16 taps alone, as in `fast`: the default's cross of 20 is read anew for each
+// pixel. Without motion there is no filter to keep rows for. The illumination test keeps its row for any filter.
 #define ROW_CACHE                                                                                                      \
     ((CAMERA_MOTION | OWN_MOTION) & (HISTORY_RANGE == HISTORY_RANGE_LINEAR)                                            \
         & (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM))

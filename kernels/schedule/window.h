@@ -39,7 +39,8 @@ STAGE void slide_window(
     w->below = read_next_row(w->centre, current, alpha, inverse_depth, motion, x, y + 1, frame);
 }
 
-// The window above the first pixel of a column: sliding it down once makes it that pixel's.
+// The window above the first pixel of a column: it holds that pixel's row and the one above, and sliding it down once
+// reads the row below.
 STAGE window_t open_window(
     plane_in current, plane_in alpha, plane_in inverse_depth, plane_in motion, column_t c, frame_t frame)
 {

@@ -1,4 +1,6 @@
-// Rectification: moves implausible history into the box of the current neighbourhood.
+// Rectification: moves implausible history into the box of the current neighbourhood (a colour AABB). The neighbourhood
+// clamp of many resolves is RECTIFY_CLAMP with BOX_EXTREMES, variance clipping (Salvi 2016) RECTIFY_CLIP with
+// BOX_VARIANCE.
 #include "taa/reprojection.h"
 
 // Box scale, gamma: factor of the deviations (BOX_VARIANCE, BOX_BOTH) or of the extremes (BOX_EXTREMES). Wide without
