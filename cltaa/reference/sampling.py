@@ -1,4 +1,4 @@
-"""Twin of ``taa/sampling.h``: reads the previous frame between its texels."""
+"""Twin of ``taa/sampling.h`` and ``schedule/footprint.h``: reads the previous frame between its texels."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 // Disocclusion test: rejects history where the previous frame did not show the surface.
-#include "taa/sampling.h"
+#include "schedule/footprint.h"
 
 // True where the reprojected point lies inside the previous image (half a texel of margin) and moved by less than
 // MOTION_LIMIT. Every comparison is false for NaN.

@@ -2,8 +2,8 @@
 // history at their positions. Under constant light the nine differences come from jitter and have mixed signs; under
 // changing light they agree. Alpha is a fourth channel of the test: where black lies over a transparent ground, nothing
 // else changes.
+#include "schedule/footprint.h"
 #include "taa/neighbourhood.h"
-#include "taa/sampling.h"
 
 STAGE colour load_history_colour(history_in p, size_t plane)
 {
