@@ -269,7 +269,7 @@ _ENTRY = re.compile(r"^__kernel void (\w+)_kernel\(", re.MULTILINE)
 
 # Raise it where changed Python code changes bits, or a folder of results changes its contents: then no run resumes one
 # of the earlier code.
-FORMAT = 3
+FORMAT = 4
 
 
 @cache

@@ -19,6 +19,7 @@ import msgspec
 from cltaa.camera import is_still
 from cltaa.core.build import Steps
 from cltaa.core.parameters import (
+    Accumulate,
     Box,
     Choices,
     Dilation,
@@ -71,6 +72,11 @@ STATIC_FILTER_SAMPLES, FEW_POSITIONS = 1.0, 16
 # With noise. Factor of falling_t, because dim samples of noise agree and bright ones do not, and of a box of
 # deviations, which noise widens.
 NOISY_FALLING, NOISY_BOX = 1.2, 0.5
+# With noise where light changes. Aliases of an edge agree, samples of noise do not, so less evidence proves a change:
+# factors of parameters of the illumination test. A box that noise widens holds more wrong history, most of all a box of
+# extremes: factors of blend_weight for one of deviations and for others.
+NOISY_CHANGE = {"illumination_t": 0.65, "illumination_decay": 5 / 6, "illumination_floor": 5 / 6, "falling_t": 1.25}
+NOISY_WEIGHT, NOISY_EXTREMES_WEIGHT = 1.5, 3.0
 
 FOUND, DECLARED = "found", "declared"
 
@@ -111,7 +117,9 @@ def estimate(
     reasons.append(reason)
     noisy = free and declared is not None and Effect.NOISE in declared
     if noisy:
-        settings = among_noise(choices, settings)
+        resampled = choices.history is HistoryKind.ACCUMULATED
+        changing = resampled and declared is not None and bool(declared & CHANGING_LIGHT)
+        settings = among_noise(choices, settings, changing=changing)
     if noisy or (free and declared is not None and Effect.HDR not in declared):
         choices = msgspec.structs.replace(choices, weighting=Weighting.NONE)
     weighted = choices.weighting is Weighting.LUMINANCE
@@ -159,15 +167,22 @@ def with_narrow_box(settings: Settings) -> Settings:
     )
 
 
-def among_noise(choices: Choices, settings: Settings) -> Settings:
-    """Adapt thresholds to noisy samples, so that tests are as sure of bright ones as of dim ones."""
-    box = NOISY_BOX if choices.box is Box.VARIANCE else 1.0
-    return msgspec.structs.replace(
+def among_noise(choices: Choices, settings: Settings, *, changing: bool) -> Settings:
+    """Adapt thresholds to noisy samples, so that tests are as sure of bright ones as of dim ones. Where light is
+    ``changing``, the test asks for less evidence, and a box forgets sooner."""
+    box, weight = (NOISY_BOX, NOISY_WEIGHT) if choices.box is Box.VARIANCE else (1.0, NOISY_EXTREMES_WEIGHT)
+    settings = msgspec.structs.replace(
         settings,
         falling_t=NOISY_FALLING * settings.falling_t,
         box_scale_static=box * settings.box_scale_static,
         box_scale_moving=box * settings.box_scale_moving,
     )
+    if not changing:
+        return settings
+    asked = {name: factor * getattr(settings, name) for name, factor in NOISY_CHANGE.items()}
+    if choices.rectify is not Rectify.NONE and choices.accumulate is Accumulate.EXPONENTIAL:
+        asked["blend_weight"] = min(1.0, weight * settings.blend_weight)
+    return msgspec.structs.replace(settings, **asked)
 
 
 def _why_rectified(preset: Preset, rectified: bool) -> str:

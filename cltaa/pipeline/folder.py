@@ -119,9 +119,13 @@ def with_fireflies(preset: Preset, sequence: FrameSequence, asked: str | None) -
     return override(preset, {"fireflies": asked}, "resolve")
 
 
+# A denoiser leaves fewer aliases, so less evidence proves a change of light; it filters the current frame itself.
+DENOISED = {"current_filter": "none", "illumination_t": 1.7, "illumination_decay": 0.55, "falling_t": 1.4}
+
+
 def for_denoised(preset: Preset) -> Preset:
     """Return ``preset`` for frames that a denoiser has filtered already: a transcription as it is."""
-    return preset if preset.published is not Published.NO else override(preset, {"current_filter": "none"})
+    return preset if preset.published is not Published.NO else override(preset, DENOISED)
 
 
 def find_for(sequence: FrameSequence, *, denoised: bool, advance: Advance | None = None) -> Found:

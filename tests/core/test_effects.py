@@ -127,6 +127,27 @@ def test_among_noise_bright_samples_count_as_much_as_dim_ones() -> None:
         assert planned.box_scale_static == planned.box_scale_moving == box * given.box_scale_static
 
 
+def test_among_noise_less_evidence_shows_that_light_changes() -> None:
+    test = ("illumination_t", "illumination_decay", "illumination_floor")
+    for preset in map(load_preset, ("default", "basic", "fast")):
+        changing = frozenset({Effect.ILLUMINATION, Effect.CAMERA})
+        clean, noisy, still = (
+            plan_frame(preset, make_frame(1, effects=frozenset(effects)), make_camera((1.0, 0.0, 5.0))).settings
+            for effects in (changing, {*changing, Effect.NOISE}, {Effect.CAMERA, Effect.THIN, Effect.NOISE})
+        )
+        for name in test:
+            assert getattr(noisy, name) < getattr(clean, name), name
+            assert getattr(still, name) == getattr(clean, name), name
+        # What a box keeps it forgets sooner; the default has none, and a running mean no least weight.
+        assert (noisy.blend_weight > clean.blend_weight) is (preset.choices.rectify is not Rectify.NONE)
+        assert still.blend_weight == clean.blend_weight
+    gathers = load_preset("gather-8")  # the ring decides there, and the recursion beside it is tuned with it
+    frame = make_frame(1, effects=frozenset({Effect.ILLUMINATION, Effect.NOISE}))
+    assert plan_frame(gathers, frame, STANDING).settings.illumination_t == gathers.settings.illumination_t
+    all_of_it = override(load_preset("basic"), {"blend_weight": 0.9})
+    assert plan_frame(all_of_it, frame, STANDING).settings.blend_weight == 1.0
+
+
 def test_own_motion_is_not_read_where_the_preset_follows_the_camera_alone() -> None:
     camera = override(DEFAULT, {"reproject": "camera"})
     assert not plan_frame(camera, make_frame(1, motion=True), make_camera((1.0, 0.0, 5.0))).steps.own_motion
