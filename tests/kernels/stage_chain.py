@@ -29,7 +29,7 @@ from cltaa.core.build import (
     window_planes,
 )
 from cltaa.core.constants import value as value_of
-from cltaa.core.parameters import Choices, CurrentFilter, Illumination, Settings
+from cltaa.core.parameters import Choices, CurrentFilter, FilterUse, Fireflies, Illumination, Settings
 from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset
 from cltaa.core.record import Past, frame_record
@@ -133,6 +133,8 @@ UNSEEN = {
     "rectify_history": ["box=rounded"],
     "blend": ["anti_flicker=clamp-distance", "rectify=clip"],
 }
+# Values that show beside one another alone, where no row of several choices has both.
+BESIDE: dict[str, list[dict[str, Any]]] = {"blend": [{"fireflies": Fireflies.CLAMP, "filter_use": FilterUse.FEW}]}
 LONG_RING = 48  # frames
 # Values that a stage's code does not tell from another one.
 ALIKE: dict[str, dict[str, str]] = {
@@ -352,7 +354,7 @@ def rows_together(kernel: str, build: Build) -> list[dict[str, Any]]:
     turns = {name: turn(name, column, most) for name, column in columns.items()}
     count = max((len(columns[name]) for name in LOOKS_AT[kernel]), default=0)
     alone = [{name: v} for name in LOOKS_AT[kernel] for v in values[name] if f"{name}={v}" in UNSEEN.get(kernel, [])]
-    return [{name: each[at] for name, each in turns.items()} for at in range(count)] + alone
+    return [{name: each[at] for name, each in turns.items()} for at in range(count)] + alone + BESIDE.get(kernel, [])
 
 
 def turn(name: str, column: list[Any], most: int) -> list[Any]:
