@@ -143,7 +143,7 @@ def test_first_and_last_frame_are_missed_where_the_capture_lists_them(
     record(folder)
     frame_path(folder, number).unlink()
     assert main(arguments(folder, tmp_path / "out")) == 66
-    assert f"frame {number}: the frame is missing" in capsys.readouterr().err
+    assert f"frame {number}: the frame is missing; capture or render it again, or go" in capsys.readouterr().err
     assert main(arguments(folder, tmp_path / "out", "--gaps", "reset")) == 0
     assert len(list((tmp_path / "out").glob("*.exr"))) == 3
 

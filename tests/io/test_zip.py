@@ -148,3 +148,19 @@ def test_a_fork_of_a_program_packs_with_threads_of_its_own(tmp_path: Path) -> No
     """It has none of its parent's, so that a file would wait for them for ever."""
     subprocess.run([sys.executable, "-W", "ignore", "-c", FORKS, str(tmp_path)], check=True)
     assert (tmp_path / "in fork.exr").read_bytes() == (tmp_path / "before.exr").read_bytes()
+
+
+AT_THE_END = """
+import atexit, sys
+from pathlib import Path
+import numpy as np
+from cltaa.io.exr_write import write_image
+picture = np.arange(20_000, dtype=np.float32).reshape(200, 100)
+atexit.register(write_image, Path(sys.argv[1]), {"Y": picture})  # called when threads take no more work
+"""
+
+
+def test_an_ending_program_packs_without_threads(tmp_path: Path) -> None:
+    path = tmp_path / "last.exr"
+    subprocess.run([sys.executable, "-c", AT_THE_END, str(path)], check=True, cwd=Path(__file__).parents[2])
+    assert np.array_equal(read_image(path)[0]["Y"], np.arange(20_000, dtype=np.float32).reshape(200, 100))

@@ -53,6 +53,11 @@ def strict(lanes: int) -> Build:
     return Build(steps=ALL_STEPS, strict=True, lanes=lanes, rows=ROWS)
 
 
+def test_a_build_that_no_plan_decided_has_every_term() -> None:
+    """So tests of stages, which have such builds, compile them all."""
+    assert Build().terms == Terms(**dict.fromkeys(Terms.__struct_fields__, True))
+
+
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_terms_that_come_to_nothing_are_left_out_without_a_trace(lanes: int) -> None:
     work, build = work_with(NOTHING), strict(lanes)
