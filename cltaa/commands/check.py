@@ -20,7 +20,7 @@ from cltaa.inputs.side_file import read_side_file
 from cltaa.io.atomic import atomic_path, check_creatable
 from cltaa.io.names import Named, selection_of
 from cltaa.io.numbered import FrameRange
-from cltaa.lab.check.measured import measured_jitter, write_jitter
+from cltaa.lab.check.measured_jitter import measured_jitter, write_jitter
 from cltaa.lab.check.report import FRAMES, Report, check_folder, profile_options
 from cltaa.printable import counted, json_of, printable, shown
 

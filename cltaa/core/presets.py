@@ -12,7 +12,7 @@ from typing import Any, get_type_hints
 
 import msgspec
 
-from cltaa.core.needs import unmet
+from cltaa.core.parameter_needs import unmet
 from cltaa.core.parameters import Choices, Settings
 from cltaa.errors import DataError, UsageError, known, public
 from cltaa.printable import printable

@@ -19,7 +19,7 @@ import msgspec
 
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.profile import Names, Profile, channels_option, load_profile, option_text, override, profile_names
-from cltaa.io.guides import guided_role, guides_of
+from cltaa.io.denoiser_guides import guided_role, guides_of
 from cltaa.io.manifest import NAME as MANIFEST
 from cltaa.io.names import Named, leads_nowhere, selection_of
 from cltaa.io.numbered import captures_below, files_in, no_frames, only_below

@@ -18,10 +18,10 @@ import numpy as np
 
 from cltaa.errors import DataError, UsageError, check_flags, public
 from cltaa.frame import Effect, Frame, Image, name_effects
+from cltaa.io.denoiser_guides import guides_of
 from cltaa.io.exr_frame import CHANNEL_OF, OF_FRAMES, check_float_channels, check_number, frame_outline
 from cltaa.io.exr_layout import Layout, covers
 from cltaa.io.exr_read import FrameFile, read_colour, read_frame_and_header, read_header, read_planes
-from cltaa.io.guides import guides_of
 from cltaa.io.manifest import read_capture_record, recorded_hashes
 from cltaa.io.names import Named, name_of, number_of, selection_of, shows_number
 from cltaa.io.numbered import (

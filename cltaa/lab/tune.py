@@ -21,7 +21,7 @@ import tomli_w
 
 from cltaa.core.backend import Launcher
 from cltaa.core.build import code_sha256
-from cltaa.core.needs import unmet
+from cltaa.core.parameter_needs import unmet
 from cltaa.core.parameters import Choices
 from cltaa.core.presets import LADDER, Preset, load_preset, override, preset_names
 from cltaa.core.resolver import Resolver

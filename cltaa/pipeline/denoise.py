@@ -12,7 +12,7 @@ from cltaa.core.build import Build
 from cltaa.core.planes import Layout
 from cltaa.errors import DataError, UsageError, import_extra
 from cltaa.frame import Frame, Image
-from cltaa.io.guides import GUIDES
+from cltaa.io.denoiser_guides import GUIDES
 from cltaa.io.pixel_statistics import is_missing
 from cltaa.printable import written
 from cltaa.reference.colour import filled_texels

@@ -15,9 +15,9 @@ import pytest
 import cltaa
 from cltaa.cli import main
 from cltaa.errors import DataError, UsageError
+from cltaa.io.denoiser_guides import guides_of
 from cltaa.io.exr_read import read_image
 from cltaa.io.exr_write import write_image
-from cltaa.io.guides import guides_of
 from cltaa.pipeline.denoise import denoiser
 from cltaa.pipeline.folder import DENOISED
 from tests.sequence_factory import make_frame, write_frames

@@ -38,7 +38,7 @@ from cltaa.lab.check.depth_travel import check_kind
 from cltaa.lab.check.hypotheses import ASKED, DOUBTFUL, Finding, mistake
 from cltaa.lab.check.jitter import check_jitter, check_mean, check_size, settled_shifts
 from cltaa.lab.check.motion import JITTERED, LEAST_EFFECT_PX, LEAST_FILLED, check_motion, may_leak, without_leak
-from cltaa.lab.check.projection import check_held_jitter, check_projection_jitter
+from cltaa.lab.check.projection_jitter import check_held_jitter, check_projection_jitter
 from cltaa.lab.check.registration import Shot, measure_shifts
 from cltaa.lab.check.unverifiable import unverifiable
 from cltaa.printable import counted, written

@@ -19,7 +19,7 @@ from cltaa.lab.check.camera import (
     moving_pairs,
 )
 from cltaa.lab.check.hypotheses import Finding
-from cltaa.lab.check.projection import check_projection_jitter
+from cltaa.lab.check.projection_jitter import check_projection_jitter
 from cltaa.lab.check.registration import Pair, Shot
 from tests.lab.check.conftest import Scene
 from tests.lab.check.mistakes import FLIP_Y, MISTAKES, camera_delayed, camera_jittered

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cltaa.commands.options import assigned
-from cltaa.core.needs import NEEDS, unmet
+from cltaa.core.parameter_needs import NEEDS, unmet
 from cltaa.core.parameters import Choices, Settings
 from cltaa.core.presets import FIELDS, Preset, load_preset, override, words_of
 from cltaa.core.resolver import Resolver
