@@ -62,7 +62,7 @@ def stored_history(v: Array, run: Run) -> NDArray[Any]:
         return v
     rounded = half_storable(v.astype(np.float32))
     if run.build.storage is Storage.HALF_STOCHASTIC:
-        rounded = stochastic_half(rounded, storage_dither(run.layout, run.frame)) + np.float32(0.0)  # no -0
+        rounded = stochastic_half(rounded, storage_dither(run.layout, run.frame))
     return rounded.astype(np.float16)  # to the nearest, as vstore_half_rte does
 
 
