@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import pyopencl as cl
@@ -12,6 +13,7 @@ from click.testing import CliRunner
 from cltaa.cli import root
 from cltaa.core import resolver
 from cltaa.core.frame_checks import check_frame
+from cltaa.core.planes import checked_out
 from cltaa.core.presets import load_preset
 from cltaa.errors import UsageError
 from cltaa.frame import Frame
@@ -24,20 +26,29 @@ WAYS = ("kernels", "device_arrays", "host_arrays", "pinned_arrays", "copies", "p
 
 
 def test_each_way_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In each of three rounds, and once before them, ``CALLS`` calls of each way; two are with arrays of the device."""
-    kinds = list[str]()
+    """In each of three rounds, and once before them, ``CALLS`` calls of each way; two are with arrays of the device.
+
+    Each call gives its image in an array of its own kind.
+    """
+    kinds, given = list[str](), list[str]()
 
     def noted(frame: Frame, told: bool) -> bool:
         kinds.append(type(frame.colour).__name__)
         return check_frame(frame, told)
 
+    def noted_out(out: Any, frame: Frame, *, half: bool) -> Any:
+        given.append(type(out).__name__)
+        return checked_out(out, frame, half=half)
+
     monkeypatch.setattr(resolver, "check_frame", noted)
+    monkeypatch.setattr(resolver, "checked_out", noted_out)
     done = CliRunner().invoke(root, ["bench", "api", "--size", "32x18", "--rounds", "3", "--json"])
     assert done.exit_code == 0, done.output
     (row,) = json.loads(done.stdout)["rows"]
     assert (row["width"], row["height"], row["bytes"]) == (32, 18, 32 * 18 * 4 * 7)
     assert all(row[way]["median"] > 0 for way in WAYS)
     assert (kinds.count("Array"), kinds.count("ndarray")) == (2 * 4 * CALLS, 2 * 4 * CALLS)
+    assert given == kinds
     assert done.stderr.startswith("timing 32 x 18: 3 of 3 rounds, ")
 
 

@@ -189,6 +189,11 @@ def test_nor_is_it_missed(size: float, found: list[str]) -> None:
     assert judged(0.0 * OFFSETS, size * OFFSETS) == found
 
 
+def test_a_picture_without_jitter_is_no_mistake() -> None:
+    still = before_a_camera_that_travels(0.0 * OFFSETS, np.diff(0.05 * OFFSETS, axis=0))
+    assert not any(finding.mistake for finding in check_jitter(still))
+
+
 def test_shifts_that_fine_patterns_shorten_are_not_taken_for_half_a_jitter() -> None:
     assert judged(OFFSETS, -0.7 * OFFSETS) == ["jitter-negated"]
     assert judged(OFFSETS, -0.5 * OFFSETS) == ["jitter-scaled-0.5-negated"]
