@@ -13,7 +13,7 @@ from cltaa.core.presets import load_preset
 from cltaa.errors import DataError, OutputError
 from cltaa.lab.bench.cases import HELD_OUT, TRAIN
 from cltaa.lab.bench.cells import ONE_SAMPLE, Judged
-from cltaa.lab.bench.quality.pictures import write_pictures
+from cltaa.lab.bench.quality.pictures import FAULTS, caption, write_pictures
 from cltaa.lab.bench.quality.table import (
     BEGIN,
     END,
@@ -201,3 +201,13 @@ def test_a_preset_that_is_nowhere_worse_gets_no_picture(tmp_path: Path) -> None:
     table = summarise([(case(name), cell) for name, cell in zip("ab", cells, strict=True)])
     texts = write_pictures(table, {}, [load_preset("gather-48")], tmp_path / "pictures", None, NUMPY)
     assert texts == {"gather-48": "By FLIP worse than default on no sequence."}
+
+
+def test_a_caption_names_the_worst_fault_beside_those_of_the_others() -> None:
+    """And no fault of which nothing is known, as over time of few frames."""
+    others = {"default": scores(flicker=0.1, blur=0.1), "karis": scores(flicker=0.1, blur=0.1)}
+    (row,) = summarise([(case("a"), {**others, "fast": scores(flicker=0.2, blur=0.4)})]).rows
+    assert caption(row, "fast", 7) == "a (train), frame 7: blur 0.400."
+    unknown = dict.fromkeys(FAULTS)
+    (row,) = summarise([(case("a"), {**others, "fast": scores(**unknown)})]).rows
+    assert caption(row, "fast", 7) == "a (train), frame 7."

@@ -73,21 +73,25 @@ def test_vectors_of_a_still_picture_may_lie_around_a_half(value: float, found: s
     assert names(check_channels(spoilt, has_camera=True, has_depth=True)) == [found]
 
 
+@pytest.mark.parametrize("jitter", [0.0, 0.4])
 @pytest.mark.parametrize(("vector", "asked"), [(-1.5, False), (1.5, True)])
-def test_one_vector_in_all_pixels_is_no_question_where_the_pictures_move_by_it(vector: float, asked: bool) -> None:
-    """And neither matrices nor depth tell."""
+def test_one_vector_in_all_pixels_is_no_question_where_the_pictures_move_by_it(
+    vector: float, asked: bool, jitter: float
+) -> None:
+    """And neither matrices nor depth tell; a jitter moves the pictures too."""
 
     def drifting(index: int) -> Frame:
         frame = make_frame(index, width=96, height=72, camera=make_camera(), motion=True)
-        x, y = np.arange(96) - 1.5 * index, np.arange(72)[:, None]
+        offset = jitter * (-1) ** index
+        x, y = np.arange(96) + offset - 1.5 * index, np.arange(72)[:, None]
         shade = 0.5 + 0.2 * np.sin(0.31 * x + 0.2 * y) * np.sin(0.23 * y) + 0.2 * np.sin(0.11 * x - 0.37 * y)
         motion = np.zeros_like(frame.motion)
         motion[..., 0] = vector
         colour = np.repeat(shade[..., None], 3, -1).astype(np.float32)
-        return replace(frame, colour=colour, motion=motion, jitter_px=(0.0, 0.0))
+        return replace(frame, colour=colour, motion=motion, jitter_px=(offset, 0.0))
 
     made = [drifting(index) for index in range(4)]
-    found = check_frames(made, has_camera=False, has_depth=False, has_jitter=False)
+    found = check_frames(made, has_camera=False, has_depth=False, has_jitter=jitter > 0.0)
     assert [finding.question for finding in found if finding.name == "motion-constant"] == [asked]
 
 
