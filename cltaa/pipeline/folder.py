@@ -119,13 +119,16 @@ def with_fireflies(preset: Preset, sequence: FrameSequence, asked: str | None) -
     return override(preset, {"fireflies": asked}, "resolve")
 
 
-# A denoiser leaves fewer aliases, so less evidence proves a change of light; it filters the current frame itself.
+# A denoiser leaves fewer aliases and less noise, so less evidence proves a change of light. A running mean of what it
+# has filtered needs no filter; gathering has less error with its own (docs/lab-notes/illumination.md, Noise).
 DENOISED = {"current_filter": "none", "illumination_t": 1.7, "illumination_decay": 0.55, "falling_t": 1.4}
+DENOISED_RING = {"drift_t": 1.0}
 
 
 def for_denoised(preset: Preset) -> Preset:
     """Return ``preset`` for frames that a denoiser has filtered already: a transcription as it is."""
-    return preset if preset.published is not Published.NO else override(preset, DENOISED)
+    gathers = preset.choices.history is HistoryKind.FRAMES
+    return preset if preset.published is not Published.NO else override(preset, DENOISED_RING if gathers else DENOISED)
 
 
 def find_for(sequence: FrameSequence, *, denoised: bool, advance: Advance | None = None) -> Found:
@@ -201,8 +204,8 @@ def resolve_folder(
     threads unless ``jobs`` gives another number; they need the folders under the same paths, and devices that are
     alike. ``profile``, ``side_file``, ``frames`` and the other arguments of ``cltaa.open``, here or in ``reading``, say
     how a ``source`` that is not open yet is read. ``fireflies`` is ``keep`` or ``clamp``; by default the preset or else
-    the profile decides. A preset given by name does not filter again (``current_filter``) what ``denoise`` in
-    ``options`` has filtered; a ``Preset`` is not changed. Undeclared effects are found first (``cltaa.inputs.found``),
+    the profile decides. A preset given by name is adapted to what ``denoise`` in ``options`` has filtered;
+    a ``Preset`` is not changed. Undeclared effects are found first (``cltaa.inputs.found``),
     except with ``follow``, and for a transcription. ``compression`` and ``layers`` default to those that the command
     keeps. ``options`` are other arguments of ``resolve_sequence``. Raises the errors of that and of opening.
     """

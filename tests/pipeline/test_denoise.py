@@ -14,12 +14,13 @@ import pytest
 
 import cltaa
 from cltaa.cli import main
+from cltaa.core.presets import load_preset, override
 from cltaa.errors import DataError, UsageError
 from cltaa.io.denoiser_guides import guides_of
 from cltaa.io.exr_read import read_image
 from cltaa.io.exr_write import write_image
 from cltaa.pipeline.denoise import denoiser
-from cltaa.pipeline.folder import DENOISED
+from cltaa.pipeline.folder import DENOISED, DENOISED_RING, for_denoised
 from tests.sequence_factory import make_frame, write_frames
 
 
@@ -241,6 +242,12 @@ def test_a_denoiser_that_is_not_there_is_refused_before_the_work(
     monkeypatch.setitem(sys.modules, "pyoidn", None)
     with pytest.raises(UsageError, match=line):
         cltaa.resolve(tmp_path, tmp_path / "out", denoise=name)  # of a folder without a frame
+
+
+def test_presets_are_adapted_to_what_a_denoiser_has_filtered() -> None:
+    for name, adapted in (("default", DENOISED), ("fast", DENOISED), ("gather-8", DENOISED_RING), ("karis", {})):
+        preset = load_preset(name)
+        assert for_denoised(preset) == override(preset, adapted), name
 
 
 def test_a_denoiser_that_fails_names_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
