@@ -15,8 +15,8 @@ from cltaa.core.record import Past
 from cltaa.core.resolver import Resolver
 from cltaa.lab.timing import Motion, make_frames
 from cltaa.reference import KERNELS
-from cltaa.reference.gather_window import drift_of, mix_windows, shared_weights, students_t_of_drift, window_weight
 from cltaa.reference.launcher import NumpyLauncher
+from cltaa.reference.mix_windows import drift_of, mix_windows, shared_weights, students_t_of_drift, window_weight
 from cltaa.reference.real import Run
 from tests.kernels.hard_planes import padded
 from tests.sequence_factory import make_frame
