@@ -1,4 +1,7 @@
-"""A sequence through the resolver to a folder: frames are read ahead and images written behind while kernels run."""
+"""One run of a resolve: the frames that are missing, in order, in parts side by side or on workers, and its report.
+
+``cltaa.pipeline.part`` resolves each part.
+"""
 
 from __future__ import annotations
 
