@@ -46,6 +46,9 @@ CONSTANTS: Final[dict[str, Constant]] = {
         0.25, "least share of the filter beside its centre for neighbours to be evidence"
     ),
     "LEAST_PARALLAX": Constant(0.25, "parallax in pixels from which an occluder has passed a surface: measured"),
+    "LARGEST_PARALLAX": Constant(
+        1.0, "parallax in pixels between a gathered sample and the surface, above which it shows another: measured"
+    ),
     "ADDED_EXTENT": Constant(1e-8, "added to half extents that the popular clip divides by: Playdead's and Bevy's"),
     "STATIC_MOTION": Constant(0.01, "motion in pixels along an axis below which a pixel is static (standing): Bevy's"),
     "STANDING_GAIN": Constant(10.0, "growth a frame of a static pixel's count (standing): Bevy's"),

@@ -8,7 +8,7 @@ import numpy as np
 
 from cltaa.core.build import Record
 from cltaa.core.constants import value
-from cltaa.core.parameters import Illumination
+from cltaa.core.parameters import Illumination, Reject
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel, luminance_weight, reactivity_weight, weighted_difference
 from cltaa.reference.colour import Colour, outside_domain_of, share_in_domain, to_range
@@ -26,36 +26,39 @@ from cltaa.reference.gather_track import (
     texel_at,
 )
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
-from cltaa.reference.real import NEIGHBOURS, Array, Mask, Run, lesser, limit, number
+from cltaa.reference.real import NEIGHBOURS, Array, Mask, Run, greater, lesser, limit, number
 from cltaa.reference.reprojection import Motion, motion_from_depth, pixel_grid
 from cltaa.reference.sampling import Footprint, footprint_of
 
 
 class Jacobian(NamedTuple):
-    """Jacobian of the motion to another frame."""
+    """Jacobian of the motion to another frame, and the parallax of a unit of inverse depth."""
 
     xx: Array
     xy: Array
     yx: Array
     yy: Array
+    parallax: Array
 
 
 def jacobian_of(s: Surface, slope: tuple[Array, Array], m: Motion, run: Run, then: Record) -> Jacobian:
     """The derivative of the camera's motion on a plane whose inverse depth changes by ``slope`` a pixel."""
     zero = np.zeros_like(s.centre)
     if not run.steps.camera_motion:
-        return Jacobian(zero, zero, zero, zero)
+        return Jacobian(zero, zero, zero, zero, zero)
     x, y = pixel_grid(run.layout, zero)
     f = {name: number(then[name], zero) for name in then.dtype.fields or ()}
     px, py, q = (x + s.x) + f["origin_x"], (y + s.y) + f["origin_y"], s.inverse_depth
     dw = ((f["wx"] * px + f["wy"] * py) + f["wq"] * q) + f["w1"]
     w = np.where(m.visible, 1.0 + dw, 1.0)
     wx, wy = f["wx"] + f["wq"] * slope[0], f["wy"] + f["wq"] * slope[1]
+    across, down = f["xq"] - (px + m.u) * f["wq"], f["yq"] - (py + m.v) * f["wq"]
     return Jacobian(
         ((f["xx"] + f["xq"] * slope[0]) - dw - (px + m.u) * wx) / w,
         ((f["xy"] + f["xq"] * slope[1]) - (px + m.u) * wy) / w,
         ((f["yx"] + f["yq"] * slope[0]) - (py + m.v) * wx) / w,
         ((f["yy"] + f["yq"] * slope[1]) - dw - (py + m.v) * wy) / w,
+        greater(np.abs(across), np.abs(down)) / w,
     )
 
 
@@ -99,7 +102,8 @@ def window(off: Array, reach: Array) -> Array:
 
 class View(NamedTuple):
     """A frame of the ring seen from pixels: its planes and record, the motion to it, the texels whose samples lie
-    nearest to the centres, the positions of its samples, and the distance from which they have no weight."""
+    nearest to the centres, the positions of its samples, the surface's inverse depth at the centre now, the parallax of
+    a unit of it, and the distance from which samples have no weight."""
 
     planes: Array
     then: Record
@@ -109,6 +113,8 @@ class View(NamedTuple):
     column: Array
     row: Array
     grid: SampleGrid
+    inverse_depth: Array
+    parallax: Array
     reach: Array
     recent: bool = False  # its samples are also summed separately
     static_ahead: Mask | None = None  # the surfaces without own motion, in a later frame
@@ -121,6 +127,12 @@ class View(NamedTuple):
         inside &= (column < layout.width - 0.5) & (row < layout.height - 0.5)
         share = window(dx, self.reach) * window(dy, self.reach)
         return np.where(self.seen & self.grid.visible & inside, share, 0.0), dx, dy
+
+
+def keeps_to_surface(q: Array, dx: Array, dy: Array, v: View, layers: Layers) -> Mask:
+    """True where the parallax of a sample's own depth puts it near to where the plane of the surface does."""
+    plane = (v.inverse_depth + (layers.slope[0] * dx + layers.slope[1] * dy)) * v.m.scale + v.m.shift
+    return np.abs(q - plane) * v.parallax <= value("LARGEST_PARALLAX") * v.m.scale
 
 
 def holds_rim(v: View, f: Footprint, q: Array, alpha: Array, now: Pixel) -> Mask:
@@ -159,6 +171,8 @@ def gather_sample(
         good = good & ~(v.static_ahead & moves)
     near = ~layers.edge | (q > layers.cut * v.m.scale + v.m.shift)
     good = good & ~near if far_only else good
+    if run.steps.camera_motion and run.choices.reject is not Reject.NONE:
+        good = good & (keeps_to_surface(q, dx, dy, v, layers) | (near if far_only else ~near))
     if run.steps.exposure:
         c = c * v.then["exposure_ratio"]
     c = np.where(good, to_range(c, run.build), current)
@@ -191,7 +205,14 @@ def motion_to_frame(track: Track, s: Surface, layers: Layers, run: Run, then: Re
 
 
 def _view(
-    planes: Array, m: Motion, seen: Mask, jacobian: Jacobian, reach: Array, layout: Layout, then: Record
+    planes: Array,
+    m: Motion,
+    seen: Mask,
+    jacobian: Jacobian,
+    inverse_depth: Array,
+    reach: Array,
+    layout: Layout,
+    then: Record,
 ) -> tuple[Motion, View]:
     """The motion to the texels whose samples lie nearest, and the frame seen from there."""
     half = number(0.5, m.u)
@@ -200,7 +221,8 @@ def _view(
     f = footprint_of(nearest, seen, layout)
     x, y = pixel_grid(layout, m.u)
     grid = sample_grid(half - f.fx, half - f.fy, jacobian)
-    return nearest, View(planes, then, m, seen, f, (x + u) - f.fx, (y + v) - f.fy, grid, reach)
+    column, row = (x + u) - f.fx, (y + v) - f.fy
+    return nearest, View(planes, then, m, seen, f, column, row, grid, inverse_depth, jacobian.parallax, reach)
 
 
 def begin_layer(s: Surface, layers: Layers, p: Pixel, run: Run, *, far: bool) -> SampleSums:
@@ -246,6 +268,8 @@ def gather_samples(
     own_motion = run.steps.own_motion
     followed = range_of_side(s, layers, far=far_only)
     reach = reach_of(before + len(past) + 1, run.settings, zero)
+    ox, oy = s.x + run.frame["jitter_x"], s.y + run.frame["jitter_y"]
+    inverse_depth = s.inverse_depth - (ox * layers.slope[0] + oy * layers.slope[1])
     for k, then in enumerate(past):
         planes = ring[int(then["slot"])]
         ahead = run.steps.look_ahead and then["ahead"] > 0
@@ -253,7 +277,8 @@ def gather_samples(
         if own_motion and ahead:
             t.step_ahead(followed, planes, run, then)
         m, jacobian = motion_to_frame(t, s, layers, run, then)
-        nearest, v = _view(planes, m, on_screen(m, run.layout) & ~t.lost, jacobian, reach, run.layout, then)
+        seen = on_screen(m, run.layout) & ~t.lost
+        nearest, v = _view(planes, m, seen, jacobian, inverse_depth, reach, run.layout, then)
         v = v._replace(recent=k < recent, static_ahead=~t.own if own_motion and ahead else None)
         for right, down in NEIGHBOURS:
             gather_sample(g, v, right, down, now, s, layers, run, far_only=far_only)

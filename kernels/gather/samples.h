@@ -6,10 +6,10 @@
 
 // Jacobian of the motion to another frame: the derivative of motion_from_depth on a plane whose inverse depth changes
 // by (slope_x, slope_y) a pixel. Samples rendered from farther away cover several current pixels, and lie that much
-// farther apart.
+// farther apart. `parallax` is how far a unit of inverse depth moves the sample, along the axis where that is more.
 typedef struct
 {
-    real xx, xy, yx, yy;
+    real xx, xy, yx, yy, parallax;
 } jacobian_t;
 
 STAGE jacobian_t jacobian_of(surface s, real slope_x, real slope_y, motion_t m, real x, real y, frame_t then)
@@ -26,6 +26,8 @@ STAGE jacobian_t jacobian_of(surface s, real slope_x, real slope_y, motion_t m, 
     t.xy = over((K(then.xy) + K(then.xq) * slope_y) - (px + m.u) * wy, by);
     t.yx = over((K(then.yx) + K(then.yq) * slope_x) - (py + m.v) * wx, by);
     t.yy = over((K(then.yy) + K(then.yq) * slope_y) - dw - (py + m.v) * wy, by);
+    const real across = K(then.xq) - (px + m.u) * K(then.wq), down = K(then.yq) - (py + m.v) * K(then.wq);
+    t.parallax = over(greater(absolute(across), absolute(down)), by);
     return t;
 }
 
@@ -82,6 +84,7 @@ typedef struct
     footprint f;
     real column, row; // of that texel
     sample_grid_t grid;
+    real inverse_depth, parallax; // of the surface at the pixel's centre, now; of a unit of it
     real reach; // distance from which samples have no weight
     int recent; // 1: its samples are also summed separately
     mask static_ahead; // the surface has no own motion, and the frame is a later one
@@ -140,6 +143,15 @@ STAGE mask holds_rim(plane_in p, footprint f, real q, real alpha, pixel_t now, f
     return more & beside;
 }
 
+// True where a sample of inverse depth `q`, `dx` and `dy` off the centre now, belongs to the followed surface: by the
+// parallax of its own depth it lies at most LARGEST_PARALLAX from where the plane of the surface puts it. Leaves behind
+// leaves lie within the range of the 3x3, but have slid along each other since an old frame.
+STAGE mask keeps_to_surface(real q, real dx, real dy, view_t v, layers_t l)
+{
+    const real plane = (v.inverse_depth + (l.slope_x * dx + l.slope_y * dy)) * v.m.scale + v.m.shift;
+    return absolute(q - plane) * v.parallax <= K(LARGEST_PARALLAX) * v.m.scale;
+}
+
 // Adds one sample of a frame of the ring, if it shows one of the pixel's surfaces; with `far_only`, if it shows the
 // farther one.
 STAGE void gather_sample(sample_sums* g, view_t v, int right, int down, pixel_t now, surface s, layers_t l,
@@ -173,6 +185,8 @@ STAGE void gather_sample(sample_sums* g, view_t v, int right, int down, pixel_t 
     }
     const mask near = !l.edge | (q > l.cut * v.m.scale + v.m.shift);
     good = far_only ? good & !near : good;
+    if (CAMERA_MOTION & (REJECT != REJECT_NONE)) // farther samples tell what the nearer surface leaves uncovered
+        good = good & (keeps_to_surface(q, dx, dy, v, l) | (far_only ? near : !near));
     if (EXPOSURE)
         c = scaled(c, SPLAT(then.exposure_ratio));
     c = choose_colour(good, to_range(c), now.own);
@@ -211,6 +225,7 @@ STAGE motion_t motion_to_frame(
         m.visible = m.visible | t.own;
         jacobian->xx = t.own ? zero : jacobian->xx, jacobian->xy = t.own ? zero : jacobian->xy;
         jacobian->yx = t.own ? zero : jacobian->yx, jacobian->yy = t.own ? zero : jacobian->yy;
+        jacobian->parallax = t.own ? zero : jacobian->parallax;
     }
     return m;
 }
@@ -275,6 +290,8 @@ STAGE void gather_samples(path_t* path, plane_in ring, frame_records past, int f
     const uint at = texel_offset(frame, x, y);
     const real px = LANE_INDEX + K(x), py = SPLAT(y), reach = reach_of(to + 1, settings);
     const surface followed = range_of_side(s, l, path->far);
+    const real inverse_depth
+        = s.inverse_depth - ((s.x + K(frame.jitter_x)) * l.slope_x + (s.y + K(frame.jitter_y)) * l.slope_y);
     for (int k = from; k < to; ++k) {
         const frame_t then = past[k];
         const int ahead = LOOK_AHEAD ? then.ahead > 0 : 0;
@@ -295,6 +312,8 @@ STAGE void gather_samples(path_t* path, plane_in ring, frame_records past, int f
         v.column = (px + nearest.u) - v.f.fx;
         v.row = (py + nearest.v) - v.f.fy;
         v.grid = sample_grid(SPLAT(0.5) - v.f.fx, SPLAT(0.5) - v.f.fy, jacobian);
+        v.inverse_depth = inverse_depth;
+        v.parallax = jacobian.parallax;
         v.reach = reach;
         v.recent = k < recent;
         v.static_ahead = ahead ? !t.own : (mask)(0);
