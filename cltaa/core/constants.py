@@ -71,6 +71,7 @@ SHORT_WINDOW: Final = 3  # frames in the ring of the first window
 MIDDLE_WINDOW: Final = 7  # and of the second
 WINDOW_REACH: Final = 2  # texels up, down, left and right that take part in that decision
 BALANCED_REACH: Final = 0.75  # share of a drift by which pixels go on where frames ahead balance the earlier: measured
+HELD_SHARE: Final = 7 / 8  # of a ring's frames that the history of a still scene has to hold to be better: measured
 FILL_REACH: Final = 128  # texels within which a usable one is searched for: half a tile of 256
 AHEAD_STEPS: Final = 3  # iterations of the search for the place to which a surface moves in a later frame
 # The whole numbers that kernels use, by these names.

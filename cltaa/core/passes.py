@@ -10,7 +10,7 @@ import numpy as np
 from cltaa.core.backend import Launcher
 from cltaa.core.buffers import Buffers, FrameRing, LastRun
 from cltaa.core.build import Build, Record, edge_build, mix_build, settings_record, window_count, window_planes
-from cltaa.core.constants import BALANCED_REACH
+from cltaa.core.constants import BALANCED_REACH, HELD_SHARE
 from cltaa.core.plan import Plan
 from cltaa.frame import Frame
 
@@ -46,6 +46,16 @@ class Passes:
         self._ready_counts()
         self.launcher.run("gather", *last)
         return last
+
+    def gather_or_resolve(self, frame: Frame, frame_ring: FrameRing, held: int) -> LastRun:
+        """Resolve a still scene from the accumulated history of ``held`` frames, and if ``frame_ring`` holds more, from
+        its samples."""
+        resolved = self.resolve()
+        gathered = self._gathering(frame, frame_ring)
+        if held >= HELD_SHARE * (gathered.arguments["frames"] + 1):
+            return resolved
+        self.launcher.run("gather", *gathered)
+        return gathered
 
     def gather_windows(self, frame: Frame, frame_ring: FrameRing) -> LastRun:
         """Resolve from temporal windows in ``frame_ring``, where the plan says so also from an accumulated history."""

@@ -94,20 +94,24 @@ def estimate(
     free = not preset.published
     still = word == DECLARED and nothing_changes(declared)
     standing = word == FOUND and declared is not None and not declared & (CHANGING_LIGHT | {Effect.CAMERA})
-    recursive = free and standing and _ring_holds_less(choices, settings)
+    gathers = choices.history is HistoryKind.FRAMES
+    # Without frames ahead a ring never holds more than all frames so far. With them it does in the first frames.
+    recursive = free and standing and gathers and not settings.look_ahead
+    in_turn = free and standing and gathers and not recursive and choices.recursion is Recursion.STANDING
     if free and still:
         choices, settings = plain_mean(choices, settings)
     elif recursive:
         choices = msgspec.structs.replace(choices, history=HistoryKind.ACCUMULATED)
     choices, reason = _testing_illumination(preset, choices, declared, word)
     reasons.append(reason)
-    if choices.illumination is Illumination.TEST and free and word == FOUND and not _refuting(choices, declared):
+    tested = choices.illumination is Illumination.TEST and free and word == FOUND and not _refuting(choices, declared)
+    if tested or in_turn:
         settings = found_constant(settings, standing=standing)
     if choices.illumination is Illumination.STATIC and _illumination_may_change(declared) and free:
         settings = with_narrow_box(settings)
     if preset.choices.history is HistoryKind.FRAMES:
-        reasons.append(_gathered(choices, still=still, recursive=recursive))
-        choices, reason = _with_recursion(preset, choices, declared, word, followed=followed)
+        reasons.append(_gathered(choices, still=still, recursive=recursive, in_turn=in_turn))
+        choices, reason = _with_recursion(preset, choices, declared, word, followed=followed, in_turn=in_turn)
         reasons.append(reason)
         if not _illumination_may_change(declared):
             settings = msgspec.structs.replace(settings, drift_t=SURER * settings.drift_t)
@@ -233,13 +237,15 @@ def _testing_illumination(
 
 
 def _with_recursion(
-    preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str, *, followed: bool
+    preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str, *, followed: bool, in_turn: bool
 ) -> tuple[Choices, Reason]:
     """Drop the recursive resolve beside the ring where a camera moves: no pixel is static, and each result then depends
     on the frames in the ring alone, so that a shot can be split anywhere. Where no motion can be ``followed``, every
-    pixel is static, and only recursion shows what motion has refuted."""
+    pixel is static, and only recursion shows what motion has refuted. It stays where both are taken ``in_turn``."""
     if why := declined(preset, "recursion", Recursion.STANDING):
         return choices, Reason(RECURSION, False, why)
+    if in_turn:
+        return choices, Reason(RECURSION, True, "found static: the result where it holds more frames than the ring")
     if choices.illumination is not Illumination.WINDOW:
         why = "one window of all frames" if choices.history is HistoryKind.FRAMES else "nothing is gathered"
     elif followed and declared is not None and Effect.CAMERA in declared:
@@ -259,22 +265,10 @@ def recursive_choices(choices: Choices) -> Choices | None:
     )
 
 
-def _ring_holds_less(choices: Choices, settings: Settings) -> bool:
-    """True where a running mean, worth nearly twice ``sample_limit``, is at least level with the ring.
-
-    Without frames ahead a ring never holds more than all frames so far. With them it does in the first frames.
-    """
-    less = not settings.look_ahead or _places(settings) < 2 * settings.sample_limit - 1
-    return choices.history is HistoryKind.FRAMES and less
-
-
-def _places(settings: Settings) -> int:
-    """Return the number of frames in a ring."""
-    return settings.history_frames + 1 + settings.look_ahead
-
-
-def _gathered(choices: Choices, *, still: bool, recursive: bool) -> Reason:
+def _gathered(choices: Choices, *, still: bool, recursive: bool, in_turn: bool) -> Reason:
     """Return why samples are gathered, or not."""
+    if in_turn:
+        return Reason(GATHERING, True, "found static: uses all samples where the ring has more than the history")
     if recursive:
         return Reason(GATHERING, False, "found static: a running mean holds as many samples as the ring or more")
     if still:

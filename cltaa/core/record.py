@@ -60,6 +60,7 @@ class Past(msgspec.Struct, frozen=True):
     jitters: tuple[tuple[int, tuple[float, float]], ...] = ()  # in a checkpoint: those known, by frame (JittersBefore)
     slot: int = 0  # its place in the ring, where it is kept there
     only_kept: bool = False  # in the ring, so that no history holds it
+    held: int = 1  # frames of its history
 
     @classmethod
     def of(cls, frame: Frame, coarse: Coarse = ()) -> Past:
@@ -85,6 +86,11 @@ class Past(msgspec.Struct, frozen=True):
         same_kind = same_given and frame.camera.orthographic == self.camera.orthographic
         starts_anew = choices.on_camera_move is OnCameraMove.RESET and not is_still(frame.camera, self.camera)
         return same_planes and same_kind and not starts_anew
+
+
+def frames_held(previous: Past | None) -> int:
+    """Return the number of frames in the history of the one after ``previous``, itself included."""
+    return 1 if previous is None else previous.held + 1
 
 
 def _box_weights(jitter_px: tuple[float, float], plan: Plan | None) -> tuple[float, ...]:

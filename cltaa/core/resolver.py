@@ -24,7 +24,7 @@ from cltaa.core.passes import Passes
 from cltaa.core.plan import JittersBefore, Plan, channel_steps, from_ring_alone, plan_frame, recursive_choices
 from cltaa.core.planes import Layout, checked_layout, checked_out, empty_result, may_overlap, result_shape
 from cltaa.core.presets import Preset, load_preset, override
-from cltaa.core.record import Past, frame_record
+from cltaa.core.record import Past, frame_record, frames_held
 from cltaa.errors import ResourceError, UsageError, check_flags, public
 from cltaa.frame import Array, Frame, on_device, outline
 from cltaa.printable import counted
@@ -274,7 +274,7 @@ class Resolver:
         self._lends = False
         self._previous = None  # an interrupt from here on leaves no history, rather than a half of one
         buffers.swap()
-        self._previous = Past.of(frame, self._coarse)
+        self._previous = msgspec.structs.replace(Past.of(frame, self._coarse), held=frames_held(previous))
 
     @public("Resolver.images")
     def images(self, frames: Iterable[Frame], *, half: bool = False, planar: bool = False) -> Iterator[NDArray[Any]]:
@@ -451,7 +451,8 @@ class Resolver:
         self._buffers.swap()
         if self._frame_ring is not None and not self.look_ahead:
             self._frame_ring.take_back()
-        self._run(frame, Past.of(previous), self._build(self.plan), self._buffers)
+        past = msgspec.structs.replace(Past.of(previous), held=frames_held(self._previous) - 2)
+        self._run(frame, past, self._build(self.plan), self._buffers)
         self._buffers.swap()
         self.launcher.finish()
 
@@ -541,6 +542,8 @@ class Resolver:
             frame_ring = ahead or self._ring(previous, buffers.layout, build.steps)
             if choices.illumination is Illumination.WINDOW:
                 self.last = passes.gather_windows(frame, frame_ring)
+            elif passes.recursive is not None:
+                self.last = passes.gather_or_resolve(frame, frame_ring, frames_held(previous))
             else:
                 self.last = passes.gather(frame, frame_ring)
             if not ahead:

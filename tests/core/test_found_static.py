@@ -82,10 +82,40 @@ def test_the_history_grows_and_the_filter_fades_only_where_all_is_found_static(
     assert (plan.settings.sample_limit, plan.settings.filter_samples) == (limit, filtered)
 
 
-@pytest.mark.parametrize(("name", "gathers"), [("gather-48", False), ("gather-8+8", False), ("gather-24+24", True)])
-def test_only_many_frames_ahead_keep_the_ring_where_all_is_found_static(name: str, gathers: bool) -> None:
+@pytest.mark.parametrize(("name", "gathers"), [("gather-48", False), ("gather-8+8", True), ("gather-24+24", True)])
+def test_only_frames_ahead_keep_the_ring_where_all_is_found_static(name: str, gathers: bool) -> None:
     plan = plan_frame(load_preset(name), frame_of(0, 1.0), None)
     assert (plan.choices.history is HistoryKind.FRAMES) == gathers
+
+
+def test_what_holds_more_frames_is_taken_where_all_is_found_static() -> None:
+    """A ring of 9 frames, 4 of them ahead, has more than the history of the first 7, 8 of 9 being level; it shrinks
+    towards the end."""
+    preset = override(load_preset("gather-8+8"), {"history_frames": 4, "look_ahead": 4})
+    frames = [frame_of(index, 1.0) for index in range(16)]
+    images = list(Resolver(preset, "numpy").images(frames))
+    ring = list(Resolver(override(preset, {"recursion": "none"}), "numpy").images(frames))
+    mean = list(Resolver("gather-8", "numpy").images(frames))
+    taken = [[np.array_equal(bits(one), bits(other[k])) for other in (ring, mean)] for k, one in enumerate(images)]
+    assert taken == [[True, False]] * 7 + [[False, True]] * 9
+    ours = list(Resolver(preset, strict=True).images(frames))
+    assert np.array_equal(bits(np.array(ours)), bits(np.array(images)))
+
+
+def test_the_frames_of_a_history_are_counted_over_a_checkpoint() -> None:
+    preset = override(load_preset("gather-8+8"), {"history_frames": 4, "look_ahead": 4})
+    resolver, goes_on = Resolver(preset, "numpy"), Resolver(preset, "numpy")
+    frames = [frame_of(index, 1.0) for index in range(14)]
+    expected = list(Resolver(preset, "numpy").images(frames))
+    for frame in frames[:10]:
+        resolver.feed(frame)
+    past, memory = resolver.recurrent()
+    assert past.held == 6
+    for name, buffer in goes_on.restore(past).items():
+        with buffer.mapped(write=True) as there, memory[name].mapped(write=False) as here:
+            there[...] = here
+    *_, image = goes_on.images(frames[6:])
+    assert np.array_equal(bits(image), bits(expected[-1]))
 
 
 def jittered(index: int, period: int) -> Frame:
