@@ -259,6 +259,8 @@ def test_a_region_is_judged_against_the_same_region_of_a_capture(
     refused = refusal_after_note(capsys, part, capture, "--video")
     assert "--video judges whole pictures only" in refused
     assert f"(expected {WIDTH} x {HEIGHT}, found {WIDTH - 2} x {HEIGHT - 1} " in refused
+    refused = refusal_after_note(capsys, part, resolved, capture)
+    assert f"{resolved}: what it shares with B is another region than what {part} does" in refused
 
 
 def refusal_after_note(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
