@@ -64,7 +64,8 @@ def copied(made: Path, folder: Path, *numbers: int) -> None:
         shutil.copy(frame(made, number), folder)
 
 
-def test_frames_are_resolved_as_they_come(made: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("pattern", ["", "synthetic.####.exr"])
+def test_frames_are_resolved_as_they_come(pattern: str, made: Path, tmp_path: Path) -> None:
     """Out of their order, half written, each before the next is there; the first into a folder that is not there."""
     given, out = tmp_path / "in", tmp_path / "out"
 
@@ -81,7 +82,7 @@ def test_frames_are_resolved_as_they_come(made: Path, tmp_path: Path) -> None:
         copied(made, given, 5, 4, 3)
 
     thread = farm(write)
-    report = resolve_folder(given, out, follow=True, reading={"frames": (0, 5)}, **NUMPY)
+    report = resolve_folder(given / pattern, out, follow=True, reading={"frames": (0, 5)}, **NUMPY)
     thread.join()
     assert (report.frames, report.resolved) == (6, 6)
     assert all(resolved(out, number) == resolved(made / "out", number) for number in range(6))
