@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from cltaa.lab.bench.accuracy.measurement import Accuracy, tasks_of
-from cltaa.lab.bench.accuracy.report import page
+from cltaa.lab.bench.accuracy.report import debug_views, page
 from cltaa.lab.bench.cells import Judging
+from tests.sequence_factory import make_frame
 
 JUDGING = Judging(metrics=("mse", "flip"), rounding_frames=2, pictures=True)
 
@@ -43,3 +46,12 @@ def test_no_name_can_end_the_script(report: Path) -> None:
     text = page(msgspec.structs.replace(result, sequences=[measured]), tasks, report)
     assert text.count("</script") == 2
     assert r"\u003c!--\u003cscript>\u003c/script>" in text
+
+
+def test_vectors_that_nobody_gave_are_black_and_the_longest_white() -> None:
+    frame = make_frame(motion=True)
+    motion = np.full((frame.height, frame.width, 2), np.nan, np.float32)
+    motion[0, 0] = 0.0, -2.0
+    view = debug_views(replace(frame, motion=motion))["own motion (white: 2 px)"]
+    assert (view[0, 0] == 255).all()
+    assert view.sum() == 3 * 255

@@ -65,11 +65,11 @@ def _pictures(tasks: Sequence[Task], output: Path) -> dict[str, Any]:
     return {
         "inputs": {name: _addresses({"picture": packed(picture)}) for name, picture in inputs.items()},
         "variants": {variant.name: _addresses(cell.pictures) for variant, cell in cells_of(tasks, output).items()},
-        "debug": _addresses({title: packed(picture) for title, picture in _debug_views(frame).items()}),
+        "debug": _addresses({title: packed(picture) for title, picture in debug_views(frame).items()}),
     }
 
 
-def _debug_views(frame: Frame) -> dict[str, Picture]:
+def debug_views(frame: Frame) -> dict[str, Picture]:
     """Return pictures of the resolve's inputs other than colour."""
     near = np.empty(frame.depth.shape, np.float32)
     inverse_depth(frame.depth, near, parallel=frame.camera.orthographic)
