@@ -242,7 +242,7 @@ class FrameRing:
         self._windows: Buffer | None = None
         self._window_planes = 0
 
-    def fit(self, layout: Layout, count: int, steps: Steps, ahead: int = 0) -> bool:
+    def fit(self, layout: Layout, count: int, steps: Steps, ahead: int) -> bool:
         """True when this ring holds ``count`` frames and ``ahead`` later ones of that size and with those channels."""
         wanted = layout, count, ahead, _channels(steps)
         return wanted == (self.layout, self._count, self._ahead, _channels(self._steps))
