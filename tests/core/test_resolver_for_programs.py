@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pyopencl import invoker
 
 from cltaa.core.bands import BandedResolver
+from cltaa.core.build import Build
 from cltaa.core.cuts import Coarse, coarse_colours
 from cltaa.core.plan import Reason
 from cltaa.core.planes import haloed
@@ -217,6 +218,20 @@ def test_an_image_whose_texels_32_bits_do_not_count_is_refused() -> None:
 def test_the_variable_may_ask_for_numpy_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CLTAA_DEVICE", "numpy")
     assert isinstance(Resolver().launcher, NumpyLauncher)
+
+
+@pytest.mark.parametrize(("asked", "strict"), [({}, False), ({"strict": True}, True)])
+def test_kernels_are_strict_only_where_it_is_asked_for(asked: dict[str, Any], strict: bool) -> None:
+    built = set[bool]()
+
+    class Noting(NumpyLauncher):
+        def run(self, kernel: str, build: Build, *given: Any, **more: Any) -> None:
+            if kernel == "resolve":
+                built.add(build.strict)
+            super().run(kernel, build, *given, **more)
+
+    Resolver(device=Noting(), **asked).resolve(still_frame(0))
+    assert built == {strict}
 
 
 def test_unknown_names_are_refused() -> None:
