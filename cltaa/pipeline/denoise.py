@@ -11,7 +11,7 @@ import numpy as np
 from cltaa.core.build import Build
 from cltaa.core.planes import Layout
 from cltaa.errors import DataError, UsageError, import_extra
-from cltaa.frame import Frame, Image
+from cltaa.frame import Effect, Frame, Image
 from cltaa.io.denoiser_guides import GUIDES
 from cltaa.io.pixel_statistics import is_missing
 from cltaa.printable import written
@@ -51,9 +51,14 @@ def denoiser(name: str) -> Denoise | None:
         except (RuntimeError, TypeError, ValueError) as error:
             raise DataError(f"the denoiser failed: {error}", path=frame.path, frame=frame.index) from error
         cleaned[lost] = np.nan  # missing samples stay missing, so that their history replaces them
-        return replace(frame, colour=cleaned)
+        return without_noise(replace(frame, colour=cleaned))
 
     return denoise
+
+
+def without_noise(frame: Frame) -> Frame:
+    """Return ``frame`` without the effect of noise, which a denoised frame no longer has, declared or not."""
+    return frame if frame.effects is None else replace(frame, effects=frame.effects - {Effect.NOISE})
 
 
 def _filled(colour: Image) -> Image:

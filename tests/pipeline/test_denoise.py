@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,9 +17,11 @@ import cltaa
 from cltaa.cli import main
 from cltaa.core.presets import load_preset, override
 from cltaa.errors import DataError, UsageError
+from cltaa.frame import Effect
 from cltaa.io.denoiser_guides import guides_of
 from cltaa.io.exr_read import read_image
 from cltaa.io.exr_write import write_image
+from cltaa.lab.inspect.plan import plan
 from cltaa.pipeline.denoise import denoiser
 from cltaa.pipeline.folder import DENOISED, DENOISED_RING, for_denoised
 from tests.sequence_factory import make_frame, write_frames
@@ -103,6 +106,22 @@ def test_each_frame_is_denoised_before_the_resolve(
     assert clean_frame is not None
     missing = np.isnan(clean_frame(frame, {}).colour).all(-1)
     assert np.argwhere(missing).tolist() == [[2, 3], [4, 5]]
+
+
+def test_denoised_frames_have_no_noise_where_it_is_declared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else thresholds for noise and those for denoised frames would be multiplied."""
+    install(monkeypatch, lambda colour, **_: colour)
+    declared = frozenset({Effect.ILLUMINATION, Effect.NOISE})
+    clean = denoiser("oidn")
+    assert clean is not None
+    assert clean(replace(make_frame(0), effects=declared), {}).effects == frozenset({Effect.ILLUMINATION})
+    assert clean(replace(make_frame(0), effects=None), {}).effects is None
+    write_frames(tmp_path, (make_frame(index) for index in range(2)), "a")
+    plans = [
+        plan(cltaa.open(tmp_path), "default", effects=effects, denoise="oidn", device="numpy", rounds=0)
+        for effects in (declared, frozenset({Effect.ILLUMINATION}))
+    ]
+    assert plans[0].sections == plans[1].sections
 
 
 PASSES = {"beauty": "RGB", "albedo": "RGB", "normal": "XYZ"}

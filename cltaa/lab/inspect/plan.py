@@ -28,7 +28,7 @@ from cltaa.io.names import Named
 from cltaa.io.preset_file import read_preset
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.timing import Clock, Samples, measure
-from cltaa.pipeline.denoise import denoises
+from cltaa.pipeline.denoise import denoises, without_noise
 from cltaa.pipeline.folder import band_rows_for, find_for, for_denoised, has_bands, of_whole, with_fireflies
 from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence, program_bytes
 from cltaa.pipeline.output import carried_kinds, check_layers, chosen_layers
@@ -114,7 +114,7 @@ def plan(
     program = program_bytes()  # measured before a kernel is built
     sections: list[Section] = []
     plans: list[Plan] = []
-    for number, starts, planned in _plans(sequence, resolver.preset, effects):
+    for number, starts, planned in _plans(sequence, resolver.preset, effects, denoised=denoised):
         steps = [Step(name=reason.step, on=reason.on, why=reason.why) for reason in planned.reasons]
         second = bool(plans) and not starts and sections[-1].starts and sections[-1].first == sections[-1].last
         if second and [reason.on for reason in planned.reasons] == [reason.on for reason in plans[-1].reasons]:
@@ -196,12 +196,15 @@ def memory(
     return of_sequence(sequence, held, layers)
 
 
-def _plans(sequence: FrameSequence, preset: Preset, effects: Asked) -> Iterator[tuple[int, bool, Plan]]:
+def _plans(
+    sequence: FrameSequence, preset: Preset, effects: Asked, *, denoised: bool
+) -> Iterator[tuple[int, bool, Plan]]:
     """Yield number, whether a new history starts, and plan of every frame."""
     past: Past | None = None
     jitters = JittersBefore()
     for number in sequence.numbers:
         frame = with_effects(sequence.outline(number), effects)
+        frame = without_noise(frame) if denoised else frame
         if past is not None and not past.continues_in(frame, preset.choices):
             past = None
         camera, before = None if past is None else past.camera, jitters.of(frame, goes_on=past is not None)
