@@ -263,6 +263,10 @@ class FrameRing:
             self._window_planes = planes
         return self._windows
 
+    def count(self, frame: Frame) -> int:
+        """Return how many frames of the ring ``frame`` gathers from."""
+        return len(self._told(frame))
+
     def static_frames(self, frame: Frame) -> int:
         """Return how many of the nearest frames in the ring were seen by the camera of ``frame``."""
         told = self._told(frame)

@@ -50,12 +50,11 @@ class Passes:
     def gather_or_resolve(self, frame: Frame, frame_ring: FrameRing, held: int) -> LastRun:
         """Resolve a still scene from the accumulated history of ``held`` frames, and if ``frame_ring`` holds more, from
         its samples."""
-        resolved = self.resolve()
-        gathered = self._gathering(frame, frame_ring)
-        if held >= HELD_SHARE * (gathered.arguments["frames"] + 1):
-            return resolved
-        self.launcher.run("gather", *gathered)
-        return gathered
+        last = self.resolve()
+        if held < HELD_SHARE * (1 + frame_ring.count(frame)):
+            last = self._gathering(frame, frame_ring)
+            self.launcher.run("gather", *last)
+        return last
 
     def gather_windows(self, frame: Frame, frame_ring: FrameRing) -> LastRun:
         """Resolve from temporal windows in ``frame_ring``, where the plan says so also from an accumulated history."""

@@ -74,7 +74,7 @@ STATIC_FILTER_SAMPLES, FEW_POSITIONS = 1.0, 16
 NOISY_FALLING, NOISY_BOX = 1.2, 0.5
 # With noise where light changes. Aliases of an edge agree, samples of noise do not, so less evidence proves a change:
 # factors of parameters of the illumination test. A box that noise widens holds more wrong history, most of all a box of
-# extremes: factors of blend_weight for one of deviations and for others.
+# extremes: factors of blend_weight for one of deviations and for others (docs/lab-notes/illumination.md, Noise).
 NOISY_CHANGE = {"illumination_t": 0.82, "illumination_decay": 11 / 12, "illumination_floor": 11 / 12, "falling_t": 1.12}
 NOISY_WEIGHT, NOISY_EXTREMES_WEIGHT = 1.25, 2.0
 

@@ -434,8 +434,7 @@ class Resolver:
 
     @one_thread
     def release(self) -> None:
-        """Release the channels of the last frame, which ``last`` and ``run_again`` need: the next may reuse that
-        memory."""
+        """Release the channels of the last frame, which ``last`` and ``run_again`` need, for the next to reuse."""
         self.last = None
         if self._buffers is not None:
             self._buffers.let_go()
@@ -448,10 +447,11 @@ class Resolver:
         """
         assert self.plan is not None
         assert self._buffers is not None
+        assert self._previous is not None
         self._buffers.swap()
         if self._frame_ring is not None and not self.look_ahead:
             self._frame_ring.take_back()
-        past = msgspec.structs.replace(Past.of(previous), held=frames_held(self._previous) - 2)
+        past = msgspec.structs.replace(Past.of(previous), held=self._previous.held - 1)
         self._run(frame, past, self._build(self.plan), self._buffers)
         self._buffers.swap()
         self.launcher.finish()

@@ -84,7 +84,8 @@ typedef struct
     footprint f;
     real column, row; // of that texel
     sample_grid_t grid;
-    real inverse_depth, parallax; // of the surface at the pixel's centre, now; of a unit of it
+    real inverse_depth; // of the surface at the pixel's centre, now
+    real parallax; // in pixels, of a unit of inverse depth
     real reach; // distance from which samples have no weight
     int recent; // 1: its samples are also summed separately
     mask static_ahead; // the surface has no own motion, and the frame is a later one
