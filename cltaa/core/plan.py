@@ -19,7 +19,6 @@ import msgspec
 from cltaa.camera import is_still
 from cltaa.core.build import Steps
 from cltaa.core.parameters import (
-    Accumulate,
     Box,
     Choices,
     Dilation,
@@ -73,10 +72,8 @@ STATIC_FILTER_SAMPLES, FEW_POSITIONS = 1.0, 16
 # deviations, which noise widens.
 NOISY_FALLING, NOISY_BOX = 1.2, 0.5
 # With noise where light changes. Aliases of an edge agree, samples of noise do not, so less evidence proves a change:
-# factors of parameters of the illumination test. A box that noise widens holds more wrong history, most of all a box of
-# extremes: factors of blend_weight for one of deviations and for others (docs/lab-notes/illumination.md, Noise).
+# factors of parameters of the illumination test (docs/lab-notes/illumination.md, Noise).
 NOISY_CHANGE = {"illumination_t": 0.82, "illumination_decay": 11 / 12, "illumination_floor": 11 / 12, "falling_t": 1.12}
-NOISY_WEIGHT, NOISY_EXTREMES_WEIGHT = 1.25, 2.0
 
 FOUND, DECLARED = "found", "declared"
 
@@ -102,7 +99,9 @@ def estimate(
         choices, settings = plain_mean(choices, settings)
     elif recursive:
         choices = msgspec.structs.replace(choices, history=HistoryKind.ACCUMULATED)
-    choices, reason = _testing_illumination(preset, choices, declared, word)
+    noisy = free and declared is not None and Effect.NOISE in declared
+    changing = noisy and declared is not None and bool(declared & CHANGING_LIGHT)
+    choices, reason = _testing_illumination(preset, choices, declared, word, noisy=changing)
     reasons.append(reason)
     tested = choices.illumination is Illumination.TEST and free and word == FOUND and not _refuting(choices, declared)
     if tested or in_turn:
@@ -119,11 +118,9 @@ def estimate(
     reasons.append(Reason(RECTIFICATION, rectified, _why_rectified(preset, rectified)))
     choices, reason = _rejecting(preset, choices, declared, word)
     reasons.append(reason)
-    noisy = free and declared is not None and Effect.NOISE in declared
     if noisy:
         resampled = choices.history is HistoryKind.ACCUMULATED
-        changing = resampled and declared is not None and bool(declared & CHANGING_LIGHT)
-        settings = among_noise(choices, settings, changing=changing)
+        settings = among_noise(choices, settings, changing=changing and resampled)
     if noisy or (free and declared is not None and Effect.HDR not in declared):
         choices = msgspec.structs.replace(choices, weighting=Weighting.NONE)
     weighted = choices.weighting is Weighting.LUMINANCE
@@ -173,8 +170,8 @@ def with_narrow_box(settings: Settings) -> Settings:
 
 def among_noise(choices: Choices, settings: Settings, *, changing: bool) -> Settings:
     """Adapt thresholds to noisy samples, so that tests are as sure of bright ones as of dim ones. Where light is
-    ``changing``, the test asks for less evidence, and a box forgets sooner."""
-    box, weight = (NOISY_BOX, NOISY_WEIGHT) if choices.box is Box.VARIANCE else (1.0, NOISY_EXTREMES_WEIGHT)
+    ``changing``, the test asks for less evidence."""
+    box = NOISY_BOX if choices.box is Box.VARIANCE else 1.0
     settings = msgspec.structs.replace(
         settings,
         falling_t=NOISY_FALLING * settings.falling_t,
@@ -184,8 +181,6 @@ def among_noise(choices: Choices, settings: Settings, *, changing: bool) -> Sett
     if not changing:
         return settings
     asked = {name: factor * getattr(settings, name) for name, factor in NOISY_CHANGE.items()}
-    if choices.rectify is not Rectify.NONE and choices.accumulate is Accumulate.EXPONENTIAL:
-        asked["blend_weight"] = min(1.0, weight * settings.blend_weight)
     return msgspec.structs.replace(settings, **asked)
 
 
@@ -214,9 +209,13 @@ def _refuting(choices: Choices, declared: frozenset[Effect] | None) -> frozenset
 
 
 def _testing_illumination(
-    preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str
+    preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str, *, noisy: bool
 ) -> tuple[Choices, Reason]:
-    """Keep the illumination test, unless the effects promise that nothing refutes the history; found ones do not."""
+    """Keep the illumination test, unless the effects promise that nothing refutes the history; found ones do not. Where
+    light changes among ``noisy`` samples, a box takes the test too, since noise widens it."""
+    if noisy and choices.rectify is not Rectify.NONE and choices.illumination is Illumination.STATIC:
+        choices = msgspec.structs.replace(choices, illumination=Illumination.TEST)
+        return choices, Reason(LIGHT, True, f"effect noise is {word}: a box that it widens keeps wrong history")
     if why := declined(preset, "illumination", Illumination.TEST, Illumination.WINDOW):
         return choices, Reason(LIGHT, False, why)
     if choices.history is HistoryKind.FRAMES:  # windows have a test of their own

@@ -17,7 +17,7 @@ from cltaa.core.backend import DEVICE_VARIABLE, Launcher
 from cltaa.core.bands import BAND_ROWS, BandedResolver
 from cltaa.core.build import Steps, Storage
 from cltaa.core.debug import parse_views
-from cltaa.core.parameters import HistoryKind, Illumination
+from cltaa.core.parameters import HistoryKind, Illumination, Rectify
 from cltaa.core.presets import Preset, Published, override
 from cltaa.core.resolver import Resolver
 from cltaa.errors import ResourceError, UsageError, check_flags, known, public
@@ -120,15 +120,20 @@ def with_fireflies(preset: Preset, sequence: FrameSequence, asked: str | None) -
 
 
 # A denoiser leaves fewer aliases and less noise, so less evidence proves a change of light. A running mean of what it
-# has filtered needs no filter; gathering has less error with its own (docs/lab-notes/illumination.md, Noise).
+# has filtered needs no filter; gathering has less error with its own. A box keeps light that has changed, so it takes
+# the test too (docs/lab-notes/illumination.md, Noise).
 DENOISED = {"current_filter": "none", "illumination_t": 1.7, "illumination_decay": 0.55, "falling_t": 1.4}
+DENOISED_BOX = {**DENOISED, "illumination": "test"}
 DENOISED_RING = {"drift_t": 1.0}
 
 
 def for_denoised(preset: Preset) -> Preset:
     """Return ``preset`` for frames that a denoiser has filtered already: a transcription as it is."""
-    gathers = preset.choices.history is HistoryKind.FRAMES
-    return preset if preset.published is not Published.NO else override(preset, DENOISED_RING if gathers else DENOISED)
+    if preset.published is not Published.NO:
+        return preset
+    if preset.choices.history is HistoryKind.FRAMES:
+        return override(preset, DENOISED_RING)
+    return override(preset, DENOISED if preset.choices.rectify is Rectify.NONE else DENOISED_BOX)
 
 
 def find_for(sequence: FrameSequence, *, denoised: bool, advance: Advance | None = None) -> Found:

@@ -11,9 +11,9 @@ import pytest
 
 from cltaa.core.backend import Launcher
 from cltaa.core.build import source_hash
-from cltaa.core.parameters import Rectify, Reject, Weighting
+from cltaa.core.parameters import Illumination, Rectify, Reject, Weighting
 from cltaa.core.plan import Reason, plan_frame, with_effects
-from cltaa.core.presets import load_preset, override, preset_names
+from cltaa.core.presets import Preset, load_preset, override, preset_names
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Camera, Effect, Frame
 from cltaa.opencl.launcher import DeviceLauncher
@@ -138,14 +138,26 @@ def test_among_noise_less_evidence_shows_that_light_changes() -> None:
         for name in test:
             assert getattr(noisy, name) < getattr(clean, name), name
             assert getattr(still, name) == getattr(clean, name), name
-        # What a box keeps it forgets sooner; the default has none, and a running mean no least weight.
-        assert (noisy.blend_weight > clean.blend_weight) is (preset.choices.rectify is not Rectify.NONE)
-        assert still.blend_weight == clean.blend_weight
+        assert noisy.blend_weight == clean.blend_weight
     gathers = load_preset("gather-8")  # the ring decides there, and the recursion beside it is tuned with it
     frame = make_frame(1, effects=frozenset({Effect.ILLUMINATION, Effect.NOISE}))
     assert plan_frame(gathers, frame, STANDING).settings.illumination_t == gathers.settings.illumination_t
-    all_of_it = override(load_preset("basic"), {"blend_weight": 0.9})
-    assert plan_frame(all_of_it, frame, STANDING).settings.blend_weight == 1.0
+
+
+@pytest.mark.parametrize("name", ["basic", "fast"])
+def test_a_box_takes_the_illumination_test_where_light_changes_among_noise(name: str) -> None:
+    def light(preset: Preset, *effects: Effect) -> Illumination:
+        return plan_frame(preset, make_frame(1, effects=frozenset(effects)), STANDING).choices.illumination
+
+    boxed = load_preset(name)
+    changing = (Effect.ILLUMINATION, Effect.NOISE)
+    assert light(boxed, *changing) is Illumination.TEST
+    reason = Reason("illumination change", True, "effect noise is declared: a box that it widens keeps wrong history")
+    assert reason in plan_frame(boxed, make_frame(1, effects=frozenset(changing)), STANDING).reasons
+    for others in ((Effect.ILLUMINATION,), (Effect.NOISE,), (Effect.NOISE, Effect.CAMERA)):
+        assert light(boxed, *others) is Illumination.STATIC, others
+    no_box = override(boxed, {"rectify": "none"})
+    assert light(no_box, *changing) is Illumination.STATIC
 
 
 def test_own_motion_is_not_read_where_the_preset_follows_the_camera_alone() -> None:

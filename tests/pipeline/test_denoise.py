@@ -23,7 +23,7 @@ from cltaa.io.exr_read import read_image
 from cltaa.io.exr_write import write_image
 from cltaa.lab.inspect.plan import plan
 from cltaa.pipeline.denoise import denoiser
-from cltaa.pipeline.folder import DENOISED, DENOISED_RING, for_denoised
+from cltaa.pipeline.folder import DENOISED, DENOISED_BOX, DENOISED_RING, for_denoised
 from tests.sequence_factory import make_frame, write_frames
 
 
@@ -264,7 +264,11 @@ def test_a_denoiser_that_is_not_there_is_refused_before_the_work(
 
 
 def test_presets_are_adapted_to_what_a_denoiser_has_filtered() -> None:
-    for name, adapted in (("default", DENOISED), ("fast", DENOISED), ("gather-8", DENOISED_RING), ("karis", {})):
+    assert DENOISED_BOX["illumination"] == "test"
+    for name, adapted in (
+        *(("default", DENOISED), ("accumulate", DENOISED), ("fast", DENOISED_BOX)),
+        *(("gather-8", DENOISED_RING), ("karis", {})),
+    ):
         preset = load_preset(name)
         assert for_denoised(preset) == override(preset, adapted), name
 
