@@ -289,8 +289,8 @@ class ForeignSequence(FrameSequence):
         return declared.get(number, declared[otherwise]).jitter_px or (0.0, 0.0)
 
     def unreadable(self) -> Iterator[tuple[int, DataError]]:
-        """Yield number and error of each frame whose headers lack a channel that the first frame has; raises
-        InputMissing or DataError for a file that cannot be read."""
+        """Yield number and error of each frame whose headers lack a channel that the first frame has, or show another
+        picture than the colour; raises InputMissing or DataError for a file that cannot be read."""
         for number in self.numbers:
             layouts = {self.path(number): self.layouts[number]}
             for role, its in self._roles.items():
@@ -300,6 +300,8 @@ class ForeignSequence(FrameSequence):
                     kind = layout.channels.get(place.channel)
                     if kind in (None, "uint"):
                         yield number, (_no_channel if kind is None else whole_numbers)(place, role, len(its), path)
+            others = (self._other_picture(path, number, layout) for path, layout in layouts.items())
+            yield from ((number, fault) for fault in others if fault is not None)
 
     def beside_sha256(self, number: int) -> str | None:
         """Return the SHA-256 of a frame's other files and its declared values, with the previous frame's jitter."""
@@ -358,12 +360,17 @@ class ForeignSequence(FrameSequence):
 
     def _beside(self, path: Path, number: int) -> Layout:
         """Return the layout of one of a frame's files; raises DataError if its picture differs from the colour's."""
-        picture, other = self.layouts[number], read_any_header(path).layout
-        expected, found = picture.display_window, other.display_window
-        if found != expected:
-            what, cure = "shows another picture than the colour", "write all channels with one display window"
-            raise DataError(what, path=path, frame=number, expected=expected, found=found, cure=cure)
+        other = read_any_header(path).layout
+        if fault := self._other_picture(path, number, other):
+            raise fault
         return other
+
+    def _other_picture(self, path: Path, number: int, other: Layout) -> DataError | None:
+        expected, found = self.layouts[number].display_window, other.display_window
+        if found == expected:
+            return None
+        what, cure = "shows another picture than the colour", "write all channels with one display window"
+        return DataError(what, path=path, frame=number, expected=expected, found=found, cure=cure)
 
     def _read(self, label: str, number: int, names: Collection[str]) -> dict[str, Pixels]:
         """Read channels of one file of the set ``label`` into the picture that the colour's file defines."""

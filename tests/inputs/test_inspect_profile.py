@@ -7,12 +7,14 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+import pytest
 from click.testing import CliRunner
 
 import cltaa
 from cltaa.cli import root
 from cltaa.core.build import Steps
 from cltaa.core.resolver import Resolver
+from cltaa.errors import DataError
 from cltaa.inputs.open import open_input
 from cltaa.pipeline.folder import of_whole
 from cltaa.pipeline.memory import DevicePlanes, of_sequence
@@ -95,6 +97,15 @@ def test_what_is_wrong_with_another_tools_pixels_is_listed(tmp_path: Path) -> No
     assert any("channel R: 1 of" in text for text in problems), problems
     assert depth["highest"] < 1e9  # Blender's 1e10 is the sky
     assert depth["infinite"] == 2 * 2 * frames[0].width
+
+
+def test_a_pass_of_another_size_is_told_before_any_frame_is_read(tmp_path: Path) -> None:
+    write_depth(tmp_path, [make_frame(number, width=20 if number == 2 else 37) for number in (1, 2, 3)])
+    write_colour(tmp_path, [make_frame(number) for number in (1, 2, 3)], "beauty")
+    said = "depth.0002.exr frame 2: shows another picture than the colour"
+    assert [said in line for line in problems(tmp_path)] == [True]
+    with pytest.raises(DataError, match=said):
+        open_input(tmp_path)
 
 
 def test_memory_counts_what_another_tools_frames_hold() -> None:
