@@ -47,7 +47,7 @@ from cltaa.inputs.side_file import Side, read_side_file
 from cltaa.io.exr_frame import COLOUR, check_number
 from cltaa.io.exr_layout import Layout
 from cltaa.io.exr_read import ImageHeader, read_any_header
-from cltaa.io.names import Named, Selection, renumbered, selection_of
+from cltaa.io.names import Named, Selection, pattern_of, renumbered, selection_of
 from cltaa.io.numbered import (
     FrameRange,
     OnBreak,
@@ -202,7 +202,8 @@ def _found_in(
         chosen = with_usual_names(chosen, channels, views)
     chosen = override(chosen, assignments)
     faults = [fault for header in first.values() for fault in header.faults.values()]
-    roles = _assigned(place.folder, chosen, assignments, channels, views, faults)
+    patterns = {label: pattern_of(sets[label][number], number) for label, number in begins.items()}
+    roles = _assigned(place.folder, chosen, assignments, channels, views, faults, patterns)
     return _Found(sets, first, chosen, reason, views, roles)
 
 
@@ -330,6 +331,7 @@ def _assigned(
     channels: Mapping[str, Many[str]],
     views: Views,
     faults: Many[DataError],
+    patterns: Mapping[str, Path],
 ) -> Roles:
     """Return the channels of each role; UsageError where those asked for by name are missing."""
     asked = keys_of(assignments)
@@ -339,7 +341,7 @@ def _assigned(
     ]
     roles = assign_view(profile, channels, views, any_depth=names_depth)
     if "colour" not in roles:
-        raise faults[0] if faults else no_colour(folder, profile, channels, views)
+        raise faults[0] if faults else no_colour(folder, profile, channels, views, patterns)
     for role, key in KEYS.items():
         wanted = attrgetter(key)(profile) if key in asked and role not in roles else ()
         lists = [[one] if isinstance(one, str) else one for one in wanted]

@@ -9,6 +9,7 @@ part; channels of the first view may omit it. Without such a word the part's att
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from collections.abc import Sequence as Many
 from os.path import relpath
@@ -461,8 +462,11 @@ OF_NO_TOOL = {"parts": 1, "cltaa": 2}  # profiles of no tool; the greater number
 LUMINANCE, CHROMA = "Y", {"RY", "BY"}  # OpenEXR's names; a grey picture has only the first
 
 
-def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]], views: Views) -> DataError:
-    """Return the error for a missing colour, or for one that several sets of files or ``views`` could be."""
+def no_colour(
+    folder: Path, profile: Profile, channels: Mapping[str, Many[str]], views: Views, patterns: Mapping[str, Path]
+) -> DataError:
+    """Return the error for a missing colour, or for one that several sets of files, of these ``patterns``, or ``views``
+    could be."""
     if (
         views.names
         and not profile.colour.view
@@ -475,7 +479,8 @@ def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]],
         several.sort(key=lambda places: _is_auxiliary(shown_name(places[0], channels)))
         option = channels_option("colour.channels", [shown_name(place, channels) for place in several[0]])
         what, found = "several sets of files may be the colour", ", ".join(places[0].files for places in several)
-        cure = f"name the folder of one sequence, or the channels, as {option}"
+        one = shlex.quote(str(patterns[several[0][0].files]))
+        cure = f"name the files of one, such as {one}, or the channels, as {option}"
         return DataError(what, path=folder, found=found, cure=cure)
     there = [name for names in channels.values() for name in names]
     if {*there} >= CHROMA:

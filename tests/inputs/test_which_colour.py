@@ -84,6 +84,12 @@ def test_of_several_pictures_none_is_taken_for_the_colour(tmp_path: Path) -> Non
     ):
         open_intake(tmp_path / "takes")
     read(tmp_path / "takes", "colour.channels=take2.R take2.G take2.B")
+    for name in ("day 1", "day 2"):
+        write_colour(tmp_path / "one folder", made, name)
+    with pytest.raises(DataError, match="several sets of files") as caught:
+        open_intake(tmp_path / "one folder")
+    (pattern,) = re.findall("such as (.*), or the channels", str(caught.value))
+    assert open_intake(*shlex.split(pattern)).sets.keys() == {"day 1"}
 
 
 @pytest.mark.parametrize("other", ["depth", "MotionVectors", "crypto_object", "albedo"])
