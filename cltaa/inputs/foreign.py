@@ -142,10 +142,11 @@ class ForeignSequence(FrameSequence):
 
     @property
     def reading(self) -> dict[str, Any]:
-        """The profile, the undeclared matrices and jitter, and the declared effects."""
+        """The profile, without what describes it; undeclared matrices and jitter; and the declared effects."""
+        profile = msgspec.structs.replace(self.intake.profile, description="", recognise={}, telling=())
         without = {"undeclared": sorted(self.undeclared)}
         declared = {} if self._declared is None else {"effects": sorted(self._declared)}
-        return super().reading | {"profile": msgspec.to_builtins(self.intake.profile)} | without | declared
+        return super().reading | {"profile": msgspec.to_builtins(profile)} | without | declared
 
     @property
     def files(self) -> tuple[Path, ...]:

@@ -20,7 +20,7 @@ from cltaa.core.debug import View
 from cltaa.core.resolver import Resolver
 from cltaa.errors import CltaaError, DataError, UsageError, several
 from cltaa.frame import Frame, Image
-from cltaa.inputs.profile import assignments_of
+from cltaa.inputs.profile import load_profile, option_text, profile_names
 from cltaa.io.atomic import remove_stale_temporaries
 from cltaa.io.exr_frame import MATRICES, Pixels, frame_attributes
 from cltaa.io.exr_layout import LOSSLESS, Layout, Windows
@@ -248,8 +248,7 @@ class OutputFolder:
             if key in OPTIONS or key.startswith("profile."):
                 if key == "profile.name" and None in (begun_with, asked_for):  # cltaa's own files, by a profile or not
                     raise begun_otherwise(path, READ_BY, begun_with is not None, asked_for is not None)
-                option = OPTIONS.get(key, "--input")
-                raise begun_otherwise(path, option, _typed(key, begun_with), _typed(key, asked_for))
+                raise begun_otherwise(path, OPTIONS.get(key, "--input"), _typed(key, before), _typed(key, now))
             earlier = self._preset_begun_with() if key.startswith("preset.") else preset
             what = f"preset {earlier}, not {preset}:" if earlier not in ("", preset) else "another"
             what, name = f"was begun with {what}", OF_A_PART.sub("", NAMES.get(key, key))
@@ -312,18 +311,25 @@ def _input_now(sequence: FrameSequence, number: int, checked: Entry | None) -> s
 
 
 def _rank(key: str) -> int:
-    """Return the place of a setting among those that differ: options first, and last what follows from others."""
+    """Return the place of a setting among those that differ: other frames, options, and last what follows from them."""
+    if key == "sequence":
+        return -1
     if key in OPTIONS and key != "last_frame":
         return int(key != "profile.name")  # which decides the layers
     return 4 if key.startswith(("build.", "found", "last_frame")) else 3 if key == CODE else 2
 
 
-def _typed(key: str, setting: object) -> object:
-    """Return the value of an option as a user types it."""
+def _typed(key: str, settings: Mapping[str, Any]) -> object:
+    """Return the value of an option as a user types it; None where the profile itself says so."""
+    setting, name = settings.get(key), settings.get("profile.name")
     if setting == [*ALL]:
         return "all"
-    section, _, name = key.removeprefix("profile.").partition(".")
-    return setting if setting is None or not name or key in OPTIONS else assignments_of({section: {name: setting}})
+    if setting is None or key in OPTIONS:
+        return setting
+    _, section, last = key.split(".")
+    usual = msgspec.to_builtins(load_profile(name))[section][last] if name in profile_names() else None
+    text, by_itself = (option_text({section: {last: each}}) for each in (setting, usual))
+    return None if text == by_itself else text.removeprefix("--input ")
 
 
 def _said(setting: object) -> str:

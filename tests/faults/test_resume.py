@@ -26,6 +26,7 @@ from tests.faults.runs import (
     prepare,
     start_held,
 )
+from tests.inputs.foreign import frames, write_colour
 from tests.sequence_factory import make_frame, write_sequence
 
 
@@ -154,6 +155,29 @@ def test_a_preset_whose_name_nothing_tells_is_refused_by_what_differs(
     (output / "synthetic.0000.exr").write_bytes(b"damaged")
     assert main([*arguments(folder, output)]) == 64
     assert "was begun with another box_scale_static (expected " in capsys.readouterr().err
+
+
+def test_another_way_to_read_is_refused_as_a_user_types_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without the names that a profile itself tries; another description of a profile changes no bit."""
+    made, output, profile = frames(), tmp_path / "out", tmp_path / "mine.toml"
+    for name in ("day", "night"):
+        write_colour(tmp_path / "in", made, name)
+    asked = ["--input", "colour.channels=day.R day.G day.B"]
+    assert main([*arguments(tmp_path / "in", output), *asked]) == 0
+    assert main([*arguments(tmp_path / "in" / "day.####.exr", output)]) == 64
+    said = "was begun with --input colour.channels='day.R day.G day.B', not without --input; use --restart"
+    assert said in capsys.readouterr().err
+    assert main([*arguments(tmp_path / "in" / "night.####.exr", output)]) == 64
+    assert "was begun with another sequence (expected night, found day); use --restart" in capsys.readouterr().err
+    write_colour(tmp_path / "one", made)
+    by_mine = [*arguments(tmp_path / "one", tmp_path / "as I said"), "--profile", str(profile)]
+    profile.write_text('profile = "parts"\ndescription = "first"')
+    assert main(by_mine) == 0
+    profile.write_text('profile = "parts"\ndescription = "second"\ntelling = ["depth.Z"]')
+    assert main(by_mine) == 0
+    profile.write_text('profile = "parts"\n[motion]\nscale = [1, -1]')
+    assert main(by_mine) == 64
+    assert "begun with --input motion.scale=1,1, not with --input motion.scale=1,-1;" in capsys.readouterr().err
 
 
 def test_restart_begins_anew(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -> None:
