@@ -99,8 +99,10 @@ def assign(
     With ``any_depth`` the third component of a vector may be the depth, as a last choice.
     It lacks the colour if several sets match and none of the profile's other names matches just one: the user chooses.
     """
-    colours = (equal_matches([names], channels) for names in profile.colour.channels)
-    colour = next((found[0] for found in colours if len(found) == 1), ())
+    above = {label: names for label, names in channels.items() if "/" not in label}
+    colour = _only_match(profile, above)
+    if not colour or _is_auxiliary(shown_name(colour[0], channels)):
+        colour = _only_match(profile, channels)
     if colour:
         channels = _without_pictures(colour, channels, _asked_for(profile))
     own = {label: names for label, names in channels.items() if colour and label == colour[0].files}
@@ -116,6 +118,12 @@ def assign(
         "motion": _nearest(colour, profile.motion.channels, channels),
     }
     return {role: places for role, places in found.items() if places}
+
+
+def _only_match(profile: Profile, channels: Channels) -> tuple[Place, ...]:
+    """Return the channels of the first of the profile's names of a colour that match in one set of files alone."""
+    found = (equal_matches([names], channels) for names in profile.colour.channels)
+    return next((places[0] for places in found if len(places) == 1), ())
 
 
 def _without_pictures(colour: tuple[Place, ...], channels: Channels, asked: set[str]) -> dict[str, list[str]]:

@@ -77,6 +77,14 @@ def test_of_several_pictures_none_is_taken_for_the_colour(tmp_path: Path) -> Non
     write_colour(tmp_path / "shot", made, "shot")
     write_colour(tmp_path / "shot" / "backup", made)
     assert {place.files for place in open_intake(tmp_path / "shot").roles["colour"]} == {"shot"}
+    for number in (0, 1):  # whatever the layers of a folder there are called
+        picture = {f"rgba.{name}": np.ones((23, 37), np.float32) for name in "RGB"}
+        write_parts(tmp_path / "shot" / "truth" / f"x.{number:04d}.exr", {"": picture}, {})
+    write_colour(tmp_path / "passes", made, "albedo")
+    write_colour(tmp_path / "passes" / "beauty", made)
+    for name, files in (("shot", "shot"), ("passes", "beauty/picture")):
+        intake = open_intake(tmp_path / name, profile="parts")
+        assert {place.files for place in intake.roles["colour"]} == {files}
     for name in ("take1", "take2"):
         write_colour(tmp_path / "takes" / name, made)
     with pytest.raises(
