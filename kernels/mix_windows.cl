@@ -32,7 +32,7 @@ STAGE resolved mixed_windows(const surroundings (*around)[ROWS_AT_ONCE], const w
     plane_in q = p;
     UNROLL
     for (int window = 1; window < RIVALS; ++window) {
-        const real w = window_weight(error[window], least);
+        const real w = K(times_counted(window, frames)) * window_weight(error[window], least);
         if (!repeats_previous(window, frames, static_frames))
             q = window_plane(p, window, 0, frame);
         if (has_drift(window, frames, static_frames))

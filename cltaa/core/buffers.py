@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from cltaa.camera import inverse_depth_at, is_still
 from cltaa.core.backend import Buffer, Launcher
 from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, edge_build, ring_planes, window_count, window_planes
-from cltaa.core.constants import MIDDLE_WINDOW, SHORT_WINDOW
+from cltaa.core.constants import LONG_WINDOW, MIDDLE_WINDOW, SHORT_WINDOW
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.plan import Plan, reads_depth
 from cltaa.core.planes import BlockPool, Kind, Layout, around, as_floats, flat, places
@@ -251,12 +251,13 @@ class FrameRing:
         """Return ``build`` with camera motion where the camera differs from that of any frame of the ring."""
         told = [past for past, _ in self._told(frame)] if self._ahead else self.past
         moved = any(not is_still(frame.camera, past.camera) for past in told)
-        steps = replace(build.steps, camera_motion=build.steps.camera_motion or moved, look_ahead=self._ahead > 0)
+        kind = {"look_ahead": self._ahead > 0, "long_ring": self._count + self._ahead > LONG_WINDOW}
+        steps = replace(build.steps, camera_motion=build.steps.camera_motion or moved, **kind)
         return replace(build, steps=steps)
 
     def window_memory(self, build: Build) -> Buffer:
         """Return memory for the gathered temporal windows, allocated when first needed at that size."""
-        planes = window_count(build.choices) * window_planes(build.steps)
+        planes = window_count(build.choices, build.steps) * window_planes(build.steps)
         if self._windows is None or self._window_planes < planes:
             self._windows = None  # freed before the next is allocated
             self._windows = self._launcher.allocate((planes, self.layout.rows, self.layout.stride), np.float32)

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.constants import CONSTANTS, PAD_X, PAD_Y, UNMOVED, WHOLE_NUMBERS
+from cltaa.core.constants import CONSTANTS, PAD_X, PAD_Y, WHOLE_NUMBERS
 from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, Recursion, Settings
 from cltaa.errors import UsageError, known
 
@@ -61,6 +61,7 @@ class Steps(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     alpha: bool = False
     reactive: bool = False
     look_ahead: bool = False
+    long_ring: bool = False  # of more than LONG_WINDOW frames
 
 
 class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
@@ -93,9 +94,14 @@ def ring_planes(steps: Steps) -> int:
     return 4 + 2 * steps.own_motion + steps.alpha + steps.reactive
 
 
-def window_count(choices: Choices) -> int:
+def unmoved_window(steps: Steps) -> int:
+    """Return the place of the temporal window that follows no motion, after those of the ring (UNMOVED)."""
+    return 3 + steps.long_ring
+
+
+def window_count(choices: Choices, steps: Steps) -> int:
     """Return the number of temporal windows of a pixel: two more beside a recursive resolve (WINDOWS)."""
-    return UNMOVED + 1 + 2 * (choices.recursion is Recursion.STANDING)
+    return unmoved_window(steps) + 1 + 2 * (choices.recursion is Recursion.STANDING)
 
 
 def window_planes(steps: Steps) -> int:
@@ -155,7 +161,8 @@ def mix_build(build: Build) -> Build:
     """Return the build of ``mix_windows``, which many ways to gather share: it looks at few of their choices."""
     asked = build.choices
     choices = Choices(negatives=asked.negatives, recursion=asked.recursion, weighting=asked.weighting)
-    return msgspec.structs.replace(build, choices=choices, steps=Steps(alpha=build.steps.alpha), terms=Terms())
+    steps = Steps(alpha=build.steps.alpha, long_ring=build.steps.long_ring)
+    return msgspec.structs.replace(build, choices=choices, steps=steps, terms=Terms())
 
 
 # The per-frame struct: name -> (C type, meaning). All members have 4 bytes, so that every compiler lays it out alike.

@@ -71,7 +71,7 @@ class Passes:
         if not build.extends:
             gathered = {"image": windows["windows"], "floats": None, "frame": self.record}
             floats = Build(lanes=build.lanes, rows=build.rows)  # windows are floats, whatever the history's storage
-            planes = {"planes": window_count(build.choices) * window_planes(build.steps), "more": 0}
+            planes = {"planes": window_count(build.choices, build.steps) * window_planes(build.steps), "more": 0}
             self.launcher.run("extend_edges", floats, layout, gathered | planes)
         mixed = {name: arguments[name] for name in ("current", "alpha", *WRITTEN, "frames", "frame", "settings")}
         # What a reactive mask marks, such as smoke, has no trend of light. Windows that frames ahead balance lag less.

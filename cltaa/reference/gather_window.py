@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.core.build import Build, Record, window_count, window_planes
-from cltaa.core.constants import MIDDLE_WINDOW, SHORT_WINDOW, UNMOVED, value
+from cltaa.core.build import Build, Record, unmoved_window, window_count, window_planes
+from cltaa.core.constants import LONG_WINDOW, MIDDLE_WINDOW, SHORT_WINDOW, value
 from cltaa.core.parameters import CurrentFilter, FilterUse, Recursion
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import (
@@ -29,22 +29,24 @@ from cltaa.reference.planes import extend_stored
 from cltaa.reference.real import Array, Mask, Run, greater, number, quiet
 
 
-def window_ends(frames: int) -> list[int]:
-    """Number of ring frames in each window: the latest, a few more, all."""
-    return [min(SHORT_WINDOW, frames), min(MIDDLE_WINDOW, frames), frames]
+def window_ends(frames: int, build: Build) -> list[int]:
+    """Number of ring frames in each window: the latest, more, all."""
+    ends = [SHORT_WINDOW, MIDDLE_WINDOW, *[LONG_WINDOW] * build.steps.long_ring, frames]
+    return [min(end, frames) for end in ends]
 
 
-def has_more_frames(window: int, frames: int) -> bool:
+def has_more_frames(window: int, frames: int, build: Build) -> bool:
     """True if one of the windows of the ring has more of its ``frames`` than the one before it."""
-    ends = window_ends(frames)
+    ends = window_ends(frames, build)
     return window == 0 or ends[window] > ends[window - 1]
 
 
 def repeats_previous(window: int, frames: int, static_frames: int, build: Build) -> bool:
     """True if a window equals the one before it, and is not stored."""
-    if window >= (UNMOVED - 1 if build.choices.recursion is Recursion.STANDING else UNMOVED + 1):
+    unmoved = unmoved_window(build.steps)
+    if window >= (unmoved - 1 if build.choices.recursion is Recursion.STANDING else unmoved + 1):
         return False
-    return static_frames < SHORT_WINDOW if window == UNMOVED else not has_more_frames(window, frames)
+    return static_frames < SHORT_WINDOW if window == unmoved else not has_more_frames(window, frames, build)
 
 
 def window_error(g: SampleSums, now: Pixel, window: Resolved, run: Run) -> Array:
@@ -113,12 +115,13 @@ def gather_windows(
     run = Run(build, layout, frame, settings)
     gathering = Gathering.begin(run, locals())
     own, planes, begun = gathering.pixel, window_planes(build.steps), 0
-    count, held = window_count(build.choices), recursive_result(recursive, recursive_count, layout, own.alpha)
+    count, unmoved_at = window_count(build.choices, build.steps), unmoved_window(build.steps)
+    held = recursive_result(recursive, recursive_count, layout, own.alpha)
     target = layout.inside(windows)[: count * planes].reshape(count, planes, layout.height, layout.width)
-    for window, end in enumerate(window_ends(frames)):
+    for window, end in enumerate(window_ends(frames, build)):
         gathering.add(past[begun:end], run, before=begun, recent=SHORT_WINDOW - begun)
         out = gathering.resolved(run)
-        if build.choices.recursion is Recursion.STANDING and window == UNMOVED - 1:
+        if build.choices.recursion is Recursion.STANDING and window == unmoved_at - 1:
             out = longer_history(out, own.most_reactive <= 0, held)
         error = window_error(gathering.near, own, out, run)
         if not repeats_previous(window, frames, static_frames, build):
@@ -126,17 +129,17 @@ def gather_windows(
         begun = end
     if build.steps.reactive:
         unlike = gathering.near.unlike > gathering.near.recent_count
-        for window in range(UNMOVED - 1):
+        for window in range(unmoved_at - 1):
             _store(target[window], out, error, unlike)
     at_rest = (gathering.motion.u == 0) & (gathering.motion.v == 0)
-    if not repeats_previous(UNMOVED, frames, static_frames, build):
+    if not repeats_previous(unmoved_at, frames, static_frames, build):
         unmoved, sums = resolve_unmoved(gathering.slots, past[:static_frames], own, run)
         if build.choices.recursion is Recursion.STANDING:
             unmoved = longer_history(unmoved, at_rest, held)
         valid = sums.recent_count >= SHORT_WINDOW
         out = _chosen(valid, unmoved, out)
         error = np.where(valid, window_error(sums, own, unmoved, run), error)
-        _store(target[UNMOVED], out, error)
+        _store(target[unmoved_at], out, error)
     if build.choices.recursion is Recursion.STANDING:
         refuted = history_is_refuted(at_rest, own, held.count)
         refuted &= frames_before(past[:static_frames], build) >= value("REFUTED_SAMPLES")

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.core.build import Build, Record, window_count, window_planes
-from cltaa.core.constants import PAD_X, PAD_Y, UNMOVED, WINDOW_REACH, value
+from cltaa.core.build import Build, Record, unmoved_window, window_count, window_planes
+from cltaa.core.constants import PAD_X, PAD_Y, WINDOW_REACH, value
 from cltaa.core.parameters import Recursion
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Resolved, luminance_weight, storable
@@ -205,7 +205,8 @@ def mix_windows(
     ``reach`` the share of the drift by which a pixel goes on into the range of the 3x3."""
     run = Run(build, layout, frame, settings)
     real: Any = real_type(build)
-    shape = window_count(build.choices), window_planes(build.steps)
+    shape = window_count(build.choices, build.steps), window_planes(build.steps)
+    unmoved = unmoved_window(build.steps)
     parts = windows[: shape[0] * shape[1]].astype(real).reshape(*shape, layout.rows, layout.stride)
     stored = [window for window in range(len(parts)) if not repeats_previous(window, frames, static_frames, build)]
     sources = [max(k for k in stored if k <= window) for window in range(len(parts))]
@@ -220,14 +221,17 @@ def mix_windows(
     light, opacity, latest, latest_of_alpha = sums, zero, sums, zero  # their drift and that of the second
     followed = weight  # of the windows that follow it
     for window, (k, error) in enumerate(zip(sources[1:rivals], errors[1:rivals], strict=True), start=1):
-        w, own = window_weight(error, least), layout.inside(parts[k])
-        if window > UNMOVED:
+        times = 1  # the window of all ring frames counts twice, and in the ring one that repeats another not at all
+        if window < unmoved:
+            times = has_more_frames(window, frames, build) + (window == unmoved - 1)
+        w, own = times * window_weight(error, least), layout.inside(parts[k])
+        if window > unmoved:
             light, opacity = np.zeros_like(sums), zero
-        elif k == window and (window == UNMOVED or has_more_frames(window, frames)):
+        elif k == window and (window == unmoved or has_more_frames(window, frames, build)):
             light, opacity = drift_to_shortest(parts[k], parts[0], run)
         if window == 1:
             latest, latest_of_alpha = light, opacity
-        followed = followed + w if window <= UNMOVED else followed
+        followed = followed + w if window <= unmoved else followed
         sums, darkest = sums + w * ((own[:3] + light) - first[:3]), lesser(darkest, own[:3])
         counts = counts + w * (own[4] - first[4])
         if build.steps.alpha:

@@ -6,11 +6,12 @@
 // resolve errs in other ways than all these; its mean with them errs less than either.
 #include "gather/samples.h"
 
-// Planes of a window: r, g, b, error, count, alpha. The windows in order: the latest frames, a few more, all, all at
-// the pixel's own position since the camera stopped (UNMOVED), and beside a recursive resolve the current frame alone
-// (PRESENT) and that resolve itself (RECURSIVE), which competes with no other.
+// Planes of a window: r, g, b, error, count, alpha. The windows in order: the latest frames, more, in a long ring more
+// again, all, all at the pixel's own position since the camera stopped (UNMOVED), and beside a recursive resolve the
+// current frame alone (PRESENT) and that resolve itself (RECURSIVE), which competes with no other.
 #define WINDOW_PLANES (5 + ALPHA)
-#define ALL_FRAMES (UNMOVED - 1)
+#define ALL_FRAMES (2 + LONG_RING)
+#define UNMOVED (ALL_FRAMES + 1)
 #define PRESENT (UNMOVED + 1)
 #define RECURSIVE (PRESENT + 1)
 #define RIVALS (PRESENT + (RECURSION == RECURSION_STANDING)) // windows weighted by their errors
@@ -19,7 +20,8 @@
 // Number of frames of the ring in a window.
 STAGE int window_end(int window, int frames)
 {
-    const int end = window == 0 ? SHORT_WINDOW : (window < ALL_FRAMES ? MIDDLE_WINDOW : frames);
+    const int more = window == 1 ? MIDDLE_WINDOW : LONG_WINDOW;
+    const int end = window == 0 ? SHORT_WINDOW : (window < ALL_FRAMES ? more : frames);
     return end < frames ? end : frames;
 }
 

@@ -81,7 +81,8 @@ def test_a_span_counts_by_its_error_and_is_moved_to_the_shortest_where_that_is_n
 
     places = [1.0, *(moved(light) for light in LIGHTS[1:])]
     for errors in ((1.0, 1.0, 1.0, 1.0), (1.0, 1.1, 0.9, 1.2), (5.0, 1.0, 1.0, 4.0)):
-        shares = [(min(errors) / error) ** 16 for error in errors]
+        # The third is that of all frames, and counts twice.
+        shares = [times * (min(errors) / error) ** 16 for times, error in zip((1, 1, 2, 1), errors, strict=True)]
         assert mixed(errors) == pytest.approx(np.average(places, weights=shares), abs=1e-6)
 
 

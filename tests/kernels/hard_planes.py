@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.constants import UNMOVED
+from cltaa.core.build import Steps, window_count
 from cltaa.core.constants import value as value_of
+from cltaa.core.parameters import Choices, Recursion
 from cltaa.core.planes import Layout
 from tests.sequence_factory import SPECIAL_BITS
 
@@ -16,6 +17,7 @@ Planes = dict[str, NDArray[Any]]
 
 DOMAIN_LIMIT, TINY = value_of("DOMAIN_LIMIT"), value_of("TINY")
 KEPT = 3  # frames whose samples are gathered
+WINDOWS = window_count(Choices(recursion=Recursion.STANDING), Steps(long_ring=True))  # the most that a build has
 
 
 def hard_planes(layout: Layout, seed: int = 0) -> Planes:
@@ -87,7 +89,7 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
     errors = mean * random.choice([1.0, 1.0, 1.001, 0.1, 1e8], shape)
     windows = [
         plane
-        for _ in range(UNMOVED + 3)
+        for _ in range(WINDOWS)
         for plane in (
             *storable(strew(near_mean(3), random, 0.01)),
             *(errors * (1 + 0.1 * random.random((1, *shape)))).astype(np.float32),

@@ -112,6 +112,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "alpha_from",
         "camera_motion",
         "exposure",
+        "long_ring",
         "look_ahead",
         "own_motion",
         "reactive",
@@ -120,7 +121,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "tonemap",
         "weighting",
     ),
-    "mix_windows": ("alpha", "negatives", "recursion", "storage", "weighting"),
+    "mix_windows": ("alpha", "long_ring", "negatives", "recursion", "storage", "weighting"),
 }
 # Of the rows of several choices: with it each value is in one that shows it, light is tested for where depth is, and no
 # clip that rounding in one channel can turn is in RGB.
@@ -223,7 +224,7 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
 def writes(kernel: str, build: Build) -> dict[str, int]:
     """The planes that a kernel of that build writes: where light is tested the count has a second one."""
     if kernel == "gather_windows":
-        return {"windows": 6 * window_count(build.choices)}
+        return {"windows": 6 * window_count(build.choices, build.steps)}
     recurs = kernel in ("blend", "resolve") and tests_light(build)
     return WRITES[kernel] | ({"output_count": 2} if recurs else {})
 
@@ -238,7 +239,7 @@ def with_changes(planes: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def windows_of(build: Build, work: Work) -> NDArray[np.float32]:
     """The planes of the windows that a build reads, one window after another."""
-    count, planes = window_count(build.choices), window_planes(build.steps)
+    count, planes = window_count(build.choices, build.steps), window_planes(build.steps)
     windows = work.planes["windows"].reshape(-1, 6, work.layout.rows, work.layout.stride)
     return np.ascontiguousarray(windows[:count, :planes]).reshape(-1, *windows.shape[2:])
 

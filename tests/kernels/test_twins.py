@@ -17,8 +17,18 @@ import pytest
 from msgspec.structs import replace
 
 from cltaa.core.backend import storage_dtype
-from cltaa.core.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Steps, Storage, mix_build, window_planes
-from cltaa.core.constants import PAD_X, PAD_Y, UNMOVED
+from cltaa.core.build import (
+    FRAME_DTYPE,
+    SETTINGS_DTYPE,
+    Build,
+    Steps,
+    Storage,
+    mix_build,
+    unmoved_window,
+    window_count,
+    window_planes,
+)
+from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.constants import value as value_of
 from cltaa.core.parameters import (
     HOST_CHOICES,
@@ -194,25 +204,29 @@ def test_the_windows_beside_a_recursive_resolve_have_the_bits_of_their_twin(
     work.planes["history_count"] = np.where(many, 40.0, 1.0).astype(np.float32)[None]
     ours, theirs = (run_stage("gather_windows", build, work, on) for on in (device(), NumpyLauncher()))
     assert differing(work, ours, theirs) == 0
-    parts = work.layout.inside(theirs["windows"]).reshape(UNMOVED + 3, -1, work.layout.height, work.layout.width)
-    for window in (UNMOVED - 1, UNMOVED):
+    parts = work.layout.inside(theirs["windows"]).reshape(-1, 6, work.layout.height, work.layout.width)
+    unmoved = unmoved_window(steps)
+    for window in (unmoved - 1, unmoved):
         assert (parts[window, 4] == 40.0).mean() == pytest.approx(0.5, abs=0.01)
-    assert (parts[UNMOVED + 2, 4] == 0.0).all() == ahead  # the recursive result lags behind later frames
-    judged = parts[UNMOVED + 1, 3] < value_of("DOMAIN_LIMIT")
+    assert (parts[unmoved + 2, 4] == 0.0).all() == ahead  # the recursive result lags behind later frames
+    judged = parts[unmoved + 1, 3] < value_of("DOMAIN_LIMIT")
     missing = sample_is_missing(work.planes["current"], work.layout, work.planes["alpha"])
     assert not (judged & (work.layout.inside(many) | missing)).any()
     assert judged.mean() > 0.4
 
 
 @pytest.mark.parametrize("lanes", [built_for(1), built_for(8)])
-def test_windows_of_different_frames_have_the_bits_of_their_twin(lanes: int) -> None:
-    few = chain_work(33, 9)
-    past = np.tile(few.past, 3)  # nine: three, seven and all differ
+@pytest.mark.parametrize(("times", "long"), [(3, False), (6, True)])  # 9 frames: 3, 7 and all differ; 18: 15 does too
+def test_windows_of_different_frames_have_the_bits_of_their_twin(times: int, long: bool, lanes: int) -> None:
+    few, build = chain_work(33, 9), changed(strict(lanes), {"long_ring": long})
+    past = np.tile(few.past, times)
     past["slot"] = np.arange(len(past))
-    work = dataclasses.replace(few, past=past, planes={**few.planes, "ring": np.tile(few.planes["ring"], (3, 1, 1))})
-    ours, theirs = (run_stage("gather_windows", strict(lanes), work, on) for on in (device(), NumpyLauncher()))
+    ring = np.tile(few.planes["ring"], (times, 1, 1))
+    work = dataclasses.replace(few, past=past, planes={**few.planes, "ring": ring})
+    ours, theirs = (run_stage("gather_windows", build, work, on) for on in (device(), NumpyLauncher()))
     assert differing(work, ours, theirs) == 0
-    assert all((window != UNWRITTEN).any() for window in theirs["windows"].reshape(UNMOVED + 1, -1))
+    windows = theirs["windows"].reshape(window_count(build.choices, build.steps), -1)
+    assert all((window != UNWRITTEN).any() for window in windows)
 
 
 @pytest.mark.big

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.core.build import Build, Real
-from cltaa.core.constants import PAD_X, PAD_Y, UNMOVED, WINDOW_REACH
+from cltaa.core.build import Build, Real, unmoved_window
+from cltaa.core.constants import PAD_X, PAD_Y, WINDOW_REACH
 from cltaa.core.constants import value as value_of
 from cltaa.reference.accumulate import current_pixel
 from cltaa.reference.colour import filled_texels, whole_samples
@@ -27,6 +27,7 @@ from tests.kernels.stage_chain import ALL_STEPS, Work
 
 Values = Any  # [H, W] or [C, H, W]
 U = 2.0**-24
+UNMOVED = unmoved_window(ALL_STEPS)
 
 
 class Output(NamedTuple):
@@ -197,7 +198,7 @@ def squared(work: Work) -> Values:
 def of_windows(work: Work) -> Values:
     """Largest magnitude of any window's colour in the 5x5."""
     windows = work.planes["windows"]
-    planes = windows.reshape(UNMOVED + 3, -1, *windows.shape[1:])[:, :3].reshape(-1, *windows.shape[1:])
+    planes = windows.reshape(-1, 6, *windows.shape[1:])[:, :3].reshape(-1, *windows.shape[1:])
     side = 2 * WINDOW_REACH + 1
     around = np.lib.stride_tricks.sliding_window_view(np.abs(planes).max(0), (side, side)).max((-1, -2))
     top, left = PAD_Y - WINDOW_REACH, PAD_X - WINDOW_REACH
@@ -206,7 +207,7 @@ def of_windows(work: Work) -> Values:
 
 def counted(work: Work) -> Values:
     """1 + the largest count of a window."""
-    planes = work.planes["windows"].reshape(UNMOVED + 3, -1, *work.planes["windows"].shape[1:])[:, 4]
+    planes = work.planes["windows"].reshape(-1, 6, *work.planes["windows"].shape[1:])[:, 4]
     return 1 + np.max([work.layout.inside(plane) for plane in planes], axis=0)
 
 

@@ -146,7 +146,7 @@ def test_the_windows_of_changing_light_are_in_the_formula_and_in_the_plan(tmp_pa
         make_frame(0, width=50, height=31, alpha=True, effects=frozenset({Effect.ALPHA, Effect.ILLUMINATION}))
     )
     assert resolver.plan is not None
-    windows = window_count(resolver.plan.choices)
+    windows = window_count(resolver.plan.choices, resolver.plan.steps)
     told = device_bytes(50, 31, DevicePlanes(resolver.plan.steps, history_frames=3, windows=windows))
     # Beside the planes the device holds three records of 140 bytes.
     assert 0 < launcher.allocated - told < 1024
