@@ -354,17 +354,7 @@ def _sparse(pair: Pair) -> Pair:
     chosen = np.flatnonzero(pair.inverse_depth != sky_inverse_depth(pair.frame.camera))
     if len(chosen) < LEAST_POINTS:
         chosen = np.arange(len(pair.x))
-    chosen = chosen[:: max(1, len(chosen) // MOST_VECTORS)]
-    return replace(
-        pair,
-        x=pair.x[chosen],
-        y=pair.y[chosen],
-        now=pair.now[chosen],
-        inverse_depth=pair.inverse_depth[chosen],
-        own=pair.own[:, chosen],
-        lit=pair.lit[chosen],
-        usable=pair.usable[chosen],
-    )
+    return pair.at(chosen[:: max(1, len(chosen) // MOST_VECTORS)])
 
 
 Vectors = dict[tuple[str, float], list[Vector]]  # (name of a map, leak) -> vectors [2, n] of each pair

@@ -422,20 +422,17 @@ def _best_delay(
 ) -> tuple[int, float, list[int], Vector]:
     """Return the delay in frames whose jitter fits best, its error, the pairs that have it, and its changes there."""
     by_index = {frame.index: np.array(frame.jitter_px) for frame in shot.frames}
+    frames = [shot.pairs[place].frame for place in known]
     best: tuple[int, float, list[int], Vector] = (0, np.inf, [], np.empty((0, 2)))
     for delay in DELAYS:
-        rows, targets = [], []
-        for row, place in enumerate(known):
-            frame = shot.pairs[place].frame
-            index = frame.index + delay * frame.step
-            if index in by_index and index - frame.step in by_index:
-                rows.append(row)
-                targets.append(by_index[index] - by_index[index - frame.step])
+        steps = [(frame.index + (delay - 1) * frame.step, frame.index + delay * frame.step) for frame in frames]
+        rows = [row for row, step in enumerate(steps) if by_index.keys() >= {*step}]
         if len(rows) < LEAST_PAIRS:
             continue
-        left = left_over(measured[rows], np.array(targets), np.eye(2), weights[rows])
+        changes = np.array([by_index[now] - by_index[before] for before, now in (steps[row] for row in rows)])
+        left = left_over(measured[rows], changes, np.eye(2), weights[rows])
         if left < best[1]:
-            best = (delay, left, rows, np.array(targets))
+            best = (delay, left, rows, changes)
     return best
 
 

@@ -6,7 +6,7 @@ The method is that of Lucas and Kanade (1981, An iterative image registration te
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -242,6 +242,13 @@ class Pair:
     def declared_motion(self) -> Vector:
         """Return the motion [2, n]: the declared vector if there is one, else the camera's motion."""
         return np.where(np.isfinite(self.own), self.own, self.camera_motion())
+
+    def at(self, points: NDArray[np.int64]) -> Pair:
+        """Return the pair at some of its points, by their indices."""
+        return replace(self, **{name: getattr(self, name)[..., points] for name in OF_POINTS})
+
+
+OF_POINTS = ("x", "y", "now", "inverse_depth", "own", "lit", "usable")  # the arrays of a Pair whose last axis is points
 
 
 HELD = {"jittered": 1, "not-jittered": 0, "jittered-reversed": -1}  # of the change of jitter, in stored vectors
