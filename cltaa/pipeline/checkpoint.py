@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -35,12 +35,6 @@ class _Facts(msgspec.Struct, frozen=True):
     made_from: str
 
 
-class _Slot(NamedTuple):
-    path: Path
-    past: Past
-    made_from: str
-
-
 class Checkpoints:
     """The two slots of one output folder; ``key`` identifies everything that decides the bits of the state."""
 
@@ -51,8 +45,8 @@ class Checkpoints:
         """Write the state after the last frame, and what it is ``made_from``, over the older slot; raises OutputError
         and StorageError."""
         past, buffers = resolver.recurrent()
-        newest = self._slots()[:1]
-        path = next(path for path in self._paths if path not in [slot.path for slot in newest])
+        newest = [path for path, _ in self._slots()[:1]]
+        path = next(path for path in self._paths if path not in newest)
         facts = msgspec.json.encode(_Facts(self._key, past, made_from), enc_hook=_encoded)
         with ExitStack() as stack, atomic_path(path) as temporary:
             planes: dict[str, Any] = {
@@ -67,11 +61,11 @@ class Checkpoints:
         Its frame must be ``finished``, and the state made from the inputs that have the hash there. Others are deleted:
         they would keep the place of states that are saved before them.
         """
-        for slot in self._slots():
-            if finished.get(slot.past.index) != slot.made_from:
-                slot.path.unlink(missing_ok=True)
-            elif self._restored(slot, resolver):
-                return slot.past.index
+        for path, facts in self._slots():
+            if finished.get(facts.past.index) != facts.made_from:
+                path.unlink(missing_ok=True)
+            elif _restored(path, facts.past, resolver):
+                return facts.past.index
         resolver.reset()
         return None
 
@@ -80,7 +74,7 @@ class Checkpoints:
         for path in self._paths:
             path.unlink(missing_ok=True)
 
-    def _slots(self) -> list[_Slot]:
+    def _slots(self) -> list[tuple[Path, _Facts]]:
         """Return the slots of this key, the latest first, without reading their planes."""
         found = []
         for path in self._paths:
@@ -90,21 +84,23 @@ class Checkpoints:
             except _DAMAGED:
                 continue
             if facts.key == self._key:
-                found.append(_Slot(path, facts.past, facts.made_from))
-        return sorted(found, key=lambda slot: slot.past.index, reverse=True)
+                found.append((path, facts))
+        return sorted(found, key=lambda slot: slot[1].past.index, reverse=True)
 
-    def _restored(self, slot: _Slot, resolver: Resolver) -> bool:
-        try:
-            with slot.path.open("rb") as stream, np.load(stream, allow_pickle=False) as saved:
-                for name, buffer in resolver.restore(slot.past).items():
-                    content = saved[name]
-                    with buffer.mapped(write=True) as planes:
-                        if (content.shape, content.dtype) != (planes.shape, planes.dtype):
-                            raise ValueError("planes of another size")
-                        planes[...] = content
-        except _DAMAGED:
-            return False
-        return True
+
+def _restored(path: Path, past: Past, resolver: Resolver) -> bool:
+    """Restore the state after ``past`` from a slot; returns False for one whose planes are damaged."""
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as saved:
+            for name, buffer in resolver.restore(past).items():
+                content = saved[name]
+                with buffer.mapped(write=True) as planes:
+                    if (content.shape, content.dtype) != (planes.shape, planes.dtype):
+                        raise ValueError("planes of another size")
+                    planes[...] = content
+    except _DAMAGED:
+        return False
+    return True
 
 
 def _encoded(value: Any) -> Any:
