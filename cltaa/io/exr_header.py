@@ -38,8 +38,11 @@ PIXEL_TYPES = ("uint", "half", "float")  # in the order of their numbers in the 
 Header = dict[str, bytes]  # raw values of attributes by name
 
 
-def read_headers(path: Path, file: BinaryIO) -> tuple[int, list[Header], int]:
-    """Return the version flags, the raw attributes of each part, and the offset of the first table of chunks.
+def read_headers(path: Path, file: BinaryIO) -> tuple[int, list[Header], list[int], int]:
+    """Return the version flags, the raw attributes of each part, and the offset of the first table of chunks; before
+    that the places of the types of all attributes whose values OpenEXR's Python module cannot represent.
+
+    Such values are valid in a file. Of a type that nobody knows the module passes on the bytes.
 
     Raises ValueError or IndexError for a damaged or truncated file, DataError for one that is not EXR or is deep.
     """
@@ -100,24 +103,33 @@ def read_at(file: BinaryIO, place: int, size: int) -> bytes:
     return file.read(size)
 
 
-def _headers(path: Path, content: bytes, *, many: bool) -> tuple[list[Header], int]:
-    """Return one header, or all up to an empty one, and the place after them."""
-    headers, place = list[Header](), 8
+def _headers(path: Path, content: bytes, *, many: bool) -> tuple[list[Header], list[int], int]:
+    """Return one header, or all up to an empty one, the places of odd types, and the place after all."""
+    headers, odd, place = list[Header](), list[int](), 8
     while not headers or (many and content[place] != 0):
         if len(headers) == MOST_PARTS:
             raise DataError("too many parts", path=path, expected=f"at most {MOST_PARTS}")
         places, place = places_of(path, content, place)
-        headers.append({name: content[value] for name, value in places.items()})
-    return headers, place + many
+        headers.append({name: content[its.value] for name, its in places.items()})
+        odd += [its.kind_at for its in places.values() if _is_odd(its.kind, content[its.value])]
+    return headers, odd, place + many
 
 
-def places_of(path: Path, header: bytes, place: int = 8) -> tuple[dict[str, slice], int]:
-    """Return the place of each attribute's value from ``place`` on, and the place after all; raises IndexError where it
-    is truncated, ValueError and DataError where it is damaged or too much."""
-    attributes: dict[str, slice] = {}
+class Placed(NamedTuple):
+    """An attribute in a header: where its type lies, the type's name, and where the value lies."""
+
+    kind_at: int
+    kind: str
+    value: slice
+
+
+def places_of(path: Path, header: bytes, place: int = 8) -> tuple[dict[str, Placed], int]:
+    """Return the place of each attribute from ``place`` on, and the place after all; raises IndexError where it is
+    truncated, ValueError and DataError where it is damaged or too much."""
+    attributes: dict[str, Placed] = {}
     while header[place] != 0:
-        name, place = _name(header, place)
-        _, place = _name(header, place)  # the name of its type
+        name, kind_at = _name(header, place)
+        kind, place = _name(header, kind_at)
         if place + 4 > len(header):
             raise IndexError("attribute without a size")
         (size,) = struct.unpack_from("<i", header, place)
@@ -128,35 +140,14 @@ def places_of(path: Path, header: bytes, place: int = 8) -> tuple[dict[str, slic
             raise DataError("too many attributes", path=path, expected=f"at most {MOST_ATTRIBUTES}")
         if place >= len(header):
             raise IndexError("attribute reaches beyond the file")
-        attributes[name] = slice(start, place)
+        attributes[name] = Placed(kind_at, kind, slice(start, place))
     return attributes, place + 1
 
 
-def odd_types(header: bytes, parts: int) -> list[int]:
-    """Return the places of the types of all attributes whose values OpenEXR's Python module cannot represent.
-
-    Such values are valid in a file. Of a type that nobody knows the module passes on the bytes.
-    """
-    return [place for place, kind, value in _types(header, parts) if _is_odd(kind, value)]
-
-
-def hidden_types(header: bytes) -> dict[int, bytes]:
+def hidden_types(path: Path, header: bytes) -> dict[int, bytes]:
     """Return the places of types of one part that a reader made ``UNKNOWN``, and the first letter of each."""
     hidden = {chr(UNKNOWN) + kind[1:]: kind[:1].encode() for kind in ODD}
-    return {place: hidden[kind] for place, kind, _ in _types(header, 1) if kind in hidden}
-
-
-def _types(header: bytes, parts: int) -> Iterator[tuple[int, str, bytes]]:
-    """Yield the place of each attribute's type, the type and the value."""
-    place = 8
-    for _ in range(parts):
-        while header[place] != 0:
-            kind_at = _name(header, place)[1]
-            kind, start = _name(header, kind_at)
-            (size,) = struct.unpack_from("<i", header, start)
-            place = start + 4 + size
-            yield kind_at, kind, header[start + 4 : place]
-        place += 1
+    return {its.kind_at: hidden[its.kind] for its in places_of(path, header)[0].values() if its.kind in hidden}
 
 
 def _is_odd(kind: str, value: bytes) -> bool:
@@ -264,7 +255,7 @@ class Outline(NamedTuple):
     """The parts of a file by its headers, and where the tables of their chunks must be.
 
     ``tables`` are those of readable parts, ``faults`` the errors of the others by name. The headers end at ``end``, and
-    all tables at ``behind``. ``odd`` are the places of types from ``odd_types``.
+    all tables at ``behind``. ``odd`` are the places of types from ``read_headers``.
     """
 
     path: Path
@@ -327,7 +318,7 @@ def checked_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline
 def read_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline:
     """Parse the headers of an open file, of one part where ``one`` says so, without its chunks; raises DataError."""
     with damaged(path):
-        version, headers, end = read_headers(path, file)
+        version, headers, odd, end = read_headers(path, file)
         many = bool(version & MULTI_PART)
         names = [header["name"].decode() for header in headers] if many else [""]
         if len({*names}) < len(names) or not all(map(_is_text, names)):
@@ -341,7 +332,6 @@ def read_outline(path: Path, file: BinaryIO, *, one: bool = False) -> Outline:
                 faults[name] = error
                 # A negative count becomes more chunks than any file has.
                 place += 8 * struct.unpack("<I", header["chunkCount"])[0] if many else 0
-        odd = odd_types(read_at(file, 0, end), len(headers))
     outline = Outline(path, tables, faults, end, place, odd)
     if not tables:
         outline.refuse_faults()

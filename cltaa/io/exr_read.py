@@ -31,7 +31,7 @@ from cltaa.io.exr_frame import (
     frame_outline,
 )
 from cltaa.io.exr_header import UNKNOWN, Outline, checked_outline, read_at, read_outline
-from cltaa.io.exr_layout import OUTSIDE, PIXEL_BYTES, Layout, Window, placed, shared_window
+from cltaa.io.exr_layout import OUTSIDE, PIXEL_BYTES, Layout, placed, shared_window
 from cltaa.io.openexr import OpenEXR, muted_output
 
 NOTHING_ASKED: Mapping[str, float] = MappingProxyType({})
@@ -131,16 +131,14 @@ def _described(outline: Outline, content: BinaryIO | FileCopy) -> ImageHeader:
     """Return the layout and the attributes over all readable parts."""
     parts, layout = outline.parts, outline.parts[0]
     found = [*map(attributes_of, open_content(outline.path, content, len(parts), header_only=True))]
+    pairs = zip(parts, found, strict=True)
+    every = {full_name(part.part or "", name): (part, name, its) for part, its in pairs for name in part.channels}
     if layout.part is not None:
-        channels, windows = dict[str, str](), dict[str, Window]()
-        for part in parts:
-            names = {name: full_name(part.part or "", name) for name in part.channels}
-            channels |= {names[name]: kind for name, kind in part.channels.items()}
-            windows |= dict.fromkeys(names.values(), part.data_window)
+        channels = {name: part.channels[short] for name, (part, short, _) in every.items()}
+        windows = {name: part.data_window for name, (part, *_) in every.items()}
         window = shared_window(parts)
         layout = Layout(layout.path, channels, window, layout.display_window, layout.compression, windows=windows)
-    pairs = [*zip(parts, found, strict=True)]
-    own = {full_name(part.part or "", name): its for part, its in pairs for name in part.channels}
+    own = {name: its for name, (*_, its) in every.items()}
     views = {name: view for name, its in own.items() if isinstance(view := its.get("view"), str) and view}
     attributes = {name: value for its in reversed(found) for name, value in its.items()}
     return ImageHeader(layout, attributes, views, outline.faults, own)

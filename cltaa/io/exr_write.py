@@ -114,7 +114,7 @@ def _header(
     OpenEXR.File(windows, {name: plane[:1] for name, plane in channels.items()}).write(file)
     *_, end = read_headers(path, file)
     content = file.getvalue()
-    window = places_of(path, content)[0]["dataWindow"].start
+    window = places_of(path, content)[0]["dataWindow"].value.start
     return content[: window + 12] + struct.pack("<i", last[1]) + content[window + 16 : end]
 
 
@@ -227,7 +227,7 @@ def _show_types(path: Path) -> None:
     """Give each attribute its own type again that the reader hid from OpenEXR's Python module."""
     with path.open("r+b") as file:
         *_, end = read_headers(path, file)
-        for place, letter in hidden_types(read_at(file, 0, end)).items():
+        for place, letter in hidden_types(path, read_at(file, 0, end)).items():
             file.seek(place)
             file.write(letter)
 

@@ -45,9 +45,9 @@ def test_what_is_wrong_is_said(content: bytes, says: str) -> None:
 
 def test_as_many_as_are_allowed_are_read() -> None:
     names = [f"a{n}" for n in range(MOST_ATTRIBUTES)]
-    _, headers, _ = read_headers(Path("a.exr"), io.BytesIO(START + b"".join(map(attribute, names)) + b"\0"))
+    _, headers, *_ = read_headers(Path("a.exr"), io.BytesIO(START + b"".join(map(attribute, names)) + b"\0"))
     assert [*headers[0]] == names
-    _, headers, _ = read_headers(Path("a.exr"), io.BytesIO(MANY_PARTS + MOST_PARTS * (attribute("a") + b"\0") + b"\0"))
+    _, headers, *_ = read_headers(Path("a.exr"), io.BytesIO(MANY_PARTS + MOST_PARTS * (attribute("a") + b"\0") + b"\0"))
     assert len(headers) == MOST_PARTS
 
 
