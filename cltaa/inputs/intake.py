@@ -35,7 +35,6 @@ from cltaa.inputs.roles import (
     guessed_profile,
     ignored_files,
     incomplete,
-    may_be_colour,
     no_colour,
     shown_name,
     views_of,
@@ -193,13 +192,11 @@ def _found_in(
     channels = {label: tuple(header.layout.channels) for label, header in first.items()}
     attributes = {label: header.attributes for label, header in first.items()}
     views = views_of(attributes, channels, [header.views for header in first.values()])
-    chosen, reason = (
-        guessed_profile(attributes, channels, views, assignments)
-        if profile == "auto"
-        else (load_profile(profile), "as asked")
-    )
-    if profile == "auto" and not may_be_colour(chosen, channels, views):
+    if profile == "auto":
+        chosen, reason = guessed_profile(attributes, channels, views, assignments)
         chosen = with_usual_names(chosen, channels, views)
+    else:
+        chosen, reason = load_profile(profile), "as asked"
     chosen = override(chosen, assignments)
     faults = [fault for header in first.values() for fault in header.faults.values()]
     patterns = {label: pattern_of(sets[label][number], number) for label, number in begins.items()}

@@ -399,7 +399,7 @@ def _of_view(label: str, names: Iterable[str], view: str, views: Views, asked: s
     return others | named
 
 
-def may_be_colour(profile: Profile, channels: Channels, views: Views) -> bool:
+def _may_be_colour(profile: Profile, channels: Channels, views: Views) -> bool:
     """Return True if channels of some view, or of several sets of files, match the profile's colour names."""
     of_views = [override(profile, [f"colour.view={view}"]) for view in views.names]
     found = any("colour" in assign_view(its, channels, views) for its in (profile, *of_views))
@@ -407,7 +407,7 @@ def may_be_colour(profile: Profile, channels: Channels, views: Views) -> bool:
 
 
 def with_usual_names(profile: Profile, channels: Channels, views: Views) -> Profile:
-    """Extend a tool's profile with the common names of colour, depth and motion, as a last choice, where they match."""
+    """Extend a tool's profile that finds no colour with the common names of colour, depth and motion that match."""
 
     def extended(sections: Iterable[str]) -> Profile:
         made = dict[str, Any]()
@@ -416,6 +416,8 @@ def with_usual_names(profile: Profile, channels: Channels, views: Views) -> Prof
             made[section] = msgspec.structs.replace(own, channels=(*own.channels, *other.channels))
         return msgspec.structs.replace(profile, **made)
 
+    if _may_be_colour(profile, channels, views):
+        return profile
     common, sections = load_profile("parts"), ("colour", "depth", "motion")
     found = assign_view(extended(sections), channels, views)
     return extended(section for section in sections if section in found)
@@ -549,7 +551,5 @@ def guessed_profile(
 
 def _sets_read(profile: Profile, channels: Channels, views: Views) -> set[str]:
     """Return the sets of files that a profile would read; all where it finds no colour, which an error will tell."""
-    if not may_be_colour(profile, channels, views):
-        profile = with_usual_names(profile, channels, views)
-    roles = assign_view(profile, channels, views)
+    roles = assign_view(with_usual_names(profile, channels, views), channels, views)
     return {place.files for places in roles.values() for place in places} if "colour" in roles else {*channels}
