@@ -8,13 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cltaa.camera import displacement, is_still, reprojected
 from cltaa.camera import inverse_depth as planar_inverse_depth
 from cltaa.frame import Camera, Frame, Image
+from cltaa.lab.check.hypotheses import Finding
+from cltaa.lab.check.registration import Shot
+from cltaa.lab.check.report import check_frames
+from cltaa.lab.check.unverifiable import unverifiable
 
 Frames = Sequence[Frame]
 Plant = Callable[[Frames], list[Frame]]
@@ -25,6 +29,21 @@ class Mistake(NamedTuple):
 
     scenes: tuple[str, ...]
     plant: Plant
+
+
+def found_in(frames: Frames, **told: Any) -> list[Finding]:
+    """Return the mistakes that the check finds in ``frames``."""
+    return [finding for finding in check_frames(frames, **told) if finding.mistake]
+
+
+def mistakes(frames: Frames, **told: Any) -> list[str]:
+    """Return the names of the mistakes that the check finds in ``frames``."""
+    return [finding.name for finding in found_in(frames, **told)]
+
+
+def not_told(frames: Frames) -> list[str]:
+    """Return the lines about what the check cannot verify."""
+    return unverifiable(Shot(frames, (frames[0].width, frames[0].height)))
 
 
 def each(change: Callable[[Frame], Frame]) -> Plant:

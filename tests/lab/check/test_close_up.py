@@ -11,7 +11,7 @@ import pytest
 from cltaa.frame import Frame
 from cltaa.lab.check.report import check_frames
 from tests.lab.check.conftest import Scene
-from tests.lab.check.mistakes import MISTAKES, full_motion
+from tests.lab.check.mistakes import MISTAKES, full_motion, mistakes
 
 RESTS = 0.2  # of the columns
 
@@ -24,10 +24,6 @@ def close_up(frames: Sequence[Frame], near: float, *, vectors: bool = True) -> l
         depth[:, int(RESTS * frame.width) :] *= np.float32(near)
         made.append(replace(frame, depth=depth, motion=frame.motion if vectors else None))
     return made
-
-
-def mistakes(frames: Sequence[Frame]) -> list[str]:
-    return [finding.name for finding in check_frames(frames) if finding.mistake]
 
 
 NEAR = [0.5, *(pytest.param(near, marks=pytest.mark.big) for near in (0.25, 2.0))]  # each takes 4 seconds

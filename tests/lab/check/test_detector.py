@@ -11,21 +11,16 @@ import pytest
 from cltaa.frame import Camera
 from cltaa.inputs.convert import FLIP_Z
 from cltaa.lab.check.camera import check_structure, sound
-from cltaa.lab.check.hypotheses import Finding
 from cltaa.lab.check.report import check_frames
 from cltaa.lab.inspect.findings import inspect_folder
 from cltaa_datasets.scenes import registered
 from tests.lab.check.conftest import MOTIONS, Scene
-from tests.lab.check.mistakes import MISTAKES, full_motion
+from tests.lab.check.mistakes import MISTAKES, found_in, full_motion, mistakes
 from tests.sequence_factory import make_camera, make_frame
 
 SCENES = [*(entry.name for entry in registered()), *MOTIONS]
 FIRST = [(name, mistake.scenes[0]) for name, mistake in MISTAKES.items()]
 OTHERS = [(name, scene) for name, mistake in MISTAKES.items() for scene in mistake.scenes[1:]]
-
-
-def mistakes(found: list[Finding]) -> list[str]:
-    return [finding.name for finding in found if finding.mistake]
 
 
 def test_there_are_enough_of_both() -> None:
@@ -36,38 +31,38 @@ def test_there_are_enough_of_both() -> None:
 @pytest.mark.parametrize("name", SCENES)
 def test_correct_sequences_raise_no_alarm(name: str, scene: Scene) -> None:
     frames = scene(name)
-    assert mistakes(check_frames(frames)) == []
+    assert mistakes(frames) == []
     assert frames[0].path is not None
     assert inspect_folder(frames[0].path.parent, pixels=True).problems == []  # nor does what is declared
 
 
 @pytest.mark.parametrize("name", ["corridor", "occluder"])
 def test_vectors_for_every_pixel_raise_no_alarm(name: str, scene: Scene) -> None:
-    assert mistakes(check_frames(full_motion(scene(name)))) == []
+    assert mistakes(full_motion(scene(name))) == []
 
 
 @pytest.mark.parametrize(("mistake", "name"), FIRST)
 def test_the_mistake_is_named(mistake: str, name: str, scene: Scene) -> None:
     found = check_frames(MISTAKES[mistake].plant(scene(name)))
-    assert mistakes(found) == [mistake]
+    assert [finding.name for finding in found if finding.mistake] == [mistake]
     assert all(finding.evidence and 0 < finding.confidence < 1 for finding in found)
 
 
 @pytest.mark.big
 @pytest.mark.parametrize(("mistake", "name"), OTHERS)
 def test_the_mistake_is_named_in_other_scenes(mistake: str, name: str, scene: Scene) -> None:
-    assert mistakes(check_frames(MISTAKES[mistake].plant(scene(name)))) == [mistake]
+    assert mistakes(MISTAKES[mistake].plant(scene(name))) == [mistake]
 
 
 def test_two_mistakes_are_both_named(scene: Scene) -> None:
     spoilt = MISTAKES["jitter-negated"].plant(MISTAKES["motion-negated"].plant(scene("occluder")))
-    assert set(mistakes(check_frames(spoilt))) == {"jitter-negated", "motion-negated"}
+    assert set(mistakes(spoilt)) == {"jitter-negated", "motion-negated"}
 
 
 @pytest.mark.parametrize("factor", [0.3048, 0.5, 6.0])
 def test_any_unit_of_depth_is_measured(factor: float, scene: Scene) -> None:
     spoilt = [replace(frame, depth=np.asarray(frame.depth * factor, np.float32)) for frame in scene("corridor")]
-    (finding,) = [finding for finding in check_frames(spoilt) if finding.mistake]
+    (finding,) = found_in(spoilt)
     assert finding.name == "depth-scaled"
     assert finding.fix["depth"]["scale"] * factor == pytest.approx(1.0, abs=0.1)  # worst seen: 0.036
 
@@ -77,16 +72,16 @@ def test_a_unit_of_depth_near_a_power_of_ten_is_that(scene: Scene, monkeypatch: 
     monkeypatch.setattr("cltaa.lab.check.depth.SCALES", (0.0095,))
     monkeypatch.setattr("cltaa.lab.check.depth.STEPS", ())
     spoilt = [replace(frame, depth=np.asarray(frame.depth * 100, np.float32)) for frame in scene("corridor")]
-    (finding,) = [finding for finding in check_frames(spoilt) if finding.mistake]
+    (finding,) = found_in(spoilt)
     assert finding.fix == {"depth": {"scale": 0.01}}
 
 
 def test_without_matrices_jitter_and_motion_are_still_checked(scene: Scene) -> None:
     frames = [replace(frame, camera=scene("occluder")[0].camera) for frame in full_motion(scene("occluder"))]
-    assert mistakes(check_frames(frames, has_camera=False, has_depth=False)) == []
+    assert mistakes(frames, has_camera=False, has_depth=False) == []
     for name in ("jitter-y-flipped", "motion-negated"):
         spoilt = MISTAKES[name].plant(frames)
-        assert mistakes(check_frames(spoilt, has_camera=False, has_depth=False)) == [name]
+        assert mistakes(spoilt, has_camera=False, has_depth=False) == [name]
 
 
 @pytest.mark.parametrize(("mistake", "name"), [("camera-late", "dolly"), ("jitter-late", "corridor")])
@@ -94,7 +89,7 @@ def test_a_frame_late_is_a_step_late(mistake: str, name: str, scene: Scene) -> N
     """Where numbers lie apart and each continues the last."""
     spoilt = MISTAKES[mistake].plant(scene(name))
     apart = [replace(frame, index=5 * frame.index, step=5) for frame in spoilt]
-    assert mistakes(check_frames(apart)) == [mistake]
+    assert mistakes(apart) == [mistake]
 
 
 def test_a_camera_that_stands_may_have_been_meant_in_several_ways() -> None:
@@ -108,7 +103,7 @@ def test_a_camera_that_stands_may_have_been_meant_in_several_ways() -> None:
 
 
 def test_one_frame_is_no_error(scene: Scene) -> None:
-    assert mistakes(check_frames(scene("still")[:1])) == []
+    assert mistakes(scene("still")[:1]) == []
 
 
 @pytest.mark.parametrize("step", [(0.6, 0.0), (-0.3, 0.4)])
@@ -123,8 +118,7 @@ def test_a_picture_that_moves_on_is_not_taken_for_jitter(faster: float, step: tu
         frame = make_frame(index, width=128, height=72, jitter_px=(0.0, 0.0))
         depth = np.full(frame.depth.shape, np.inf, np.float32)
         frames.append(replace(frame, colour=colour.astype(np.float32), depth=depth))
-    found = check_frames(frames, has_camera=False, has_depth=False, has_jitter=False)
-    assert mistakes(found) == ["motion-missing"]
-    (finding,) = [finding for finding in found if finding.mistake]
+    (finding,) = found_in(frames, has_camera=False, has_depth=False, has_jitter=False)
+    assert finding.name == "motion-missing"
     numbers = [float(number) for number in re.findall(r"-?\d\.\d\d", finding.evidence)[:2]]
     np.testing.assert_allclose(numbers, np.multiply(step, 1.0 + faster * 7), atol=0.1)

@@ -7,21 +7,29 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cltaa.frame import Camera, Frame
+from cltaa.frame import Camera
 from cltaa.inputs.convert import correct, device_planes, mended_camera, planes_of
 from cltaa.inputs.profile import Depth, DepthKind, Profile
 from cltaa.lab.check.hypotheses import COMBINED, MEANINGS
 from cltaa.lab.check.report import check_frames
 from tests.lab.check.conftest import Scene
-from tests.lab.check.mistakes import FLIP_Y, MISTAKES, camera, camera_jittered, depth, each, full_motion, motion, then
+from tests.lab.check.mistakes import (
+    FLIP_Y,
+    MISTAKES,
+    camera,
+    camera_jittered,
+    depth,
+    each,
+    found_in,
+    full_motion,
+    mistakes,
+    motion,
+    then,
+)
 from tests.sequence_factory import make_camera
 
 VULKAN = camera(lambda c: Camera(np.asarray(np.linalg.inv(c.world_to_view)), FLIP_Y @ c.view_to_clip))
 Y_DOWN = camera(lambda c: Camera(c.world_to_view, FLIP_Y @ c.view_to_clip))
-
-
-def mistakes(frames: list[Frame]) -> list[str]:
-    return [finding.name for finding in check_frames(frames) if finding.mistake]
 
 
 def reversed_projection(c: Camera, near: float = 0.1) -> Camera:
@@ -40,7 +48,7 @@ def test_vectors_of_fractions_in_every_pixel_are_named(name: str, scene: Scene) 
 def test_vectors_of_pictures_that_lead_from_the_last_frame_are_named(name: str, scene: Scene) -> None:
     """As Unreal writes them: around 0.5, this position minus the one before, y up."""
     spoilt = then(full_motion, motion(np.diag([-1 / 160, 1 / 90]), 0.5))(scene(name))
-    (finding,) = [finding for finding in check_frames(spoilt) if finding.mistake]
+    (finding,) = found_in(spoilt)
     assert finding.name == "motion-centred-on-half-ndc-negated"
     assert finding.fix == {"motion": {"scale": [-160.0, 90.0], "offset": [0.5, 0.5]}}
 
@@ -107,7 +115,7 @@ def test_a_jitter_that_no_resolve_takes_is_named(factor: tuple[float, float], sc
         replace(frame, jitter_px=(frame.jitter_px[0] * factor[0], frame.jitter_px[1] * factor[1]))
         for frame in scene("corridor")
     ]
-    (finding,) = [finding for finding in check_frames(planted) if finding.mistake]
+    (finding,) = found_in(planted)
     assert finding.name == "jitter-size"
     assert finding.what.endswith("; to go on without it: --input jitter.source=none")
 

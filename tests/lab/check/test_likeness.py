@@ -12,15 +12,10 @@ from cltaa.frame import Frame
 from cltaa.io.sequence import open_sequence
 from cltaa.lab.check.jitter import declared_jitter, measure_likeness
 from cltaa.lab.check.registration import Shot
-from cltaa.lab.check.report import check_frames
 from cltaa_capture.sequence import Request, capture_sequence
 from tests.lab.check.conftest import Scene
-from tests.lab.check.mistakes import MISTAKES
+from tests.lab.check.mistakes import MISTAKES, mistakes
 from tests.sequence_factory import make_camera, make_frame
-
-
-def mistakes(frames: list[Frame]) -> list[str]:
-    return [finding.name for finding in check_frames(frames) if finding.mistake]
 
 
 @pytest.mark.parametrize("name", ["morphing", "smoke", "cloth", "everything"])

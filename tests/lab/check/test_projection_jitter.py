@@ -11,11 +11,21 @@ import pytest
 
 from cltaa.frame import Camera, Frame
 from cltaa.inputs.open import open_input
-from cltaa.lab.check.hypotheses import Finding
 from cltaa.lab.check.report import check_folder, check_frames
 from tests.inputs.foreign import write_own
 from tests.lab.check.conftest import Scene
-from tests.lab.check.mistakes import MISTAKES, Plant, camera_jittered, each, full_motion, jitter, jitter_delayed, then
+from tests.lab.check.mistakes import (
+    MISTAKES,
+    Plant,
+    camera_jittered,
+    each,
+    found_in,
+    full_motion,
+    jitter,
+    jitter_delayed,
+    mistakes,
+    then,
+)
 from tests.sequence_factory import make_frame
 
 FIX = {"jitter": {"source": "projection"}}
@@ -34,18 +44,14 @@ def in_projection(frames: Sequence[Frame], declared: Plant = NONE) -> list[Frame
     return then(each(camera_jittered), declared)(frames)
 
 
-def mistakes(frames: Sequence[Frame]) -> list[Finding]:
-    return [finding for finding in check_frames(frames) if finding.mistake]
-
-
 @pytest.mark.parametrize("name", ["corridor", "still", "spinner"])
 @pytest.mark.parametrize("filled", [False, True], ids=["few vectors", "vectors"])
 def test_a_jitter_that_only_the_projection_holds_is_named(name: str, filled: bool, scene: Scene) -> None:
     frames = full_motion(scene(name)) if filled else scene(name)
-    (finding,) = mistakes(in_projection(frames))
+    (finding,) = found_in(in_projection(frames))
     assert (finding.name, finding.fix) == ("jitter-missing", FIX)
     assert "the projection's centre moves by" in finding.what
-    assert [f.name for f in mistakes(in_projection(frames, jitter(np.eye(2))))] == ["camera-jittered"]
+    assert mistakes(in_projection(frames, jitter(np.eye(2)))) == ["camera-jittered"]
     # As a root mean square from frame to frame, to the three digits that are told.
     moved = np.sqrt((np.diff([frame.jitter_px for frame in frames], axis=0) ** 2).mean(0))
     assert f"{moved[0]:.2f}, {moved[1]:.2f} pixels" in finding.what
@@ -54,7 +60,7 @@ def test_a_jitter_that_only_the_projection_holds_is_named(name: str, filled: boo
 @pytest.mark.parametrize("name", ["corridor", "still"])
 @pytest.mark.parametrize("wrong", WRONG)
 def test_a_jitter_that_is_right_only_in_the_projection_is_not_thrown_away(wrong: str, name: str, scene: Scene) -> None:
-    (finding,) = mistakes(in_projection(scene(name), WRONG[wrong]))
+    (finding,) = found_in(in_projection(scene(name), WRONG[wrong]))
     assert (finding.name, finding.fix) == ("jitter-disagrees", FIX)
 
 
@@ -99,5 +105,5 @@ def test_a_lens_shift_that_stays_is_no_jitter(scene: Scene) -> None:
     shift = np.eye(4)
     shift[0, 3] = 0.3
     shifted = each(lambda f: replace(f, camera=Camera(f.camera.world_to_view, shift @ f.camera.view_to_clip)))
-    (finding,) = mistakes(in_projection(shifted(scene("spinner"))))
+    (finding,) = found_in(in_projection(shifted(scene("spinner"))))
     assert finding.fix == FIX
