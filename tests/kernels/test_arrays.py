@@ -6,7 +6,6 @@ Those in halves have the bits of NumPy's own conversion of the floats, limited t
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from itertools import product
 from typing import Any
 
@@ -24,18 +23,11 @@ from cltaa.frame import Camera, Effect
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.output import limit_halves, saturated_pixels
 from cltaa.reference.launcher import NumpyLauncher
-from tests.kernels.stage_chain import UNWRITTEN
+from tests.kernels.stage_chain import UNWRITTEN, device
 from tests.numerics.exact_cameras import orthographic
 from tests.sequence_factory import bits, make_camera, make_frame, special_values
 
 PLANES = 3
-
-
-@cache
-def device() -> DeviceLauncher:
-    return DeviceLauncher()
-
-
 LARGEST = np.float32(65504.0)
 
 

@@ -4,27 +4,20 @@ same bits as rows worked out anew."""
 from __future__ import annotations
 
 import dataclasses
-from functools import cache
 
 import numpy as np
 import pytest
 
 from cltaa.core.build import Build, Steps, Storage
 from cltaa.core.parameters import Choices, Illumination
-from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import padded
-from tests.kernels.stage_chain import Work, differing, hard_work, run_stage
+from tests.kernels.stage_chain import Work, device, differing, hard_work, run_stage
 
 WIDTH, HEIGHT = 70, 41
 ROWS = 13  # of a work-item: some begin in the midst of what moves alike
 CHANGES = {"fraction, x": (0.25, 0.0), "fraction, y": (0.0, 0.25), "whole, x": (1.0, 0.0), "whole, y": (0.0, -1.0)}
 BUILDS = [(1, Storage.FLOAT), (8, Storage.HALF), (16, Storage.FLOAT)]
-
-
-@cache
-def device() -> DeviceLauncher:
-    return DeviceLauncher()
 
 
 def moved(name: str) -> Work:

@@ -6,7 +6,6 @@ The twin reads every tap of every pixel, so that it is what a kernel without the
 from __future__ import annotations
 
 import dataclasses
-from functools import cache
 
 import numpy as np
 import pytest
@@ -15,19 +14,13 @@ from numpy.typing import NDArray
 from cltaa.core.backend import storage_dtype
 from cltaa.core.build import Build, Steps, Storage
 from cltaa.core.parameters import Choices, HistoryFilter, Reject
-from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import Planes, padded, storable
-from tests.kernels.stage_chain import Work, chain_work, differing, run_stage
+from tests.kernels.stage_chain import Work, chain_work, device, differing, run_stage
 
 Moves = NDArray[np.float32]
 SIZE = 70, 41
 DOMAIN_LIMIT, TINY = np.float32(2.0**50), np.float32(2.0**-100)
-
-
-@cache
-def device() -> DeviceLauncher:
-    return DeviceLauncher()
 
 
 def moves(name: str) -> Moves:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import pytest
 from msgspec.structs import replace
 
@@ -17,7 +15,7 @@ from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.opencl.shape import LEAST_ROWS, NVIDIA, Cut, Shape
 from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import Planes
-from tests.kernels.stage_chain import ALL_STEPS, Work, differing, hard_work, run_stage
+from tests.kernels.stage_chain import ALL_STEPS, Work, device, differing, hard_work, run_stage
 from tests.sequence_factory import make_frame
 
 WIDTH, HEIGHT = 45, 23
@@ -34,11 +32,6 @@ NOTHING = Settings(
     covered_share=1.0,
 )
 NONE = Terms(**dict.fromkeys(Terms.__struct_fields__, False))
-
-
-@cache
-def device() -> DeviceLauncher:
-    return DeviceLauncher()
 
 
 def work_with(settings: Settings) -> Work:
