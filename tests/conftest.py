@@ -83,5 +83,6 @@ def as_wide_as_a_pipe() -> None:
 
 @pytest.fixture(autouse=True, scope="session")
 def interrupts_interrupt() -> None:
-    """Let SIGINT do what it does in a terminal: a shell that starts the tests in the background has them ignore it."""
+    """Let SIGINT do what it does in a terminal: a shell that starts the tests in the background has them, and every
+    process that they start, ignore it."""
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
 from pathlib import Path
 
@@ -40,9 +39,3 @@ def on_device(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str,
     folder = write_sequence(top / "in", 5, motion=True)
     assert main(on_first_device(folder, top / "whole")) == 0
     return folder, digests(top / "whole")
-
-
-@pytest.fixture(autouse=True, scope="session")
-def interrupts_that_arrive() -> None:
-    """A shell lets what it starts in the background ignore SIGINT, and so would every process that is started here."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
