@@ -20,23 +20,16 @@ from tests.kernels.test_resolve import hard_frames
 from tests.numerics.kernel_text import kernel_files, without_comments
 from tests.sequence_factory import bits, make_camera, make_frame
 
-
-def assert_like_numpy(launcher: DeviceLauncher, width: int, height: int, count: int = 2) -> None:
-    ours, theirs = Resolver(device=launcher, strict=True), Resolver(device="numpy")
-    for frame in hard_frames(width, height, count):
-        assert np.array_equal(bits(ours.resolve(frame)), bits(theirs.resolve(frame)))
+SIZES = [(1, 1), (1, 13), (13, 1), (2, 2), (3, 3), (17, 13), (97, 5), (241, 131)]
 
 
 # The hard frames of a few pixels have depth of 0 everywhere, which is told.
 @pytest.mark.filterwarnings("ignore:depth is 0:cltaa.core.frame_checks.MeaninglessNumbers")
-@pytest.mark.parametrize("size", [(1, 1), (1, 13), (13, 1), (2, 2), (3, 3), (17, 13), (97, 5), (241, 131)])
+@pytest.mark.parametrize("size", [*SIZES, pytest.param((1919, 1081), marks=pytest.mark.big)])
 def test_g5_every_size_gives_the_oracles_bits(launcher: DeviceLauncher, size: tuple[int, int]) -> None:
-    assert_like_numpy(launcher, *size)
-
-
-@pytest.mark.big
-def test_g5_a_large_odd_size_gives_the_oracles_bits(launcher: DeviceLauncher) -> None:
-    assert_like_numpy(launcher, 1919, 1081)
+    ours, theirs = Resolver(device=launcher, strict=True), Resolver(device="numpy")
+    for frame in hard_frames(*size, 2):
+        assert np.array_equal(bits(ours.resolve(frame)), bits(theirs.resolve(frame)))
 
 
 def test_g5_a_plane_is_counted_in_32_bits_and_planes_in_64() -> None:

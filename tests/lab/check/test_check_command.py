@@ -27,29 +27,20 @@ from tests.sequence_factory import write_sequence
 
 # Mistakes that no way of reading mends: the numbers are lost, or were never there.
 LOST = {"jitter-missing"}
-SOME = ("depth-ray", "colour-encoded")  # others are mended in test_all_that_another_api_does_otherwise
+# Others than these are mended in test_all_that_another_api_does_otherwise.
+QUICK = ["depth-ray", "colour-encoded"]
+MENDED = [*QUICK, *(pytest.param(name, marks=pytest.mark.big) for name in sorted({*MISTAKES} - {*QUICK} - LOST))]
 
 
-def mended(mistake: str, scene: Scene, folder: Path) -> None:
-    spoilt = MISTAKES[mistake].plant(scene(MISTAKES[mistake].scenes[0]))
-    write_own(folder / "sequence", spoilt)
-    fix = folder / "fix.toml"
-    assert main(["check", str(folder / "sequence"), "--fix", str(fix)]) == 65
-    report, read = check_folder(folder / "sequence", profile=str(fix))
-    assert read.description == f"What cltaa check found in {folder / 'sequence'}"  # and not what it began with
-    assert [finding.name for finding in report.mistakes] == []
-    assert len(list(open_input(folder / "sequence", profile=str(fix)))) == len(spoilt)
-
-
-@pytest.mark.parametrize("mistake", SOME)
+@pytest.mark.parametrize("mistake", MENDED)
 def test_the_profile_of_fix_reads_it_right(mistake: str, scene: Scene, tmp_path: Path) -> None:
-    mended(mistake, scene, tmp_path)
-
-
-@pytest.mark.big
-@pytest.mark.parametrize("mistake", sorted(set(MISTAKES) - set(SOME) - LOST))
-def test_the_profile_of_fix_reads_every_mistake_right(mistake: str, scene: Scene, tmp_path: Path) -> None:
-    mended(mistake, scene, tmp_path)
+    spoilt = MISTAKES[mistake].plant(scene(MISTAKES[mistake].scenes[0]))
+    folder, fix = write_own(tmp_path / "sequence", spoilt), tmp_path / "fix.toml"
+    assert main(["check", str(folder), "--fix", str(fix)]) == 65
+    report, read = check_folder(folder, profile=str(fix))
+    assert read.description == f"What cltaa check found in {folder}"  # and not what it began with
+    assert [finding.name for finding in report.mistakes] == []
+    assert len(list(open_input(folder, profile=str(fix)))) == len(spoilt)
 
 
 def test_the_options_that_are_printed_are_the_ones_that_mend(scene: Scene, tmp_path: Path) -> None:
