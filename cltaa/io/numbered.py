@@ -169,10 +169,13 @@ def no_truth(path: Path, number: int, wanted: Iterable[int], there: Collection[i
 
 def frame_missing(path: Path, number: int, apart: int = 1) -> InputMissing:
     """Return the error for a missing frame; ``apart`` above 1 is the step that was meant, and was not given."""
-    cure = "capture or render it again, or go on without it by cltaa resolve --gaps reset or cltaa compare --frames A-B"
+    what, again = "the frame is missing", "capture or render it again"
+    if path.is_file():  # beside a list of files or a pattern
+        what, again = "the frame is not among the files named", "name it too"
+    cure = f"{again}, or go on without it by cltaa resolve --gaps reset or cltaa compare --frames A-B"
     if apart > 1:
         cure = f"the frames are {apart} apart: --step {apart} takes each as the one after the last"
-    return InputMissing("the frame is missing", path=path, frame=number, cure=cure)
+    return InputMissing(what, path=path, frame=number, cure=cure)
 
 
 def ranges(numbers: Iterable[int]) -> str:

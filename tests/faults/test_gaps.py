@@ -47,6 +47,11 @@ def test_what_goes_on_without_a_frame_is_named_with_its_command(
     assert capsys.readouterr().err.endswith(cure)
     assert main(["compare", str(folder), str(folder), *judge, "--frames", "2-4"]) == 0
     assert main(arguments(folder, tmp_path / "out", "--gaps", "reset")) == 0
+    assert main(["inspect", str(frame_path(folder, 0)), str(frame_path(folder, 3)), "--plan"]) == 66
+    assert "synthetic.0001.exr frame 1: the frame is missing; capture" in capsys.readouterr().err
+    assert main(["inspect", str(frame_path(folder, 2)), str(frame_path(folder, 4)), "--plan"]) == 66
+    said = f"{frame_path(folder, 3)} frame 3: the frame is not among the files named; name it too, or go on"
+    assert said in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("missing", [[3], [1], [4], [2, 3], [1, 3], [1, 2, 3, 4]])
