@@ -26,6 +26,7 @@ from cltaa.lab.judge.metrics import (
     CVVDP_TITLE,
     DEFAULT_METRICS,
     METRICS,
+    SAMPLES,
     Measure,
     Metric,
     parse_metrics,
@@ -43,7 +44,7 @@ BOUNDS = {None: "", "at least": "≥ ", "at most": "≤ "}
 def score_heads(metrics: Sequence[Metric], *, alpha: bool = False, moving: bool, samples: bool) -> list[str]:
     """Return column heads for metrics, and for alpha, scores over time (``moving``) and equal-quality samples."""
     heads = [measure.head for measure in (*metrics, *([ALPHA] if alpha else ()), *(SCORES if moving else ()))]
-    return [*heads, *(["samples ↑"] if samples else [])]
+    return [*heads, *([SAMPLES.head] if samples else [])]
 
 
 def score_cells(
@@ -141,9 +142,8 @@ def print_several(results: Sequence[dict[str, Any]], metrics: tuple[Metric, ...]
         table.add_section()
         table.add_row("one sample", *score_cells(alone, metrics, **kinds | {"samples": False}), "1", style="dim")
     print_table(table)
-    print_meanings([*metrics, *([ALPHA] if kinds["alpha"] else ()), *(SCORES if kinds["moving"] else ())])
-    if single:
-        print_line("  samples: equal-quality samples, so many a pixel a supersampler needs for the same error", "dim")
+    moving = SCORES if kinds["moving"] else ()
+    print_meanings([*metrics, *([ALPHA] if kinds["alpha"] else ()), *moving, *([SAMPLES] if single else ())])
 
 
 def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bool) -> None:
@@ -161,7 +161,7 @@ def print_entries(rows: Sequence[Row], metrics: tuple[Metric, ...], *, cvvdp: bo
             cells += [f"{row['milliseconds']:g}" if "milliseconds" in row else "–"] * timed
             table.add_row("" if place else shown(name), shown(row["entry"]), *cells)
     print_table(table)
-    print_meanings([*metrics, *([ALPHA] if kinds["alpha"] else ()), *SCORES])
+    print_meanings([*metrics, *([ALPHA] if kinds["alpha"] else ()), *SCORES, SAMPLES])
     if cvvdp:
         print_line(f"  {CVVDP_TITLE}", "dim")
 

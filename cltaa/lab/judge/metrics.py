@@ -50,6 +50,9 @@ class Measure:
 
 
 ALPHA = Measure("alpha", "root mean square error of alpha, where both images have it")
+SAMPLES = Measure(
+    "samples", "equal-quality samples, so many a pixel a supersampler needs for the same error", higher_is_better=True
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -65,6 +66,17 @@ def test_each_row_is_what_compare_says_of_it_alone(
     assert rows["a", "Mine"]["mean"] == alone["mean"]
     assert rows["a", "Mine"]["video"] == alone["video"]
     assert rows["a", "basic"]["mean"] != rows["a", "Mine"]["mean"]
+
+
+def test_each_column_is_explained_below(capsys: pytest.CaptureFixture[str], sequences: list[Path], entry: Path) -> None:
+    capture = sequences[0]
+    several = words("--video", capture, entry / "a", capture)
+    for told in (words("--table", entry, capture, "--ours", "basic"), several):
+        assert main(["compare", *told, *METRICS]) == 0
+        printed = capsys.readouterr().out
+        heads = [head for head in re.findall(r"([a-z]+) [↑↓]", printed) if head != "ms"]  # which the entry itself says
+        assert {"mse", "flicker", "samples"} <= {*heads}
+        assert heads == re.findall(r"^  ([a-z]+): ", printed, re.MULTILINE)
 
 
 def test_our_presets_read_a_sequence_as_asked(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
