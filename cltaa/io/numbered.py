@@ -459,9 +459,13 @@ def numbered_files(named: Named, suffix: str = ".exr") -> tuple[Path, str, dict[
 
 def no_frames(place: Selection, files: Iterable[Path]) -> InputMissing:
     """Return the error for a place none of whose EXR ``files`` has a number."""
-    folder, names = place.folder, [path.name for path in files]
+    folder, paths = place.folder, [*files]
+    names = [path.name for path in paths]
     suffix = Path(names[0]).suffix if names else ".exr"
     cure = f"number the frames, as in {Path(names[0]).stem}.0001{suffix}" if names else None
+    marked = {re.sub("#+", "#", str(pattern_of(path))) for path in paths}
+    if len(marked) == 1 < len(paths):
+        cure = f"{cure}, or name them by a pattern: {shlex.quote(*marked)}"
     if any(re.search(r"[0-9]{10,}", name) for name in names):
         cure = "numbers have nine digits at most: number the frames from 0 or 1 on"
     found = ", ".join(names)

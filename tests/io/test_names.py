@@ -250,8 +250,10 @@ def test_words_may_follow_the_number(tail: str, tmp_path: Path) -> None:
 def test_few_digits_before_words_are_a_number_where_a_pattern_says_so(tmp_path: Path) -> None:
     """Else it is three cameras that are numbered."""
     write_numbers(tmp_path, "cam{:d}_final.exr", range(9, 12))
-    with pytest.raises(InputMissing, match="no frames in the folder"):
+    with pytest.raises(InputMissing, match="no frames in the folder") as caught:
         open_images(tmp_path)
+    (pattern,) = re.findall("or name them by a pattern: (.*)$", str(caught.value))
+    assert open_images(*shlex.split(pattern)).numbers == (9, 10, 11)
     assert open_images(tmp_path / "cam#_final.exr").numbers == (9, 10, 11)
     assert open_images(tmp_path / "cam##_final.exr").numbers == (10, 11)
 
@@ -329,8 +331,9 @@ def test_a_copy_beside_its_frame_is_none(copy: str, tmp_path: Path, capsys: pyte
 def test_numbers_that_may_be_others_are_not_taken_for_those_of_frames(names: tuple[str, ...], tmp_path: Path) -> None:
     for name in names:
         write_numbers(tmp_path, name + ".exr", range(1))
-    with pytest.raises((DataError, InputMissing), match=r"several sequences|no frames in the folder"):
+    with pytest.raises((DataError, InputMissing), match=r"several sequences|no frames in the folder") as caught:
         open_images(tmp_path)
+    assert "by a pattern" not in str(caught.value)
 
 
 def test_the_first_frame_of_each_of_several_shots_has_its_number_last(tmp_path: Path) -> None:
