@@ -67,11 +67,15 @@ def devices() -> list[cl.Device]:
             here = platform.get_devices()
         except cl.Error:
             continue
-        if platform.name == POCL:
-            for device in here:
-                name_unknown_cpu(device.int_ptr)
-        found.extend(here)
+        found.extend(map(_named, here))
     return sorted(found, key=_order)
+
+
+def _named(device: cl.Device) -> cl.Device:
+    """Return a device, after PoCL's wrong name for its CPU was corrected: with it a build may end the process."""
+    if device.platform.name == POCL:
+        name_unknown_cpu(device.int_ptr)
+    return device
 
 
 def _order(device: cl.Device) -> tuple[int, tuple[int, ...]]:
@@ -211,7 +215,7 @@ class Device(OneProcess):
 
     def _take(self, queue: cl.CommandQueue) -> None:
         """Use the context of a program's queue, and the queue itself if it is in order."""
-        self.cl_device, self.context, self.queue = queue.device, queue.context, queue
+        self.cl_device, self.context, self.queue = _named(queue.device), queue.context, queue
         if queue.properties & cl.command_queue_properties.OUT_OF_ORDER_EXEC_MODE_ENABLE:
             self.queue = cl.CommandQueue(self.context, self.cl_device)
         self._describe()

@@ -144,6 +144,28 @@ def test_the_resolve_is_built_for_the_levels_that_this_cpu_has(level: bytes, tmp
     assert done.returncode == 0, done.stderr
 
 
+# A program's own queue, of a device that it found without cltaa, whose name is a wrong one for this level.
+OF_A_PROGRAM = """
+import pyopencl as cl
+from cltaa import Resolver
+from cltaa.opencl import pocl_cpu_name as unknown_cpu
+queue = next(
+    cl.CommandQueue(cl.Context([device]))
+    for platform in cl.get_platforms() if platform.name == "Portable Computing Language"
+    for device in platform.get_devices()
+)
+unknown_cpu.level_of = lambda flags: unknown_cpu.LEVELS[-1]
+Resolver(device=queue)
+assert not unknown_cpu.name_unknown_cpu(queue.device.int_ptr), "the wrong name was still there"
+"""
+
+
+@needs_linux
+def test_the_name_of_the_device_of_a_program_s_queue_is_corrected_too() -> None:
+    done = subprocess.run([sys.executable, "-c", OF_A_PROGRAM], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 # A thread that maps and unmaps the page at which every word of the record points, as threads that free memory do.
 UNMAPPED_MEANWHILE = """
 import ctypes, mmap, threading
