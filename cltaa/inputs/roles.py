@@ -99,8 +99,7 @@ def assign(
     With ``any_depth`` the third component of a vector may be the depth, as a last choice.
     It lacks the colour if several sets match and none of the profile's other names matches just one: the user chooses.
     """
-    above = {label: names for label, names in channels.items() if "/" not in label}
-    colour = _only_match(profile, above)
+    colour = _only_match(profile, _in_folder_itself(channels))
     if not colour or _is_auxiliary(shown_name(colour[0], channels)):
         colour = _only_match(profile, channels)
     if colour:
@@ -118,6 +117,10 @@ def assign(
         "motion": _nearest(colour, profile.motion.channels, channels),
     }
     return {role: places for role, places in found.items() if places}
+
+
+def _in_folder_itself(channels: Channels) -> dict[str, Iterable[str]]:
+    return {label: names for label, names in channels.items() if "/" not in label}
 
 
 def _only_match(profile: Profile, channels: Channels) -> tuple[Place, ...]:
@@ -168,10 +171,15 @@ def without_vectors(channels: Mapping[str, Iterable[str]]) -> dict[str, list[str
 def _nearest(
     colour: tuple[Place, ...], candidates: Sequence[Names], channels: Mapping[str, Iterable[str]]
 ) -> tuple[Place, ...]:
-    """Return the channels of a candidate in the colour's layer, else in its parent layers, else anywhere.
+    """Return the channels of a candidate in the colour's layer, else in its parent layers, else anywhere; beside a
+    colour of the folder itself those there come first.
 
     So the depth of ``Trees.Combined.R`` is ``Trees.Depth.Z`` and not ``Rocks.Depth.Z``, and its alpha is its own ``A``.
     """
+    above = _in_folder_itself(channels)
+    beside = colour and colour[0].files in above and len(above) < len(channels)
+    if beside and (there := _nearest(colour, candidates, above)):
+        return there
     layers = colour[0].channel.split(".")[:-1] if colour else []
     for end in range(len(layers), -1, -1):
         inside = "".join(f"{layer}." for layer in layers[:end])
@@ -543,10 +551,15 @@ def guessed_profile(
         profile.name: not profile.telling or bool(equal_matches([(name,) for name in profile.telling], channels))
         for profile in profiles
     }
-    scores = {profile.name: len(assign(profile, channels)) if told[profile.name] else 0 for profile in profiles}
+    roles = {profile.name: assign(profile, channels) if told[profile.name] else {} for profile in profiles}
+
     # Among equal fits a profile of no tool wins: a tool would name itself in the header, and has units of its own.
-    best = max(profiles, key=lambda profile: (scores[profile.name], OF_NO_TOOL.get(profile.name, 0)))
-    return best, f"no header names the writer; its channel names fit best ({counted(scores[best.name], 'role')})"
+    def fit(profile: Profile) -> tuple[int, int, int]:
+        files = [places[0].files for places in roles[profile.name].values()]
+        return len(files), sum("/" not in label for label in files), OF_NO_TOOL.get(profile.name, 0)
+
+    best = max(profiles, key=fit)
+    return best, f"no header names the writer; its channel names fit best ({counted(len(roles[best.name]), 'role')})"
 
 
 def _sets_read(profile: Profile, channels: Channels, views: Views) -> set[str]:

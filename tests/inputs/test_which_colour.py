@@ -100,6 +100,17 @@ def test_of_several_pictures_none_is_taken_for_the_colour(tmp_path: Path) -> Non
     assert open_intake(*shlex.split(pattern)).sets.keys() == {"day 1"}
 
 
+def test_no_depth_of_a_picture_in_a_folder_below_is_taken_for_that_beside_the_colour(tmp_path: Path) -> None:
+    """Nor vectors, whatever they are called there; where there are no others, those are read."""
+    planes = dict.fromkeys("RGB", np.ones((4, 4), np.float32))
+    write_parts(tmp_path / "final" / "x.0001.exr", {"": planes | {"Z": planes["R"]}}, {})
+    write_parts(tmp_path / "x.0001.exr", {"": planes}, {})
+    assert [place.files for place in open_intake(tmp_path).roles["depth"]] == ["final/x"]
+    write_parts(tmp_path / "x.0001.exr", {"": planes | {"depth.Z": planes["R"]}}, {})
+    for profile in ("auto", "parts"):
+        assert open_intake(tmp_path, profile=profile).roles["depth"] == (Place("x", "depth.Z"),)
+
+
 @pytest.mark.parametrize("other", ["depth", "MotionVectors", "crypto_object", "albedo"])
 def test_the_option_for_one_of_several_sets_takes_no_depth_vectors_or_masks(other: str, tmp_path: Path) -> None:
     for name in (other, "render"):
