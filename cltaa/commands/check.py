@@ -70,7 +70,12 @@ def check(
     words, options, side_file = selection_of(named).words, report.options, reading["side_file"]
     only = frame_range(named, frames, profile=mended) if jitter_file is not None else None
     if jitter_file is not None:
-        _write_jitter(jitter_file, named, mended, only, reading)
+        try:
+            _write_jitter(jitter_file, named, mended, only, reading)
+        except DataError:
+            if not as_json:
+                _print(report, words, options)  # what is to be mended first
+            raise
         base = mended.name if reading["profile"] == "auto" else reading["profile"]
         mended, side_file = msgspec.structs.replace(mended, jitter=Jitter()), jitter_file  # the file is in pixels
         report, mended = _with_leak(report, mended, named, jitter_file, only, reading["step"])

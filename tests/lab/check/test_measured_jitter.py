@@ -170,9 +170,12 @@ def test_why_it_is_not_measured(
 ) -> None:
     folder, file = write_own(tmp_path / "in", change(shot("corridor"))), tmp_path / "jitter.json"
     assert main(["check", str(folder), "--jitter-file", str(file)]) == 65
-    said = capsys.readouterr().err.splitlines()[-1]
-    assert said.startswith(f"cltaa: error: {folder}: the jitter is not measured: {why} (expected ")
+    told = capsys.readouterr()
+    assert told.err.splitlines()[-1].startswith(f"cltaa: error: {folder}: the jitter is not measured: {why} (expected ")
+    assert "no-motion-vectors (99%)" in told.out  # the report, which the error refers to
     assert not file.exists()
+    assert main(["check", str(folder), "--jitter-file", str(file), "--json"]) == 65
+    assert [*json.loads(capsys.readouterr().out)] == ["error", "exit_code"]
 
 
 def test_what_can_hold_no_measured_jitter(shot: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
