@@ -11,8 +11,18 @@ from msgspec.structs import replace
 
 from cltaa.camera import inverse_depth_at, is_still
 from cltaa.core.backend import Buffer, Launcher
-from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, edge_build, ring_planes, window_count, window_planes
-from cltaa.core.constants import LONG_WINDOW, MIDDLE_WINDOW, SHORT_WINDOW
+from cltaa.core.build import (
+    FRAME_DTYPE,
+    Build,
+    Record,
+    Steps,
+    edge_build,
+    ring_planes,
+    ring_steps,
+    window_count,
+    window_planes,
+)
+from cltaa.core.constants import MIDDLE_WINDOW, SHORT_WINDOW
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.plan import Plan, reads_depth
 from cltaa.core.planes import BlockPool, Kind, Layout, around, as_floats, flat, places
@@ -251,7 +261,7 @@ class FrameRing:
         """Return ``build`` with camera motion where the camera differs from that of any frame of the ring."""
         told = [past for past, _ in self._told(frame)] if self._ahead else self.past
         moved = any(not is_still(frame.camera, past.camera) for past in told)
-        kind = {"look_ahead": self._ahead > 0, "long_ring": self._count + self._ahead > LONG_WINDOW}
+        kind = ring_steps(self._count, self._ahead)
         steps = replace(build.steps, camera_motion=build.steps.camera_motion or moved, **kind)
         return replace(build, steps=steps)
 

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.constants import CONSTANTS, PAD_X, PAD_Y, WHOLE_NUMBERS
+from cltaa.core.constants import CONSTANTS, LONG_WINDOW, PAD_X, PAD_Y, WHOLE_NUMBERS
 from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, Recursion, Settings
 from cltaa.errors import UsageError, known
 
@@ -61,7 +61,7 @@ class Steps(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     alpha: bool = False
     reactive: bool = False
     look_ahead: bool = False
-    long_ring: bool = False  # of more than LONG_WINDOW frames
+    long_ring: bool = False  # of more than LONG_WINDOW frames, some of them ahead
 
 
 class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
@@ -92,6 +92,11 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
 def ring_planes(steps: Steps) -> int:
     """Return the planes of a frame in the ring: r, g, b, inverse depth, and what steps read."""
     return 4 + 2 * steps.own_motion + steps.alpha + steps.reactive
+
+
+def ring_steps(frames: int, ahead: int) -> dict[str, bool]:
+    """Return the steps that a ring of ``frames`` earlier and ``ahead`` later ones decides."""
+    return {"look_ahead": ahead > 0, "long_ring": ahead > 0 and frames + ahead > LONG_WINDOW}
 
 
 def unmoved_window(steps: Steps) -> int:
@@ -161,7 +166,8 @@ def mix_build(build: Build) -> Build:
     """Return the build of ``mix_windows``, which many ways to gather share: it looks at few of their choices."""
     asked = build.choices
     choices = Choices(negatives=asked.negatives, recursion=asked.recursion, weighting=asked.weighting)
-    steps = Steps(alpha=build.steps.alpha, long_ring=build.steps.long_ring)
+    steps = build.steps
+    steps = Steps(alpha=steps.alpha, look_ahead=steps.look_ahead, long_ring=steps.long_ring)
     return msgspec.structs.replace(build, choices=choices, steps=steps, terms=Terms())
 
 

@@ -68,7 +68,7 @@ PAD_Y: Final = 4
 # kept, and from all without following its motion; the texels around it decide which to use (docs/decisions).
 SHORT_WINDOW: Final = 3  # frames in the ring of the first window
 MIDDLE_WINDOW: Final = 7  # of the second
-LONG_WINDOW: Final = 15  # and of the third, where the ring holds more
+LONG_WINDOW: Final = 15  # and of the third, where the ring holds more and some lie ahead
 WINDOW_REACH: Final = 2  # texels up, down, left and right that take part in that decision
 BALANCED_REACH: Final = 0.75  # share of a drift by which pixels go on where frames ahead balance the earlier: measured
 HELD_SHARE: Final = 7 / 8  # of a ring's frames that the history of a still scene has to hold to be better: measured

@@ -64,6 +64,15 @@ def window_weight(error: Array, least: Array) -> Array:
     return eighth * eighth
 
 
+def times_counted(window: int, frames: int, build: Build) -> int:
+    """How often a window counts: beside frames ahead that of all ring frames twice, and in the ring one that repeats
+    another not at all."""
+    unmoved = unmoved_window(build.steps)
+    if not build.steps.look_ahead or window >= unmoved:
+        return 1
+    return has_more_frames(window, frames, build) + (window == unmoved - 1)
+
+
 def recursive_share(count: Array, others: Array, error: Array, least: Array) -> Array:
     """Share of the recursive result in its mean with the other windows."""
     tiny = value("TINY")
@@ -221,10 +230,7 @@ def mix_windows(
     light, opacity, latest, latest_of_alpha = sums, zero, sums, zero  # their drift and that of the second
     followed = weight  # of the windows that follow it
     for window, (k, error) in enumerate(zip(sources[1:rivals], errors[1:rivals], strict=True), start=1):
-        times = 1  # the window of all ring frames counts twice, and in the ring one that repeats another not at all
-        if window < unmoved:
-            times = has_more_frames(window, frames, build) + (window == unmoved - 1)
-        w, own = times * window_weight(error, least), layout.inside(parts[k])
+        w, own = times_counted(window, frames, build) * window_weight(error, least), layout.inside(parts[k])
         if window > unmoved:
             light, opacity = np.zeros_like(sums), zero
         elif k == window and (window == unmoved or has_more_frames(window, frames, build)):

@@ -193,11 +193,13 @@ STAGE real window_weight(real error, real least)
     return eighth * eighth;
 }
 
-// How often a window counts: that of all ring frames twice, since it holds the most samples; in the ring one that
-// repeats another not at all.
+// How often a window counts. Beside frames ahead trends of light cancel, so that of all ring frames, which has the most
+// samples, counts twice, and in the ring one that repeats another not at all.
 STAGE int times_counted(int window, int frames)
 {
-    return window > ALL_FRAMES ? 1 : has_more_frames(window, frames) + (window == ALL_FRAMES);
+    if (!LOOK_AHEAD | (window > ALL_FRAMES))
+        return 1;
+    return has_more_frames(window, frames) + (window == ALL_FRAMES);
 }
 
 // Share of the recursive result in its mean with the other windows: by the samples of both, less where it errs more

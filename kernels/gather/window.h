@@ -6,9 +6,10 @@
 // resolve errs in other ways than all these; its mean with them errs less than either.
 #include "gather/samples.h"
 
-// Planes of a window: r, g, b, error, count, alpha. The windows in order: the latest frames, more, in a long ring more
-// again, all, all at the pixel's own position since the camera stopped (UNMOVED), and beside a recursive resolve the
-// current frame alone (PRESENT) and that resolve itself (RECURSIVE), which competes with no other.
+// Planes of a window: r, g, b, error, count, alpha. The windows in order: the latest frames, more, in a long ring with
+// frames ahead more again, all, all at the pixel's own position since the camera stopped (UNMOVED), and beside a
+// recursive resolve the current frame alone (PRESENT) and that resolve itself (RECURSIVE), which competes with no
+// other.
 #define WINDOW_PLANES (5 + ALPHA)
 #define ALL_FRAMES (2 + LONG_RING)
 #define UNMOVED (ALL_FRAMES + 1)

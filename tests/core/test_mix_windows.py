@@ -52,11 +52,13 @@ def mixed(
     ratio: float = 0.75,
     reach: float = 1.0,
     beside: tuple[float, int] | None = None,
+    *,
+    ahead: bool = False,
 ) -> float:
     """What flat windows come to, each of which leaves its error in every texel: 1.0 the latest four frames, 0.98 the
     latest eight, 0.8 all and 0.4 all without motion; the current samples are missing or have the light ``now``, and the
     one so many columns ``beside`` the pixel another."""
-    layout, build = Layout(WIDTH, HEIGHT), Build(steps=Steps(alpha=False))
+    layout, build = Layout(WIDTH, HEIGHT), Build(steps=Steps(alpha=False, look_ahead=ahead))
     windows = layout.zeros(len(errors) * 5)
     for planes, light, error in zip(windows.reshape(len(errors), 5, *windows.shape[1:]), LIGHTS, errors, strict=True):
         planes[:3], planes[3], planes[4] = light, error, 7.0
@@ -81,9 +83,11 @@ def test_a_span_counts_by_its_error_and_is_moved_to_the_shortest_where_that_is_n
 
     places = [1.0, *(moved(light) for light in LIGHTS[1:])]
     for errors in ((1.0, 1.0, 1.0, 1.0), (1.0, 1.1, 0.9, 1.2), (5.0, 1.0, 1.0, 4.0)):
-        # The third is that of all frames, and counts twice.
-        shares = [times * (min(errors) / error) ** 16 for times, error in zip((1, 1, 2, 1), errors, strict=True)]
+        shares = np.array([(min(errors) / error) ** 16 for error in errors])
         assert mixed(errors) == pytest.approx(np.average(places, weights=shares), abs=1e-6)
+        # Beside frames ahead the third, of all frames, counts twice.
+        twice = pytest.approx(np.average(places, weights=shares * [1, 1, 2, 1]), abs=1e-6)
+        assert mixed(errors, ahead=True) == twice
 
 
 def test_light_that_goes_on_changing_is_followed_as_far_as_the_current_samples_are() -> None:

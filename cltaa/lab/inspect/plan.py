@@ -14,8 +14,7 @@ import msgspec
 import numpy as np
 
 from cltaa.core.backend import Launcher
-from cltaa.core.build import Steps, Storage, window_count
-from cltaa.core.constants import LONG_WINDOW
+from cltaa.core.build import Steps, Storage, ring_steps, window_count
 from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.plan import JittersBefore, Plan, from_ring_alone, plan_frame, recursive_choices, toggled, with_effects
 from cltaa.core.presets import Preset, Published
@@ -176,13 +175,12 @@ def memory(
     kept = HistoryKind.FRAMES in histories
     history_frames = preset.settings.history_frames if kept else 0
     windowed = [each.choices for each in plans if kept and each.choices.illumination is Illumination.WINDOW]
-    long_ring = history_frames + preset.settings.look_ahead > LONG_WINDOW
     recursion = any(recursive_choices(each.choices) is not None for each in plans)
     changes = recursion or any(
         each.choices.history is HistoryKind.ACCUMULATED and each.choices.illumination is not Illumination.STATIC
         for each in plans
     )
-    steps = Steps(**used | {"long_ring": long_ring})
+    steps = Steps(**used | ring_steps(history_frames, preset.settings.look_ahead))
     held = DevicePlanes(
         steps,
         resolver.storage,
