@@ -290,7 +290,8 @@ def with_known_effects(
         names = begun.settings.get("found")
         if names is not None:
             found = found_before(output, frozenset(map(Effect, names)))
-            check_headers(sequence, found.effects, path=output)
+            if begun.settings.get("sequence") == sequence.name:  # else ``OutputFolder`` refuses another sequence
+                check_headers(sequence, found.effects, path=output)
             line = f"effects found: {format_effects(found.effects)} (as the run began)"
     elif looks:
         check_ownable(output)  # before a user without access waits for an error

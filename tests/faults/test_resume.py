@@ -14,7 +14,7 @@ from cltaa.cli import main
 from cltaa.core.presets import load_preset
 from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError
-from cltaa.io.exr_write import write_frame
+from cltaa.io.exr_write import write_frame, write_image
 from cltaa.io.manifest import Manifest
 from cltaa.pipeline.checkpoint import SLOTS
 from tests.faults.runs import (
@@ -169,6 +169,11 @@ def test_another_way_to_read_is_refused_as_a_user_types_it(tmp_path: Path, capsy
     assert said in capsys.readouterr().err
     assert main([*arguments(tmp_path / "in" / "night.####.exr", output)]) == 64
     assert "was begun with another sequence (expected night, found day); use --restart" in capsys.readouterr().err
+    for frame in made:  # whose headers show another effect
+        planes = dict.fromkeys("RGBA", frame.colour[..., 0])
+        write_image(tmp_path / "in" / f"dusk.{frame.index:04d}.exr", planes)
+    assert main([*arguments(tmp_path / "in" / "dusk.####.exr", output)]) == 64
+    assert "was begun with another sequence (expected dusk, found day); use --restart" in capsys.readouterr().err
     write_colour(tmp_path / "one", made)
     by_mine = [*arguments(tmp_path / "one", tmp_path / "as I said"), "--profile", str(profile)]
     profile.write_text('profile = "parts"\ndescription = "first"')
