@@ -20,7 +20,7 @@ from cltaa.process import CORES, OneProcess
 
 # Threads that copy between pinned memory and a program's, because one is slower than the bus, and bytes that each
 # copies at a time: a depth at 1920 x 1080 is two of them.
-COPIERS, PART = min(8, CORES), 4 * 2**20
+COPIERS, PART = min(12, CORES), 4 * 2**20
 
 
 class Copiers:
