@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 import pytest
 import trimesh
@@ -198,12 +199,8 @@ def test_noise_is_neither_jitter_nor_motion(name: str, small: Scene) -> None:
 def test_less_than_sure_is_a_question_and_prescribes_nothing() -> None:
     made = Finding(name="x", mistake=True, confidence=0.79, what="", evidence="", fix={"jitter": {"swap": True}})
     assert (made.settled.mistake, made.settled.question, made.settled.fix) == (False, True, {})
-    sure = replace_confidence(made, 0.8)
+    sure = msgspec.structs.replace(made, confidence=0.8)
     assert sure.settled == sure
-
-
-def replace_confidence(finding: Finding, confidence: float) -> Finding:
-    return Finding(name=finding.name, mistake=True, confidence=confidence, what="", evidence="", fix=finding.fix)
 
 
 def test_sureness_is_that_of_cantelli() -> None:
