@@ -33,7 +33,6 @@ from cltaa.core.parameters import Choices, CurrentFilter, FilterUse, Fireflies, 
 from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset
 from cltaa.core.record import Past, frame_record
-from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.reference import KERNELS
 from cltaa.reference.illumination import tests_light
 from cltaa.reference.launcher import NumpyLauncher
@@ -157,12 +156,6 @@ ALIKE: dict[str, dict[str, str]] = {
 BACK = 0.2  # the nearest points of the planes lie at 0.1: the previous camera was in front of them
 UNWRITTEN = np.float32(-77.0)  # what no stage writes into a plane by itself
 ALL_STEPS = Steps(alpha=True, reactive=True)
-
-
-@cache
-def device() -> DeviceLauncher:
-    """Return the first device, one for all tests of a process."""
-    return DeviceLauncher()
 
 
 @dataclass(frozen=True)

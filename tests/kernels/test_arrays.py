@@ -23,7 +23,7 @@ from cltaa.frame import Camera, Effect
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.pipeline.output import limit_halves, saturated_pixels
 from cltaa.reference.launcher import NumpyLauncher
-from tests.kernels.stage_chain import UNWRITTEN, device
+from tests.kernels.stage_chain import UNWRITTEN
 from tests.numerics.exact_cameras import orthographic
 from tests.sequence_factory import bits, make_camera, make_frame, special_values
 
@@ -110,7 +110,7 @@ def test_of_every_number_that_a_history_is_kept_in(storage: Storage, lanes: int)
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_a_result_of_some_rows_leaves_the_others_unwritten(lanes: int) -> None:
     """As of the last band of an image."""
-    launcher, layout = device(), Layout(33, 5)
+    launcher, layout = DeviceLauncher(), Layout(33, 5)
     planes = layout.zeros(PLANES)
     layout.inside(planes)[...] = np.random.default_rng(6).normal(0.0, 9.0, (PLANES, 5, 33))
     found = layout.inside(converted(launcher, launcher.build(Build(lanes=lanes)), layout, planes, 3))
@@ -127,7 +127,7 @@ HARD_DEPTHS = np.array(
 
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_an_array_in_any_order_becomes_the_planes_that_it_holds(lanes: int) -> None:
-    launcher, orders = device(), ((0, 1, 2), (2, 0, 1), (0, 2, 1))  # pixels, planes, rows of planes
+    launcher, orders = DeviceLauncher(), ((0, 1, 2), (2, 0, 1), (0, 2, 1))  # pixels, planes, rows of planes
     for width, dtype, order in product((1, 37, 160), (np.float32, np.float16), orders):
         layout, random = Layout(width, 9), np.random.default_rng(7)
         array = np.empty([(9, width, 3)[axis] for axis in order], dtype).transpose(np.argsort(order))
@@ -159,7 +159,7 @@ def unpacked(
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_a_distance_becomes_its_inverse_depth_to_the_bit(lanes: int) -> None:
     """``camera.inverse_depth``, and of a perspective camera what is at or below a place of the sky is moved there."""
-    launcher, layout, random = device(), Layout(129, 65), np.random.default_rng(8)
+    launcher, layout, random = DeviceLauncher(), Layout(129, 65), np.random.default_rng(8)
     depth = (10.0 ** random.uniform(-6, 6, (65, 129))).astype(np.float32)
     depth[::3, ::5] = random.choice(HARD_DEPTHS, depth[::3, ::5].shape)
     depth[1, 1] = 2.0**13
@@ -179,7 +179,7 @@ def test_a_distance_becomes_its_inverse_depth_to_the_bit(lanes: int) -> None:
 
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_a_result_becomes_an_array(lanes: int) -> None:
-    launcher, layout, random = device(), Layout(37, 9), np.random.default_rng(9)
+    launcher, layout, random = DeviceLauncher(), Layout(37, 9), np.random.default_rng(9)
     storages, dtypes = (Storage.FLOAT, Storage.HALF, Storage.DOUBLE), (np.float32, np.float16)
     for storage, dtype, planes in product(storages, dtypes, (3, 4)):
         build = launcher.build(Build(lanes=lanes, storage=storage))
@@ -202,7 +202,7 @@ def test_what_kernels_cannot_read_in_its_place() -> None:
     assert [flat(array) for array in (np.zeros((4, 5, 3))[::-1], far_apart, np.zeros((4, 5), ">f4"))] == [None] * 3
     frame = make_frame(0)
     odd = replace(frame, depth=frame.depth[::-1].astype(">f8")[::-1])
-    assert np.array_equal(Resolver("basic", device()).resolve(odd), Resolver("basic", device()).resolve(frame))
+    assert np.array_equal(Resolver("basic").resolve(odd), Resolver("basic").resolve(frame))
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,10 @@ import pytest
 
 from cltaa.core.build import Build, Steps, Storage
 from cltaa.core.parameters import Choices, Illumination
+from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import padded
-from tests.kernels.stage_chain import Work, device, differing, hard_work, run_stage
+from tests.kernels.stage_chain import Work, differing, hard_work, run_stage
 
 WIDTH, HEIGHT = 70, 41
 ROWS = 13  # of a work-item: some begin in the midst of what moves alike
@@ -44,7 +45,7 @@ def test_kept_rows_give_the_same_bits(lanes: int, storage: Storage) -> None:
         work = moved(name)
         if storage is Storage.HALF:
             work.planes["history"][:] = np.clip(work.planes["history"], -65504, 65504)
-        ours, theirs = (run_stage("resolve", build, work, launcher) for launcher in (device(), NumpyLauncher()))
+        ours, theirs = (run_stage("resolve", build, work, launcher) for launcher in (DeviceLauncher(), NumpyLauncher()))
         assert differing(work, ours, theirs) == 0, name
 
 
@@ -52,5 +53,5 @@ def test_what_stands_still_keeps_no_rows_and_gives_the_same_bits() -> None:
     steps = Steps(camera_motion=False, own_motion=False, alpha=True, exposure=False)
     build = Build(choices=Choices(illumination=Illumination.TEST), steps=steps, strict=True, lanes=8, rows=ROWS)
     work = hard_work(WIDTH, HEIGHT, seed=3)
-    ours, theirs = (run_stage("resolve", build, work, launcher) for launcher in (device(), NumpyLauncher()))
+    ours, theirs = (run_stage("resolve", build, work, launcher) for launcher in (DeviceLauncher(), NumpyLauncher()))
     assert differing(work, ours, theirs) == 0

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from cltaa.core.backend import storage_dtype
 from cltaa.core.build import Build, Steps, Storage
 from cltaa.core.parameters import Choices, HistoryFilter, Reject
+from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import Planes, padded, storable
-from tests.kernels.stage_chain import Work, chain_work, device, differing, run_stage
+from tests.kernels.stage_chain import Work, chain_work, differing, run_stage
 
 Moves = NDArray[np.float32]
 SIZE = 70, 41
@@ -85,7 +86,8 @@ def read(work: Work, build: Build) -> tuple[Planes, Planes]:
         stored = work.planes["history"].astype(storage_dtype(build))
     stored[stored == 0] = 0.0  # nor is -0 ever stored in halves
     work = dataclasses.replace(work, planes={**work.planes, "history": stored})
-    return run_stage("sample_history", build, work, device()), run_stage("sample_history", build, work, NumpyLauncher())
+    ours, theirs = (run_stage("sample_history", build, work, on) for on in (DeviceLauncher(), NumpyLauncher()))
+    return ours, theirs
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.opencl.shape import LEAST_ROWS, NVIDIA, Cut, Shape
 from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import Planes
-from tests.kernels.stage_chain import ALL_STEPS, Work, device, differing, hard_work, run_stage
+from tests.kernels.stage_chain import ALL_STEPS, Work, differing, hard_work, run_stage
 from tests.sequence_factory import make_frame
 
 WIDTH, HEIGHT = 45, 23
@@ -56,7 +56,7 @@ def test_terms_that_come_to_nothing_are_left_out_without_a_trace(lanes: int) -> 
     work, build = work_with(NOTHING), strict(lanes)
     assert Terms.of(NOTHING) == NONE
     less = replace(build, terms=NONE)
-    with_them, without = (resolved(work, how, device()) for how in (build, less))
+    with_them, without = (resolved(work, how, DeviceLauncher()) for how in (build, less))
     assert differing(work, with_them, without) == 0
     assert differing(work, without, resolved(work, less, NumpyLauncher())) == 0
 
@@ -71,7 +71,7 @@ def test_a_size_known_when_kernels_are_built_changes_no_bit() -> None:
     work, build = work_with(Settings()), strict(1)  # a GPU's
     width = replace(build, stride=work.layout.stride)
     for known in (width, replace(width, plane=work.layout.plane)):
-        assert differing(work, resolved(work, known, device()), resolved(work, build, device())) == 0
+        assert differing(work, resolved(work, known, DeviceLauncher()), resolved(work, build, DeviceLauncher())) == 0
 
 
 def test_presets_call_for_the_terms_that_they_use() -> None:
@@ -89,13 +89,13 @@ def test_presets_call_for_the_terms_that_they_use() -> None:
 
 def fitted(kernel: str, build: Build) -> Build:
     """What a kernel is built from for a whole image."""
-    return device().fitted(kernel, build, Layout(WIDTH, HEIGHT), {"frame": {"band_rows": 0}})
+    return DeviceLauncher().fitted(kernel, build, Layout(WIDTH, HEIGHT), {"frame": {"band_rows": 0}})
 
 
 def test_only_the_resolve_is_built_for_one_size(monkeypatch: pytest.MonkeyPatch) -> None:
     shape = Shape(lanes=1, rows=ROWS, group=(32, 1), one_size=True)
     monkeypatch.setattr(Device, "shape", property(lambda _: shape))
-    layout, asked = Layout(WIDTH, HEIGHT), device().build(Build())
+    layout, asked = Layout(WIDTH, HEIGHT), DeviceLauncher().build(Build())
     assert [fitted(kernel, asked) for kernel in ("unpack", "extend_edges", "pack")] == [asked] * 3
     known = fitted("resolve", asked)
     assert (known.stride, known.plane) == (layout.stride, layout.plane)
@@ -105,7 +105,7 @@ def test_only_the_resolve_is_built_for_one_size(monkeypatch: pytest.MonkeyPatch)
 def test_rows_that_were_not_asked_for_fill_the_device(monkeypatch: pytest.MonkeyPatch, asked: int, taken: int) -> None:
     shape = Shape(lanes=1, rows=ROWS, group=(32, 1), one_size=True, most_rows=9)
     monkeypatch.setattr(Device, "shape", property(lambda _: shape))
-    assert fitted("resolve", device().build(Build(rows=asked))).rows == taken
+    assert fitted("resolve", DeviceLauncher().build(Build(rows=asked))).rows == taken
 
 
 @pytest.mark.parametrize(
@@ -116,9 +116,9 @@ def test_kernels_may_have_a_cut_of_their_own(
 ) -> None:
     shape = Shape(lanes=1, rows=ROWS, group=(32, 1), gather=Cut(1, (8, 8), 80), mix=Cut(20, (64, 1), 255))
     monkeypatch.setattr(Device, "shape", property(lambda _: shape))
-    built = fitted(kernel, device().build(Build()))
+    built = fitted(kernel, DeviceLauncher().build(Build()))
     assert (built.rows, built.registers) == cut
-    assert fitted(kernel, device().build(Build(rows=ROWS + 1))).rows == ROWS + 1  # as it was asked for
+    assert fitted(kernel, DeviceLauncher().build(Build(rows=ROWS + 1))).rows == ROWS + 1  # as it was asked for
 
 
 def turns(shape: Shape, width: int, height: int, rows: int, at_once: int) -> float:

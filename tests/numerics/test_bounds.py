@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -51,18 +49,8 @@ DEFAULT = Build(steps=ALL_STEPS)
 MOST_OPEN = 0.03
 
 
-@cache
-def device_of(_: str | None) -> DeviceLauncher:
-    return DeviceLauncher()
-
-
-def device() -> DeviceLauncher:
-    """A device that builds kernels as the test has them."""
-    return device_of(os.environ.get("PYOPENCL_BUILD_OPTIONS"))
-
-
 def rows_of(kernel: str, build: Build, side: int = 96, on: DeviceLauncher | None = None) -> list[Row]:
-    launcher = on or device()
+    launcher = on or DeviceLauncher()
     work, shaped = chain_work(side, side), launcher.build(build)
     written, bounds = run_stage(kernel, shaped, work, launcher), bounds_of(kernel, shaped, work)
     return [row_of(output, work, written, bounds) for output in OUTPUTS if output.kernel == kernel]
@@ -132,7 +120,7 @@ def test_every_choice_of_a_gpu_lies_inside_its_bound(kernel: str, name: str) -> 
 
 
 def test_what_is_stored_in_halves_is_off_by_their_rounding_and_no_more() -> None:
-    check(list(stored_rows(96, device())))
+    check(list(stored_rows(96, DeviceLauncher())))
 
 
 def test_every_channel_of_every_kernel_has_a_row() -> None:
@@ -149,18 +137,18 @@ def test_every_channel_of_every_kernel_has_a_row() -> None:
 @pytest.mark.big
 @pytest.mark.parametrize("kernel", WRITES)
 def test_a_million_pixels_of_every_stage_lie_inside(kernel: str) -> None:
-    check(list(tolerance_rows(1024, device(), [kernel])))
+    check(list(tolerance_rows(1024, DeviceLauncher(), [kernel])))
 
 
 @pytest.mark.big
 def test_a_million_pixels_of_what_is_stored_in_halves_lie_inside() -> None:
-    check(list(stored_rows(1024, device())))
+    check(list(stored_rows(1024, DeviceLauncher())))
 
 
 @pytest.mark.big
 @pytest.mark.parametrize("kernel", WRITES)
 def test_a_million_pixels_of_every_strict_kernel_are_the_twins(kernel: str) -> None:
-    assert [row for row in strict_rows(1024, device(), [kernel]) if row.different] == []
+    assert [row for row in strict_rows(1024, DeviceLauncher(), [kernel]) if row.different] == []
 
 
 @pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64])
@@ -176,8 +164,8 @@ def test_a_difference_is_counted_in_the_numbers_between(kind: type[np.floating[A
 
 @pytest.mark.parametrize("storage", list(Storage))
 def test_a_strict_blend_is_its_twin_in_every_storage(storage: Storage) -> None:
-    build = device().build(Build(steps=ALL_STEPS, strict=True, storage=storage))
-    assert compare_strict("blend", build, chain_work(), device()).different == 0
+    build = DeviceLauncher().build(Build(steps=ALL_STEPS, strict=True, storage=storage))
+    assert compare_strict("blend", build, chain_work(), DeviceLauncher()).different == 0
 
 
 def singles(seed: int, count: int = 20_000) -> np.ndarray[tuple[int], np.dtype[np.float32]]:
