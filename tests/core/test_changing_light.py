@@ -26,6 +26,7 @@ from cltaa.reference.illumination import IlluminationResult, illumination_test, 
 from cltaa.reference.real import Run
 from cltaa.reference.sampling import Footprint
 from tests.kernels.hard_planes import padded
+from tests.last_frame import last_planes
 from tests.sequence_factory import make_camera, make_frame
 
 WIDTH, HEIGHT = 40, 30
@@ -170,19 +171,12 @@ def test_a_lamp_that_lights_up_is_followed_and_steady_light_keeps_its_history() 
 
 
 def stored_counts(lights: list[float], **settings: float) -> Any:
-    """The counts that frames of a texture under these lights leave, [H, W]."""
+    """The counts and the illumination changes that frames of a texture under these lights leave, [2, H, W]."""
     resolver = Resolver(override(load_preset(), settings), "numpy")
     for index, light in enumerate(lights):
         resolver.resolve(textured(index, light))
     assert (DebugViews(resolver, [View.COUNT]).layers()["debug.count"] >= 1.0).all()
-    return stored(resolver)
-
-
-def stored(resolver: Resolver) -> Any:
-    """The counts that the last frame left and the illumination changes, [2, H, W]."""
-    assert resolver.last is not None
-    with resolver.last.arguments["output_count"].mapped(write=False) as count:
-        return Layout(WIDTH, HEIGHT).inside(count).copy()
+    return last_planes(resolver, "output_count")
 
 
 def test_light_that_goes_on_is_followed_and_light_that_alternates_a_little_is_not() -> None:
@@ -233,9 +227,7 @@ def test_without_the_test_the_box_alone_tells_and_is_narrow(effects: frozenset[E
 
 def changes_read(resolver: Resolver) -> Any:
     """The illumination changes that the last frame read, [H, W]."""
-    assert resolver.last is not None
-    with resolver.last.arguments["history_count"].mapped(write=False) as count:
-        return Layout(WIDTH, HEIGHT).inside(count)[1].copy()
+    return last_planes(resolver, "history_count")[1]
 
 
 @pytest.mark.parametrize("own", [False, True], ids=["shared", "own"])
@@ -251,7 +243,7 @@ def test_after_a_frame_without_the_test_no_change_is_read(own: bool) -> None:
         image = resolver.resolve(frame)
         if index in (2, 5):
             assert (changes_read(resolver) == 0.0).all()
-            assert (stored(resolver)[0] > index).mean() > 0.99
+            assert (last_planes(resolver, "output_count")[0] > index).mean() > 0.99
         if index == 6:
             assert np.median(np.abs(changes_read(resolver))) > 0.2
         assert np.allclose(image, beside.resolve(frame), rtol=1e-4, atol=1e-5)

@@ -12,6 +12,7 @@ from cltaa.core.resolver import Resolver
 from cltaa.frame import Camera, Effect, Frame
 from cltaa.reference.gather_fit import SampleSums, fit_at_centre
 from cltaa.reference.real import quiet
+from tests.last_frame import last_planes
 from tests.sequence_factory import make_camera, make_frame
 
 PLACES = [(0.0, 0.0), (0.4, 0.1), (-0.3, 0.45), (0.25, 0.35), (0.45, -0.1)]  # not centred: they mean (0.16, 0.16)
@@ -94,9 +95,7 @@ def test_what_comes_closer_by_itself_keeps_its_samples() -> None:
     resolver = Resolver(gathering(history_frames=7), "numpy")
     for index in range(8):
         resolver.resolve(approaching(index, 5.0 * 1.04 ** (7 - index)))
-    assert resolver.last is not None
-    with resolver.last.arguments["output_count"].mapped(write=False) as count:
-        assert (resolver.last.layout.inside(count[0]) == 8).all()
+    assert (last_planes(resolver, "output_count")[0] == 8).all()
 
 
 def test_weights_whose_squares_are_0_are_fitted_without_a_warning() -> None:

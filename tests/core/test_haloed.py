@@ -13,6 +13,7 @@ from cltaa.core.planes import Layout, around, haloed, mapped_image
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Frame
 from cltaa.opencl.launcher import DeviceLauncher
+from tests.last_frame import last_planes
 from tests.sequence_factory import make_frame
 
 WIDTH, HEIGHT = 45, 27  # odd, and no multiple of any vector
@@ -86,9 +87,7 @@ def test_the_device_keeps_the_memory_that_it_reads(launcher: Counting) -> None:
     del read
     others = [haloed([np.zeros((HEIGHT, WIDTH))] * 3) for _ in range(4)]
     assert len(others) == 4
-    assert resolver.last is not None
-    with resolver.last.arguments["current"].mapped(write=False) as planes:
-        np.testing.assert_array_equal(np.moveaxis(resolver.last.layout.inside(planes), 0, -1), colour)
+    np.testing.assert_array_equal(np.moveaxis(last_planes(resolver, "current"), 0, -1), colour)
 
 
 def test_bands_copy_their_rows(launcher: Counting) -> None:

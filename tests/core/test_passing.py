@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame
+from tests.last_frame import last_planes
 from tests.sequence_factory import make_camera
 
 WIDTH, HEIGHT, WALL, BOX = 48, 20, 8.0, 2.0
@@ -42,10 +42,7 @@ def counts(
     resolver = Resolver(override(load_preset(), settings))
     for frame in made:
         resolver.resolve(frame)
-    assert resolver.last is not None
-    with resolver.last.arguments["output_count"].mapped(write=False) as count:
-        left: np.ndarray = Layout(WIDTH, HEIGHT).inside(count)[0].copy()
-        return left
+    return np.asarray(last_planes(resolver, "output_count")[0])
 
 
 @pytest.mark.parametrize("step", [0.3, -1.6, 2.75])

@@ -10,6 +10,7 @@ import pytest
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Frame, Image
 from cltaa.opencl.launcher import DeviceLauncher
+from tests.last_frame import last_planes
 from tests.sequence_factory import bits, make_frame
 
 WIDTH, HEIGHT = 48, 40
@@ -27,10 +28,7 @@ def strict(preset: str, launcher: DeviceLauncher) -> Resolver:
 
 def counts(resolver: Resolver) -> Image:
     """The effective sample counts [H, W] that the last frame has left."""
-    assert resolver.last is not None
-    with resolver.last.arguments["output_count"].mapped(write=False) as planes:
-        count: Image = resolver.last.layout.inside(planes[0]).copy()
-        return count
+    return np.asarray(last_planes(resolver, "output_count")[0])
 
 
 def standing(index: int, hole: tuple[slice, slice] | None = None) -> Frame:

@@ -13,6 +13,7 @@ from cltaa.frame import Frame
 from cltaa.lab.bench.accuracy.measurement import enlarged
 from cltaa.lab.timing import resolve_job
 from tests.kernels.test_resolve import hard_frames
+from tests.last_frame import last_planes
 from tests.sequence_factory import bits, make_frame
 
 
@@ -40,10 +41,7 @@ def test_what_is_timed_looks_as_far_ahead_as_it_does() -> None:
     expected = [*Resolver(few, "numpy").images([*before, frame, last, *ahead])][3]
     assert (bits(image) == bits(expected)).all()
     job()
-    assert resolver.last is not None
-    with resolver.last.arguments["output"].mapped(write=False) as planes:
-        again = np.moveaxis(resolver.last.layout.inside(planes), 0, -1)
-    assert (bits(again) == bits(expected)).all()
+    assert (bits(np.moveaxis(last_planes(resolver, "output"), 0, -1)) == bits(expected)).all()
 
 
 def test_an_enlarged_frame_moves_as_far_in_pictures() -> None:
