@@ -7,7 +7,6 @@ positions.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -22,7 +21,6 @@ LENS = Perspective(np.radians(40.0))
 EYE, TARGET = (0.0, 1.45, 3.4), (0.0, 1.25, -2.0)
 VIEW = animation.look_at(EYE, TARGET)
 NO_SHAPES: Mapping[str, Shape] = MappingProxyType({})
-KEPT = 4  # cached sets, because tests and sweeps build many scenes of one seed
 
 
 def slid(x: float, z: float = 0.0) -> Matrix:
@@ -73,7 +71,6 @@ def exhibits(rng: np.random.Generator) -> tuple[Part, ...]:
     )
 
 
-@lru_cache(KEPT)
 def gallery(seed: int) -> tuple[Part, ...]:
     """Return the wall with its posters, and the exhibits in front of it: fine texture at two to six metres."""
     rng = np.random.default_rng(seed)

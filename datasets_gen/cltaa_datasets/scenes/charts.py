@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from cltaa.frame import Effect
@@ -11,7 +9,7 @@ from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import Instant, Orthographic, Part, emitting
 from cltaa_datasets.scenes.plants import hedge
-from cltaa_datasets.sets import KEPT, exhibits, standing
+from cltaa_datasets.sets import exhibits, standing
 
 HALF = 1.0  # half the height of the picture in metres
 LENS = Orthographic(HALF, 1.0, 9.0)
@@ -21,7 +19,6 @@ TILT = np.radians(45.0)
 WHITE = (1.0, 1.0, 1.0)  # emitted, so that a print does not depend on the light
 
 
-@lru_cache(KEPT)
 def chart(seed: int) -> tuple[Part, ...]:
     """Return a page of text, a zone plate and a checkerboard, each turned by 45 degrees, over a plain grey ground."""
     rng = np.random.default_rng(seed)

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import AlphaMode, Instant, Matrix, Part, emitting
-from cltaa_datasets.sets import KEPT, poster_wall, slid, standing
+from cltaa_datasets.sets import poster_wall, slid, standing
 
 SWING, REACH = 4.0, 0.7  # seconds, metres
 SWAY = 0.09  # metres sideways per metre of height
 
 
-@lru_cache(KEPT)
 def hedge(seed: int) -> tuple[Part, ...]:
     """Return three rows of crossed leafy sheets before the poster wall, one part per row; leaves are at most a few
     pixels wide."""
