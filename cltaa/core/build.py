@@ -166,8 +166,8 @@ def mix_build(build: Build) -> Build:
     """Return the build of ``mix_windows``, which many ways to gather share: it looks at few of their choices."""
     asked = build.choices
     choices = Choices(negatives=asked.negatives, recursion=asked.recursion, weighting=asked.weighting)
-    steps = build.steps
-    steps = Steps(alpha=steps.alpha, look_ahead=steps.look_ahead, long_ring=steps.long_ring)
+    its = build.steps
+    steps = Steps(alpha=its.alpha, look_ahead=its.look_ahead, long_ring=its.long_ring)
     return msgspec.structs.replace(build, choices=choices, steps=steps, terms=Terms())
 
 
