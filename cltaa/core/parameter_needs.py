@@ -74,8 +74,10 @@ _FILTERED = _any_of(*_but(CurrentFilter.NONE))
 _FIREFLIES = _any_of(Fireflies.CLAMP)
 _GATHERED = _any_of(HistoryKind.FRAMES)
 _RECTIFIED = _any_of(*_but(Rectify.NONE))
+_REJECTED = _any_of(Reject.DEPTH)
 _SCALED = _any_of(Box.VARIANCE, Box.BOTH, Box.EXTREMES)
-_TESTED = _any_of(*_but(Illumination.STATIC))
+# A box is given the illumination test where light changes among noise.
+_TESTED = _any_of(*_but(Illumination.STATIC), *_but(Rectify.NONE))
 _TWO_SCALES = Need(
     ("box_scale_static", "box_scale_moving"),
     "box_scale_static and box_scale_moving that differ",
@@ -86,7 +88,7 @@ _TWO_SCALES = Need(
 # Parameter -> what it needs, all of it.
 NEEDS: dict[str, tuple[Need, ...]] = {
     "agreeing_share": (_DIFFERENCE,),
-    "behind_t": (_TESTED,),
+    "behind_t": (_TESTED, _REJECTED),
     "blend_weight": (_any_of(*_but(Accumulate.COUNT)),),
     "box": (_BOXED,),
     "box_floor": (_any_of(Rectify.CLIP, Rectify.ELLIPSOID),),
@@ -94,13 +96,13 @@ NEEDS: dict[str, tuple[Need, ...]] = {
     "box_scale_moving": (_BOXED, _SCALED),
     "box_scale_static": (_BOXED, _SCALED),
     "clip_rate": (_ADAPTED, _RECTIFIED),
-    "covered_share": (_any_of(Reject.DEPTH),),
+    "covered_share": (_REJECTED,),
     "depth_tolerance": (_any_of(Reject.DEPTH, *_but(Illumination.STATIC), HistoryKind.FRAMES),),
     "difference_knee": (_DIFFERENCE,),
     "differing_share": (_DIFFERENCE,),
-    "disocclusion_t": (_TESTED,),
+    "disocclusion_t": (_TESTED, _REJECTED),
     "drift_t": (_GATHERED, _TESTED),
-    "edge_samples": (_TESTED,),
+    "edge_samples": (_TESTED, _REJECTED),
     "edge_tolerance": (_any_of(Dilation.EDGE, *_but(Illumination.STATIC), HistoryKind.FRAMES),),
     "falling_t": (_TESTED,),
     "filter_falloff": (_any_of(CurrentFilter.GAUSSIAN, Neighbourhood.JITTERED),),
@@ -134,7 +136,7 @@ NEEDS: dict[str, tuple[Need, ...]] = {
     "motion_widths": (_BOXED, _SCALED, _TWO_SCALES),
     "moving_weight": (_any_of(Accumulate.ADAPTIVE, Accumulate.CAPPED, Accumulate.STANDING),),
     "off_screen": (_BETWEEN,),
-    "passing_t": (_TESTED,),
+    "passing_t": (_TESTED, _REJECTED),
     "ray_through": (_BETWEEN,),
     "recursion": (_GATHERED, _TESTED),
     "resampling_penalty": (_BETWEEN,),

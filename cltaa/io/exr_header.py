@@ -39,8 +39,8 @@ Header = dict[str, bytes]  # raw values of attributes by name
 
 
 def read_headers(path: Path, file: BinaryIO) -> tuple[int, list[Header], list[int], int]:
-    """Return the version flags, the raw attributes of each part, and the offset of the first table of chunks; before
-    that the places of the types of all attributes whose values OpenEXR's Python module cannot represent.
+    """Return the version flags, the raw attributes of each part, the places of the types of all attributes whose values
+    OpenEXR's Python module cannot represent, and the offset of the first table of chunks.
 
     Such values are valid in a file. Of a type that nobody knows the module passes on the bytes.
 

@@ -13,9 +13,10 @@ import pytest
 from cltaa.commands.options import assigned
 from cltaa.core.parameter_needs import NEEDS, unmet
 from cltaa.core.parameters import Choices, Settings
+from cltaa.core.plan import CHANGING_LIGHT
 from cltaa.core.presets import FIELDS, Preset, load_preset, override, words_of
 from cltaa.core.resolver import Resolver
-from cltaa.frame import Frame
+from cltaa.frame import Effect, Frame
 from cltaa.io.preset_file import read_preset
 from tests.sequence_factory import make_frame
 
@@ -75,6 +76,18 @@ def test_a_parameter_without_what_it_needs_changes_no_bit_and_else_some() -> Non
                 elif key not in shown | RARE and any(resolved(override(preset, {key: v})) != base for v in others(key)):
                     shown.add(key)
     assert shown == NEEDS.keys() - RARE
+
+
+@pytest.mark.parametrize("key", ["illumination_t", "illumination_decay", "largest_t"])
+def test_parameters_of_the_illumination_test_have_an_effect_in_a_box_among_noise(key: str) -> None:
+    noisy = [replace(frame, effects=frozenset({Effect.CAMERA, Effect.NOISE, *CHANGING_LIGHT})) for frame in frames()]
+
+    def image(preset: Preset) -> bytes:
+        return list(Resolver(preset, "numpy").images(noisy))[-1].tobytes()
+
+    boxed = load_preset("basic")
+    assert not lacks(boxed, key)
+    assert any(image(override(boxed, {key: value})) != image(boxed) for value in others(key))
 
 
 UNUSED = r"blend_weight changes nothing in preset default \(expected accumulate other than count, found accumulate = "
