@@ -9,7 +9,9 @@ from __future__ import annotations
 import html
 import json
 import math
+import os
 import re
+import shlex
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,16 @@ def shown(text: str | Path) -> str:
     from rich.markup import escape  # imported here: every error is made printable, and few tables are printed
 
     return escape(printable(text))
+
+
+def shell_word(word: str | Path) -> str:
+    """Return a word of a command, printable and on one line, as a shell reads it; a path never begins with ``-``."""
+    text = f"./{word}" if isinstance(word, Path) and str(word)[0] == "-" else str(word)
+    if text.isprintable() and "  " not in text:  # of which a message keeps one
+        return shlex.quote(text)
+    octal = {sign: "".join(f"\\{byte:03o}" for byte in os.fsencode(sign)) for sign in {*text}}
+    plain = (sign if sign.isprintable() and sign not in "'\\ " else octal[sign] for sign in text)
+    return f"$'{''.join(plain)}'"
 
 
 def counted(number: int, thing: str) -> str:

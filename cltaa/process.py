@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import ctypes
 import os
-import shlex
 import signal
 import subprocess
 import sys
@@ -22,6 +21,7 @@ from types import FrameType
 from typing import Any, SupportsIndex, TypeVar, cast
 
 from cltaa.errors import WRONG_TYPES, CltaaError, UsageError, check_arguments
+from cltaa.printable import shell_word
 
 # Defaults that the user's environment overrides. pyopencl's cache would only repeat the drivers', and its lock outlives
 # a killed process. NumPy's linear algebra starts a thread per core, which then busy-waits, and our matrices are 4x4.
@@ -118,7 +118,7 @@ def run_cltaa(arguments: list[str]) -> str:
     """Return the output of a command; raises CltaaError with its exit code where it fails, below its own message."""
     done = call_cltaa(arguments)
     if done.returncode:
-        error = CltaaError(f"cltaa {shlex.join(arguments)} failed", found=f"exit code {done.returncode}")
+        error = CltaaError(f"cltaa {' '.join(map(shell_word, arguments))} failed", found=f"exit code {done.returncode}")
         error.exit_code = done.returncode
         raise error
     return done.stdout

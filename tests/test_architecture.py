@@ -218,6 +218,11 @@ def test_what_all_may_import_imports_no_package() -> None:
     assert offenders(below, packages) == []
 
 
+def test_words_of_commands_are_quoted_in_one_way() -> None:
+    """``shlex.quote`` alone takes a path ``-x`` for plain, and keeps a line feed, which no message can hold."""
+    assert {module for module, tree in sources().items() if "shlex" in {*imported(tree)}} == {"cltaa.printable"}
+
+
 def test_every_package_is_a_layer() -> None:
     named = [name for row in LAYERS for name in row]
     assert sorted(path.parent.name for path in PACKAGES["cltaa"].glob("*/__init__.py")) == sorted(named)

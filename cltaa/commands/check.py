@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from cltaa.io.names import Named, selection_of
 from cltaa.io.numbered import FrameRange
 from cltaa.lab.check.measured_jitter import measured_jitter, write_jitter
 from cltaa.lab.check.report import FRAMES, Report, check_folder, profile_options
-from cltaa.printable import counted, json_of, printable, shown
+from cltaa.printable import counted, json_of, printable, shell_word, shown
 
 
 @click.command(context_settings={"allow_extra_args": True})  # a shell expands a pattern into many files
@@ -126,7 +125,7 @@ def _with_leak(
 
 
 def _resolve(words: tuple[str, ...], options: str) -> str:
-    return f"cltaa resolve {shlex.join(words)} {options} -o OUT"
+    return f"cltaa resolve {' '.join(map(shell_word, map(Path, words)))} {options} -o OUT"
 
 
 def _print(report: Report, words: tuple[str, ...], options: str) -> None:

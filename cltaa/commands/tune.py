@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 
 import click
@@ -16,7 +15,7 @@ from cltaa.io.atomic import check_creatable
 from cltaa.io.names import real_path
 from cltaa.lab.tune import PRESET as AS_IT_IS
 from cltaa.lab.tune import Tuned, parse_goal, tune
-from cltaa.printable import counted, printable
+from cltaa.printable import counted, printable, shell_word
 
 
 @click.command("tune")
@@ -79,7 +78,7 @@ def command(
         seed=seed,
         output=output,
     )
-    use = f"written to {output}; use it with: cltaa resolve --config {shlex.quote(str(output))}"
+    use = f"written to {output}; use it with: cltaa resolve --config {shell_word(output)}"
     answer(tuned, as_json, lambda tuned: click.echo("\n".join(map(printable, [*outcome_lines(tuned), use]))))
 
 

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from collections.abc import Sequence as Many
 from inspect import signature
 from pathlib import Path
-from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -19,7 +18,7 @@ from cltaa.io.exr_read import read_any_header
 from cltaa.io.names import Named, has_suffix, selection_of
 from cltaa.io.numbered import OnBreak, files_in
 from cltaa.io.sequence import RESOLVED, FrameSequence, open_sequence
-from cltaa.printable import counted
+from cltaa.printable import counted, shell_word
 
 if TYPE_CHECKING:
     from cltaa.inputs.profile import Profile
@@ -147,7 +146,7 @@ def readings(folders: Iterable[Path], asked: Reading) -> dict[Path, Reading]:
     folders = list(dict.fromkeys(folders))
     spoken_of = [folder for folder in folders if not is_own(folder)] or folders
     if len(spoken_of) > 1 and asked.side_file is not None and PLACE not in asked.side_file:
-        option = quote(f"{PLACE}/{Path(asked.side_file).name}")
+        option = shell_word(f"{PLACE}/{Path(asked.side_file).name}")
         cure = f"write {PLACE} for the folder of each: --camera {option}"
         what = "--camera is of one sequence"
         raise UsageError(what, path=asked.side_file, found=counted(len(spoken_of), "sequence"), cure=cure)

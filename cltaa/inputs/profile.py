@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
@@ -18,7 +17,7 @@ import tomli_w
 
 from cltaa.errors import DataError, UsageError, known
 from cltaa.io.content import read_text
-from cltaa.printable import counted, names_in, written
+from cltaa.printable import counted, names_in, shell_word, written
 
 LARGEST = 1 << 16  # bytes; every key with a comment takes a few thousand
 _FOLDER = resources.files("cltaa") / "inputs" / "profiles"
@@ -339,7 +338,7 @@ def channels_option(key: str, names: Sequence[str]) -> str:
 def option_text(values: Mapping[str, Mapping[str, Any]]) -> str:
     """Return ``values`` as command-line options, quoted for a shell."""
     pairs = (assignment.partition("=") for assignment in assignments_of(values))
-    return " ".join(f"--input {key}={shlex.quote(text)}" for key, _, text in pairs)
+    return " ".join(f"--input {key}={shell_word(text)}" for key, _, text in pairs)
 
 
 def toml_text(profile: Profile) -> str:

@@ -9,7 +9,6 @@ part; channels of the first view may omit it. Without such a word the part's att
 from __future__ import annotations
 
 import re
-import shlex
 from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from collections.abc import Sequence as Many
 from os.path import relpath
@@ -24,7 +23,7 @@ from cltaa.io.denoiser_guides import guided_role, guides_of
 from cltaa.io.manifest import NAME as MANIFEST
 from cltaa.io.names import Named, leads_nowhere, selection_of
 from cltaa.io.numbered import captures_below, files_in, no_frames, only_below
-from cltaa.printable import counted, written
+from cltaa.printable import counted, shell_word, written
 
 WORD = r"[^/._ -]+"  # of a file's name
 REFERENCE = "reference"  # folders whose names begin with it hold truth and no input
@@ -497,7 +496,7 @@ def no_colour(
         several.sort(key=lambda places: _is_auxiliary(shown_name(places[0], channels)))
         option = channels_option("colour.channels", [shown_name(place, channels) for place in several[0]])
         what, found = "several sets of files may be the colour", ", ".join(places[0].files for places in several)
-        one = shlex.quote(str(patterns[several[0][0].files]))
+        one = shell_word(patterns[several[0][0].files])
         cure = f"name the files of one, such as {one}, or the channels, as {option}"
         return DataError(what, path=folder, found=found, cure=cure)
     there = [name for names in channels.values() for name in names]

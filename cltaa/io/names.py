@@ -15,11 +15,10 @@ from dataclasses import dataclass, field
 from glob import has_magic
 from os.path import commonpath, realpath
 from pathlib import Path
-from shlex import quote
 from typing import NamedTuple
 
 from cltaa.errors import DataError, InputMissing, UsageError
-from cltaa.printable import counted
+from cltaa.printable import counted, shell_word
 
 SUFFIXES = (".exr", ".png")
 # Nine digits fit cltaa:frame, an int. At the beginning of a name ``-`` is a minus, too: ``-0001.exr``.
@@ -278,7 +277,7 @@ def _place(path: Path) -> Selection:
                     found[file] = number
     if not found:
         above = path.parent.is_dir()
-        cure = f"name the folder that its frames are in: {quote(str(path.parent))}" if above else "check the name"
+        cure = f"name the folder that its frames are in: {shell_word(path.parent)}" if above else "check the name"
         raise InputMissing("no file has such a name", path=path, cure=cure)
     # Pictures to look at may lie beside the frames.
     kept = [file for file in found if has_suffix(file, ".exr")] or [*found]

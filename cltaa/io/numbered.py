@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import re
-import shlex
 import warnings
 from collections.abc import Collection, Iterable, Mapping
 from collections.abc import Sequence as Many
@@ -33,7 +32,7 @@ from cltaa.io.names import (
     selection_of,
     without_copies,
 )
-from cltaa.printable import counted, printable
+from cltaa.printable import counted, printable, shell_word
 
 DEEPEST = 3  # levels of folders below the named one; a project's folder can hold millions of files
 MOST_FOLDERS = 500
@@ -65,7 +64,7 @@ def only_below(folder: Path, found: list[Path]) -> InputMissing:
     names = [printable(str(path.relative_to(folder))) for path in found[:MOST_NAMES]]
     more = f" and {len(found) - MOST_NAMES} more" if len(found) > MOST_NAMES else ""
     what = "no frames in the folder itself, but sequences below it"
-    cure = f"name one of them, such as {shlex.quote(printable(found[0]))}"
+    cure = f"name one of them, such as {shell_word(found[0])}"
     return InputMissing(what, path=folder, found=", ".join(names) + more, cure=cure)
 
 
@@ -451,7 +450,7 @@ def numbered_files(named: Named, suffix: str = ".exr") -> tuple[Path, str, dict[
     frames = {path: number for numbers in sets.values() for number, path in numbers.items()}
     names = sorted({*sets, *(path.name for path in {*files} - {*frames})})
     if len(names) > 1:
-        one = shlex.quote(str(pattern_of(*next(iter(frames.items())))))
+        one = shell_word(pattern_of(*next(iter(frames.items()))))
         cure = f"name the files of one, such as {one}; {OTHER_TOOLS}"
         raise DataError("several sequences in one folder", path=place.folder, found=", ".join(names), cure=cure)
     return place.folder, names[0], sets[names[0]]
@@ -465,7 +464,7 @@ def no_frames(place: Selection, files: Iterable[Path]) -> InputMissing:
     cure = f"number the frames, as in {Path(names[0]).stem}.0001{suffix}" if names else None
     marked = {re.sub("#+", "#", str(pattern_of(path))) for path in paths}
     if len(marked) == 1 < len(paths):
-        cure = f"{cure}, or name them by a pattern: {shlex.quote(*marked)}"
+        cure = f"{cure}, or name them by a pattern: {shell_word(Path(*marked))}"
     if any(re.search(r"[0-9]{10,}", name) for name in names):
         cure = "numbers have nine digits at most: number the frames from 0 or 1 on"
     found = ", ".join(names)

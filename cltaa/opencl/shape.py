@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shlex
 import sys
 from collections.abc import Collection, Mapping
 from functools import cache
@@ -19,7 +18,7 @@ import msgspec
 
 from cltaa.core.build import Build, code_sha256
 from cltaa.core.parameters import HistoryFilter, HistoryKind, Illumination, Rectify, Reject
-from cltaa.printable import printable
+from cltaa.printable import printable, shell_word
 from cltaa.process import user_cache
 
 GATHERING = frozenset({"gather", "gather_windows"})  # kernels that gather
@@ -163,5 +162,5 @@ def kept_shape(measured_on: Mapping[str, str], known: Collection[str]) -> str | 
 
 @cache  # reported once per process
 def _ignored(path: Path, why: str, device: str) -> None:
-    cure = f"run: cltaa bench devices --device {shlex.quote(device)}, or: cltaa bench devices --forget"
+    cure = f"run: cltaa bench devices --device {shell_word(device)}, or: cltaa bench devices --forget"
     print(printable(f"cltaa: {path}: this shape of kernels is ignored: {why}; {cure}"), file=sys.stderr, flush=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import time
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -19,6 +18,7 @@ from cltaa.io.exr_header import checked_outline
 from cltaa.io.names import Selection, leads_nowhere, pattern_of, renumbered, selection_of
 from cltaa.io.numbered import FrameRange, OnBreak, checked_range, checked_step, frame_missing
 from cltaa.io.sequence import FrameSequence, other_effects
+from cltaa.printable import shell_word
 from cltaa.process import Stop
 
 POLL = 0.2  # seconds between two checks of a folder
@@ -167,7 +167,7 @@ class Arrivals:
         others = [files[first] for files in sets if first in files]
         if others and not kept:
             what, cure = "--follow: the first frame has another name now", "name the frames by a pattern"
-            one = f"{cure}: {shlex.quote(str(pattern_of(others[0], first)))}"
+            one = f"{cure}: {shell_word(pattern_of(others[0], first))}"
             raise DataError(what, path=self._begun.path(first), found=others[0].name, cure=one)
         return kept
 

@@ -48,7 +48,7 @@ from cltaa.pipeline.follow import Arrivals
 from cltaa.pipeline.lineage import Lineage
 from cltaa.pipeline.output import OutputFolder, ResolvedFiles, Written, check_layers, sequence_settings
 from cltaa.pipeline.part import How, Parts, from_ring_alone, gathered_from, in_parts, lineage_of
-from cltaa.printable import bytes_of, counted, printable
+from cltaa.printable import bytes_of, counted, printable, shell_word
 from cltaa.process import Stop
 from cltaa.progress import shown_progress, track
 
@@ -307,7 +307,10 @@ def refuse_place(output: str | Path, sequence: FrameSequence) -> None:
         raise UsageError("no folder for the results is named", found=repr(output))
     output = Path(output)
     if has_suffix(output, *SUFFIXES) and not output.is_dir():
-        what, cure = "results go into a folder, under the names of their inputs", f"name it alone: {output.parent}"
+        what, cure = (
+            "results go into a folder, under the names of their inputs",
+            f"name it alone: {shell_word(output.parent)}",
+        )
         raise UsageError(what, path=output, cure=cure)
     cure, place, folder = "name another folder with -o", real_path(output), real_path(sequence.folder)
     links = {path for path in sequence.files if path.is_symlink()}

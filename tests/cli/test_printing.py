@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+from pathlib import Path
+
 import pytest
 from rich.table import Table
 
 from cltaa.commands.printing import figures, print_line, print_table, three_digits
-from cltaa.printable import markdown, shown
+from cltaa.errors import CltaaError
+from cltaa.printable import markdown, printable, shell_word, shown
 
 
 @pytest.mark.parametrize("columns", ["40", "80", "200"])
@@ -55,6 +60,16 @@ def test_a_name_is_printed_to_the_letter(capsys: pytest.CaptureFixture[str]) -> 
     print_table(table)
     print_line(f"[bold]{shown(name)}[/]")
     assert capsys.readouterr().out.count(name) == 2
+
+
+@pytest.mark.parametrize(
+    "name", ["-x", "in/-x", "new\nline", "two  spaces", "it's\t", "\\\n1", "\udcff\n", "映画\xa0", "$x {}"]
+)
+def test_a_message_holds_paths_as_a_shell_reads_them(name: str) -> None:
+    said = str(CltaaError("it failed", cure=f"run: {shell_word(Path(name))}"))
+    assert printable(said) == said
+    read = subprocess.run(["bash", "-c", f"printf %s {said.partition('run: ')[2]}"], capture_output=True, check=True)
+    assert read.stdout == os.fsencode(f"./{name}" if name[0] == "-" else name)
 
 
 def test_thousands_are_in_full() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -41,7 +40,7 @@ from cltaa.lab.check.motion import JITTERED, LEAST_EFFECT_PX, LEAST_FILLED, chec
 from cltaa.lab.check.projection_jitter import check_held_jitter, check_projection_jitter
 from cltaa.lab.check.registration import Shot, measure_shifts
 from cltaa.lab.check.unverifiable import unverifiable
-from cltaa.printable import counted, written
+from cltaa.printable import counted, shell_word, written
 from cltaa.progress import track
 
 
@@ -309,7 +308,7 @@ def profile_options(profile: str, side_file: str | Path | None, step: int) -> st
         words += ["--step", str(step)]
     if side_file is not None:
         words += ["--camera", str(side_file)]
-    return shlex.join(words)
+    return " ".join(map(shell_word, words))
 
 
 def _weightier(error: CltaaError, damaged: Iterable[Damaged]) -> CltaaError:
