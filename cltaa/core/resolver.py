@@ -425,8 +425,8 @@ class Resolver:
         """Return what was decided at each pixel of the frame resolved last, by the names of docs/debug-views.md.
 
         ``reject`` and ``count`` [H, W], ``motion`` [H, W, 2] in pixels, ``clip`` [H, W]. Raises UsageError for other
-        names, before the first image, with look-ahead where another frame came after the image, and where ``out``
-        overwrote the frame.
+        names, before the first image, after ``reset()``, with look-ahead where another frame came after the image, and
+        where ``out`` overwrote the frame.
         """
         if self.last is None:
             raise UsageError("nothing was resolved yet", cure="call resolve() first")
@@ -593,7 +593,7 @@ class Resolver:
         return channel_steps(self.preset, **has, every=self.every_step)
 
     def _forget(self) -> None:
-        self._previous = None
+        self._previous = self.last = None
         self._forget_ahead()
 
     def _forget_ahead(self) -> None:
