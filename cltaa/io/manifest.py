@@ -27,7 +27,7 @@ REFERENCE = re.compile(r"reference(-\d+)?")  # folders inside a capture
 LARGEST_RECORD = 1 << 28  # bytes; a million frames with their truth take about 200 MB
 FORMAT = 1
 _SHA256 = re.compile(r"[0-9a-f]{64}")
-RESTART_CURE = "use --restart to begin anew, or another folder"
+RESTART_CURE = "name another folder, or use --restart to begin anew"
 
 
 def begun_otherwise(path: Path, option: str, begun: object, asked: object) -> UsageError:

@@ -158,7 +158,7 @@ def test_another_setting_is_refused_by_name(captured: Path, change: dict[str, ob
 
 def test_other_code_is_another_setting(captured: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sequence, "code_sha256", lambda: "0" * 64)
-    with pytest.raises(UsageError, match=r"by another version of capture or scenes, .*; use --restart"):
+    with pytest.raises(UsageError, match=r"by another version of capture or scenes, .*; name another folder"):
         capture_sequence(request(captured))
 
 
@@ -179,7 +179,7 @@ def test_a_model_that_changed_is_named(changed: str, tmp_path: Path) -> None:
         PIL.Image.new("L", (2, 2), 99).save(tmp_path / changed)
     else:
         (tmp_path / changed).write_bytes((tmp_path / changed).read_bytes() + b"\n")
-    with pytest.raises(UsageError, match="was begun with another content of the model; use --restart"):
+    with pytest.raises(UsageError, match="was begun with another content of the model; name another folder"):
         capture_sequence(drawn)
 
 

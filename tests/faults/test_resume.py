@@ -98,7 +98,7 @@ def test_another_version_of_the_code_is_refused_in_words(tmp_path: Path, capsys:
     earlier = {key: value for key, value in begun["build"].items() if key != "stride"}  # newer code has a key more
     Manifest(output).begin({**begun, "code_sha256": "0" * 64, "build": earlier})
     assert main(arguments(folder, output)) == 64
-    assert "was begun with another version of cltaa's code; use --restart" in capsys.readouterr().err
+    assert "was begun with another version of cltaa's code; name another folder" in capsys.readouterr().err
     assert main([*arguments(folder, output), "--effects", "all"]) == 64
     assert "was begun with --effects auto, not with --effects all;" in capsys.readouterr().err
 
@@ -165,15 +165,15 @@ def test_another_way_to_read_is_refused_as_a_user_types_it(tmp_path: Path, capsy
     asked = ["--input", "colour.channels=day.R day.G day.B"]
     assert main([*arguments(tmp_path / "in", output), *asked]) == 0
     assert main([*arguments(tmp_path / "in" / "day.####.exr", output)]) == 64
-    said = "was begun with --input colour.channels='day.R day.G day.B', not without --input; use --restart"
+    said = "was begun with --input colour.channels='day.R day.G day.B', not without --input; name another folder"
     assert said in capsys.readouterr().err
     assert main([*arguments(tmp_path / "in" / "night.####.exr", output)]) == 64
-    assert "was begun with another sequence (expected night, found day); use --restart" in capsys.readouterr().err
+    assert "was begun with another sequence (expected night, found day); name another folder" in capsys.readouterr().err
     for frame in made:  # whose headers show another effect
         planes = dict.fromkeys("RGBA", frame.colour[..., 0])
         write_image(tmp_path / "in" / f"dusk.{frame.index:04d}.exr", planes)
     assert main([*arguments(tmp_path / "in" / "dusk.####.exr", output)]) == 64
-    assert "was begun with another sequence (expected dusk, found day); use --restart" in capsys.readouterr().err
+    assert "was begun with another sequence (expected dusk, found day); name another folder" in capsys.readouterr().err
     write_colour(tmp_path / "one", made)
     by_mine = [*arguments(tmp_path / "one", tmp_path / "as I said"), "--profile", str(profile)]
     profile.write_text('profile = "parts"\ndescription = "first"')

@@ -103,7 +103,7 @@ def test_damaged_first_line_is_refused(tmp_path: Path) -> None:
     begun(tmp_path, 1)
     content = (tmp_path / NAME).read_text().replace("default", "defauld")
     (tmp_path / NAME).write_text(content)
-    with pytest.raises(DataError, match=r"manifest\.jsonl: the first line is damaged; use --restart"):
+    with pytest.raises(DataError, match=r"manifest\.jsonl: the first line is damaged; name another folder"):
         Manifest(tmp_path)
 
 
