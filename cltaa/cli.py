@@ -235,12 +235,13 @@ def _take_debug(arguments: list[str]) -> tuple[bool, list[str]]:
     return debug, ["--debug"] * debug + others + arguments[end:]
 
 
-def _told(line: str, code: int, arguments: Sequence[str] = ()) -> int:
-    """Print a last line on standard error, with ``--json`` also a document on standard output; returns ``code``.
+def _told(line: str, code: int, arguments: Sequence[str] = (), *, already: bool = False) -> int:
+    """Print a last line on standard error, if it does not stand there ``already``; returns ``code``.
 
-    On a full disk or a closed pipe only the code reports.
+    With ``--json`` a document on standard output holds it too. On a full disk or a closed pipe only the code reports.
     """
-    click.echo(line, err=True)
+    if not already:
+        click.echo(line, err=True)
     if "--json" in takewhile(lambda word: word != "--", arguments):
         import json  # imported here: it is slow, and most runs do not fail
 
@@ -273,7 +274,7 @@ def _failed(error: Exception, arguments: Sequence[str]) -> int:
         line = " ".join(error.format_message().split()).rstrip(".")
         return _told(f"cltaa: error: {printable(line)}; see {command} --help", error.exit_code, arguments)
     deliberate = _deliberate(error)
-    return _told(f"cltaa: error: {deliberate}", deliberate.exit_code, arguments)
+    return _told(f"cltaa: error: {deliberate}", deliberate.exit_code, arguments, already=deliberate.told)
 
 
 def _deliberate(error: Exception) -> CltaaError:

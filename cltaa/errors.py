@@ -39,6 +39,7 @@ class CltaaError(Exception):
     """
 
     exit_code = 70
+    told = False  # True where standard error has the line already
 
     def __init__(
         self,

@@ -119,7 +119,7 @@ def run_cltaa(arguments: list[str]) -> str:
     done = call_cltaa(arguments)
     if done.returncode:
         error = CltaaError(f"cltaa {' '.join(map(shell_word, arguments))} failed", found=f"exit code {done.returncode}")
-        error.exit_code = done.returncode
+        error.exit_code, error.told = done.returncode, done.returncode > 0  # what a signal ended has told nothing
         raise error
     return done.stdout
 

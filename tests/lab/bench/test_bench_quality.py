@@ -236,6 +236,15 @@ def test_a_case_is_drawn_again_at_other_places(jitter: str, again: str, monkeypa
     assert [line[line.index("--reference") + 1] for line in drawn] == ["16", "0"]
 
 
+def test_a_capture_that_fails_is_told_once(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    arguments = ["bench", "quality", "--scene", "still", "--jitter", "nope", "--work", str(tmp_path), "--json"]
+    assert main(arguments) == 64
+    said = capfd.readouterr()
+    assert said.err.count("error: ") == 1
+    assert "no such jitter: nope" in said.err
+    assert "--jitter nope" in json.loads(said.out)["error"]
+
+
 def test_a_given_sequence_is_described_from_its_files(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """Whatever the options say of what would have been drawn; and nobody knows whether presets were tuned on it."""
     folder = write_sequence(tmp_path / "mine", 3, reference=True)
