@@ -30,9 +30,9 @@ from cltaa.inputs.roles import (
     assign,
     assign_view,
     describe,
-    equal_matches,
     file_sets,
     guessed_profile,
+    has_named_colour,
     ignored_files,
     incomplete,
     no_colour,
@@ -534,9 +534,8 @@ def _like_the_colour(intake: Intake, views: Views) -> list[str]:
 
 def _as_nameless(intake: Intake) -> list[str]:
     """Return other layers that could be the picture, if the colour is only the first layer with its three channels."""
-    named = [names for names in intake.profile.colour.channels if not all(name.startswith("*.") for name in names)]
     first = {label: tuple(layout.channels) for label, layout in intake.first.items()}
-    if intake.views.names or equal_matches(named, first):  # another note covers several views
+    if intake.views.names or has_named_colour(intake.profile, first):  # another note covers several views
         return []
     layers: dict[str, set[str]] = {}
     for name in intake.unused:

@@ -265,6 +265,12 @@ def equal_matches(candidates: Sequence[Names], channels: Mapping[str, Iterable[s
     return []
 
 
+def has_named_colour(profile: Profile, channels: Channels) -> bool:
+    """Return True if the profile names a colour that is there by more than the ends of names, ``*.R *.G *.B``."""
+    named = [names for names in profile.colour.channels if not all(name.startswith("*.") for name in names)]
+    return bool(equal_matches(named, channels))
+
+
 def _length(places: tuple[Place, ...]) -> int:
     return sum(len(place.channel) for place in places)
 
@@ -552,10 +558,12 @@ def guessed_profile(
     }
     roles = {profile.name: assign(profile, channels) if told[profile.name] else {} for profile in profiles}
 
-    # Among equal fits a profile of no tool wins: a tool would name itself in the header, and has units of its own.
-    def fit(profile: Profile) -> tuple[int, int, int]:
+    # Among equal fits one that names the colour wins, as Combined beside Diffuse; then a profile of no tool: a tool
+    # would name itself in the header, and has units of its own.
+    def fit(profile: Profile) -> tuple[int, int, bool, int]:
         files = [places[0].files for places in roles[profile.name].values()]
-        return len(files), sum("/" not in label for label in files), OF_NO_TOOL.get(profile.name, 0)
+        named = bool(files) and has_named_colour(profile, channels)
+        return len(files), sum("/" not in label for label in files), named, OF_NO_TOOL.get(profile.name, 0)
 
     best = max(profiles, key=fit)
     return best, f"no header names the writer; its channel names fit best ({counted(len(roles[best.name]), 'role')})"

@@ -27,6 +27,15 @@ def test_a_colour_is_of_one_layer(tmp_path: Path) -> None:
     assert intake.profile.name == "parts"  # and not mitsuba, whose depth lies along the ray
 
 
+@pytest.mark.parametrize("layer", ["", "ViewLayer."])
+def test_a_layer_that_a_profile_names_comes_before_any_layer(layer: str, tmp_path: Path) -> None:
+    names = [f"{layer}{name}.{last}" for name in ("Combined", "Diffuse") for last in "RGB"]
+    write_image(tmp_path / "a.0001.exr", {name: np.ones((4, 4), np.float32) for name in names})
+    intake = open_intake(tmp_path)
+    assert [place.channel for place in intake.roles["colour"]] == names[:3]
+    assert intake.profile.name == "blender"
+
+
 @pytest.mark.parametrize(
     ("there", "said"),
     [
