@@ -26,7 +26,7 @@ from cltaa.io.numbered import captures_below, files_in, no_frames, only_below
 from cltaa.printable import counted, shell_word, written
 
 WORD = r"[^/._ -]+"  # of a file's name
-REFERENCE = "reference"  # folders whose names begin with it hold truth and no input
+TRUTH = "reference", "truth"  # folders whose names begin with one of these hold truth and no input
 
 
 # The profile key with the channels of each optional role.
@@ -87,7 +87,7 @@ def file_sets(named: Named, without: Container[Path] = (), *, existing: bool = F
 
 
 def _is_input(folder: Path) -> bool:
-    return not folder.name.startswith((REFERENCE, ".")) and not (folder / MANIFEST).exists()
+    return not folder.name.startswith((*TRUTH, ".")) and not (folder / MANIFEST).exists()
 
 
 def assign(

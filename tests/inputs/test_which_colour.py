@@ -81,6 +81,7 @@ def test_of_several_pictures_none_is_taken_for_the_colour(tmp_path: Path) -> Non
     made = frames(2)
     for name in ("albedo", "beauty"):
         write_colour(tmp_path / "layers" / name, made)
+    write_colour(tmp_path / "layers" / "truth", made, "beauty")  # a folder of that name holds no input
     intake = open_intake(tmp_path / "layers")
     assert {place.files for place in intake.roles["colour"]} == {"beauty/picture"}
     write_colour(tmp_path / "shot", made, "shot")
