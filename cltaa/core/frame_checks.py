@@ -102,6 +102,7 @@ def check_fields(frame: Frame) -> None:
             continue
         if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiub":
             raise _error(frame, f"{name} is no array", "one of the host, of numbers", _kind(array))
+    _check_floats(frame, "colour")
     _check_colour(frame)
     if frame.depth.shape == frame.colour.shape[:2]:
         _check_depth(frame)
@@ -243,7 +244,7 @@ def _error(frame: Frame, what: str, expected: object, found: object, cure: str |
 
 def check_channels(frame: Frame) -> None:
     """Raise DataError where a channel holds no floats, channels differ in size, or a plane is too large to count."""
-    _check_floats(frame)
+    _check_floats(frame, "colour", "depth", *OPTIONAL)
     _check_colour(frame)
     size = frame.colour.shape[:2]
     if Layout(size[1], size[0]).plane > MOST_TEXELS:
@@ -271,8 +272,8 @@ def _check_colour(frame: Frame) -> None:
     raise _error(frame, "colour has the wrong shape", expected, shape, cure)
 
 
-def _check_floats(frame: Frame) -> None:
-    for name in ("colour", "depth", *OPTIONAL):
+def _check_floats(frame: Frame, *names: str) -> None:
+    for name in names:
         array: Any = getattr(frame, name)
         if array is None and name in OPTIONAL:
             continue

@@ -217,6 +217,7 @@ def test_lossy_or_unknown_compression_is_refused(tmp_path: Path, compression: st
         ({"effects": ["nonsense"]}, "effects are no set"),
         ({"effects": {"nonsense"}}, "unknown effect nonsense"),
         ({"colour": np.ones((0, WIDTH, 3), np.float32)}, "colour has the wrong shape .*at least one pixel"),
+        ({"colour": np.zeros((HEIGHT, WIDTH, 4), np.uint8)}, "found uint8.*no linear light: decode them first"),
         ({"colour": [[1.0]]}, "colour is no array .expected one of the host, of numbers, found list"),
     ],
 )
