@@ -98,7 +98,13 @@ def measured_jitter(sequence: FrameSequence) -> dict[int, Vector]:
     if left > MOST_LEFT_PX or largest > CENTRED_PX:
         what, found = "the shifts of the picture fit no jitter", f"{left:.2f} px and {largest:.2f} px"
         expected = f"agreement within {MOST_LEFT_PX:g} px rms, and at most {CENTRED_PX:g} px"
-        raise _unsure(sequence, what, expected, found, "first mend what cltaa check finds, or give the jitter itself")
+        # Without matrices the check may find nothing but this jitter, and would lead back here.
+        first = (
+            "first mend what"
+            if _has_camera(sequence)
+            else "give matrices and depth if the camera moves, mend what else"
+        )
+        raise _unsure(sequence, what, expected, found, f"{first} cltaa check finds, or give the jitter itself")
     return dict(zip(sequence.numbers, jitter, strict=True))
 
 

@@ -178,6 +178,15 @@ def test_why_it_is_not_measured(
     assert [*json.loads(capsys.readouterr().out)] == ["error", "exit_code"]
 
 
+def test_without_matrices_the_check_does_not_lead_back_to_itself(
+    shot: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    without = ["--input", "camera.source=none", "--input", "jitter.source=none"]
+    folder = write_own(tmp_path / "in", shot("corridor"))
+    assert main(["check", str(folder), *without, "--jitter-file", str(tmp_path / "jitter.json")]) == 65
+    assert "; give matrices and depth if the camera moves, mend what else cltaa check finds" in capsys.readouterr().err
+
+
 def test_what_can_hold_no_measured_jitter(shot: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = str(write_own(tmp_path / "in", shot("corridor")))
     for options, why in (
