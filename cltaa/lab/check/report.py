@@ -41,7 +41,8 @@ from cltaa.lab.check.projection_jitter import check_held_jitter, check_projectio
 from cltaa.lab.check.registration import Shot, measure_shifts
 from cltaa.lab.check.unverifiable import unverifiable
 from cltaa.printable import counted, shell_word, written
-from cltaa.progress import track
+from cltaa.process import is_own
+from cltaa.progress import shown_progress, track
 
 
 def check_files(intake: Intake) -> list[Finding]:
@@ -289,12 +290,14 @@ def check_folder(
     told["has_camera"] &= all(map(sound, frames_read))
     lost = [mistake("file-unreadable", line, "left out of all else that is found", 0.99) for line in wrong.lines]
     options = f"{profile_options(name, side_file, step)} {option_text(changes)}".strip()
+    with shown_progress("checking", shown=is_own()):
+        untold = unverifiable(Shot(frames_read, **told))
     report = Report(
         folder=str(place),
         frames=len(frames_read),
         reading=[*intake_lines(first)],
         findings=lost + findings,
-        unverifiable=unverifiable(Shot(frames_read, **told)),
+        unverifiable=untold,
         options=options,
         profile=msgspec.to_builtins(mended),
     )
@@ -360,7 +363,8 @@ def _look(
         "unit": unit_px(intake.profile.motion.units, sequence.layouts[numbers[0]].display_size),
         "jittered": intake.profile.motion.jittered,
     }
-    found = check_frames(read, **told, depth=intake.profile.depth)
+    with shown_progress("checking", shown=is_own()):  # moves on a terminal; nobody knows how far it is
+        found = check_frames(read, **told, depth=intake.profile.depth)
     if all(is_opaque(frame.alpha) for frame in read):
         evidence = counted(len(read), "frame")
         found.append(Finding(name="alpha-opaque", mistake=False, confidence=0.99, what=OPAQUE, evidence=evidence))

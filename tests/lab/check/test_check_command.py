@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -163,6 +164,18 @@ def test_names_that_a_shell_takes_apart_come_out_whole(
     assert told == ["cltaa", "resolve", folder, "--profile", str(fix), "--camera", str(side), "-o", "OUT"]
     assert main([*told[1:], "--frames", "2", "--device", "numpy"]) == 0
     assert len([*(tmp_path / "OUT").glob("*.exr")]) == 2
+
+
+def test_a_terminal_shows_that_the_check_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """After the frames are read, too: of large ones it takes longer to judge them."""
+    folder = write_sequence(tmp_path, 2)
+    main(["check", str(folder)])
+    assert "checking" not in capsys.readouterr().err  # in a log
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    main(["check", str(folder)])
+    assert "checking" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("pixels", "name"), [(np.float16, "depth-half"), (np.float32, None)])
