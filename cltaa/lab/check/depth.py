@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.frame import Frame, Image
-from cltaa.inputs.convert import device_planes, planes_of, ray_length
+from cltaa.frame import Camera, Frame, Image
+from cltaa.inputs.convert import device_planes, planar_depth, planes_of, ray_length
 from cltaa.inputs.profile import Depth, DepthKind
 from cltaa.lab.check.camera import (
     CLEARLY_BETTER,
@@ -25,7 +26,7 @@ from cltaa.lab.check.camera import (
     vectors_uphold,
 )
 from cltaa.lab.check.hypotheses import Finding, mistake, sureness
-from cltaa.lab.check.registration import Pair, Shot, Vector, seen_before
+from cltaa.lab.check.registration import Pair, Shot, Vector, planar_inverse_depth, seen_before
 
 Plane = NDArray[np.float64]
 
@@ -37,6 +38,7 @@ CLEARLY_MORE = 0.8  # share of the pixels that distinguish two readings
 LEAST_PIXELS = 200
 MOST_FRAMES = 3  # all frames have the same kind of depth; more only cost time
 DEVICE = "depth is a device depth, 0 near to 1 far"
+REVERSED = "depth is a reversed device depth, 1 near to 0 far"
 RECIPROCAL = "depth is 1/Z, or a reversed device depth"
 AS_DECLARED = Depth()
 READ_AS = {DepthKind.PLANAR: "planar", DepthKind.RAY: "ray"}  # all other kinds are linear on a plane, like 1/Z
@@ -102,7 +104,27 @@ def stored(frame: Frame, planar: Plane, rule: Depth) -> Plane:
     return planar
 
 
-def check_depth_scale(shot: Shot) -> list[Finding]:
+def other_readings(rule: Depth, camera: Camera) -> list[Depth]:
+    """Return ``rule`` with each other kind, near/Z if the projection has a near plane.
+
+    Not with device depth that grows with distance: it reads small numbers as one plane, which fits any motion along it,
+    and check_depth knows its own numbers, all close to 1.
+    """
+    kinds = [DepthKind.PLANAR, DepthKind.RAY, DepthKind.INVERSE]
+    near, far = device_planes(rule, camera)
+    kinds += [DepthKind.DEVICE_REVERSED] if near > 0.0 and (near, far) != (1.0, 0.0) else []  # 1/Z itself
+    return [msgspec.structs.replace(rule, kind=kind) for kind in kinds if kind != rule.kind]
+
+
+def inverse_as(frame: Frame, rule: Depth, read: Depth) -> Plane:
+    """Return the inverse depth [H, W] of a frame read by ``rule``, if it were read by ``read``; 0 where unknown."""
+    plain = msgspec.structs.replace(rule, scale=1.0)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        raw: Image = stored(frame, frame.depth.astype(np.float64) / rule.scale, plain).astype(np.float32)
+        return planar_inverse_depth(planar_depth(raw, read, frame.camera, frame.jitter_px), frame.camera)
+
+
+def check_depth_scale(shot: Shot, rule: Depth = AS_DECLARED) -> list[Finding]:
     """Find depth in other units than the matrices, by the parallax of a moving camera."""
     pairs = moving_pairs(shot)
     if len(pairs) < 2 or not (shot.has_depth and shot.has_camera) or shot.frames[0].camera.orthographic:
@@ -118,11 +140,27 @@ def check_depth_scale(shot: Shot) -> list[Finding]:
         tried = [(best * by, _scaled(pairs, best * by)) for by in (1 / step, step)]
         best, found = min([(best, found), *tried], key=lambda one: _gain(one[1]))
     declared, winner = found
+    if not planes_decide(shot.frames, rule) and _fits_as_another(pairs, rule, winner):
+        return []
     decade = 10.0 ** round(np.log10(best))
     scale = decade if abs(best / decade - 1) < ROUND_NUMBER else float(f"{best:.2g}")
     evidence = f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, over {len(pairs)} pairs"
     what = f"depth and matrices have different units: depth times {scale:g} fits"
     return [mistake("depth-scaled", what, evidence, sureness(declared, winner), {"scale": scale})]
+
+
+def _fits_as_another(pairs: Sequence[Pair], rule: Depth, winner: Vector) -> bool:
+    """Return True if depth of another kind fits as well as the scaled one: a wrong jitter may hide the kind."""
+    for read in other_readings(rule, pairs[0].frame.camera):
+        motions = []
+        for pair in pairs:
+            inverse = inverse_as(pair.frame, rule, read)[pair.y.astype(int), pair.x.astype(int)]
+            motions.append(pair.camera_motion(inverse_depth=inverse))
+        both = zip(pairs, motions, strict=True)
+        seen = [replace(pair, usable=seen_before(pair, motion, pair.usable)) for pair, motion in both]
+        if residuals_of(seen, motions).mean() <= winner.mean():
+            return True
+    return False
 
 
 def _scaled(pairs: Sequence[Pair], scale: float) -> tuple[Vector, Vector]:
@@ -269,5 +307,5 @@ def tell_device(shot: Shot, found: Finding, rule: Depth) -> Finding:
 
 
 def _reversed(found: Finding, evidence: str) -> Finding:
-    what, evidence = "depth is a reversed device depth, 1 near to 0 far", f"{found.evidence}; {evidence}"
-    return mistake("depth-device-reversed", what, evidence, found.confidence, {"kind": "device-reversed"})
+    evidence = f"{found.evidence}; {evidence}"
+    return mistake("depth-device-reversed", REVERSED, evidence, found.confidence, {"kind": "device-reversed"})

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.camera import displacement, is_still, reprojected
-from cltaa.frame import Frame, Image
-from cltaa.inputs.convert import planar_depth
+from cltaa.frame import Frame
 from cltaa.inputs.profile import Depth, DepthKind
-from cltaa.lab.check.depth import ALONG, AS_DECLARED, RECIPROCAL, stored
+from cltaa.lab.check.depth import ALONG, AS_DECLARED, RECIPROCAL, REVERSED, inverse_as, other_readings
 from cltaa.lab.check.hypotheses import Finding, mistake, sureness
-from cltaa.lab.check.registration import BLOCK, COVERED, Shot, Vector, planar_inverse_depth, sample
+from cltaa.lab.check.registration import BLOCK, COVERED, Shot, Vector, sample
 
 Pairs = Sequence[tuple[Frame, Frame]]
 
@@ -36,6 +35,7 @@ WHAT = {
     DepthKind.PLANAR: f"depth is the distance along {ALONG['planar']}",
     DepthKind.RAY: f"depth is the distance along {ALONG['ray']}",
     DepthKind.INVERSE: RECIPROCAL,
+    DepthKind.DEVICE_REVERSED: REVERSED,
 }
 
 
@@ -59,7 +59,11 @@ class _Errors(NamedTuple):
 def check_kind(shot: Shot, rule: Depth) -> list[Finding]:
     """Return a finding about the kind of depth, which was read by ``rule``, from frames of a camera that moves."""
     errors = _by_kind(_pairs(shot.frames), rule)
-    best = min(WHAT, key=lambda kind: errors[kind].size)
+    best = min(errors, key=lambda kind: errors[kind].size)
+    if not errors[best].fits:
+        return []
+    # Between 1/Z and near/Z, which are one under a camera that only turns, tell_device decides.
+    best = next(kind for kind in errors if _alike(kind, best) and not _clearly_worse(errors[kind], errors[best]))
     if best == rule.kind or not _alone(errors, best):
         return []
     declared, winner = errors[rule.kind], errors[best]
@@ -76,9 +80,17 @@ def tells_kind_by_travel(frames: Sequence[Frame]) -> bool:
 
 
 def _alone(errors: Mapping[DepthKind, _Errors], kind: DepthKind) -> bool:
-    """Return True if depth of this kind fits, and all others are clearly worse."""
-    others = [each.size for other, each in errors.items() if other != kind]
-    return errors[kind].fits and min(others) >= max(CLEARLY_WORSE * errors[kind].size, ROUNDED)
+    """Return True if depth of this kind fits, and all others are clearly worse, except one that is alike."""
+    others = [each for other, each in errors.items() if not _alike(other, kind)]
+    return errors[kind].fits and all(_clearly_worse(each, errors[kind]) for each in others)
+
+
+def _clearly_worse(one: _Errors, other: _Errors) -> bool:
+    return one.size >= max(CLEARLY_WORSE * other.size, ROUNDED)
+
+
+def _alike(one: DepthKind, other: DepthKind) -> bool:
+    return one == other or {one, other} == {DepthKind.INVERSE, DepthKind.DEVICE_REVERSED}
 
 
 def _pairs(frames: Sequence[Frame]) -> Pairs:
@@ -93,20 +105,13 @@ def _pairs(frames: Sequence[Frame]) -> Pairs:
 
 
 def _by_kind(pairs: Pairs, rule: Depth) -> dict[DepthKind, _Errors]:
+    rule = msgspec.structs.replace(rule, sky=None)
     errors = {}
-    for kind in {*WHAT, rule.kind}:
-        read = msgspec.structs.replace(rule, kind=kind, sky=None)
-        found = [_error(now, before, _inverse(now, rule, read), _inverse(before, rule, read)) for now, before in pairs]
-        errors[kind] = _Errors(*np.array(found if len(found) > 1 else [UNKNOWN]).T)
+    for read in [rule, *other_readings(rule, pairs[0][0].camera)] if pairs else [rule]:
+        depths = [[inverse_as(frame, rule, read) for frame in pair] for pair in pairs]
+        found = [_error(*pair, *depth) for pair, depth in zip(pairs, depths, strict=True)]
+        errors[read.kind] = _Errors(*np.array(found if len(found) > 1 else [UNKNOWN]).T)
     return errors
-
-
-def _inverse(frame: Frame, rule: Depth, read: Depth) -> Vector:
-    """Return the inverse depth [H, W] of a frame read by ``rule``, if it were read by ``read``; 0 where unknown."""
-    plain = msgspec.structs.replace(rule, scale=1.0)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        raw: Image = stored(frame, frame.depth.astype(np.float64) / rule.scale, plain).astype(np.float32)
-        return planar_inverse_depth(planar_depth(raw, read, frame.camera, frame.jitter_px), frame.camera)
 
 
 def _error(now: Frame, before: Frame, near: Vector, near_before: Vector) -> tuple[float, float]:

@@ -119,13 +119,13 @@ def check_frames(
         if has_depth and has_camera and not told and not planes_decide(frames, depth):
             found += check_kind(shot, depth)
         found = [tell_device(shot, finding, depth) if finding.name in two_planes else finding for finding in found]
-    found = _excused(shot, found + _check_motions(shot, found))
+    found = _excused(shot, found + _check_motions(shot, found, depth))
     if not any(finding.name.startswith("jitter") and finding.settled.mistake for finding in found):
         found += check_size(shot)
     return [finding.settled for finding in found if finding.confidence >= ASKED or not finding.mistake]
 
 
-def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
+def _check_motions(shot: Shot, before: Sequence[Finding], depth: Depth) -> list[Finding]:
     """Return findings that need two frames; each check relies on those before it."""
     wrong = {finding.name.partition("-")[0] for finding in before if finding.mistake}
     found, held = list[Finding](), list[Finding]()
@@ -141,7 +141,7 @@ def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
         if found := check_zeroes(shot) or check_agreement(shot):
             return found
         # A wrong camera and a wrong scale of depth both change the parallax; a wrong camera changes it more.
-        found = check_travel(shot) or check_upside_down(shot) or (check_depth_scale(shot) if shot.has_depth else [])
+        found = check_travel(shot) or check_upside_down(shot) or check_depth_scale(shot, depth)
     wrong |= {finding.name.partition("-")[0] for finding in found if finding.settled.mistake}
     if held and not found:  # shifts measured with a camera that may contain the jitter are inconclusive
         return held

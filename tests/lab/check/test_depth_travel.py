@@ -20,7 +20,7 @@ from cltaa.lab.check.report import check_frames
 from cltaa.lab.check.unverifiable import unverifiable
 from cltaa_capture.sequence import Request, capture_sequence
 from tests.lab.check.conftest import Scene
-from tests.lab.check.mistakes import ray_distance
+from tests.lab.check.mistakes import near_plane, ray_distance
 
 WIDTH, HEIGHT, WITHIN = 96, 54, 4  # columns, rows, and places across and down a pixel
 
@@ -49,7 +49,12 @@ def scattered(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 def stored(frames: Sequence[Frame], kind: str) -> list[Frame]:
     made = []
     for frame in frames:
-        depth = {"planar": frame.depth, "ray": ray_distance(frame, frame.depth), "inverse": 1.0 / frame.depth}[kind]
+        depth = {
+            "planar": frame.depth,
+            "ray": ray_distance(frame, frame.depth),
+            "inverse": 1.0 / frame.depth,
+            "device-reversed": near_plane(frame) / frame.depth,
+        }[kind]
         made.append(replace(frame, depth=np.asarray(depth, np.float32)))
     return made
 
@@ -76,6 +81,27 @@ def test_each_kind_is_a_hypothesis_whatever_is_declared(name: str, kind: str, de
     assert [finding.fix for finding in found if finding.settled.mistake] == (
         [] if kind == declared else [{"depth": {"kind": kind}}]
     )
+
+
+@pytest.mark.parametrize("name", ["corridor", "dolly"])
+@pytest.mark.parametrize("rounded", [np.float32, np.float16])
+def test_reversed_device_depth_is_told_where_no_plane_tells(name: str, rounded: type, scattered: Scene) -> None:
+    """Halves bend every plane, as scattered samples do."""
+    frames = stored(scattered(name), "device-reversed")
+    frames = [replace(frame, depth=frame.depth.astype(rounded).astype(np.float32)) for frame in frames]
+    assert mistakes(frames) == ["depth-device-reversed"]
+
+
+@pytest.mark.parametrize("name", ["corridor", "dolly"])
+def test_a_wrong_jitter_does_not_make_another_kind_of_depth_one_of_another_unit(name: str, scene: Scene) -> None:
+    """The factor that fits best is not taken where another kind fits better, which the right jitter will show."""
+    halves = [
+        replace(frame, depth=(near_plane(frame) / frame.depth).astype(np.float16).astype(np.float32))
+        for frame in scene(name)
+    ]
+    upside_down = [replace(frame, jitter_px=(frame.jitter_px[0], -frame.jitter_px[1])) for frame in halves]
+    assert "depth-scaled" not in mistakes(upside_down)
+    assert mistakes(halves) == ["depth-device-reversed"]
 
 
 def test_a_camera_that_rolls_or_stands_does_not_tell(scattered: Scene) -> None:
