@@ -15,7 +15,16 @@ from cltaa.frame import Frame
 from cltaa.inputs.convert import correct, unit_px
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import OPAQUE, SHOWN, Damaged, Intake, damaged_files, intake_lines, open_with_gaps
-from cltaa.inputs.profile import Depth, Profile, assignments_of, differences, load_profile, option_text, profile_names
+from cltaa.inputs.profile import (
+    Depth,
+    Profile,
+    Units,
+    assignments_of,
+    differences,
+    load_profile,
+    option_text,
+    profile_names,
+)
 from cltaa.inputs.roles import file_sets, shown_name
 from cltaa.io.exr_layout import LOSSLESS
 from cltaa.io.exr_read import read_any_header
@@ -365,10 +374,22 @@ def _look(
     }
     with shown_progress("checking", shown=is_own()):  # moves on a terminal; nobody knows how far it is
         found = check_frames(read, **told, depth=intake.profile.depth)
+    if intake.profile.motion.units is Units.PIXELS:
+        found = [_by_unit(finding, told["window"]) for finding in found]
     if all(is_opaque(frame.alpha) for frame in read):
         evidence = counted(len(read), "frame")
         found.append(Finding(name="alpha-opaque", mistake=False, confidence=0.99, what=OPAQUE, evidence=evidence))
     return check_files(intake) + found, read, told
+
+
+def _by_unit(finding: Finding, window: tuple[int, int]) -> Finding:
+    """Correct vectors in UV or NDC by their unit, not by a number of pixels: it holds for pictures of every size."""
+    unit = next((unit for unit in (Units.UV, Units.NDC) if f"-{unit}" in finding.name), None)
+    if unit is None or "motion" not in finding.fix:
+        return finding
+    keys = finding.fix["motion"]
+    scale = [factor / pixels for factor, pixels in zip(keys["scale"], unit_px(unit, window), strict=True)]
+    return msgspec.structs.replace(finding, fix={"motion": {**keys, "units": unit.value, "scale": scale}})
 
 
 def _with_option(finding: Finding, profile: Profile) -> Finding:

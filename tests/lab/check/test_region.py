@@ -39,13 +39,15 @@ def test_a_correct_region_raises_no_alarm(name: str, scene: Scene, tmp_path: Pat
 @pytest.mark.parametrize(
     ("mistake", "option"),
     [
-        ("motion-units-uv", "motion.scale=160,90"),
-        ("motion-units-ndc", "motion.scale=80,-45"),
-        ("motion-centred-on-half-uv", "motion.scale=160,90 --input motion.offset=0.5,0.5"),
+        ("motion-units-uv", "motion.units=uv"),
+        ("motion-units-ndc", "motion.units=ndc"),
+        ("motion-centred-on-half-uv", "motion.units=uv --input motion.offset=0.5,0.5"),
+        ("motion-swapped-units-ndc", "motion.units=ndc --input motion.swap=true"),
         ("jitter-units-uv", "jitter.scale=160,90"),
     ],
 )
 def test_fractions_are_of_the_display_window(mistake: str, option: str, scene: Scene, tmp_path: Path) -> None:
+    """Of vectors by their unit, not in pixels: the same profile reads a picture of another size."""
     report, _ = check_folder(write_region(tmp_path / "in", MISTAKES[mistake].plant(scene("spinner"))))
     found = [(finding.name, finding.option) for finding in report.mistakes]
     assert found == [(mistake, f"--input {option}")]
