@@ -269,11 +269,14 @@ def _middle(values: Plane) -> float:
 def tell_device(shot: Shot, found: Finding, rule: Depth) -> Finding:
     """Distinguish reversed device depth (near / Z) from 1/Z, and find the near plane of device depth.
 
-    A projection that falls with distance decides by itself. Else the two differ by a factor, which the parallax of a
-    moving camera shows; for device depth it is 2, because clip space begins at -1 or at 0.
+    No device depth exceeds 1. A projection that falls with distance decides by itself. Else the two differ by a factor,
+    which the parallax of a moving camera shows; for device depth it is 2, because clip space begins at -1 or at 0.
     """
     clip = shot.frames[0].camera.view_to_clip
     reverse = found.name == "depth-inverse"
+    planes = [stored(frame, frame.depth.astype(np.float64), rule) for frame in shot.frames[:MOST_FRAMES]]
+    if reverse and _finite(planes).max() > 1.0:
+        return found
     if reverse and clip[2, 3] > 0.0 and not shot.frames[0].camera.orthographic:
         return _reversed(found, "the projection is reversed too")
     pairs = moving_pairs(shot)

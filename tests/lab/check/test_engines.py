@@ -76,6 +76,13 @@ def test_a_reversed_projection_tells_its_depth_before_the_matrices_are_right(sce
     assert finding.fix == {"depth": {"kind": "device-reversed"}}
 
 
+def test_numbers_above_1_are_no_device_depth(scene: Scene) -> None:
+    """Though the projection is reversed, and the parallax of what is far away tells nothing."""
+    spoilt = depth(lambda _, z: (1 / z).astype(np.float32))(camera(reversed_projection)(scene("depth_range")))
+    assert max(frame.depth.max() for frame in spoilt) > 1.0
+    assert [finding.fix for finding in check_frames(spoilt)] == [{"depth": {"kind": "inverse"}}]
+
+
 def test_a_clip_space_that_begins_at_0_is_told_by_parallax(scene: Scene) -> None:
     near, far = 0.1, 200.0
 
