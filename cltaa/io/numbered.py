@@ -382,7 +382,8 @@ def check_size(layout: Layout, before: Layout, number: int, on_resize: OnBreak) 
     if (layout.width, layout.height) != (before.width, before.height):
         if on_resize is OnBreak.RESET:
             return
-        cure = "all frames of a sequence have one size; cltaa resolve --on-resize reset begins anew at each change"
+        cure = "cltaa resolve --on-resize reset begins anew at each change; --frames A-B or a pattern"
+        cure += " x.A-B#.exr chooses frames of one size"
         path, expected, found = layout.path, before.size, layout.size
         raise DataError("size differs", path=path, frame=number, expected=expected, found=found, cure=cure)
     check_region(layout, before, f"the frame before, {before.path.name}", number)

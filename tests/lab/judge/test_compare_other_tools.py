@@ -47,6 +47,19 @@ def test_other_tools_files_are_judged_and_judge(capsys: pytest.CaptureFixture[st
     assert "frame 2: no single samples for this frame (found 0-1)" in refusal_behind_notes(capsys, plain, shot)
 
 
+def test_frames_of_one_size_are_judged_by_a_truth_that_changes_its_size(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """As of a dynamic resolution; the refusal of all frames tells how."""
+    random = np.random.default_rng(0)
+    images = [random.random((rows, 20, 3), np.float32) for rows in (12, 12, 16, 16)]
+    ours, truth = (write_images(tmp_path / name, images) for name in ("ours", "truth"))
+    alike = run_json(capsys, ours, truth / "image.2-3#.exr", "--metrics", "mse", "--frames", "2-3")
+    assert alike["mean"]["mse"] == 0
+    cure = "--frames A-B or a pattern x.A-B#.exr chooses frames of one size"
+    assert cure in refusal(capsys, 65, ours, truth)
+
+
 def test_pictures_that_are_encoded_are_decoded(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """What a program of one's own wrote as it shows it: R, G and B too, and beside files of cltaa's own."""
     capture = write_sequence(tmp_path / "capture", 2, reference=True)
