@@ -135,6 +135,17 @@ class Intake:
         return [number for number in missing_from(sorted(self.declared), self.step) if number not in self.damaged]
 
     @property
+    def missing_text(self) -> str:
+        """The missing frames for a message; of those that only some channel sets lack, the sets."""
+        missing = self.missing
+        read = sorted({place.files for places in self.roles.values() for place in places})
+        lacking = {label: {number for number in missing if number not in self.sets[label]} for label in read}
+        partly = set[int].union(*lacking.values()) - set[int].intersection(*lacking.values())
+        whole = [number for number in missing if number not in partly]
+        of_sets = {label: ranges(sorted(numbers & partly)) for label, numbers in lacking.items()}
+        return "; ".join([ranges(whole)] * bool(whole) + [f"{label} of {of}" for label, of in of_sets.items() if of])
+
+    @property
     def unused(self) -> list[str]:
         """Display names of the channels without a role."""
         used = {place for places in self.roles.values() for place in places}

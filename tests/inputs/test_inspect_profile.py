@@ -16,6 +16,7 @@ from cltaa.core.build import Steps
 from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError
 from cltaa.inputs.open import open_input
+from cltaa.lab.check.report import check_folder
 from cltaa.pipeline.folder import of_whole
 from cltaa.pipeline.memory import DevicePlanes, of_sequence
 from tests.inputs.foreign import write_blender, write_colour, write_depth, write_parts
@@ -139,6 +140,19 @@ def test_every_damaged_file_of_another_tool_is_listed(tmp_path: Path) -> None:
         assert truncated.endswith("the same in frames 2, 6")
         assert "shot.0004.exr: the file is empty" in empty
         assert "shot.0005.exr frame 5: size differs (expected 37 x 23, found 40 x 23)" in size
+
+
+def test_the_pass_that_a_frame_lacks_is_named(tmp_path: Path) -> None:
+    """By inspect and by check: the frame's other files are there."""
+    frames = [make_frame(number) for number in range(1, 8)]
+    write_colour(tmp_path, frames)
+    write_depth(tmp_path, frames)
+    for name in ("picture.0003", "depth.0003", "depth.0005", "depth.0006"):
+        (tmp_path / f"{name}.exr").unlink()
+    assert problems(tmp_path) == ["frames missing: 3; depth of 5-6"]
+    found = check_folder(tmp_path)[0].findings
+    (said,) = [finding.what for finding in found if finding.name == "frames-missing"]
+    assert said.startswith("frames are missing: 3; depth of 5-6; render them again")
 
 
 def test_damage_in_files_beside_the_colour_is_listed(tmp_path: Path) -> None:

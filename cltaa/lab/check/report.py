@@ -29,7 +29,7 @@ from cltaa.inputs.roles import file_sets, shown_name
 from cltaa.io.exr_layout import LOSSLESS
 from cltaa.io.exr_read import read_any_header
 from cltaa.io.names import Named, selection_of
-from cltaa.io.numbered import FrameRange, Problems, ranges
+from cltaa.io.numbered import FrameRange, Problems
 from cltaa.io.pixel_statistics import is_opaque
 from cltaa.lab.check.camera import (
     check_agreement,
@@ -58,7 +58,7 @@ def check_files(intake: Intake) -> list[Finding]:
     """Return findings about lossy compression, half-precision channels, and missing frames and channels."""
     found = []
     if intake.missing:
-        what = f"frames are missing: {ranges(intake.missing)}; render them again, or cltaa resolve --gaps reset"
+        what = f"frames are missing: {intake.missing_text}; render them again, or cltaa resolve --gaps reset"
         found.append(mistake("frames-missing", what, "the files' names", 0.99))
     for role in ("depth", "motion"):
         places = intake.roles.get(role, ())

@@ -52,7 +52,6 @@ from cltaa.io.numbered import (
     named_frames,
     numbered_files,
     one_range,
-    ranges,
 )
 from cltaa.io.pixel_statistics import (
     ChannelStatistics,
@@ -453,7 +452,7 @@ def describe_input(
         _look(found, sequence, wrong, lost, advance)
         if found.statistics.get("A", ChannelStatistics()).is_one:
             found.notes = [*found.notes, OPAQUE]
-    missing = [f"frames missing: {ranges(intake.missing)}"] if intake.missing else []
+    missing = [f"frames missing: {intake.missing_text}"] if intake.missing else []
     orthographic = any(known.camera is not None and known.camera.orthographic for known in intake.declared.values())
     of_pixels = pixel_problems(found.statistics, orthographic=orthographic)
     found.problems = [*missing, *wrong.lines, *lost.lines, *of_pixels]
