@@ -74,6 +74,7 @@ NOISY_FALLING, NOISY_BOX = 1.2, 0.5
 # With noise where light changes. Aliases of an edge agree, samples of noise do not, so less evidence proves a change:
 # factors of parameters of the illumination test (docs/lab-notes/illumination.md, Noise).
 NOISY_CHANGE = {"illumination_t": 0.82, "illumination_decay": 11 / 12, "illumination_floor": 11 / 12, "falling_t": 1.12}
+NOISY_FILTER = 4.0  # factor of filter_samples beside gathered samples there
 
 FOUND, DECLARED = "found", "declared"
 
@@ -119,8 +120,7 @@ def estimate(
     choices, reason = _rejecting(preset, choices, declared, word)
     reasons.append(reason)
     if noisy:
-        resampled = choices.history is HistoryKind.ACCUMULATED
-        settings = among_noise(choices, settings, changing=changing and resampled)
+        settings = among_noise(choices, settings, changing=changing)
     if noisy or (free and declared is not None and Effect.HDR not in declared):
         choices = msgspec.structs.replace(choices, weighting=Weighting.NONE)
     weighted = choices.weighting is Weighting.LUMINANCE
@@ -170,7 +170,7 @@ def with_narrow_box(settings: Settings) -> Settings:
 
 def among_noise(choices: Choices, settings: Settings, *, changing: bool) -> Settings:
     """Adapt thresholds to noisy samples, so that tests are as sure of bright ones as of dim ones. Where light is
-    ``changing``, the test asks for less evidence."""
+    ``changing``, the test asks for less evidence, and gathered samples are filtered for longer."""
     box = NOISY_BOX if choices.box is Box.VARIANCE else 1.0
     settings = msgspec.structs.replace(
         settings,
@@ -180,6 +180,8 @@ def among_noise(choices: Choices, settings: Settings, *, changing: bool) -> Sett
     )
     if not changing:
         return settings
+    if choices.history is HistoryKind.FRAMES:
+        return msgspec.structs.replace(settings, filter_samples=NOISY_FILTER * settings.filter_samples)
     asked = {name: factor * getattr(settings, name) for name, factor in NOISY_CHANGE.items()}
     return msgspec.structs.replace(settings, **asked)
 

@@ -19,7 +19,7 @@ from cltaa.reference.accumulate import (
 )
 from cltaa.reference.colour import Colour, accumulates_alpha, from_range, inner
 from cltaa.reference.gather_sides import Layers
-from cltaa.reference.real import Array, Mask, Run, greater, limit
+from cltaa.reference.real import Array, Mask, Run, limit
 from cltaa.reference.rectify import box_scale_of, rectify
 from cltaa.reference.reprojection import Motion
 
@@ -100,15 +100,6 @@ def gathered_change(g: SampleSums, far: SampleSums, layers: Layers, samples: Arr
     return v + mean * np.where(any_of, far.sum, g.sum)
 
 
-def gathered_filter_share(of_mean: Array, g: SampleSums, layers: Layers, run: Run) -> Array:
-    """Share of the filtered sample beside a pixel's n samples, given ``of_mean`` = 1 / n."""
-    if run.choices.illumination is Illumination.WINDOW:
-        return np.where(layers.edge, of_mean, fading_share(of_mean, run.settings))
-    one = np.ones_like(of_mean)
-    n = g.count + one
-    return np.where(layers.edge, of_mean, one / greater(n * n - one, one))
-
-
 def own_samples(p: Pixel) -> Array:
     """Samples of each pixel in the current frame [H, W]: one, or none."""
     one = np.ones_like(p.alpha)
@@ -139,8 +130,8 @@ def resolve_gathered(g: SampleSums, far: SampleSums, layers: Layers, p: Pixel, m
     chosen = np.where(any_of, mixed, disoccluded_colour(current, p.stats.mean, run))
     filters = run.choices.current_filter is not CurrentFilter.NONE
     if filters and run.choices.filter_use is FilterUse.FEW:
-        filter_share = gathered_filter_share(one / (g.count + one), g, layers, run)
-        chosen = lerp_colour(chosen, p.filtered, filtered_share(filter_share, p.filtered, run))
+        of_filter = fading_share(one / (g.count + one), run.settings)
+        chosen = lerp_colour(chosen, p.filtered, filtered_share(of_filter, p.filtered, run))
     missing = own_samples(p) == 0.0
     of_all = alpha + np.where(missing, one, share) * (g.alpha / weight)
     alpha = np.where(takes_alpha_of_others(p, run.build), of_all, alpha)

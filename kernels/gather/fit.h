@@ -94,17 +94,6 @@ STAGE colour gathered_change(sample_sums g, sample_sums far, layers_t l, real sa
     return plus_scaled(v, mean, choose_colour(any, far.sum, g.sum));
 }
 
-// Share of the filtered sample beside a pixel's n samples, given 1 / n: 1 / (n^2 - 1), at most 1, since a fit needs it
-// only with two or three samples; where light may change 1 / n, and as 1 / n^2 beyond filter_samples. At a depth edge,
-// where samples miss their surface and so count for less, 1 / n.
-STAGE real gathered_filter_share(real of_mean, sample_sums g, layers_t l, settings_t settings)
-{
-    if (ILLUMINATION == ILLUMINATION_WINDOW)
-        return l.edge ? of_mean : fading_share(of_mean, settings);
-    const real one = SPLAT(1.0), n = g.count + one;
-    return l.edge ? of_mean : quotient(one, greater(n * n - one, one));
-}
-
 // Samples of a pixel in the current frame: one, or none.
 STAGE real own_samples(pixel_t p) { return p.missing ? SPLAT(0.0) : SPLAT(1.0); }
 
@@ -134,8 +123,8 @@ STAGE resolved resolve_gathered(sample_sums g, sample_sums far, layers_t l, pixe
     const colour mixed = plus_scaled(current, share, plus(minus(past, current), r.change));
     colour chosen = choose_colour(any, mixed, disoccluded_colour(current, p.stats.mean, settings));
     if ((FILTER_USE == FILTER_USE_FEW_SAMPLES) & (CURRENT_FILTER != CURRENT_FILTER_NONE)) {
-        const real of_mean = one / (g.count + one), filter_share = gathered_filter_share(of_mean, g, l, settings);
-        chosen = lerp_colour(chosen, p.filtered, filtered_share(filter_share, p.filtered, settings));
+        const real of_filter = fading_share(one / (g.count + one), settings);
+        chosen = lerp_colour(chosen, p.filtered, filtered_share(of_filter, p.filtered, settings));
     }
     chosen = choose_colour(p.missing, past, chosen);
     const real opacity_of_all = p.alpha + (p.missing ? one : share) * (g.alpha / weight);

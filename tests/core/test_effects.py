@@ -12,7 +12,7 @@ import pytest
 from cltaa.core.backend import Launcher
 from cltaa.core.build import source_hash
 from cltaa.core.parameters import Illumination, Rectify, Reject, Weighting
-from cltaa.core.plan import Reason, plan_frame, with_effects
+from cltaa.core.plan import CHANGING_LIGHT, Reason, plan_frame, with_effects
 from cltaa.core.presets import Preset, load_preset, override, preset_names
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Camera, Effect, Frame
@@ -142,6 +142,14 @@ def test_among_noise_less_evidence_shows_that_light_changes() -> None:
     gathers = load_preset("gather-8")  # the ring decides there, and the recursion beside it is tuned with it
     frame = make_frame(1, effects=frozenset({Effect.ILLUMINATION, Effect.NOISE}))
     assert plan_frame(gathers, frame, STANDING).settings.illumination_t == gathers.settings.illumination_t
+
+
+def test_the_filter_fades_later_where_light_changes_among_noise() -> None:
+    samples = [
+        plan_frame(load_preset("gather-8"), make_frame(1, effects=frozenset(effects)), None).settings.filter_samples
+        for effects in (CHANGING_LIGHT, {*CHANGING_LIGHT, Effect.NOISE}, {Effect.CAMERA, Effect.NOISE})
+    ]
+    assert samples == [2.0, 8.0, 2.0]
 
 
 @pytest.mark.parametrize("name", ["basic", "fast"])

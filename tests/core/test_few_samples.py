@@ -57,22 +57,11 @@ def test_the_filter_has_the_share_of_one_sample_and_fades_sooner(history: str, b
     for number in range(1, 9):
         value = resolver.resolve(dotted(number - 1))[10, 12, 0]
         # The recurrent image keeps what the filter took of each sample: 1/n of the n-th, and less beyond the setting.
-        kept += min(1 / number, beyond / number**2) if number > 1 else 1.0
-        # Kept samples are filtered anew in each frame, by 1/(n^2 - 1): nothing adds up, and the setting is not asked.
-        taken = 1 / max(number**2 - 1, 1) if history == "frames" else kept / number
+        share = min(1 / number, beyond / number**2) if number > 1 else 1.0
+        kept += share
+        # Kept samples are filtered anew in each frame: nothing adds up.
+        taken = share if history == "frames" else kept / number
         assert abs(value - (1 - (1 - middle) * taken)) < 1e-6
-
-
-def test_at_a_depth_edge_the_filter_keeps_the_share_of_one_sample() -> None:
-    resolver = Resolver(few("frames"), "numpy")
-    side = np.exp(-np.float32(resolver.preset.settings.filter_falloff))
-    middle = 1 / (1 + 2 * side) ** 2
-    for number in range(1, 6):
-        frame = dotted(number - 1)
-        depth = frame.depth.copy()
-        depth[:, 13:] = 20.0
-        value = resolver.resolve(replace(frame, depth=depth))[10, 12, 0]
-        assert abs(value - (1 - (1 - middle) / number)) < 1e-6
 
 
 @pytest.mark.parametrize("history", ["accumulated", "frames"])

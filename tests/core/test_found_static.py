@@ -94,7 +94,7 @@ def test_what_holds_more_frames_is_taken_where_all_is_found_static() -> None:
     preset = override(load_preset("gather-8+8"), {"history_frames": 4, "look_ahead": 4})
     frames = [frame_of(index, 1.0) for index in range(16)]
     images = list(Resolver(preset, "numpy").images(frames))
-    ring = list(Resolver(override(preset, {"recursion": "none"}), "numpy").images(frames))
+    ring = list(Resolver(override(preset, {"recursion": "none", "filter_samples": 1.0}), "numpy").images(frames))
     mean = list(Resolver("gather-8", "numpy").images(frames))
     taken = [[np.array_equal(bits(one), bits(other[k])) for other in (ring, mean)] for k, one in enumerate(images)]
     assert taken == [[True, False]] * 7 + [[False, True]] * 9
