@@ -269,20 +269,21 @@ def _middle(values: Plane) -> float:
 def tell_device(shot: Shot, found: Finding, rule: Depth) -> Finding:
     """Distinguish reversed device depth (near / Z) from 1/Z, and find the near plane of device depth.
 
-    No device depth exceeds 1. A projection that falls with distance decides by itself. Else the two differ by a factor,
-    which the parallax of a moving camera shows; for device depth it is 2, because clip space begins at -1 or at 0.
+    No device depth exceeds 1. The two differ by a factor, which the parallax of a moving camera shows; for device depth
+    it is 2, because clip space begins at -1 or at 0. A projection that falls with distance decides, unless 1/Z matches
+    clearly better.
     """
     clip = shot.frames[0].camera.view_to_clip
     reverse = found.name == "depth-inverse"
     planes = [stored(frame, frame.depth.astype(np.float64), rule) for frame in shot.frames[:MOST_FRAMES]]
     if reverse and _finite(planes).max() > 1.0:
         return found
-    if reverse and clip[2, 3] > 0.0 and not shot.frames[0].camera.orthographic:
-        return _reversed(found, "the projection is reversed too")
+    falls = reverse and clip[2, 3] > 0.0 and not shot.frames[0].camera.orthographic
+    as_projected = _reversed(found, "the projection is reversed too") if falls else found
     pairs = moving_pairs(shot)
     near, other = (planes_of(clip, from_zero=from_zero)[0] for from_zero in (False, True))
     if len(pairs) < 2 or near <= 0.0 or (reverse and near == 1.0):
-        return found
+        return as_projected
     planes = [stored(pair.frame, pair.frame.depth.astype(np.float64), rule) for pair in pairs]
     raw = [plane[pair.y.astype(int), pair.x.astype(int)] for plane, pair in zip(planes, pairs, strict=True)]
     near_to_far = raw if reverse else [1.0 - values for values in raw]
@@ -297,6 +298,13 @@ def tell_device(shot: Shot, found: Finding, rule: Depth) -> Finding:
         vectors_uphold(pairs, [pair.own - motion for pair, motion in zip(pairs, other, strict=True)], motions)
         for motions, other in ((by_plain, by_changed), (by_changed, by_plain))
     ]
+    if falls and not by_vectors[0]:
+        # Wrong matrices match worse the nearer all is, and least badly where it is far away.
+        away = [
+            pair.camera_motion(inverse_depth=np.zeros_like(values)) for pair, values in zip(pairs, raw, strict=True)
+        ]
+        if plain.mean() > CLEARLY_BETTER * min(changed.mean(), residuals_of(pairs, away).mean()):
+            return as_projected
     if by_vectors[0] or (changed.mean() >= plain.mean() and not by_vectors[1]):
         return found
     seen = "the vectors agree so, " if by_vectors[1] else ""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from cltaa.frame import Camera
+from cltaa.frame import Camera, Frame
 from cltaa.inputs.convert import correct, device_planes, mended_camera, planes_of
 from cltaa.inputs.profile import Depth, DepthKind, Profile
 from cltaa.lab.check.hypotheses import COMBINED, MEANINGS
@@ -74,6 +75,16 @@ def test_a_reversed_projection_tells_its_depth_before_the_matrices_are_right(sce
     spoilt = depth(lambda _, z: (0.1 / z).astype(np.float32))(camera(reversed_projection)(scene("corridor")))
     (finding,) = check_frames(VULKAN(spoilt))
     assert finding.fix == {"depth": {"kind": "device-reversed"}}
+
+
+@pytest.mark.parametrize("prepare", [list, full_motion])
+def test_one_over_distance_under_a_reversed_projection_is_what_the_pictures_say(
+    prepare: Callable[[list[Frame]], list[Frame]], scene: Scene
+) -> None:
+    """No near/Z of another unit: a plane at 0.1 would put everything ten times too far away."""
+    spoilt = depth(lambda _, z: (1 / np.maximum(z, 1)).astype(np.float32))(prepare(scene("corridor")))
+    found = check_frames(camera(reversed_projection)(spoilt))
+    assert [finding.fix for finding in found] == [{"depth": {"kind": "inverse"}}]
 
 
 def test_numbers_above_1_are_no_device_depth(scene: Scene) -> None:
