@@ -239,7 +239,7 @@ def _sized(pairs: Sequence[Pair]) -> dict[str, Affine]:
     return {name: Affine(matrix) for name, matrix in (scaled(factor, sign) for sign in SIGNS) if factor != 1.0}
 
 
-ZEROES = 0.5  # least share of zero vectors where the camera moves the picture
+ZEROES = 0.5  # least share of zero vectors where the camera moves the picture, and of the frames with such vectors
 
 
 def check_zeroes(shot: Shot) -> list[Finding]:
@@ -247,7 +247,7 @@ def check_zeroes(shot: Shot) -> list[Finding]:
     pairs = moving_pairs(shot) if shot.has_camera and shot.has_depth else []
     nothing = [(pair, np.asarray((pair.own == 0.0).all(0) & pair.usable & _moved(pair))) for pair in pairs]
     found = [(pair, points) for pair, points in nothing if points.sum() >= LEAST_POINTS]
-    if not found:
+    if len(found) < ZEROES * len(pairs) or not found:  # a single frame may lack its vectors, as the first of a shot
         return []
     able = [np.isfinite(pair.own).all(0) & pair.usable & _moved(pair) for pair, _ in found]
     share = float(np.mean([points.sum() / there.sum() for (_, points), there in zip(found, able, strict=True)]))

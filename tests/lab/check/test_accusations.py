@@ -235,6 +235,13 @@ def test_vectors_of_nothing_under_a_camera_that_moves_are_named_and_mended(
     assert mistakes(check_folder(tmp_path, assignments=["motion.zero=camera"])[0].findings) == []
 
 
+def test_one_frame_whose_vectors_are_nothing_does_not_say_what_a_zero_means(scene: Scene) -> None:
+    """As at the start of a shot, where an engine has no frame before."""
+    frames = full_motion(scene("corridor"))
+    frames[1] = replace(frames[1], motion=np.zeros_like(frames[1].motion))
+    assert "motion-zero-is-camera" not in mistakes(check_frames(frames))
+
+
 def test_vectors_that_are_not_the_cameras_are_not_called_right(scene: Scene) -> None:
     """No map makes the camera's motion of noise."""
     rng = np.random.default_rng(0)
