@@ -25,7 +25,7 @@ from cltaa.lab.check.camera import (
     screened,
     vectors_uphold,
 )
-from cltaa.lab.check.hypotheses import Finding, mistake, sureness
+from cltaa.lab.check.hypotheses import DOUBTFUL, Finding, mistake, sureness
 from cltaa.lab.check.registration import Pair, Shot, Vector, planar_inverse_depth, seen_before
 
 Plane = NDArray[np.float64]
@@ -146,7 +146,11 @@ def check_depth_scale(shot: Shot, rule: Depth = AS_DECLARED) -> list[Finding]:
     scale = decade if abs(best / decade - 1) < ROUND_NUMBER else float(f"{best:.2g}")
     evidence = f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, over {len(pairs)} pairs"
     what = f"depth and matrices have different units: depth times {scale:g} fits"
-    return [mistake("depth-scaled", what, evidence, sureness(declared, winner), {"scale": scale})]
+    sure = sureness(declared, winner)
+    around = [_scaled(pairs, scale * by)[1].mean() for by in (2.0, 0.5)]
+    if scale != decade and min(around) < winner.mean() / CLEARLY_BETTER:
+        evidence, sure = f"{evidence}; so do others", min(sure, DOUBTFUL)
+    return [mistake("depth-scaled", what, evidence, sure, {"scale": scale})]
 
 
 def _fits_as_another(pairs: Sequence[Pair], rule: Depth, winner: Vector) -> bool:

@@ -68,6 +68,13 @@ def test_any_unit_of_depth_is_measured(factor: float, scene: Scene) -> None:
     assert finding.fix["depth"]["scale"] * factor == pytest.approx(1.0, abs=0.1)  # worst seen: 0.036
 
 
+def test_a_factor_of_depth_that_the_pictures_do_not_tell_is_a_question(scene: Scene) -> None:
+    """Depth of a twentieth makes all move too fast; far away, the pictures match by any factor."""
+    near = [replace(frame, depth=np.asarray(frame.depth * 0.05, np.float32)) for frame in scene("orbit")]
+    (finding,) = [finding for finding in check_frames(near) if finding.name == "depth-scaled"]
+    assert (finding.question, finding.fix) == (True, {})
+
+
 def test_a_unit_of_depth_near_a_power_of_ten_is_that(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     """Centimetres, and not 0.95 of them, where none of the scales that are tried is nearer."""
     monkeypatch.setattr("cltaa.lab.check.depth.SCALES", (0.0095,))
