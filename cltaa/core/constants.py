@@ -59,9 +59,9 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "ONE_NINTH": Constant(1.0 / 9.0, "mean of the 3x3"),
 }
 
-# Halo of every plane, in texels. A 4x4 history filter of an on-screen position reads 2 texels past the edge, and a
-# segment of 16 lanes that starts inside the image reads up to 15 + 2 past it; rounding rows up to ROW_ALIGNMENT and
-# 16 more covers both and keeps rows aligned.
+# Halo of every plane, in texels. The history filter of 20 taps reads 3 texels past the edge at an on-screen position,
+# and a segment of 16 lanes that starts inside the image up to 15 + 3 past it; rounding rows up to ROW_ALIGNMENT and 16
+# more covers both and keeps rows aligned.
 PAD_X: Final = 16
 PAD_Y: Final = 4
 # Temporal windows. Where light may change, a pixel is resolved from the latest frames, from more, from all that are
