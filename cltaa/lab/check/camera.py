@@ -184,6 +184,9 @@ MOST_SEEN, SAME = 4000, 1.002  # most points compared of a pair; ratio of residu
 LARGEST_SIZE = 20.0  # factor of vectors; units make greater ones
 
 
+OCTAVES, HALVINGS = range(-10, 11), 14  # of a factor of depth, to 1e-4: a thousandth is rounding
+
+
 class _Reading(NamedTuple):
     """One reading of matrices, depth and vectors; the difference of the two motions, and the camera's motion, in px."""
 
@@ -210,11 +213,14 @@ def check_agreement(shot: Shot) -> list[Finding]:
     leaks = [0, *shot.leaks.values()]
     as_declared = _vectors(pairs, {"": maps[""]}, leaks)
     declared = min(_compared(pairs, "", 1.0, as_declared), key=lambda reading: reading.apart)
-    if declared.apart < DISAGREE * max(declared.moved, LEAST_MOTION_PX):
+    factor = _factor_of_depth(pairs)
+    if factor == 1.0 and declared.apart < DISAGREE * max(declared.moved, LEAST_MOTION_PX):
         return []
     able = [name for name, meant in COMBINED.items() if all(sound(frame, meant.change) for frame in shot.frames)]
     vectors = _vectors(pairs, maps, leaks)
-    tried = [reading for name in able for scale in SCALES for reading in _compared(pairs, name, scale, vectors)]
+    tried = [
+        reading for name in able for scale in {*SCALES, factor} for reading in _compared(pairs, name, scale, vectors)
+    ]
     agreeing = [r for r in tried if r.moved > LEAST_MOTION_PX and r.apart < AGREE * r.moved]
     if not agreeing:
         return []
@@ -226,6 +232,24 @@ def check_agreement(shot: Shot) -> list[Finding]:
     if vectors_uphold(pairs, [own - motion for own, motion in read]):
         return []
     return _findings(best, declared, maps, len(pairs))
+
+
+def _factor_of_depth(pairs: Sequence[Pair]) -> float:
+    """Return the factor of depth under which matrices and depth give the vectors, to rounding; 1 if none does."""
+
+    def moved(factor: float) -> list[Vector]:
+        return [pair.motion_under(lambda camera: camera, factor) for pair in pairs]
+
+    def apart(factor: float) -> float:
+        both = zip(pairs, moved(factor), strict=True)
+        return float(np.mean([middle_length(pair.own - motion) for pair, motion in both]))
+
+    factor = min((2.0**octave for octave in OCTAVES), key=apart)
+    for halved in range(1, HALVINGS):
+        by = 2.0**0.5**halved
+        factor = min((factor, factor / by, factor * by), key=apart)
+    differ = [pair.own - motion for pair, motion in zip(pairs, moved(1.0), strict=True)]
+    return float(f"{factor:.4g}") if vectors_uphold(pairs, differ, moved(factor)) else 1.0
 
 
 def _sized(pairs: Sequence[Pair]) -> dict[str, Affine]:

@@ -68,6 +68,17 @@ def test_any_unit_of_depth_is_measured(factor: float, scene: Scene) -> None:
     assert finding.fix["depth"]["scale"] * factor == pytest.approx(1.0, abs=0.1)  # worst seen: 0.036
 
 
+@pytest.mark.parametrize("name", ["corridor", "orbit"])
+@pytest.mark.parametrize("factor", [0.3048, 1.3, 20.0])
+def test_vectors_in_every_pixel_tell_the_unit_of_depth(factor: float, name: str, scene: Scene) -> None:
+    """To rounding, and however little the camera travels: feet for metres too."""
+    frames = full_motion(scene(name))
+    spoilt = [replace(frame, depth=np.asarray(frame.depth * factor, np.float32)) for frame in frames]
+    (finding,) = found_in(spoilt)
+    assert finding.name == "depth-scaled"
+    assert finding.fix["depth"]["scale"] * factor == pytest.approx(1.0, rel=1e-3)
+
+
 def test_a_factor_of_depth_that_the_pictures_do_not_tell_is_a_question(scene: Scene) -> None:
     """Depth of a twentieth makes all move too fast; far away, the pictures match by any factor."""
     near = [replace(frame, depth=np.asarray(frame.depth * 0.05, np.float32)) for frame in scene("orbit")]
