@@ -60,7 +60,7 @@ CHANGING = frozenset(
 # Effects that make history wrong where depth shows the same surface; where the camera moves, THIN does so too.
 CHANGING_LIGHT = frozenset({Effect.ILLUMINATION, Effect.MOTION, Effect.REACTIVE})
 
-SURER = 2.0  # factor of drift_t, where no illumination change is known
+SURER = 2.0  # factor of drift_t, and divisor of filter_samples beside a ring, where no illumination change is known
 # Where no change was found that the illumination test looks for: factor of its thresholds, and the most of Student's t
 # that one frame counts for: less than illumination_t then, so that a lone frame proves nothing away from occluders.
 UNLIKELY, UNLIKELY_T = 1.5, 2.5
@@ -74,7 +74,7 @@ NOISY_FALLING, NOISY_BOX = 1.2, 0.5
 # With noise where light changes. Aliases of an edge agree, samples of noise do not, so less evidence proves a change:
 # factors of parameters of the illumination test (docs/lab-notes/illumination.md, Noise).
 NOISY_CHANGE = {"illumination_t": 0.82, "illumination_decay": 11 / 12, "illumination_floor": 11 / 12, "falling_t": 1.12}
-NOISY_FILTER = 4.0  # factor of filter_samples beside gathered samples there
+NOISY_FILTER = 2.0  # factor of filter_samples beside gathered samples there
 
 FOUND, DECLARED = "found", "declared"
 
@@ -114,7 +114,8 @@ def estimate(
         choices, reason = _with_recursion(preset, choices, declared, word, followed=followed, in_turn=in_turn)
         reasons.append(reason)
         if not _illumination_may_change(declared):
-            settings = msgspec.structs.replace(settings, drift_t=SURER * settings.drift_t)
+            filtered = max(settings.filter_samples / SURER, STATIC_FILTER_SAMPLES)
+            settings = msgspec.structs.replace(settings, drift_t=SURER * settings.drift_t, filter_samples=filtered)
     rectified = choices.rectify is not Rectify.NONE
     reasons.append(Reason(RECTIFICATION, rectified, _why_rectified(preset, rectified)))
     choices, reason = _rejecting(preset, choices, declared, word)

@@ -144,12 +144,12 @@ def test_among_noise_less_evidence_shows_that_light_changes() -> None:
     assert plan_frame(gathers, frame, STANDING).settings.illumination_t == gathers.settings.illumination_t
 
 
-def test_the_filter_fades_later_where_light_changes_among_noise() -> None:
+def test_the_filter_beside_a_ring_fades_later_where_light_changes_and_among_noise() -> None:
     samples = [
         plan_frame(load_preset("gather-8"), make_frame(1, effects=frozenset(effects)), None).settings.filter_samples
-        for effects in (CHANGING_LIGHT, {*CHANGING_LIGHT, Effect.NOISE}, {Effect.CAMERA, Effect.NOISE})
+        for effects in (CHANGING_LIGHT, {*CHANGING_LIGHT, Effect.NOISE}, {Effect.MOTION}, {Effect.CAMERA, Effect.NOISE})
     ]
-    assert samples == [2.0, 8.0, 2.0]
+    assert samples == [4.0, 8.0, 2.0, 2.0]
 
 
 @pytest.mark.parametrize("name", ["basic", "fast"])
