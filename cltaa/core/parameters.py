@@ -101,7 +101,13 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
         ),
     ] = 2.29
     filter_samples: Annotated[
-        float, _number("samples of a history beyond which the filter's share falls as 1 / n^2", 1.0, 2.0**20)
+        float,
+        _number(
+            "samples of a history beyond which the filter's share falls as 1 / n^2; half of it beside a ring if no "
+            "light is known to change",
+            1.0,
+            2.0**20,
+        ),
     ] = 8.0
     history_frames: Annotated[
         int, _number("earlier frames whose samples are kept (history frames)", 1, 64, "frames")
