@@ -61,9 +61,11 @@ CHANGING = frozenset(
 CHANGING_LIGHT = frozenset({Effect.ILLUMINATION, Effect.MOTION, Effect.REACTIVE})
 
 SURER = 2.0  # factor of drift_t, and divisor of filter_samples beside a ring, where no illumination change is known
-# Where no change was found that the illumination test looks for: factor of its thresholds, and the most of Student's t
-# that one frame counts for: less than illumination_t then, so that a lone frame proves nothing away from occluders.
-UNLIKELY, UNLIKELY_T = 1.5, 2.5
+# Where no change was found that the illumination test looks for: factor of its thresholds.
+UNLIKELY = 1.5
+# Where no illumination change is known: the most of Student's t that one frame counts for. Less than illumination_t, so
+# that a lone frame proves nothing away from occluders.
+UNLIKELY_T = 2.5
 STATIC_SAMPLES = 4.0  # factor of sample_limit, where all is found static
 # filter_samples where nothing moves: the jitter places samples evenly, so a history soon needs no filter. A jitter that
 # repeats within FEW_POSITIONS frames leaves gaps, which only the filter fills, at its whole share of 1 / n.
@@ -107,6 +109,8 @@ def estimate(
     tested = choices.illumination is Illumination.TEST and free and word == FOUND and not _refuting(choices, declared)
     if tested or in_turn:
         settings = found_constant(settings, standing=standing)
+    if free and not _illumination_may_change(declared):  # so aliases that agree in a frame are no change of light
+        settings = msgspec.structs.replace(settings, largest_t=min(settings.largest_t, UNLIKELY_T))
     if choices.illumination is Illumination.STATIC and _illumination_may_change(declared) and free:
         settings = with_narrow_box(settings)
     if preset.choices.history is HistoryKind.FRAMES:
@@ -157,7 +161,7 @@ def found_constant(settings: Settings, *, standing: bool) -> Settings:
     if standing:
         asked["sample_limit"] = STATIC_SAMPLES * settings.sample_limit
         asked["filter_samples"] = STATIC_FILTER_SAMPLES
-    return msgspec.structs.replace(settings, largest_t=min(settings.largest_t, UNLIKELY_T), **asked)
+    return msgspec.structs.replace(settings, **asked)
 
 
 def with_narrow_box(settings: Settings) -> Settings:
@@ -228,7 +232,10 @@ def _testing_illumination(
     if declared is None:
         return choices, Reason(LIGHT, True, declared_or_not(Effect.ILLUMINATION, declared, word))
     if found := _refuting(choices, declared):
-        return choices, Reason(LIGHT, True, f"{word}: {format_effects(found)}")
+        why = f"{word}: {format_effects(found)}"
+        if choices.history is HistoryKind.ACCUMULATED and not _illumination_may_change(declared):
+            why += "; no illumination: only a change that lasts counts"
+        return choices, Reason(LIGHT, True, why)
     why = f"none of illumination, motion and reactive is {word}"
     if choices.history is HistoryKind.ACCUMULATED:
         why += ", nor thin with a camera"

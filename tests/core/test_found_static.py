@@ -71,6 +71,24 @@ def test_a_plan_raises_no_limit_that_was_set() -> None:
     assert plan.settings.largest_t == 1.0
 
 
+@pytest.mark.parametrize("name", ["default", "gather-8"])
+@pytest.mark.parametrize(
+    ("found", "largest"),
+    [
+        (FOUND, 2.5),
+        (FOUND | {Effect.MOTION}, 2.5),
+        (FOUND | {Effect.CAMERA, Effect.THIN}, 2.5),
+        (FOUND | {Effect.MOTION, Effect.ILLUMINATION}, 2.0**50),
+        (FOUND | {Effect.REACTIVE}, 2.0**50),
+        (None, 2.0**50),
+    ],
+)
+def test_a_lone_frame_shows_no_change_of_light_where_none_is_known(
+    name: str, found: frozenset[Effect] | None, largest: float
+) -> None:
+    assert plan_frame(load_preset(name), frame_of(0, 1.0, found), None).settings.largest_t == largest
+
+
 @pytest.mark.parametrize(
     ("found", "limit", "filtered"),
     [(None, 24.0, 8.0), (FOUND, 96.0, 1.0), (FOUND | {Effect.MOTION}, 24.0, 8.0), (FOUND | {Effect.CAMERA}, 24.0, 8.0)],
