@@ -103,8 +103,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     filter_samples: Annotated[
         float,
         _number(
-            "samples of a history beyond which the filter's share falls as 1 / n^2; half of it beside a ring if no "
-            "light is known to change",
+            "samples of a history beyond which the filter's share falls as 1 / n^2; a quarter of it beside a ring if "
+            "no light is known to change",
             1.0,
             2.0**20,
         ),

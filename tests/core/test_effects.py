@@ -149,7 +149,7 @@ def test_the_filter_beside_a_ring_fades_later_where_light_changes_and_among_nois
         plan_frame(load_preset("gather-8"), make_frame(1, effects=frozenset(effects)), None).settings.filter_samples
         for effects in (CHANGING_LIGHT, {*CHANGING_LIGHT, Effect.NOISE}, {Effect.MOTION}, {Effect.CAMERA, Effect.NOISE})
     ]
-    assert samples == [4.0, 8.0, 2.0, 2.0]
+    assert samples == [4.0, 8.0, 1.0, 1.0]
 
 
 @pytest.mark.parametrize("name", ["basic", "fast"])

@@ -57,8 +57,8 @@ def test_the_filter_has_the_share_of_one_sample_and_fades_sooner(history: str, b
     for number in range(1, 9):
         value = resolver.resolve(dotted(number - 1))[10, 12, 0]
         # The recurrent image keeps what the filter took of each sample: 1/n of the n-th, and less beyond the setting.
-        # Beside a ring, half the setting counts where light is not known to change.
-        later = max(beyond / 2, 1.0) if history == "frames" else beyond
+        # Beside a ring, a quarter of the setting counts where light is not known to change.
+        later = max(beyond / 4, 1.0) if history == "frames" else beyond
         share = min(1 / number, later / number**2) if number > 1 else 1.0
         kept += share
         # Kept samples are filtered anew in each frame: nothing adds up.
