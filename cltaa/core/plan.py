@@ -60,7 +60,8 @@ CHANGING = frozenset(
 # Effects that make history wrong where depth shows the same surface; where the camera moves, THIN does so too.
 CHANGING_LIGHT = frozenset({Effect.ILLUMINATION, Effect.MOTION, Effect.REACTIVE})
 
-SURER = 2.0  # factor of drift_t, and squared divisor of filter_samples, where no illumination change is known
+# Where no illumination change is known, beside a ring: factor of drift_t, and divisor of filter_samples.
+SURER, FILTER_LESS = 2.0, 4.0
 # Where no change was found that the illumination test looks for: factor of its thresholds.
 UNLIKELY = 1.5
 # Where no illumination change is known: the most of Student's t that one frame counts for. Less than illumination_t, so
@@ -93,7 +94,7 @@ def estimate(
     # A published resolve omits nothing, whether the scene needs it or not.
     free = not preset.published
     still = word == DECLARED and nothing_changes(declared)
-    standing = word == FOUND and declared is not None and not declared & (CHANGING_LIGHT | {Effect.CAMERA})
+    standing = word == FOUND and all_static(declared)
     gathers = choices.history is HistoryKind.FRAMES
     # Without frames ahead a ring never holds more than all frames so far. With them it does in the first frames.
     recursive = free and standing and gathers and not settings.look_ahead
@@ -118,7 +119,7 @@ def estimate(
         choices, reason = _with_recursion(preset, choices, declared, word, followed=followed, in_turn=in_turn)
         reasons.append(reason)
         if not _illumination_may_change(declared):
-            filtered = max(settings.filter_samples / SURER**2, STATIC_FILTER_SAMPLES)
+            filtered = max(settings.filter_samples / FILTER_LESS, STATIC_FILTER_SAMPLES)
             settings = msgspec.structs.replace(settings, drift_t=SURER * settings.drift_t, filter_samples=filtered)
     rectified = choices.rectify is not Rectify.NONE
     reasons.append(Reason(RECTIFICATION, rectified, _why_rectified(preset, rectified)))
@@ -144,6 +145,11 @@ def declined(preset: Preset, field: str, *wanted: StrEnum) -> str:
 def nothing_changes(declared: frozenset[Effect] | None) -> bool:
     """True where a sequence promises that every frame shows the same."""
     return declared is not None and not declared & CHANGING
+
+
+def all_static(declared: frozenset[Effect] | None) -> bool:
+    """True where neither camera, objects nor light are declared or found to change."""
+    return declared is not None and not declared & (CHANGING_LIGHT | {Effect.CAMERA})
 
 
 def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]:
@@ -462,8 +468,7 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
         dilation = choices.dilation if choices.dilation is Dilation.BESIDE else Dilation.NONE
         choices = msgspec.structs.replace(choices, reject=Reject.NONE, dilation=dilation)
         estimated = [Reason(REJECTION, False, "no depth") if why.step == REJECTION else why for why in estimated]
-    static = declared is not None and not declared & (CHANGING_LIGHT | {Effect.CAMERA})
-    fades_sooner = static and settings.filter_samples < preset.settings.filter_samples
+    fades_sooner = all_static(declared) and settings.filter_samples < preset.settings.filter_samples
     if fades_sooner and facts.few_positions:
         settings = msgspec.structs.replace(settings, filter_samples=2.0**20)
     if moves and choices.recursion is not Recursion.NONE:

@@ -62,9 +62,9 @@ def test_alpha_leaves_no_trail_that_its_colour_does_not_leave(name: str) -> None
         lit, black = last_of(preset, frames)[gone], last_of(preset, [unlit(frame) for frame in frames])[gone]
         colour = lit[:, 0] / LIGHT[0]
         for alpha in (lit[:, 3], black[:, 3]):
-            # A mean of samples leaves more than a fit of them, which colour is gathered by, but no more than one sample
-            # of four: seen beside the disc 0.229. All that is left is 0.0028 on the mean, 0.0075 before pixels went on
-            # into their 3x3.
+            # A mean of samples leaves more than a fit of them, which colour is gathered by, but no more than one of the
+            # four samples in the shortest window: seen beside the disc 0.229. All that is left is 0.0028 on the mean,
+            # 0.0075 before pixels went on into their 3x3.
             assert np.all(alpha <= (1e-6 if rectifies else colour + 0.25)), scene.__name__
             if "gather" in name:
                 assert alpha.mean() <= 0.004, scene.__name__

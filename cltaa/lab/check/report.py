@@ -300,13 +300,13 @@ def check_folder(
     lost = [mistake("file-unreadable", line, "left out of all else that is found", 0.99) for line in wrong.lines]
     options = f"{profile_options(name, side_file, step)} {option_text(changes)}".strip()
     with shown_progress("checking", shown=is_own()):
-        untold = unverifiable(Shot(frames_read, **told))
+        not_verified = unverifiable(Shot(frames_read, **told))
     report = Report(
         folder=str(place),
         frames=len(frames_read),
         reading=[*intake_lines(first)],
         findings=lost + findings,
-        unverifiable=untold,
+        unverifiable=not_verified,
         options=options,
         profile=msgspec.to_builtins(mended),
     )
