@@ -227,9 +227,11 @@ class ForeignSequence(FrameSequence):
         """Read the denoiser guides of one frame number, [H, W, 3] float32 each; empty before ``with_guides``."""
         return self._planes(number, self._guides)[0]
 
-    def _open_alike(self, folder: Path) -> ImageSequence:
+    def _open_alike(self, folder: Path, frames: FrameRange | None) -> ImageSequence:
         profile, assignments = self.intake.asked
-        return open_pictures(folder, verify=self.verify, gaps=OnBreak.RESET, profile=profile, assignments=assignments)
+        return open_pictures(
+            folder, verify=self.verify, gaps=OnBreak.RESET, frames=frames, profile=profile, assignments=assignments
+        )
 
     def colour(self, number: int, *, alpha: bool = False) -> Image:
         """Read and convert the colour of one frame, [H, W, 3] linear float32, then alpha if asked for and present."""

@@ -9,14 +9,14 @@ from __future__ import annotations
 import os
 import re
 import warnings
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from collections.abc import Sequence as Many
 from enum import StrEnum
 from itertools import pairwise
 from math import gcd
 from numbers import Integral
 from pathlib import Path
-from typing import Any, NoReturn, Self
+from typing import Any, NoReturn, Self, TypeVar
 
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.io.exr_header import read_layout
@@ -69,6 +69,7 @@ def only_below(folder: Path, found: list[Path]) -> InputMissing:
 
 
 FrameRange = tuple[int, int]  # numbers of the first and the last frame, both included
+Files = TypeVar("Files")
 
 
 class OnBreak(StrEnum):
@@ -91,6 +92,14 @@ def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) 
         if end not in numbers:
             raise no_such_frame(folder, end, numbers)
     return [number for number in numbers if first <= number <= last]
+
+
+def asked_alone(opened: Callable[[FrameRange | None], Files], frames: FrameRange | None) -> Files:
+    """Return the ``frames`` alone, ``opened`` by their range; all, if an end is missing, of which the caller tells."""
+    try:
+        return opened(frames)
+    except UsageError:
+        return opened(None)
 
 
 def first_of(numbers: Many[int], count: int, place: object) -> FrameRange:

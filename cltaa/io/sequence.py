@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -28,6 +28,7 @@ from cltaa.io.numbered import (
     FrameRange,
     NumberedFiles,
     OnBreak,
+    asked_alone,
     check_same_size,
     even_step,
     frame_missing,
@@ -176,11 +177,11 @@ class FrameSequence(NumberedFiles):
     def open_supersampled(self, folder: Path) -> ImageSequence:
         """Open a folder with the truth of some frames, or with a yardstick, cropped to what these frames show; raises
         DataError where it does not cover that."""
-        return as_shown(self._open_alike(folder), self)
+        return as_shown(asked_alone(partial(self._open_alike, folder), (self.first, self.last)), self)
 
-    def _open_alike(self, folder: Path) -> ImageSequence:
+    def _open_alike(self, folder: Path, frames: FrameRange | None) -> ImageSequence:
         """Open images in the way in which these frames are read."""
-        return open_images(folder, verify=self.verify, gaps=OnBreak.RESET)
+        return open_images(folder, verify=self.verify, gaps=OnBreak.RESET, frames=frames)
 
     @cached_property
     def sequence_json(self) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from cltaa.io.exr_frame import check_number
 from cltaa.io.exr_layout import Part, Window
 from cltaa.io.manifest import CAPTURE, Entry, Manifest, file_sha256, recorded_hashes
 from cltaa.io.names import Named, Selection, selection_of
-from cltaa.io.numbered import FrameRange, NumberedFiles, OnBreak, named_frames, ranges, shared_region
+from cltaa.io.numbered import FrameRange, NumberedFiles, OnBreak, asked_alone, named_frames, ranges, shared_region
 from cltaa.io.sequence import RESOLVED, FrameSequence, ImageSequence
 from cltaa.printable import counted, printable
 
@@ -138,14 +138,16 @@ def pair_up(
     Raises UsageError, InputMissing and DataError for sequences that do not match.
     """
     against = selection_of(tests[0] if reference is None else reference)
-    capture = _capture(against, verify, step, {"side_file": side_file, **({} if is_own(against) else reading)})
+    told = {"side_file": side_file, **({} if is_own(against) else reading)}
+    capture = asked_alone(lambda only: _capture(against, verify, step, told | {"frames": only}), frames)
     images = [open_pictures(test, verify=verify, gaps=gaps, frames=frames, **reading) for test in tests]
     truth = None if capture is None else capture.known_reference()
     if truth is None:
         if reference is None:
             cure = "name the reference: cltaa compare TEST REFERENCE"
             raise UsageError("nothing to compare with: no folder reference/ in it", path=str(against), cure=cure)
-        truth = open_pictures(against, verify=verify, gaps=OnBreak.RESET, **reading)
+        how: Any = reading | {"verify": verify, "gaps": OnBreak.RESET}
+        truth = asked_alone(lambda only: open_pictures(against, frames=only, **how), frames)
         check_named([*tests, against], [*images, truth], **reading)
     yardsticks = {} if capture is None else open_yardsticks(capture)
     comparisons = [Comparison(test, truth, capture, yardsticks) for test in images]

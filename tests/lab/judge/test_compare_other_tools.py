@@ -51,11 +51,19 @@ def test_frames_of_one_size_are_judged_by_a_truth_that_changes_its_size(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     """As of a dynamic resolution; the refusal of all frames tells how."""
-    random = np.random.default_rng(0)
-    images = [random.random((rows, 20, 3), np.float32) for rows in (12, 12, 16, 16)]
+    frames = [make_frame(number, height=rows) for number, rows in enumerate((12, 12, 16, 16))]
+    images = [frame.colour for frame in frames]
     ours, truth = (write_images(tmp_path / name, images) for name in ("ours", "truth"))
-    alike = run_json(capsys, ours, truth / "image.2-3#.exr", "--metrics", "mse", "--frames", "2-3")
-    assert alike["mean"]["mse"] == 0
+    captures = [write_images(tmp_path / "theirs", images), write_frames(tmp_path / "own", frames, "image")]
+    for capture in captures:
+        write_images(capture / "reference", images)
+        write_images(capture / "reference-2", images)
+    damaged = truth / "image.0001.exr"
+    damaged.write_bytes(damaged.read_bytes()[:-5])
+    for of_two in (truth, truth / "image.2-3#.exr", *captures):
+        alike = run_json(capsys, ours, of_two, "--metrics", "mse", "--frames", "2-3")
+        assert (alike["mean"]["mse"], len(alike["frames"])) == (0, 2)
+    write_images(truth, images)
     cure = "--frames A-B or a pattern x.A-B#.exr chooses frames of one size"
     assert cure in refusal(capsys, 65, ours, truth)
 
