@@ -78,6 +78,7 @@ class CltaaError(Exception):
 
 # Least similarity (difflib's ratio) of a misspelt name. With less, lpips, another score, would match flip.
 ALIKE = 0.7
+ARGUMENT_OF = {"camera": "side_file", "input": "assignments"}  # of options whose names differ
 
 
 def closest(name: str, names: Iterable[str]) -> str | None:
@@ -94,7 +95,7 @@ def known(name: str, names: Iterable[str], kind: str) -> str:
     A list of all can be long: there are sixty parameters, three with ``scale``.
     """
     names = list(names)
-    if close := closest(name, names):
+    if close := closest(ARGUMENT_OF.get(name, name), names):
         return f"did you mean {close}?"
     having = [other for other in names if len(name) > 2 and name.lower() in other.lower()]
     listed = f"known {kind}: {', '.join(names)}"

@@ -110,7 +110,6 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "views in a list": (lambda seq: resolved(seq).debug(["reject", "cout"]), "debug: unknown view cout; did you mean"),
     "a metric by number": (lambda _: cltaa.measure(LIGHT, LIGHT, 3), "metrics takes names .*found 3"),
     "a metric among names": (lambda _: cltaa.measure(LIGHT, LIGHT, ["mse", 3]), "metrics takes names .*found 3"),
-    "an option's name": (lambda seq: cltaa.open(seq, camera="x.json"), "open takes no camera; known.*side_file"),
     "a film of a number": (lambda seq: cltaa.resolve(seq, "out", preview=3), "a film must be an MP4 .*found 3"),
     "bands by text": (lambda seq: cltaa.resolve(seq, "out", band_rows="8"), "rows in a band .*found '8'"),
     "when to save by text": (lambda seq: cltaa.resolve(seq, "out", checkpoint_every="8"), "interval .*found '8'"),
@@ -307,6 +306,9 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
 # What a program calls, an argument that it does not take, and what is said instead of a bare TypeError.
 UNKNOWN: list[tuple[Callable[..., Any], str, str]] = [
     (cltaa.open, "profil", "open takes no profil; did you mean profile?"),
+    (cltaa.open, "camera", "open takes no camera; did you mean side_file?"),
+    (cltaa.resolve, "camera", "resolve takes no camera; did you mean side_file?"),
+    (cltaa.check, "input", "check takes no input; did you mean assignments?"),
     (cltaa.check, "frame", "check takes no frame; did you mean frames?"),
     (cltaa.inspect, "pixel", "inspect takes no pixel; did you mean pixels?"),
     (cltaa.plan, "presett", "plan takes no presett; did you mean preset?"),
