@@ -17,7 +17,7 @@ from cltaa.core.backend import Buffer, Launcher, Queue, launcher_for, storage_dt
 from cltaa.core.buffers import Buffers, FrameRing, LastRun, upload
 from cltaa.core.build import HALVES, Build, Steps, Storage, build_of, code_sha256, edge_build, storage_of
 from cltaa.core.cuts import Coarse, coarse_colours, looks_cut
-from cltaa.core.debug import decided, parse_views
+from cltaa.core.debug import View, decided, parse_views
 from cltaa.core.frame_checks import check_frame, each_frame
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.passes import Passes
@@ -422,15 +422,15 @@ class Resolver:
 
     @one_thread
     def debug(self, *views: str) -> dict[str, NDArray[np.float32]]:
-        """Return what was decided at each pixel of the frame resolved last, by the names of docs/debug-views.md.
+        """Return what was decided at each pixel of the frame resolved last: these ``views``, or all.
 
-        ``reject`` and ``count`` [H, W], ``motion`` [H, W, 2] in pixels, ``clip`` [H, W]. Raises UsageError for other
-        names, before the first image, after ``reset()``, with look-ahead where another frame came after the image, and
-        where ``out`` overwrote the frame.
+        Of docs/debug-views.md: ``reject`` and ``count`` [H, W], ``motion`` [H, W, 2] in pixels, ``clip`` [H, W]. Raises
+        UsageError for other names, before the first image, after ``reset()``, with look-ahead where another frame came
+        after the image, and where ``out`` overwrote the frame.
         """
         if self.last is None:
             raise UsageError("nothing was resolved yet", cure="call resolve() first")
-        return decided(self.launcher, self.last, parse_views(views[0] if len(views) == 1 else views, "debug"))
+        return decided(self.launcher, self.last, parse_views(views[0] if len(views) == 1 else views or View, "debug"))
 
     @one_thread
     def release(self) -> None:

@@ -563,6 +563,7 @@ def test_the_last_frame_shows_what_was_decided() -> None:
     found = resolver.debug("count", "motion")
     assert {name: image.shape for name, image in found.items()} == {"count": (23, 37), "motion": (23, 37, 2)}
     assert (found["count"] == 1).all()
+    assert [*resolver.debug()] == ["reject", "count", "motion", "clip"]
     resolver.reset()
     with pytest.raises(UsageError, match="nothing was resolved yet"):
         resolver.debug("count")
