@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 # Each place has two spans of frames, the second 2 * SPAN after the first; changing light differs between them. In a
-# shorter shot they have a third of its frames each, or the second has two.
+# shot of under 6 * SPAN frames the second follows the first, with twice its frames, so that all are examined.
 PLACES, SPAN = 3, 8
 LEAST_SPAN = 4  # fewer frames tell nothing of light. On 33 scenes, 12 frames show every change that 24 show
 BLOCK = 8  # side of a block in pixels; a tile has 3 x 3 blocks, and about TILES tiles of an image are examined
