@@ -95,7 +95,7 @@ def reach_of(n: int, settings: Record, like: Array) -> Array:
     return lesser(most, half + number(1.0, like) / np.sqrt(number(n, like)))
 
 
-def window(off: Array, reach: Array) -> Array:
+def trapezoid(off: Array, reach: Array) -> Array:
     """Weight of a sample ``off`` the centre along an axis; samples a pixel apart have weight 1 together."""
     return limit((reach - np.abs(off)) * (1.0 / ((reach + reach) - 1.0)), 0.0, 1.0)
 
@@ -125,7 +125,7 @@ class View(NamedTuple):
         column, row = self.column + right, self.row + down
         inside = (column > -0.5) & (row > -0.5)
         inside &= (column < layout.width - 0.5) & (row < layout.height - 0.5)
-        share = window(dx, self.reach) * window(dy, self.reach)
+        share = trapezoid(dx, self.reach) * trapezoid(dy, self.reach)
         return np.where(self.seen & self.grid.visible & inside, share, 0.0), dx, dy
 
 

@@ -5,7 +5,8 @@
 
 // Sums over the samples of a pixel, of differences from the current one, so that equal samples keep its bits. along and
 // down are weighted by the offset from the pixel's centre too. x to yy sum the weights times offsets and their
-// products; near, near_x and near_y are the sums of the nearer of two surfaces' samples.
+// products; near, near_x and near_y are the weights of the nearer of two surfaces' samples, and those times offsets.
+// `weight` includes the current sample; `count`, the sum of the others' shares of the pixel, does not.
 typedef struct
 {
     colour sum, along, down;

@@ -63,7 +63,7 @@ STAGE real reach_of(int n, settings_t settings)
 // The weight of a sample `off` the centre along an axis: 1 in the middle, 0 from `reach` on, and 1/2 on the pixel's
 // border, where half of the sample's area belongs to another pixel. Samples a pixel apart add up to the weight of one,
 // wherever they lie.
-STAGE real window(real off, real reach)
+STAGE real trapezoid(real off, real reach)
 {
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
     return limit((reach - absolute(off)) * reciprocal((reach + reach) - one), zero, one);
@@ -104,7 +104,7 @@ STAGE real neighbour_weight(view_t v, int right, int down, real* dx, real* dy, f
     const real column = v.column + K(right), row = v.row + K(down), low = SPLAT(-0.5);
     const mask inside
         = (column > low) & (row > low) & (column < SPLAT(frame.width) - K(0.5)) & (row < SPLAT(frame.height) - K(0.5));
-    const real share = window(*dx, reach) * window(*dy, reach);
+    const real share = trapezoid(*dx, reach) * trapezoid(*dy, reach);
     return near & inside ? share : zero;
 }
 

@@ -9,6 +9,7 @@ typedef struct
     real slope_x, slope_y; // of inverse depth, a pixel
 } layers_t;
 
+// At an edge the slope would be that from one surface to the other: side_of fits one for each side.
 STAGE layers_t layers_of(row_t above, row_t centre, row_t below, surface s, settings_t settings)
 {
     layers_t l;
