@@ -73,7 +73,7 @@ __kernel void gather_windows_kernel(plane_in current, plane_in inverse_depth, pl
         // The window of this frame alone, where history is refuted; elsewhere a copy of the window before, with an
         // error that gives it no weight. Then the recursive result.
         if (RECURSION == RECURSION_STANDING) {
-            const mask refuted = history_is_refuted(m, p, held, before);
+            const mask refuted = history_is_refuted(m, p, held, before, settings);
             out.rgb = choose_colour(refuted, storable_colour(from_range(p.filtered), p.own), out.rgb);
             out.alpha = refuted ? p.alpha : out.alpha;
             out.count = refuted ? SPLAT(1.0) : out.count;

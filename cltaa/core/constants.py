@@ -38,7 +38,6 @@ CONSTANTS: Final[dict[str, Constant]] = {
         "1 / the largest distance of a sample's reactivity from the range of the 3x3: measured (decisions/08)",
     ),
     "MOVING_ERROR": Constant(0.5, "share of the error of a moving recursive result that counts: measured"),
-    "REFUTED_SAMPLES": Constant(7.0, "sample count of the recursive resolve below which history is refuted: measured"),
     "PRESENT_PENALTY": Constant(
         2.0, "factor of the neighbours' error beside that of the pixel's own samples: measured"
     ),

@@ -23,6 +23,7 @@ from cltaa.core.parameters import (
     Illumination,
     Neighbourhood,
     Rectify,
+    Recursion,
     Reject,
     Reproject,
     Settings,
@@ -76,6 +77,7 @@ _GATHERED = _any_of(HistoryKind.FRAMES)
 _RECTIFIED = _any_of(*_but(Rectify.NONE))
 _REJECTED = _any_of(Reject.DEPTH)
 _SCALED = _any_of(Box.VARIANCE, Box.BOTH, Box.EXTREMES)
+_STANDING = _any_of(Recursion.STANDING)
 # A box is given the illumination test where light changes among noise.
 _TESTED = _any_of(*_but(Illumination.STATIC), *_but(Rectify.NONE))
 _TWO_SCALES = Need(
@@ -139,6 +141,7 @@ NEEDS: dict[str, tuple[Need, ...]] = {
     "passing_t": (_TESTED, _REJECTED),
     "ray_through": (_BETWEEN,),
     "recursion": (_GATHERED, _TESTED),
+    "refuted_samples": (_GATHERED, _TESTED, _STANDING, _FILTERED, _any_of(FilterUse.FEW)),
     "resampling_penalty": (_BETWEEN,),
     "sky_below": (
         Need(("sky_at",), "sky_at above 0", lambda _, its: its.sky_at > 0.0, lambda _, its: f"{its.sky_at:g}"),

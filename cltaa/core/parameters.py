@@ -129,6 +129,16 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
             2.0**20,
         ),
     ] = 2.0
+    refuted_samples: Annotated[
+        float,
+        _number(
+            "frames at rest after which a recursive history of fewer samples is refuted; 0 if no light is known to "
+            "change",
+            0.0,
+            64.0,
+            "samples",
+        ),
+    ] = 7.0
     subpixel_frames: Annotated[
         int, _number("frames of the ring that are searched for sub-pixel features", 0, 64, "frames")
     ] = 4

@@ -120,7 +120,9 @@ def estimate(
         reasons.append(reason)
         if not _illumination_may_change(declared):
             filtered = max(settings.filter_samples / FILTER_LESS, STATIC_FILTER_SAMPLES)
-            settings = msgspec.structs.replace(settings, drift_t=SURER * settings.drift_t, filter_samples=filtered)
+            settings = msgspec.structs.replace(
+                settings, drift_t=SURER * settings.drift_t, filter_samples=filtered, refuted_samples=0.0
+            )
     rectified = choices.rectify is not Rectify.NONE
     reasons.append(Reason(RECTIFICATION, rectified, _why_rectified(preset, rectified)))
     choices, reason = _rejecting(preset, choices, declared, word)

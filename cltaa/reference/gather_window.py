@@ -141,10 +141,7 @@ def gather_windows(
         error = np.where(valid, window_error(sums, own, unmoved, run), error)
         _store(target[unmoved_at], out, error)
     if build.choices.recursion is Recursion.STANDING:
-        refuted = history_is_refuted(at_rest, own, held.count)
-        refuted &= frames_before(past[:static_frames], build) >= value("REFUTED_SAMPLES")
-        if own.missing is not None:
-            refuted &= ~own.missing
+        refuted = history_is_refuted(at_rest, own, held.count, frames_before(past[:static_frames], build), run)
         filtered = storable(from_range(own.filtered, build), own.own, build)
         present = Resolved(filtered, own.alpha, np.ones_like(error))
         beyond = present_error(gathering.near, own, refuted, run)
@@ -161,10 +158,12 @@ def frames_before(past: Any, build: Build) -> int:
     return int(np.count_nonzero(past["ahead"] <= 0)) if build.steps.look_ahead else len(past)
 
 
-def history_is_refuted(at_rest: Mask, p: Pixel, recursive_count: Array) -> Mask:
-    """True where a surface is at rest, but the recursive resolve holds few of its samples."""
-    few: Mask = recursive_count < value("REFUTED_SAMPLES")
-    return at_rest & few & (p.most_reactive <= 0.0)
+def history_is_refuted(at_rest: Mask, p: Pixel, recursive_count: Array, before: int, run: Run) -> Mask:
+    """True where camera and surface were at rest for ``before`` frames, but the recursive resolve has too few
+    samples."""
+    wanted = run.settings["refuted_samples"]
+    refuted: Mask = at_rest & (recursive_count < wanted) & (p.most_reactive <= 0.0) & (before >= wanted)
+    return refuted if p.missing is None else refuted & ~p.missing
 
 
 def present_error(g: SampleSums, p: Pixel, valid: Mask, run: Run) -> Array:

@@ -128,11 +128,11 @@ STAGE int frames_before(frame_records past, int static_frames)
 
 // True where the tests have refuted the history: the camera and the surface were at rest for `before` frames, but the
 // recursive resolve holds too few of their samples. A reactive mask marks such pixels by itself.
-STAGE mask history_is_refuted(motion_t m, pixel_t p, resolved recursive, int before)
+STAGE mask history_is_refuted(motion_t m, pixel_t p, resolved recursive, int before, settings_t settings)
 {
-    if (K(before) < K(REFUTED_SAMPLES))
+    if (K(before) < K(settings.refuted_samples))
         return (mask)(0);
-    const mask few = recursive.count < SPLAT(REFUTED_SAMPLES);
+    const mask few = recursive.count < SPLAT(settings.refuted_samples);
     const mask refuted = at_rest(m) & few & (p.most_reactive <= SPLAT(0.0));
     return p.missing ? (mask)(0) : refuted;
 }

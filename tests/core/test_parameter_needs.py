@@ -31,7 +31,10 @@ CHANGED: dict[str, tuple[dict[str, Any], ...]] = {
 }
 # What frames of noise do not show: features of less than a pixel, occluders, light that falls, the sky at a depth of
 # its own, cameras that turn, pixels that stand still.
-RARE = {"covered_share", "disocclusion_t", "falling_t", "ray_through", "recursion", "sky_below", "subpixel_frames"}
+RARE = {
+    *("covered_share", "disocclusion_t", "falling_t", "ray_through", "recursion", "refuted_samples", "sky_below"),
+    "subpixel_frames",
+}
 
 
 @cache

@@ -227,13 +227,15 @@ def test_a_sequence_is_split_only_where_frames_are_of_the_ring_alone() -> None:
         Resolver("gather-8", "numpy").keep(drawn(0))
 
 
-def test_drift_has_to_be_surer_where_no_light_is_known_to_change() -> None:
-    def drift_t(effects: frozenset[Effect] | None) -> float:
-        return plan_frame(load_preset("gather-48"), replace(drawn(1), effects=effects), None).settings.drift_t
+def test_drift_has_to_be_surer_and_refutes_nothing_where_no_light_is_known_to_change() -> None:
+    def planned(effects: frozenset[Effect] | None) -> tuple[float, float]:
+        settings = plan_frame(load_preset("gather-48"), replace(drawn(1), effects=effects), None).settings
+        return settings.drift_t, settings.refuted_samples
 
-    own = load_preset("gather-48").settings.drift_t
-    assert drift_t(None) == drift_t(OWN | {Effect.ILLUMINATION}) == drift_t(OWN | {Effect.REACTIVE}) == own
-    assert drift_t(OWN) == 2.0 * own
+    own = load_preset("gather-48").settings
+    for effects in (None, OWN | {Effect.ILLUMINATION}, OWN | {Effect.REACTIVE}):
+        assert planned(effects) == (own.drift_t, own.refuted_samples)
+    assert planned(OWN) == (2.0 * own.drift_t, 0.0)
 
 
 def test_a_history_that_lacks_frames_that_were_only_kept_is_not_read() -> None:
