@@ -259,8 +259,8 @@ class FrameRing:
 
     def build(self, build: Build, frame: Frame) -> Build:
         """Return ``build`` with camera motion where the camera differs from that of any frame of the ring."""
-        told = [past for past, _ in self._told(frame)] if self._ahead else self.past
-        moved = any(not is_still(frame.camera, past.camera) for past in told)
+        nearest = [past for past, _ in self._nearest(frame)] if self._ahead else self.past
+        moved = any(not is_still(frame.camera, past.camera) for past in nearest)
         kind = ring_steps(self._count, self._ahead)
         steps = replace(build.steps, camera_motion=build.steps.camera_motion or moved, **kind)
         return replace(build, steps=steps)
@@ -276,20 +276,20 @@ class FrameRing:
 
     def count(self, frame: Frame) -> int:
         """Return how many frames of the ring ``frame`` gathers from."""
-        return len(self._told(frame))
+        return len(self._nearest(frame))
 
     def static_frames(self, frame: Frame) -> int:
         """Return how many of the nearest frames in the ring were seen by the camera of ``frame``."""
-        told = self._told(frame)
-        moved = (place for place, (past, _) in enumerate(told) if not is_still(frame.camera, past.camera))
-        return next(moved, len(told))
+        nearest = self._nearest(frame)
+        moved = (place for place, (past, _) in enumerate(nearest) if not is_still(frame.camera, past.camera))
+        return next(moved, len(nearest))
 
     def lag_ratio(self, frame: Frame) -> float:
         """Return how far behind ``frame`` the shortest temporal window lies, over its distance in time from the second.
 
         At most 1. It is 0 where the second window is not whole, or frames ahead balance the earlier ones.
         """
-        ages = [0, *(-ahead for _, ahead in self._told(frame)[:MIDDLE_WINDOW])]
+        ages = [0, *(-ahead for _, ahead in self._nearest(frame)[:MIDDLE_WINDOW])]
         shortest, second = (sum(part) / len(part) for part in (ages[: SHORT_WINDOW + 1], ages))
         if len(ages) <= MIDDLE_WINDOW or shortest * (second - shortest) <= 0.0:
             return 0.0
@@ -297,16 +297,16 @@ class FrameRing:
 
     def describe(self, frame: Frame, plan: Plan) -> int:
         """Write a record for each frame of the ring, with the motion of ``frame`` to it; returns how many there are."""
-        told = self._told(frame)
+        nearest = self._nearest(frame)
         with self.records.mapped(write=True) as records:
-            for place, (past, ahead) in enumerate(told):
+            for place, (past, ahead) in enumerate(nearest):
                 record = frame_record(frame, past, self.layout, plan)
                 record["jitter_x"], record["jitter_y"] = past.jitter_px
                 record["slot"], record["ahead"] = past.slot, ahead
                 records[place] = record
-        return len(told)
+        return len(nearest)
 
-    def _told(self, frame: Frame) -> list[tuple[Past, int]]:
+    def _nearest(self, frame: Frame) -> list[tuple[Past, int]]:
         """Return the frames of the ring that ``frame`` gathers from, each with how many frames it is ahead: nearest
         first, earlier and later ones in turn."""
         before = [past for past in self.past if past.index < frame.index][: self._count]
@@ -314,7 +314,7 @@ class FrameRing:
         in_turn = zip_longest(
             ((past, -ago) for ago, past in enumerate(before, 1)), ((past, ahead) for ahead, past in enumerate(later, 1))
         )
-        return [told for pair in in_turn for told in pair if told is not None]
+        return [each for pair in in_turn for each in pair if each is not None]
 
     def keep(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
         """Copy the uploaded channels of ``frame`` into the ring, over the oldest frame."""

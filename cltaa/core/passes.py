@@ -100,7 +100,7 @@ class Passes:
 
     def _gathering(self, frame: Frame, frame_ring: FrameRing) -> LastRun:
         """Return the build, layout and arguments of a kernel that gathers."""
-        told = frame_ring.describe(frame, self.plan)
-        ring = {"ring": frame_ring.planes, "past": frame_ring.records, "frames": told}
+        count = frame_ring.describe(frame, self.plan)
+        ring = {"ring": frame_ring.planes, "past": frame_ring.records, "frames": count}
         beside = {} if self.recursive is None else self.buffers.beside()
         return LastRun(frame_ring.build(self.build, frame), self.buffers.layout, self._arguments() | ring | beside)

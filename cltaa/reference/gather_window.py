@@ -30,7 +30,7 @@ from cltaa.reference.real import Array, Mask, Run, greater, number, quiet
 
 
 def window_ends(frames: int, build: Build) -> list[int]:
-    """Number of ring frames in each window: the latest, more, all."""
+    """Number of ring frames in each window: the latest, more, in a long ring with frames ahead more again, all."""
     ends = [SHORT_WINDOW, MIDDLE_WINDOW, *[LONG_WINDOW] * build.steps.long_ring, frames]
     return [min(end, frames) for end in ends]
 
@@ -154,7 +154,7 @@ def gather_windows(
 
 
 def frames_before(past: Any, build: Build) -> int:
-    """Number of earlier frames in the ring."""
+    """Number of earlier frames among ``past``."""
     return int(np.count_nonzero(past["ahead"] <= 0)) if build.steps.look_ahead else len(past)
 
 
