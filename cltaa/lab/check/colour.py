@@ -168,7 +168,7 @@ def check_exposure(frames: Sequence[Frame]) -> list[Finding]:
         if (np.abs(pixels + told) <= declared).all():
             what = "the colour was divided by the exposure: declare one over it"
             return [mistake("exposure-inverted", what, evidence, 0.9)]
-    what = "the picture's brightness changes as a whole; if it is an exposure, give it to each frame with --camera FILE"
+    what = "the brightness changes as a whole; if by an exposure, give each frame's factor as exposure in --camera FILE"
     return [Finding(name="exposure-missing", mistake=False, confidence=0.8, what=what, evidence=evidence)]
 
 

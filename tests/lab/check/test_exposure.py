@@ -38,6 +38,7 @@ def test_it_is_named(name: str, scene: Scene) -> None:
         found = check_exposure(exposed(scene(name), pixels, declared))
         assert [(finding.name, finding.mistake) for finding in found] == expected, (pixels, declared)
         assert all(0.5 < finding.confidence < 1.0 for finding in found)
+        assert all(finding.mistake or "as exposure in --camera FILE" in finding.what for finding in found)
 
 
 def test_it_is_one_of_the_detectors_findings_and_hides_no_other(scene: Scene) -> None:
