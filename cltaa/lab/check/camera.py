@@ -8,7 +8,9 @@ match, cannot hide that.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +24,7 @@ from cltaa.lab.check.hypotheses import (
     COMBINED,
     DOUBTFUL,
     MEANINGS,
+    PLAIN,
     SIGNS,
     SURE,
     Affine,
@@ -36,10 +39,12 @@ from cltaa.lab.check.hypotheses import (
     whole,
 )
 from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Pair, Shot, Vector, fit_shift, residual_of, seen_before
+from cltaa.printable import counted
 
 MOST_PAIRS, MOST_POINTS = 6, 3000  # tested for each of a dozen meanings; more only cost time
 LARGEST_MISMATCH = 0.5  # largest residual of a reported meaning
 CLEARLY_BETTER = 0.85  # residual of the winner over that as declared
+LEAST_LATE = 4  # pairs in which vectors are late, and half of all: a shot may begin with vectors of 0
 SHOWN = 0.97  # residual of the winner over that of a camera that stands: plain things do not show how it moves
 
 
@@ -329,12 +334,39 @@ def _mismatch_at(pair: Pair, points: NDArray[np.bool_], motion: Vector) -> float
     return fit_shift(pair.now[chosen], pair.before, x, y, pair.scale).residual
 
 
+def check_late_vectors(shot: Shot) -> tuple[list[Finding], Shot]:
+    """Find vectors that belong to the frame before: those of the frame after are what matrices and depth give, to
+    rounding; also return the shot with these.
+
+    Early matrices agree with them too where the camera only turns, so the pictures must match better in most pairs.
+    """
+    if not (shot.has_camera and shot.has_depth):
+        return [], shot
+    # All frames have one grid of points.
+    both = [(one, replace(one, own=two.own)) for one, two in pairwise(shot.pairs) if two.previous is one.frame]
+    moving = [(one, after) for one, after in both if not is_still(one.frame.camera, one.previous.camera)]
+    apart = [one.declared_motion() - one.camera_motion() for one, _ in moving]
+    late = [each for each, differ in zip(moving, apart, strict=True) if vectors_uphold(each[1:], [differ])]
+    if len(late) < max(LEAST_LATE, len(moving) / 2):
+        return [], shot
+    declared, winner = np.array([[_vector_mismatch(pair, PLAIN, 0) for pair in each] for each in late]).T
+    sure = sureness(np.sign(declared - winner), np.zeros(len(late)))
+    if sure < SURE:
+        return [], shot
+    evidence = f"those of the frame after are the motion of matrices and depth, to rounding, in {len(late)} of "
+    evidence += f"{counted(len(moving), 'pair')}, and the pictures match better by them in {(winner < declared).sum()}"
+    what = "the motion vectors are those of the frame before: write each frame's into its own file"
+    mended = copy(shot)
+    mended.pairs, mended.shifts = [after for _, after in both], None
+    return [mistake("motion-late", what, evidence, sure)], mended
+
+
 def tells_map(shot: Shot, meant: Affine) -> bool:
     """Return True if vectors agree with matrices and depth, and would disagree if they were mapped by ``meant``."""
-    pairs, plain = _filled(shot), Affine(np.eye(2))
+    pairs = _filled(shot)
     if len(pairs) < 2:
         return False
-    both = (_vectors(pairs, {"": each}, [0, *shot.leaks.values()]) for each in (plain, meant))
+    both = (_vectors(pairs, {"": each}, [0, *shot.leaks.values()]) for each in (PLAIN, meant))
     right, wrong = (min(reading.apart for reading in _compared(pairs, "", 1.0, vectors)) for vectors in both)
     moved = float(np.mean([middle_length(pair.camera_motion()) for pair in pairs]))
     return right < AGREE * moved and wrong >= DISAGREE * max(moved, LEAST_MOTION_PX)

@@ -141,6 +141,9 @@ class Affine(NamedTuple):
         return linear_fix(matrix) | ({"offset": [self.offset] * 2} if self.offset else {})
 
 
+PLAIN = Affine(np.eye(2))  # the vectors as declared
+
+
 def affine_maps(width: int, height: int, unit: tuple[float, float] = (1.0, 1.0)) -> dict[str, Affine]:
     """Return the linear maps, those from UV or NDC with y before x, and those from UV or NDC centred on 0.5, as images
     without negative numbers store them. ``unit`` is that of the declared vectors, in pixels."""

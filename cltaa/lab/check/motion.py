@@ -24,6 +24,7 @@ from cltaa.lab.check.camera import ROUNDED, ROUNDED_PX, UPHELD
 from cltaa.lab.check.hypotheses import (
     DOUBTFUL,
     NEAR,
+    PLAIN,
     SIGNS,
     Affine,
     Finding,
@@ -133,7 +134,7 @@ CLEARLY_NEARER = 0.45  # squared distance from the model, winner over declared
 LARGEST_RESIDUAL = 0.445  # of the winner: right vectors reach at most 0.42, chance at least 0.467
 AS_DECLARED = 1.03  # largest residual as declared over the least that keeps the declaration: slow vectors gain little
 ALIKE = 1.1  # residual over the least; smaller ratios count as equal, and the plainest map wins
-PLAIN, NOTHING = Affine(np.eye(2)), Affine(np.zeros((2, 2)))
+NOTHING = Affine(np.zeros((2, 2)))
 # Least confidence by blocks of the picture, and over no motion, that confirms a finding: below, they limit its own.
 LEAST_IN_BLOCKS, LEAST_THAN_NONE = 0.75, 0.25
 LEAST_IN_BLOCK, MOST_BLOCKS = 8, 10_000  # points of a block that counts, in all pairs; blocks of a row, at most

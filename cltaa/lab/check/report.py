@@ -34,6 +34,7 @@ from cltaa.io.pixel_statistics import is_opaque
 from cltaa.lab.check.camera import (
     check_agreement,
     check_disagreement,
+    check_late_vectors,
     check_structure,
     check_travel,
     check_upside_down,
@@ -143,6 +144,9 @@ def _check_motions(shot: Shot, before: Sequence[Finding], depth: Depth) -> list[
     if shot.narrow:
         return check_mean(shot)
     if shot.has_camera and "depth" not in wrong:
+        late, mended = check_late_vectors(shot)
+        if late:
+            return late + _check_motions(mended, before, depth)
         held = check_held_jitter(shot)
         if any(finding.settled.mistake for finding in held):
             return held

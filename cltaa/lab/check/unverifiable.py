@@ -25,7 +25,7 @@ from cltaa.lab.check.camera import (
 )
 from cltaa.lab.check.depth import is_coarse, tells_kind
 from cltaa.lab.check.depth_travel import tells_kind_by_travel
-from cltaa.lab.check.hypotheses import MEANINGS, Affine, linear_maps
+from cltaa.lab.check.hypotheses import MEANINGS, PLAIN, Affine, linear_maps
 from cltaa.lab.check.jitter import declared_jitter, jitter_evidence, settled_shifts
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
 from cltaa.lab.check.registration import COVERED, LEAST_POINTS, LEAST_SIDE, Pair, Shifts, Shot, Vector
@@ -163,7 +163,7 @@ def _shows_leak(shot: Shot, settled: Shifts, leak: int) -> bool:
 def _finds(shot: Shot, settled: Shifts, vectors: Sequence[Vector], maps: Mapping[str, Affine]) -> bool:
     spoilt = copy(shot)
     spoilt.pairs = [replace(p, own=own) for p, own in zip(shot.pairs, vectors, strict=True)]
-    found = check_motion(spoilt, settled, {"": Affine(np.eye(2)), **maps})
+    found = check_motion(spoilt, settled, {"": PLAIN, **maps})
     return any(finding.settled.mistake for finding in found)
 
 

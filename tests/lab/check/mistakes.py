@@ -114,6 +114,11 @@ def full_motion(frames: Frames) -> list[Frame]:
     return out
 
 
+def motion_delayed(frames: Frames) -> list[Frame]:
+    """Give each frame the vectors of the one before."""
+    return [replace(frame, motion=frames[max(n - 1, 0)].motion) for n, frame in enumerate(frames)]
+
+
 def camera_motion(frame: Frame, previous: Camera) -> Image:
     """Motion [H, W, 2] by matrices and depth alone."""
     if is_still(frame.camera, previous):

@@ -15,7 +15,7 @@ from cltaa.lab.check.report import check_frames
 from cltaa.lab.inspect.findings import inspect_folder
 from cltaa_datasets.scenes import registered
 from tests.lab.check.conftest import MOTIONS, Scene
-from tests.lab.check.mistakes import MISTAKES, found_in, full_motion, mistakes
+from tests.lab.check.mistakes import MISTAKES, camera_delayed, found_in, full_motion, mistakes, motion_delayed
 from tests.sequence_factory import make_camera, make_frame
 
 SCENES = [*(entry.name for entry in registered()), *MOTIONS]
@@ -109,6 +109,21 @@ def test_a_frame_late_is_a_step_late(mistake: str, name: str, scene: Scene) -> N
     spoilt = MISTAKES[mistake].plant(scene(name))
     apart = [replace(frame, index=5 * frame.index, step=5) for frame in spoilt]
     assert mistakes(apart) == [mistake]
+
+
+def test_vectors_of_the_frame_before_are_named_beside_other_mistakes(scene: Scene) -> None:
+    """If matrices and depth tell them to rounding, in four pairs or more."""
+    late = motion_delayed(full_motion(scene("corridor")))
+    (finding,) = found_in(late)
+    assert (finding.name, finding.fix) == ("motion-late", {})
+    assert mistakes(late[:5]) == []
+    late = motion_delayed(full_motion(scene("foliage")))
+    assert mistakes(MISTAKES["jitter-negated"].plant(late)) == ["motion-late", "jitter-negated"]
+
+
+def test_right_vectors_beside_early_matrices_are_not_called_late(scene: Scene) -> None:
+    """Before a sky they agree like late ones."""
+    assert "motion-late" not in mistakes(camera_delayed(-1)(full_motion(scene("foliage"))))
 
 
 def test_a_camera_that_stands_may_have_been_meant_in_several_ways() -> None:
