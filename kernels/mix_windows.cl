@@ -5,12 +5,12 @@
 // storable_colour lets light be negative only as far as a sample is: here, as the darkest window.
 STAGE colour darker(colour a, colour b) { return (colour) { lesser(a.r, b.r), lesser(a.g, b.g), lesser(a.b, b.b) }; }
 
-#define ROWS_AT_ONCE (ROWS < 3 * SIDE ? ROWS : 3 * SIDE) // compared with one window before the next
+#define ROWS_AT_ONCE (ROWS < 3 * SIDE ? ROWS : 3 * SIDE) // rows whose windows are compared one after the other
 
 // The pixel of row `row` of those `around`, from its windows.
 STAGE resolved mixed_windows(const surroundings (*around)[ROWS_AT_ONCE], const window_drift* lag, int row,
     plane_in current, plane_in alpha, plane_in windows, int x, int y, int frames, int static_frames, float lag_ratio,
-    float reach, frame_t frame, settings_t settings)
+    float drift_share, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
     real error[WINDOWS], least = SPLAT(0.0);
@@ -57,7 +57,7 @@ STAGE resolved mixed_windows(const surroundings (*around)[ROWS_AT_ONCE], const w
         trend = trend_within(latest, lag[row], lag_ratio);
     out.rgb = plus_scaled(plus(first, quotients(sum, weight)), follows, trend.light);
     out.alpha = (opacity + quotient(alpha_sum, weight)) + follows * trend.alpha;
-    const real may_go = follows * K(reach);
+    const real may_go = follows * K(drift_share);
     latest = (window_drift) { scaled(latest.light, may_go), may_go * latest.alpha };
     if (goes_on(latest)) {
         const window_drift further = further_into_range(latest, out, current, alpha, x, y, frame);
@@ -81,7 +81,7 @@ STAGE resolved mixed_windows(const surroundings (*around)[ROWS_AT_ONCE], const w
 }
 
 __kernel void mix_windows_kernel(plane_in current, plane_in alpha, plane_in windows, const int frames,
-    const int static_frames, const float lag_ratio, const float reach, history_out output, plane_out output_count,
+    const int static_frames, const float lag_ratio, const float drift_share, history_out output, plane_out output_count,
     const frame_t frame, const settings_t settings)
 {
     const column_t column = own_column(frame);
@@ -102,7 +102,7 @@ __kernel void mix_windows_kernel(plane_in current, plane_in alpha, plane_in wind
             compare_samples(lag, current, alpha, windows, x, first, end, frame, settings);
         for (int y = first; y < end; ++y) {
             const resolved out = mixed_windows(around, lag, y - first, current, alpha, windows, x, y, frames,
-                static_frames, lag_ratio, reach, frame, settings);
+                static_frames, lag_ratio, drift_share, frame, settings);
             store_resolved(output, output_count, out, x, y, frame);
         }
     }

@@ -10,7 +10,7 @@ import numpy as np
 from cltaa.core.backend import Launcher
 from cltaa.core.buffers import Buffers, FrameRing, LastRun
 from cltaa.core.build import Build, Record, edge_build, mix_build, settings_record, window_count, window_planes
-from cltaa.core.constants import BALANCED_REACH, HELD_SHARE
+from cltaa.core.constants import BALANCED_DRIFT, HELD_SHARE
 from cltaa.core.plan import Plan
 from cltaa.frame import Frame
 
@@ -74,10 +74,11 @@ class Passes:
             planes = {"planes": window_count(build.choices, build.steps) * window_planes(build.steps), "more": 0}
             self.launcher.run("extend_edges", floats, layout, gathered | planes)
         mixed = {name: arguments[name] for name in ("current", "alpha", *WRITTEN, "frames", "frame", "settings")}
+        mixed |= {"static_frames": unmoved["static_frames"]}
         # What a reactive mask marks, such as smoke, has no trend of light. Windows that frames ahead balance lag less.
         ratio = 0.0 if build.steps.reactive else frame_ring.lag_ratio(frame)
-        reach = 0.0 if build.steps.reactive else 1.0 if ratio > 0.0 else BALANCED_REACH
-        mixed |= {"static_frames": unmoved["static_frames"], "lag_ratio": np.float32(ratio), "reach": np.float32(reach)}
+        share = 0.0 if build.steps.reactive else 1.0 if ratio > 0.0 else BALANCED_DRIFT
+        mixed |= {"lag_ratio": np.float32(ratio), "drift_share": np.float32(share)}
         self.launcher.run("mix_windows", mix_build(build), layout, windows | mixed)
         if build.extends and self.recursive is None:
             self._extend()

@@ -159,8 +159,8 @@ def frames_before(past: Any, build: Build) -> int:
 
 
 def history_is_refuted(at_rest: Mask, p: Pixel, recursive_count: Array, before: int, run: Run) -> Mask:
-    """True where camera and surface were at rest for ``before`` frames, but the recursive resolve has too few
-    samples."""
+    """True where the camera was at rest for ``before`` frames and the surface is now, but the recursive resolve has too
+    few samples."""
     wanted = run.settings["refuted_samples"]
     refuted: Mask = at_rest & (recursive_count < wanted) & (p.most_reactive <= 0.0) & (before >= wanted)
     return refuted if p.missing is None else refuted & ~p.missing

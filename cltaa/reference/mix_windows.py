@@ -203,7 +203,7 @@ def mix_windows(
     frames: int,
     static_frames: int,
     lag_ratio: float,
-    reach: float,
+    drift_share: float,
     output: Array,
     output_count: Array,
     frame: Record,
@@ -211,7 +211,7 @@ def mix_windows(
 ) -> None:
     """Mix each pixel from the windows of its past, padded planes [WINDOWS * WINDOW_PLANES, rows, stride], of a ring of
     ``frames``, of which the latest ``static_frames`` share the current camera; ``lag_ratio`` is that of FrameRing, and
-    ``reach`` the share of the drift by which a pixel goes on into the range of the 3x3."""
+    ``drift_share`` the share of the drift by which a pixel goes on into the range of the 3x3."""
     run = Run(build, layout, frame, settings)
     real: Any = real_type(build)
     shape = window_count(build.choices, build.steps), window_planes(build.steps)
@@ -248,8 +248,8 @@ def mix_windows(
         drift = latest * number(lag_ratio, zero), latest_of_alpha * number(lag_ratio, zero)
         trend, trend_of_alpha = trend_within_lag(*drift, current, alpha, parts[0], run)
         rgb, opacity = rgb + follows * trend, opacity + follows * trend_of_alpha
-    if reach > 0:
-        may_go = follows * number(reach, zero)
+    if drift_share > 0:
+        may_go = follows * number(drift_share, zero)
         drift = may_go * latest, may_go * latest_of_alpha
         further, further_alpha = further_into_range(*drift, (rgb, opacity), current, alpha, run)
         rgb, opacity = rgb + further, opacity + further_alpha

@@ -111,7 +111,7 @@ STAGE real error_of_row(plane_in window, frame_t frame)
 }
 
 // 1 if a window's drift of light is computed. The window of the current frame has no past, and one with no more frames
-// of the ring than the one before has the same drift.
+// of the ring than the one before has the same drift, or nearly, where a recursive history has replaced it.
 STAGE int has_drift(int window, int frames, int static_frames)
 {
     if (window == UNMOVED)
@@ -184,8 +184,8 @@ STAGE drift_sums drift_around(const row_sums* rows, int turn)
     return all;
 }
 
-// Weight of a window relative to that of the least error: the ratio of errors to the 16th power, since the exponent of
-// a likelihood is half the number of recent samples.
+// Weight of a window relative to that of the least error: the ratio of errors to the 16th power. The exponent of a
+// likelihood would be half the number of recent samples, 50, but those of neighbouring texels err alike.
 STAGE real window_weight(real error, real least)
 {
     const real ratio = greater(quotient(least + K(TINY), error + K(TINY)), SPLAT(LEAST_ERROR_RATIO));
@@ -193,8 +193,9 @@ STAGE real window_weight(real error, real least)
     return eighth * eighth;
 }
 
-// How often a window counts. Beside frames ahead trends of light cancel, so that of all ring frames, which has the most
-// samples, counts twice, and in the ring one that repeats another not at all.
+// How often a window counts. One that repeats another counts again, UNMOVED too. Beside frames ahead trends of light
+// cancel, so that of all ring frames, which has the most samples, counts once more, and one of the ring that repeats
+// another not at all.
 STAGE int times_counted(int window, int frames)
 {
     if (!LOOK_AHEAD | (window > ALL_FRAMES))

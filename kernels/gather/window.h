@@ -26,10 +26,10 @@ STAGE int window_end(int window, int frames)
     return end < frames ? end : frames;
 }
 
-// Squared distances of the latest samples, the current one among them, from a window's result, over all channels and
-// alpha. Colours have luminance weights: else the edge of a highlight would outweigh all displayable light around it. A
-// window contains these samples and lies the nearer to them the fewer others it has; dividing by (1 - 1 / count)^2
-// corrects that (leave one out).
+// Squared distances of the samples of the nearest frames, the current one among them, from a window's result, over all
+// channels and alpha. Colours have luminance weights: else the edge of a highlight would outweigh all displayable light
+// around it. A window contains these samples and lies the nearer to them the fewer others it has; dividing by (1 - 1 /
+// count)^2 corrects that (leave one out).
 STAGE real window_error(sample_sums g, pixel_t now, resolved window, settings_t settings)
 {
     const real one = SPLAT(1.0), two = SPLAT(2.0);
@@ -47,7 +47,7 @@ STAGE real window_error(sample_sums g, pixel_t now, resolved window, settings_t 
 
 // Mean of the samples at the pixel's own position in the `frames` latest frames, which share the current camera: right
 // for a surface that moves along itself, such as a wheel, and for light that rests on a moving one. `sums` are those of
-// its samples.
+// its samples, without the current one.
 STAGE resolved resolve_unmoved(sample_sums* sums, plane_in ring, frame_records past, int frames, pixel_t p, int x,
     int y, frame_t frame, settings_t settings)
 {
@@ -126,8 +126,8 @@ STAGE int frames_before(frame_records past, int static_frames)
     return before;
 }
 
-// True where the tests have refuted the history: the camera and the surface were at rest for `before` frames, but the
-// recursive resolve holds too few of their samples. A reactive mask marks such pixels by itself.
+// True where the tests have refuted the history: the camera was at rest for `before` frames and the surface is now, but
+// the recursive resolve holds too few of their samples. A reactive mask marks such pixels by itself.
 STAGE mask history_is_refuted(motion_t m, pixel_t p, resolved recursive, int before, settings_t settings)
 {
     if (K(before) < K(settings.refuted_samples))

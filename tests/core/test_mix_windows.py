@@ -50,7 +50,7 @@ def mixed(
     errors: tuple[float, float, float, float],
     now: float = np.nan,
     ratio: float = 0.75,
-    reach: float = 1.0,
+    drift_share: float = 1.0,
     beside: tuple[float, int] | None = None,
     *,
     ahead: bool = False,
@@ -71,7 +71,7 @@ def mixed(
     if beside is not None:
         light, columns = beside
         layout.inside(planes["current"])[:, HEIGHT // 2, WIDTH // 2 + columns] = light
-    planes |= {"frames": 48, "static_frames": 48, "lag_ratio": ratio, "reach": reach}
+    planes |= {"frames": 48, "static_frames": 48, "lag_ratio": ratio, "drift_share": drift_share}
     mix_windows(build, layout, frame=frame, settings=settings, **planes)
     return float(layout.inside(output)[0, HEIGHT // 2, WIDTH // 2])
 
@@ -103,7 +103,7 @@ def test_a_pixel_goes_on_by_the_drift_until_it_meets_a_sample_of_the_3x3() -> No
     for light, further in ((2.0, 1.0), (still + 0.3 * DRIFT, 0.3), (still, 0.0), (0.5, 0.0), (np.nan, 0.0)):
         went = mixed(FLAT, 2.0, 0.0, beside=(light, -1)), mixed(FLAT, 2.0, 0.0, beside=(light, 2))
         assert went == pytest.approx((still + further * DRIFT, still + DRIFT), abs=1e-6)
-    assert mixed(FLAT, 2.0, 0.0, reach=0.0) == still
+    assert mixed(FLAT, 2.0, 0.0, drift_share=0.0) == still
 
 
 # Of a shot of 20 frames: ages of the four and of the eight frames by hand, 1.5 and 3.5 where all are earlier or later.
@@ -131,24 +131,24 @@ def test_windows_lag_where_the_frames_ahead_do_not_balance_the_earlier_ones(
 
 
 @pytest.mark.parametrize(
-    ("preset", "reactive", "reaches"),
+    ("preset", "reactive", "drift_shares"),
     [("gather-8", False, {1.0, 0.75}), ("gather-8+8", False, {1.0, 0.75}), ("gather-8", True, {0.0})],
 )
 def test_pixels_go_on_less_where_windows_do_not_lag_and_not_at_all_under_a_reactive_mask(
-    preset: str, reactive: bool, reaches: set[float], monkeypatch: pytest.MonkeyPatch
+    preset: str, reactive: bool, drift_shares: set[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = []
 
-    def mix(*_: object, lag_ratio: float, reach: float, **__: object) -> None:
-        seen.append((lag_ratio > 0.0, float(reach)))
+    def mix(*_: object, lag_ratio: float, drift_share: float, **__: object) -> None:
+        seen.append((lag_ratio > 0.0, float(drift_share)))
 
     monkeypatch.setitem(KERNELS, "mix_windows", mix)
     resolver = Resolver(load_preset(preset), "numpy")
     for number in range(20):
         resolver.feed(make_frame(number, width=8, height=8, effects=None, reactive=reactive))
     resolver.flush()
-    assert {reach for _, reach in seen} == reaches
-    assert all((reach == 1.0) == lags for lags, reach in seen)
+    assert {drift_share for _, drift_share in seen} == drift_shares
+    assert all((drift_share == 1.0) == lags for lags, drift_share in seen)
 
 
 def test_a_highlight_that_appears_is_no_drift_of_the_light_around_it() -> None:

@@ -200,7 +200,7 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     """
     given: dict[str, Any] = {"frame": work.frame, "settings": work.settings, **work.planes}
     given |= {"past": work.past, "frames": len(work.past), "static_frames": len(work.past)}
-    given["lag_ratio"], given["reach"] = np.float32(0.75), np.float32(1.0)
+    given["lag_ratio"], given["drift_share"] = np.float32(0.75), np.float32(1.0)
     if len(work.past):
         given |= {"recursive": work.planes["history"], "recursive_count": work.planes["history_count"]}
         given["ring"] = ring_of(build.steps, work)
