@@ -17,12 +17,12 @@ from cltaa.core.build import (
     Record,
     Steps,
     edge_build,
+    first_windows,
     ring_planes,
     ring_steps,
     window_count,
     window_planes,
 )
-from cltaa.core.constants import MIDDLE_WINDOW, SHORT_WINDOW
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.plan import Plan, reads_depth
 from cltaa.core.planes import BlockPool, Kind, Layout, around, as_floats, flat, places
@@ -289,9 +289,10 @@ class FrameRing:
 
         At most 1. It is 0 where the second window is not whole, or frames ahead balance the earlier ones.
         """
-        ages = [0, *(-ahead for _, ahead in self._nearest(frame)[:MIDDLE_WINDOW])]
-        shortest, second = (sum(part) / len(part) for part in (ages[: SHORT_WINDOW + 1], ages))
-        if len(ages) <= MIDDLE_WINDOW or shortest * (second - shortest) <= 0.0:
+        few, more = first_windows(look_ahead=self._ahead > 0)
+        ages = [0, *(-ahead for _, ahead in self._nearest(frame)[:more])]
+        shortest, second = (sum(part) / len(part) for part in (ages[: few + 1], ages))
+        if len(ages) <= more or shortest * (second - shortest) <= 0.0:
             return 0.0
         return min(shortest / (second - shortest), 1.0)
 

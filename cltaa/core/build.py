@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.constants import CONSTANTS, LONG_WINDOW, PAD_X, PAD_Y, WHOLE_NUMBERS
+from cltaa.core.constants import CENTRED_WINDOWS, CONSTANTS, FIRST_WINDOWS, LONG_WINDOW, PAD_X, PAD_Y, WHOLE_NUMBERS
 from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, Recursion, Settings
 from cltaa.errors import UsageError, known
 
@@ -97,6 +97,11 @@ def ring_planes(steps: Steps) -> int:
 def ring_steps(frames: int, ahead: int) -> dict[str, bool]:
     """Return the steps that a ring of ``frames`` earlier and ``ahead`` later ones decides."""
     return {"look_ahead": ahead > 0, "long_ring": ahead > 0 and frames + ahead > LONG_WINDOW}
+
+
+def first_windows(*, look_ahead: bool) -> tuple[int, int]:
+    """Return the frames of the ring in the first two temporal windows (SHORT_WINDOW, MIDDLE_WINDOW)."""
+    return CENTRED_WINDOWS if look_ahead else FIRST_WINDOWS
 
 
 def unmoved_window(steps: Steps) -> int:
@@ -263,6 +268,7 @@ def prelude(build: Build) -> str:
         "STORAGE_HALF": int(build.storage in HALVES),
         "STORAGE_STOCHASTIC": int(build.storage is Storage.HALF_STOCHASTIC),
         **WHOLE_NUMBERS,
+        **dict(zip(("SHORT_WINDOW", "MIDDLE_WINDOW"), first_windows(look_ahead=build.steps.look_ahead), strict=True)),
         **{_macro(name): int(getattr(build.steps, name)) for name in Steps.__struct_fields__},
         **{_macro(name): int(getattr(build.terms, name)) for name in Terms.__struct_fields__},
     }

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.core.build import Build, Record, unmoved_window, window_count, window_planes
-from cltaa.core.constants import LONG_WINDOW, MIDDLE_WINDOW, SHORT_WINDOW, value
+from cltaa.core.build import Build, Record, first_windows, unmoved_window, window_count, window_planes
+from cltaa.core.constants import LONG_WINDOW, value
 from cltaa.core.parameters import CurrentFilter, FilterUse, Recursion
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import (
@@ -31,8 +31,13 @@ from cltaa.reference.real import Array, Mask, Run, greater, number, quiet
 
 def window_ends(frames: int, build: Build) -> list[int]:
     """Number of ring frames in each window: the latest, more, in a long ring with frames ahead more again, all."""
-    ends = [SHORT_WINDOW, MIDDLE_WINDOW, *[LONG_WINDOW] * build.steps.long_ring, frames]
+    ends = *first_windows(look_ahead=build.steps.look_ahead), *[LONG_WINDOW] * build.steps.long_ring, frames
     return [min(end, frames) for end in ends]
+
+
+def recent_frames(build: Build) -> int:
+    """Number of the nearest frames whose samples judge each window: those of the shortest."""
+    return first_windows(look_ahead=build.steps.look_ahead)[0]
 
 
 def has_more_frames(window: int, frames: int, build: Build) -> bool:
@@ -46,7 +51,7 @@ def repeats_previous(window: int, frames: int, static_frames: int, build: Build)
     unmoved = unmoved_window(build.steps)
     if window >= (unmoved - 1 if build.choices.recursion is Recursion.STANDING else unmoved + 1):
         return False
-    return static_frames < SHORT_WINDOW if window == unmoved else not has_more_frames(window, frames, build)
+    return static_frames < recent_frames(build) if window == unmoved else not has_more_frames(window, frames, build)
 
 
 def window_error(g: SampleSums, now: Pixel, window: Resolved, run: Run) -> Array:
@@ -81,7 +86,7 @@ def resolve_unmoved(slots: Array, past: Any, p: Pixel, run: Run) -> tuple[Resolv
         g.weight, g.count = g.weight + w, g.count + counted
         opacity = g.zero if alpha is None else share_in_domain(alpha, 1.0) - p.alpha
         g.alpha = g.alpha + w * opacity
-        if place < SHORT_WINDOW:
+        if place < recent_frames(run.build):
             g.add_recent(weighted_difference(c, p.own, run), opacity, counted, run.build)
     own = own_samples(p)
     whole = np.where(own > g.zero, luminance_weight(p.own, run), g.zero) + g.weight
@@ -119,7 +124,7 @@ def gather_windows(
     held = recursive_result(recursive, recursive_count, layout, own.alpha)
     target = layout.inside(windows)[: count * planes].reshape(count, planes, layout.height, layout.width)
     for window, end in enumerate(window_ends(frames, build)):
-        gathering.add(past[begun:end], run, before=begun, recent=SHORT_WINDOW - begun)
+        gathering.add(past[begun:end], run, before=begun, recent=recent_frames(build) - begun)
         out = gathering.resolved(run)
         if build.choices.recursion is Recursion.STANDING and window == unmoved_at - 1:
             out = longer_history(out, own.most_reactive <= 0, held)
@@ -136,7 +141,7 @@ def gather_windows(
         unmoved, sums = resolve_unmoved(gathering.slots, past[:static_frames], own, run)
         if build.choices.recursion is Recursion.STANDING:
             unmoved = longer_history(unmoved, at_rest, held)
-        valid = sums.recent_count >= SHORT_WINDOW
+        valid = sums.recent_count >= recent_frames(build)
         out = _chosen(valid, unmoved, out)
         error = np.where(valid, window_error(sums, own, unmoved, run), error)
         _store(target[unmoved_at], out, error)

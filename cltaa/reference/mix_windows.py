@@ -54,14 +54,14 @@ def sum_around(plane: Array, layout: Layout) -> Array:
     return column_sums(row_sums(plane, layout), layout)
 
 
-def window_weight(error: Array, least: Array) -> Array:
+def window_weight(error: Array, least: Array, build: Build) -> Array:
     """Weight of a window relative to that of the least error."""
     tiny = value("TINY")
     ratio = greater((least + tiny) / (error + tiny), value("LEAST_ERROR_RATIO"))
     second = ratio * ratio
     fourth = second * second
     eighth = fourth * fourth
-    return eighth * eighth
+    return eighth if build.steps.look_ahead else eighth * eighth
 
 
 def times_counted(window: int, frames: int, build: Build) -> int:
@@ -224,13 +224,13 @@ def mix_windows(
     rivals, least = len(parts) - recursion, errors[0]
     for error in errors[1:rivals]:
         least = lesser(least, error)
-    zero, first, weight = np.zeros_like(least), layout.inside(parts[0]), window_weight(errors[0], least)
+    zero, first, weight = np.zeros_like(least), layout.inside(parts[0]), window_weight(errors[0], least, build)
     own_alpha, darkest = first[5] if build.steps.alpha else np.ones_like(least), first[:3]
     sums, alphas, counts = np.zeros_like(darkest), zero, zero
     light, opacity, latest, latest_of_alpha = sums, zero, sums, zero  # their drift and that of the second
     followed = weight  # of the windows that follow it
     for window, (k, error) in enumerate(zip(sources[1:rivals], errors[1:rivals], strict=True), start=1):
-        w, own = times_counted(window, frames, build) * window_weight(error, least), layout.inside(parts[k])
+        w, own = times_counted(window, frames, build) * window_weight(error, least, build), layout.inside(parts[k])
         if window > unmoved:
             light, opacity = np.zeros_like(sums), zero
         elif k == window and (window == unmoved or has_more_frames(window, frames, build)):

@@ -85,8 +85,8 @@ def test_a_span_counts_by_its_error_and_is_moved_to_the_shortest_where_that_is_n
     for errors in ((1.0, 1.0, 1.0, 1.0), (1.0, 1.1, 0.9, 1.2), (5.0, 1.0, 1.0, 4.0)):
         shares = np.array([(min(errors) / error) ** 16 for error in errors])
         assert mixed(errors) == pytest.approx(np.average(places, weights=shares), abs=1e-6)
-        # Beside frames ahead the third, of all frames, counts twice.
-        twice = pytest.approx(np.average(places, weights=shares * [1, 1, 2, 1]), abs=1e-6)
+        # Beside frames ahead the third, of all frames, counts twice, and errors by their 8th power.
+        twice = pytest.approx(np.average(places, weights=np.sqrt(shares) * [1, 1, 2, 1]), abs=1e-6)
         assert mixed(errors, ahead=True) == twice
 
 
@@ -106,19 +106,19 @@ def test_a_pixel_goes_on_by_the_drift_until_it_meets_a_sample_of_the_3x3() -> No
     assert mixed(FLAT, 2.0, 0.0, drift_share=0.0) == still
 
 
-# Of a shot of 20 frames: ages of the four and of the eight frames by hand, 1.5 and 3.5 where all are earlier or later.
+# Of a shot of 20 frames: ages of the four and of the eight frames by hand, 1.5 and 3.5 where all are earlier. With frames
+# ahead those of five and of seven, 2 and 3 where all are earlier or later.
 @pytest.mark.parametrize(
     ("ahead", "index", "ratio"),
     [
         (0, 19, 1.5 / 2.0),
         (0, 6, 0.0),  # six frames are no whole window
-        (8, 19, 1.5 / 2.0),
-        (8, 18, 0.5 / 2.0),
-        (8, 17, 0.5 / 1.0),
-        (8, 16, 0.0),  # both windows lie half a frame back
+        (8, 19, 1.0),  # no more, although the shortest lies twice as far back as it lags behind the second
+        (8, 18, 1.0 / 1.0),
+        (8, 17, 0.0),
         (8, 10, 0.0),
-        (8, 1, 0.5 / 2.0),  # both ahead
-        (8, 0, 1.5 / 2.0),
+        (8, 1, 1.0 / 1.0),  # both ahead
+        (8, 0, 1.0),
     ],
 )
 def test_windows_lag_where_the_frames_ahead_do_not_balance_the_earlier_ones(
@@ -165,7 +165,9 @@ def test_a_highlight_that_appears_is_no_drift_of_the_light_around_it() -> None:
         assert (students_t_of_drift(drift)[beside] < 0.1).all()
 
 
-def test_window_weight_falls_with_the_error_and_never_to_nothing() -> None:
-    error = np.array([1.0, 1.1, 2.0, 1e30], np.float32)
-    assert np.allclose(window_weight(error, error[:1]), [1.0, 1.1**-16, 2.0**-16, 2.0**-96], rtol=1e-5)
-    assert window_weight(np.zeros(1, np.float32), np.zeros(1, np.float32)) == 1.0
+@pytest.mark.parametrize(("ahead", "power"), [(False, -16), (True, -8)])
+def test_window_weight_falls_with_the_error_and_never_to_nothing(ahead: bool, power: int) -> None:
+    error, build = np.array([1.0, 1.1, 2.0, 1e30], np.float32), Build(steps=Steps(look_ahead=ahead))
+    expected = [1.0, 1.1**power, 2.0**power, 64.0**power]
+    assert np.allclose(window_weight(error, error[:1], build), expected, rtol=1e-5)
+    assert window_weight(np.zeros(1, np.float32), np.zeros(1, np.float32), build) == 1.0

@@ -23,9 +23,10 @@ Array = NDArray[np.float64]
 Effect = cltaa.Effect
 # Colours up to 4.7. The oracle computes in float32: worst seen 8e-7.
 TOLERANCE = 1.5e-6
-RING, AHEAD, SHORTEST, SECOND = 7, 8, 3, 7
+RING, AHEAD = 7, 8
+WINDOWS, CENTRED_WINDOWS = (3, 7), (4, 6, 14)
 RIDGE, REACH, DEPTH = 0.125, 0.8, 0.05
-EXPONENT, LEAST_RATIO = 16, 2.0**-6
+EXPONENT, CENTRED_EXPONENT, LEAST_RATIO = 16, 8, 2.0**-6
 DRIFT_T, INVISIBLE, LAG, BALANCED = 2.0, 0.01, 0.75, 0.75
 REFUTED, NEIGHBOURS_ERR, LEAST_NEIGHBOURS = 7, 2.0, 0.25
 
@@ -43,7 +44,7 @@ class Case(NamedTuple):
     @property
     def ends(self) -> tuple[int, ...]:
         """The number of the ring's frames in each window."""
-        return (SHORTEST, SECOND, RING + AHEAD) if self.ahead else (SHORTEST, SECOND) if self.windows else (RING,)
+        return (*CENTRED_WINDOWS, RING + AHEAD) if self.ahead else WINDOWS if self.windows else (RING,)
 
 
 CHANGING = frozenset({Effect.DISOCCLUSION, Effect.HDR, Effect.ILLUMINATION})
@@ -219,7 +220,7 @@ def gathered(frame: cltaa.Frame, past: list[cltaa.Frame], case: Case) -> tuple[l
     for end in case.ends:
         for before in past[begin:end]:
             samples.add(before, min(REACH, 0.5 + 1 / np.sqrt(end + 1)))
-        samples.latest = 1 + 9 * SHORTEST
+        samples.latest = 1 + 9 * case.ends[0]
         begin, result = end, samples.resolved(case.filter_samples)
         windows.append(Window(result, samples.error(result, samples.count), samples.count))
     return windows, samples
@@ -249,7 +250,7 @@ def mixed(windows: list[Window], now: Array, *, balanced: bool = False) -> tuple
     drifts = {"own": none, "second": drift_of(second, shortest.result), "none": none}
     mean, count, followed, total = none, none[..., 0], none[..., 0], none[..., 0]
     for window, error in zip(windows, errors, strict=True):
-        weight = window.times * np.maximum(least / error, LEAST_RATIO) ** EXPONENT
+        weight = window.times * np.maximum(least / error, LEAST_RATIO) ** (CENTRED_EXPONENT if balanced else EXPONENT)
         own = window.of_drift == "own" and window is not shortest
         drift = drift_of(window, shortest.result) if own else drifts[window.of_drift]
         mean, count = mean + weight[..., None] * (window.result + drift), count + weight * window.samples
@@ -278,7 +279,7 @@ def standing(frame: cltaa.Frame, past: list[cltaa.Frame], case: Case, held: Arra
     windows, samples = gathered(frame, past, case)
     unmoved, nothing = Samples(frame), np.zeros((HEIGHT, WIDTH))
     unmoved.of += [(nothing + 1, nothing, nothing, colour_of(before)) for before in past]
-    unmoved.latest = 1 + SHORTEST
+    unmoved.latest = 1 + case.ends[0]
     weights = [weight_of(colour)[..., None] for *_, colour in unmoved.of]
     own = np.sum([w * colour for w, (*_, colour) in zip(weights, unmoved.of, strict=True)], 0) / np.sum(weights, 0)
     for judge, result, drift in ((samples, windows[-1].result, "second"), (unmoved, own, "own")):
