@@ -23,6 +23,7 @@ from cltaa.core.build import (
     window_count,
     window_planes,
 )
+from cltaa.core.constants import CENTRED_WINDOWS
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.plan import Plan, reads_depth
 from cltaa.core.planes import BlockPool, Kind, Layout, around, as_floats, flat, places
@@ -262,7 +263,8 @@ class FrameRing:
         nearest = [past for past, _ in self._nearest(frame)] if self._ahead else self.past
         moved = any(not is_still(frame.camera, past.camera) for past in nearest)
         kind = ring_steps(self._count, self._ahead)
-        steps = replace(build.steps, camera_motion=build.steps.camera_motion or moved, **kind)
+        centred = build.choices.illumination is Illumination.WINDOW and self._is_centred(frame)
+        steps = replace(build.steps, camera_motion=build.steps.camera_motion or moved, centred=centred, **kind)
         return replace(build, steps=steps)
 
     def window_memory(self, build: Build) -> Buffer:
@@ -284,12 +286,17 @@ class FrameRing:
         moved = (place for place, (past, _) in enumerate(nearest) if not is_still(frame.camera, past.camera))
         return next(moved, len(nearest))
 
+    def _is_centred(self, frame: Frame) -> bool:
+        """Return whether as many frames of the shortest window are ahead as earlier: not at the ends of a shot."""
+        nearest = self._nearest(frame)[: CENTRED_WINDOWS[0]]
+        return self._ahead > 0 and 2 * sum(ahead > 0 for _, ahead in nearest) == CENTRED_WINDOWS[0]
+
     def lag_ratio(self, frame: Frame) -> float:
         """Return how far behind ``frame`` the shortest temporal window lies, over its distance in time from the second.
 
         At most 1. It is 0 where the second window is not whole, or frames ahead balance the earlier ones.
         """
-        few, more = first_windows(look_ahead=self._ahead > 0)
+        few, more = first_windows(centred=self._is_centred(frame))
         ages = [0, *(-ahead for _, ahead in self._nearest(frame)[:more])]
         shortest, second = (sum(part) / len(part) for part in (ages[: few + 1], ages))
         if len(ages) <= more or shortest * (second - shortest) <= 0.0:

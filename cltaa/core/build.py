@@ -62,6 +62,7 @@ class Steps(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     reactive: bool = False
     look_ahead: bool = False
     long_ring: bool = False  # of more than LONG_WINDOW frames, some of them ahead
+    centred: bool = False  # as many of the nearest frames are ahead as earlier, for the shortest window at least
 
 
 class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
@@ -99,9 +100,9 @@ def ring_steps(frames: int, ahead: int) -> dict[str, bool]:
     return {"look_ahead": ahead > 0, "long_ring": ahead > 0 and frames + ahead > LONG_WINDOW}
 
 
-def first_windows(*, look_ahead: bool) -> tuple[int, int]:
+def first_windows(*, centred: bool) -> tuple[int, int]:
     """Return the frames of the ring in the first two temporal windows (SHORT_WINDOW, MIDDLE_WINDOW)."""
-    return CENTRED_WINDOWS if look_ahead else FIRST_WINDOWS
+    return CENTRED_WINDOWS if centred else FIRST_WINDOWS
 
 
 def unmoved_window(steps: Steps) -> int:
@@ -172,7 +173,7 @@ def mix_build(build: Build) -> Build:
     asked = build.choices
     choices = Choices(negatives=asked.negatives, recursion=asked.recursion, weighting=asked.weighting)
     its = build.steps
-    steps = Steps(alpha=its.alpha, look_ahead=its.look_ahead, long_ring=its.long_ring)
+    steps = Steps(alpha=its.alpha, look_ahead=its.look_ahead, long_ring=its.long_ring, centred=its.centred)
     return msgspec.structs.replace(build, choices=choices, steps=steps, terms=Terms())
 
 
@@ -268,7 +269,7 @@ def prelude(build: Build) -> str:
         "STORAGE_HALF": int(build.storage in HALVES),
         "STORAGE_STOCHASTIC": int(build.storage is Storage.HALF_STOCHASTIC),
         **WHOLE_NUMBERS,
-        **dict(zip(("SHORT_WINDOW", "MIDDLE_WINDOW"), first_windows(look_ahead=build.steps.look_ahead), strict=True)),
+        **dict(zip(("SHORT_WINDOW", "MIDDLE_WINDOW"), first_windows(centred=build.steps.centred), strict=True)),
         **{_macro(name): int(getattr(build.steps, name)) for name in Steps.__struct_fields__},
         **{_macro(name): int(getattr(build.terms, name)) for name in Terms.__struct_fields__},
     }

@@ -66,10 +66,9 @@ PAD_Y: Final = 4
 # Temporal windows. Where light may change, a pixel is resolved from the latest frames, from more, from all that are
 # kept, and from all without following its motion; the texels around it decide which to use (docs/decisions).
 FIRST_WINDOWS: Final = 3, 7  # frames of the ring in the first two
-# The same where some frames lie ahead, and in a third if the ring then holds more. As many are earlier as ahead: with
-# one more, a window lags by half a frame.
+# The same where as many lie ahead as are earlier: with one more, a window lags by half a frame.
 CENTRED_WINDOWS: Final = 4, 6
-LONG_WINDOW: Final = 14
+LONG_WINDOW: Final = 14  # and in the third, where the ring holds more and some lie ahead
 WINDOW_REACH: Final = 2  # texels up, down, left and right that take part in that decision
 BALANCED_DRIFT: Final = 0.75  # share of a drift by which pixels go on where frames ahead balance the earlier: measured
 HELD_SHARE: Final = 7 / 8  # of a ring's frames that the history of a still scene has to hold to be better: measured

@@ -31,13 +31,13 @@ from cltaa.reference.real import Array, Mask, Run, greater, number, quiet
 
 def window_ends(frames: int, build: Build) -> list[int]:
     """Number of ring frames in each window: the latest, more, in a long ring with frames ahead more again, all."""
-    ends = *first_windows(look_ahead=build.steps.look_ahead), *[LONG_WINDOW] * build.steps.long_ring, frames
+    ends = *first_windows(centred=build.steps.centred), *[LONG_WINDOW] * build.steps.long_ring, frames
     return [min(end, frames) for end in ends]
 
 
 def recent_frames(build: Build) -> int:
     """Number of the nearest frames whose samples judge each window: those of the shortest."""
-    return first_windows(look_ahead=build.steps.look_ahead)[0]
+    return first_windows(centred=build.steps.centred)[0]
 
 
 def has_more_frames(window: int, frames: int, build: Build) -> bool:

@@ -61,7 +61,7 @@ def window_weight(error: Array, least: Array, build: Build) -> Array:
     second = ratio * ratio
     fourth = second * second
     eighth = fourth * fourth
-    return eighth if build.steps.look_ahead else eighth * eighth
+    return eighth if build.steps.centred else eighth * eighth
 
 
 def times_counted(window: int, frames: int, build: Build) -> int:

@@ -185,13 +185,13 @@ STAGE drift_sums drift_around(const row_sums* rows, int turn)
 }
 
 // Weight of a window relative to that of the least error: the ratio of errors to the 16th power. The exponent of a
-// likelihood would be half the number of recent samples, 50, but those of neighbouring texels err alike. Beside frames
-// ahead no window lags, and a mean of more of them errs less: the 8th power.
+// likelihood would be half the number of recent samples, 50, but those of neighbouring texels err alike. Centred
+// windows do not lag, and a mean of more of them errs less: the 8th power.
 STAGE real window_weight(real error, real least)
 {
     const real ratio = greater(quotient(least + K(TINY), error + K(TINY)), SPLAT(LEAST_ERROR_RATIO));
     const real second = ratio * ratio, fourth = second * second, eighth = fourth * fourth;
-    return LOOK_AHEAD ? eighth : eighth * eighth;
+    return CENTRED ? eighth : eighth * eighth;
 }
 
 // How often a window counts. One that repeats another counts again, UNMOVED too. Beside frames ahead trends of light

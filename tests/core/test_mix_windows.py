@@ -58,7 +58,7 @@ def mixed(
     """What flat windows come to, each of which leaves its error in every texel: 1.0 the latest four frames, 0.98 the
     latest eight, 0.8 all and 0.4 all without motion; the current samples are missing or have the light ``now``, and the
     one so many columns ``beside`` the pixel another."""
-    layout, build = Layout(WIDTH, HEIGHT), Build(steps=Steps(alpha=False, look_ahead=ahead))
+    layout, build = Layout(WIDTH, HEIGHT), Build(steps=Steps(alpha=False, look_ahead=ahead, centred=ahead))
     windows = layout.zeros(len(errors) * 5)
     for planes, light, error in zip(windows.reshape(len(errors), 5, *windows.shape[1:]), LIGHTS, errors, strict=True):
         planes[:3], planes[3], planes[4] = light, error, 7.0
@@ -106,19 +106,18 @@ def test_a_pixel_goes_on_by_the_drift_until_it_meets_a_sample_of_the_3x3() -> No
     assert mixed(FLAT, 2.0, 0.0, drift_share=0.0) == still
 
 
-# Of a shot of 20 frames: ages of the four and of the eight frames by hand, 1.5 and 3.5 where all are earlier. With frames
-# ahead those of five and of seven, 2 and 3 where all are earlier or later.
+# Of a shot of 20 frames: ages of the four and of the eight frames by hand, 1.5 and 3.5 where all are earlier or later.
 @pytest.mark.parametrize(
     ("ahead", "index", "ratio"),
     [
         (0, 19, 1.5 / 2.0),
         (0, 6, 0.0),  # six frames are no whole window
-        (8, 19, 1.0),  # no more, although the shortest lies twice as far back as it lags behind the second
-        (8, 18, 1.0 / 1.0),
-        (8, 17, 0.0),
+        (8, 19, 1.5 / 2.0),
+        (8, 18, 0.5 / 2.0),
+        (8, 17, 0.0),  # as many ahead as earlier
         (8, 10, 0.0),
-        (8, 1, 1.0 / 1.0),  # both ahead
-        (8, 0, 1.0),
+        (8, 1, 0.5 / 2.0),  # both ahead
+        (8, 0, 1.5 / 2.0),
     ],
 )
 def test_windows_lag_where_the_frames_ahead_do_not_balance_the_earlier_ones(
@@ -167,7 +166,7 @@ def test_a_highlight_that_appears_is_no_drift_of_the_light_around_it() -> None:
 
 @pytest.mark.parametrize(("ahead", "power"), [(False, -16), (True, -8)])
 def test_window_weight_falls_with_the_error_and_never_to_nothing(ahead: bool, power: int) -> None:
-    error, build = np.array([1.0, 1.1, 2.0, 1e30], np.float32), Build(steps=Steps(look_ahead=ahead))
+    error, build = np.array([1.0, 1.1, 2.0, 1e30], np.float32), Build(steps=Steps(centred=ahead))
     expected = [1.0, 1.1**power, 2.0**power, 64.0**power]
     assert np.allclose(window_weight(error, error[:1], build), expected, rtol=1e-5)
     assert window_weight(np.zeros(1, np.float32), np.zeros(1, np.float32), build) == 1.0

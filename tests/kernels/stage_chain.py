@@ -111,6 +111,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "alpha",
         "alpha_from",
         "camera_motion",
+        "centred",
         "exposure",
         "long_ring",
         "look_ahead",
@@ -121,7 +122,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "tonemap",
         "weighting",
     ),
-    "mix_windows": ("alpha", "long_ring", "look_ahead", "negatives", "recursion", "storage", "weighting"),
+    "mix_windows": ("alpha", "centred", "long_ring", "look_ahead", "negatives", "recursion", "storage", "weighting"),
 }
 # Of the rows of several choices: with it each value is in one that shows it, light is tested for where depth is, and no
 # clip that rounding in one channel can turn is in RGB.
