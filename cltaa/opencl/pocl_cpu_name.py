@@ -100,24 +100,27 @@ def _applies() -> bool:
 def name_unknown_cpu(record: int) -> bool:
     """Replace a wrong name in PoCL's record of a device, at address ``record``; True where there was one.
 
-    It changes only a pointer to exactly the text ``generic``, or to one of the names of a level that is not this CPU's.
+    It changes only a pointer to exactly the text ``generic``, or to one of the names of a level that is not this CPU's,
+    and nothing behind one that it has changed, since the record may end there.
     """
     if not _applies():
         return False
     level = level_of(cpu_flags())
     others = (name for other in LEVELS if other != level for name in (*other.known, other.name))
     wrong = {name + b"\0" for name in (REFUSED, *others)}
-    longest = max(map(len, wrong))
+    longest, right = max(map(len, wrong)), ctypes.addressof(_names[level.name])
     try:
         memory = os.open("/proc/self/mem", os.O_RDONLY)
     except OSError:
         return False
     try:
         for address in range(record, record + RECORD_BYTES, POINTER_BYTES):
-            field = _read(memory, address, POINTER_BYTES)
-            text = _read(memory, int.from_bytes(field, sys.byteorder), longest)
+            field = int.from_bytes(_read(memory, address, POINTER_BYTES), sys.byteorder)
+            if field == right:
+                return False
+            text = _read(memory, field, longest)
             if any(text.startswith(name) for name in wrong):
-                ctypes.c_uint64.from_address(address).value = ctypes.addressof(_names[level.name])
+                ctypes.c_uint64.from_address(address).value = right
                 return True
     finally:
         os.close(memory)

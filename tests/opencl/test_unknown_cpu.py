@@ -43,6 +43,16 @@ def test_only_the_refused_name_is_replaced() -> None:
 
 
 @needs_linux
+def test_nothing_behind_a_name_that_was_replaced_is_touched() -> None:
+    # PoCL's record is shorter than what is read; behind it other memory of the program may hold such names.
+    names = [ctypes.create_string_buffer(b"generic") for _ in range(2)]
+    record = (ctypes.c_uint64 * 512)(*map(ctypes.addressof, names))
+    assert name_unknown_cpu(ctypes.addressof(record))
+    assert not name_unknown_cpu(ctypes.addressof(record))
+    assert record[1] == ctypes.addressof(names[1])
+
+
+@needs_linux
 @pytest.mark.parametrize(
     ("level", "name", "fits"),
     [
