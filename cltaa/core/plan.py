@@ -79,7 +79,7 @@ NOISY_FALLING, NOISY_BOX = 1.2, 0.5
 NOISY_CHANGE = {"illumination_t": 0.82, "illumination_decay": 11 / 12, "illumination_floor": 11 / 12, "falling_t": 1.12}
 NOISY_FILTER = 2.0  # factor of filter_samples beside gathered samples there
 
-FOUND, DECLARED = "found", "declared"
+FOUND, DECLARED, KNOWN = "found", "declared", "known"
 
 
 def estimate(
@@ -87,14 +87,14 @@ def estimate(
 ) -> tuple[Choices, Settings, list[Reason]]:
     """Adapt the choices of ``preset`` and ``settings`` to the effects, with a reason for each decision.
 
-    ``word`` says how the effects are known. Found effects are no promise, so no plain mean rests on them. With
+    ``word`` says how the effects are known. Only declared effects are a promise, on which a plain mean may rest. With
     ``followed``, a camera or vectors tell where surfaces were.
     """
     choices, reasons = preset.choices, []
     # A published resolve omits nothing, whether the scene needs it or not.
     free = not preset.published
     still = word == DECLARED and nothing_changes(declared)
-    standing = word == FOUND and all_static(declared)
+    standing = word != DECLARED and all_static(declared)
     gathers = choices.history is HistoryKind.FRAMES
     # Without frames ahead a ring never holds more than all frames so far. With them it does in the first frames.
     recursive = free and standing and gathers and not settings.look_ahead
@@ -107,7 +107,9 @@ def estimate(
     changing = noisy and declared is not None and bool(declared & CHANGING_LIGHT)
     choices, reason = _testing_illumination(preset, choices, declared, word, noisy=changing)
     reasons.append(reason)
-    tested = choices.illumination is Illumination.TEST and free and word == FOUND and not _refuting(choices, declared)
+    tested = (
+        choices.illumination is Illumination.TEST and free and word != DECLARED and not _refuting(choices, declared)
+    )
     if tested or in_turn:
         settings = found_constant(settings, standing=standing)
     if free and not _illumination_may_change(declared):  # so aliases that agree in a frame are no change of light
@@ -247,7 +249,7 @@ def _testing_illumination(
     why = f"none of illumination, motion and reactive is {word}"
     if choices.history is HistoryKind.ACCUMULATED:
         why += ", nor thin with a camera"
-    if word == FOUND and choices.history is HistoryKind.ACCUMULATED:
+    if word != DECLARED and choices.history is HistoryKind.ACCUMULATED:
         choices = msgspec.structs.replace(choices, illumination=Illumination.TEST)
         return choices, Reason(LIGHT, True, f"{why}: only a change that lasts counts")
     return msgspec.structs.replace(choices, illumination=Illumination.STATIC), Reason(LIGHT, False, why)
@@ -376,13 +378,18 @@ def plan_frame(
     *,
     every: bool = False,
     jitters: Iterable[tuple[float, float]] = (),
+    only_kept: bool = False,
 ) -> Plan:
     """Return the plan of ``frame``, whose predecessor has the camera ``previous`` (None at the start and after a cut).
 
-    ``jitters`` are those of previous frames, the latest last, in pixels (``JittersBefore``). ``every`` adds
-    each step that the preset allows and the frame does not need: it costs time and changes no bit.
+    ``jitters`` are those of previous frames, the latest last, in pixels (``JittersBefore``). ``only_kept`` says that
+    the predecessor has no result. ``every`` adds each step that the preset allows and the frame does not need: it costs
+    time and changes no bit.
     """
     effects, word = _known(frame.effects, frame.found)
+    if not only_kept and is_hold(preset, frame, previous):
+        assert effects is not None
+        effects, word = effects - {Effect.CAMERA}, KNOWN
     noisy = effects is not None and Effect.NOISE in effects  # a position shows something else every time
     few_positions = not noisy and previous is not None and _repeats(list(jitters), frame.jitter_px)
     facts = Facts(
@@ -408,14 +415,16 @@ def _repeats(before: Sequence[tuple[float, float]], now: tuple[float, float]) ->
 
 
 class JittersBefore:
-    """Jitters of the FEW_POSITIONS previous frames of one history."""
+    """Jitters of the FEW_POSITIONS previous frames of one history, since the camera moved."""
 
     def __init__(self) -> None:
         self._of: dict[int, tuple[float, float]] = {}
 
-    def of(self, frame: Frame, *, goes_on: bool) -> list[tuple[float, float]]:
-        """Return those before ``frame``, none unless the history ``goes_on``; then add its own."""
-        before = [(index, jitter) for index, jitter in self._of.items() if goes_on and index < frame.index]
+    def of(self, frame: Frame, previous: Camera | None) -> list[tuple[float, float]]:
+        """Return those before ``frame``, whose predecessor has the camera ``previous`` (None where no history goes on);
+        then add its own."""
+        stands = previous is not None and is_still(frame.camera, previous)
+        before = [(index, jitter) for index, jitter in self._of.items() if stands and index < frame.index]
         self._of = dict(before[-FEW_POSITIONS:])
         jitters = list(self._of.values())
         self._of[frame.index] = frame.jitter_px
@@ -437,8 +446,22 @@ def _known(declared: frozenset[Effect] | None, found: frozenset[Effect] | None) 
     return None if declared is None else frozenset(declared), DECLARED
 
 
+def is_hold(preset: Preset, frame: Frame, previous: Camera | None) -> bool:
+    """True where the camera has not moved since the ``previous`` frame, in a shot in which it is known to move.
+
+    The plan of ``frame``, which may be an outline, is then that of a standing camera, and its result continues the one
+    before.
+    """
+    effects, _ = _known(frame.effects, frame.found)
+    choices, moves = preset.choices, effects is not None and Effect.CAMERA in effects and frame.has_camera
+    kept = choices.history is HistoryKind.ACCUMULATED or choices.recursion is Recursion.STANDING
+    free = kept and not preset.published
+    return moves and free and previous is not None and is_still(frame.camera, previous)
+
+
 def from_ring_alone(preset: Preset, frame: Frame) -> bool:
-    """True where results of ``preset`` for frames like ``frame``, which may be an outline, depend on the ring alone."""
+    """True where results of ``preset`` for frames like ``frame``, which may be an outline, depend on the ring alone,
+    but in a hold."""
     followed = frame.has_camera or frame.motion is not None
     choices, *_ = estimate(preset, preset.settings, *_known(frame.effects, frame.found), followed=followed)
     return choices.history is HistoryKind.FRAMES and choices.recursion is Recursion.NONE

@@ -60,15 +60,15 @@ class Past(msgspec.Struct, frozen=True):
     jitters: tuple[tuple[int, tuple[float, float]], ...] = ()  # in a checkpoint: those known, by frame (JittersBefore)
     slot: int = 0  # its place in the ring, where it is kept there
     only_kept: bool = False  # in the ring, so that no history holds it
-    held: int = 1  # frames of its history
+    held: int = 1  # frames of its history that its camera saw, itself included
 
     @classmethod
-    def of(cls, frame: Frame, coarse: Coarse = ()) -> Past:
-        """Return the past that ``frame`` becomes."""
+    def of(cls, frame: Frame, coarse: Coarse = (), previous: Past | None = None, *, only_kept: bool = False) -> Past:
+        """Return the past that ``frame``, whose history continues ``previous``, becomes."""
         channels = frame.alpha is not None, frame.motion is not None, frame.reactive is not None
         there = frame.has_depth, frame.has_camera
         facts = frame.index, frame.camera, frame.exposure, frame.colour.shape, *channels, frame.jitter_px, *there
-        return cls(*facts, coarse=coarse)
+        return cls(*facts, coarse=coarse, only_kept=only_kept, held=frames_held(frame, previous))
 
     def refuse_again(self, frame: Frame) -> None:
         """Raise UsageError where ``frame`` has this number again and is no cut."""
@@ -88,9 +88,9 @@ class Past(msgspec.Struct, frozen=True):
         return same_planes and same_kind and not starts_anew
 
 
-def frames_held(previous: Past | None) -> int:
-    """Return the number of frames in the history of the one after ``previous``, itself included."""
-    return 1 if previous is None else previous.held + 1
+def frames_held(frame: Frame, previous: Past | None) -> int:
+    """Return the number of frames in the history of ``frame``, which continues ``previous``, that its camera saw."""
+    return 1 if previous is None or not is_still(frame.camera, previous.camera) else previous.held + 1
 
 
 def _box_weights(jitter_px: tuple[float, float], plan: Plan | None) -> tuple[float, ...]:

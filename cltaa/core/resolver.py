@@ -274,7 +274,7 @@ class Resolver:
         self._lends = False
         self._previous = None  # an interrupt from here on leaves no history, rather than a half of one
         buffers.swap()
-        self._previous = msgspec.structs.replace(Past.of(frame, self._coarse), held=frames_held(previous))
+        self._previous = Past.of(frame, self._coarse, previous)
 
     @public("Resolver.images")
     def images(self, frames: Iterable[Frame], *, half: bool = False, planar: bool = False) -> Iterator[NDArray[Any]]:
@@ -340,7 +340,7 @@ class Resolver:
         buffers, coarse = self._fitting(Layout(frame.width, frame.height), steps.alpha), self._coarse
         self._forget()  # an interrupt from here on leaves no history, rather than a half of one
         self._copy_into_ring(frame, previous, buffers, steps)
-        self._previous = self._latest = msgspec.structs.replace(Past.of(frame, coarse), only_kept=True)
+        self._previous = self._latest = Past.of(frame, coarse, previous, only_kept=True)
         self.times = Times(perf_counter() - started, 0.0, 0.0)
 
     def _fed(self, frame: Frame, *, half: bool, planar: bool = False) -> Iterator[NDArray[Any]]:
@@ -514,9 +514,9 @@ class Resolver:
             alone = not previous.only_kept or from_ring_alone(self.preset, frame)
             if not (goes_on and alone) or self._is_cut(previous, frame, self._coarse):
                 previous = None
-        jitters = self._jitters.of(frame, goes_on=previous is not None)
-        camera = previous.camera if previous else None
-        self.plan = plan_frame(self.preset, frame, camera, every=self.every_step, jitters=jitters)
+        camera, kept = (previous.camera, previous.only_kept) if previous else (None, False)
+        jitters = self._jitters.of(frame, camera)
+        self.plan = plan_frame(self.preset, frame, camera, every=self.every_step, jitters=jitters, only_kept=kept)
         return previous, self._build(self.plan)
 
     def _build(self, plan: Plan) -> Build:
@@ -543,7 +543,7 @@ class Resolver:
             if choices.illumination is Illumination.WINDOW:
                 self.last = passes.gather_windows(frame, frame_ring)
             elif passes.recursive is not None:
-                self.last = passes.gather_or_resolve(frame, frame_ring, frames_held(previous))
+                self.last = passes.gather_or_resolve(frame, frame_ring, frames_held(frame, previous))
             else:
                 self.last = passes.gather(frame, frame_ring)
             if not ahead:
@@ -551,7 +551,7 @@ class Resolver:
         else:
             self.last = passes.resolve()
             if self._frame_ring is not None and not self.look_ahead:
-                self._frame_ring.go_back(None)  # it lacks this frame, so none before may be gathered later
+                self._ring(previous, buffers.layout, build.steps).keep(frame, buffers, build.steps)
         passes.extend_edges()
         output: Buffer = self.last.arguments["output"]
         return output

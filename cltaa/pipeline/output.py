@@ -279,7 +279,7 @@ class OutputFolder:
         inputs = [_input_now(sequence, *each) for each in zip(numbers[:reach], entries, strict=False)]
         self.inputs = dict(zip(numbers, inputs, strict=False))
         for at, entry in enumerate(entries[:reach]):
-            lineage.add(inputs[at])
+            lineage.add(inputs[at], sequence.outline(numbers[at]))
             if entry and entry.made_from != lineage.digest(inputs[at + 1 : at + 1 + entry.ahead]):
                 done[at] = False
         return [number for number, finished in zip(numbers, done, strict=True) if not finished]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import threading
 import time
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 
 import msgspec
 
 from cltaa.core import plan
 from cltaa.core.bands import BandedResolver
-from cltaa.core.plan import with_effects
+from cltaa.core.plan import is_hold, with_effects
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Asked, Effect, Frame, outline
@@ -43,16 +43,30 @@ def from_ring_alone(preset: Preset, sequence: FrameSequence, how: How) -> bool:
 
 
 def gathered_from(sequence: FrameSequence, wanted: Sequence[int], preset: Preset, how: How) -> FrameSequence:
-    """Return the frames from which the ``wanted`` are made without a checkpoint: those of a ring, or all before."""
-    numbers, kept, ahead = list(sequence.numbers), preset.settings.history_frames, preset.settings.look_ahead
-    first, last = numbers.index(wanted[0]), numbers.index(wanted[-1])
-    begin = max(0, first - kept) if from_ring_alone(preset, sequence, how) else 0
-    return sequence.select(numbers[begin], numbers[min(last + ahead, len(numbers) - 1)])
+    """Return the frames from which the ``wanted`` are made without a checkpoint: those of a ring, of a hold, or all
+    before."""
+    numbers, (begin, _) = sequence.numbers, _begins(sequence, wanted[0], preset, how)
+    last = numbers.index(wanted[-1]) + preset.settings.look_ahead
+    return sequence.select(numbers[begin], numbers[min(last, len(numbers) - 1)])
 
 
-def lineage_of(preset: Preset, sequence: FrameSequence, how: How, inputs: Iterable[str] = ()) -> Lineage:
-    """Return the lineage of results of ``sequence`` behind the frames of these ``inputs``."""
-    return Lineage(preset.settings.history_frames if from_ring_alone(preset, sequence, how) else None, inputs)
+def _begins(sequence: FrameSequence, wanted: int, preset: Preset, how: How) -> tuple[int, int]:
+    """Return the places of the first frame that the ``wanted`` one is made from, and of the first to resolve."""
+    if not from_ring_alone(preset, sequence, how):
+        return 0, 0
+    numbers = sequence.numbers
+    begun, frame = numbers.index(wanted), with_effects(sequence.outline(wanted), how.effects)
+    while begun:
+        before = with_effects(sequence.outline(numbers[begun - 1]), how.effects)
+        if not is_hold(preset, frame, before.camera):
+            break
+        frame, begun = before, begun - 1
+    return max(0, begun - preset.settings.history_frames), begun
+
+
+def lineage_of(preset: Preset, sequence: FrameSequence, how: How) -> Lineage:
+    """Return a lineage of results of ``sequence``, without frames."""
+    return Lineage(preset, how.effects, ring=from_ring_alone(preset, sequence, how))
 
 
 def in_parts(wanted: list[int], count: int) -> list[list[int]]:
@@ -95,7 +109,7 @@ class Parts:
         frames on as they are resolved. The state is saved in ``checkpoints`` after ``every`` frames; 0 is never.
         """
         numbers = [number for number in part.numbers if number <= wanted[-1]]
-        lead = numbers.index(wanted[0]) if from_ring_alone(resolver.preset, part, self._how) else 0
+        lead = _begins(part, wanted[0], resolver.preset, self._how)[1]
         asked, effects, started = frozenset(wanted), self._how.effects, time.perf_counter()
         in_turn = isinstance(resolver, BandedResolver)  # so large that no second image fits beside it
         reading = ReadAhead(reads(part, after, self._how.layers, self._denoise), 0 if in_turn else AHEAD)
@@ -112,7 +126,7 @@ class Parts:
             going = self._going(shown(numbers[lead:]))
             for done, (number, image) in enumerate(zip(going, images, strict=False), start=1):
                 read = waiting.popleft()
-                lineage.add(read.input)
+                lineage.add(read.input, read.frame)
                 if number in asked:
                     read = read.made_from(lineage, waiting)
                     self._files.write(writer, read, image)
@@ -140,7 +154,8 @@ class Parts:
         """Let ``resolver`` keep the next of the ``given`` frames, those of ``numbers``."""
         for _, frame in zip(self._going(iter(numbers)), given, strict=False):
             resolver.keep(frame)
-            lineage.add(waiting.popleft().input)
+            read = waiting.popleft()
+            lineage.add(read.input, read.frame)
             if self._stop.requested:
                 raise KeyboardInterrupt
 

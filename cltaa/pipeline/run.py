@@ -482,20 +482,27 @@ class _Run:
     def _given(self, missing: list[int]) -> tuple[int | None, FrameSequence, Lineage]:
         """Return the frame after which the resolver continues, the frames that it needs for the ``missing``, and the
         lineage of those before."""
-        preset, lineage, digests = self.resolver.preset, self._lineage(), dict[int, str]()
-        for number in self.sequence.numbers[: self.sequence.numbers.index(missing[0])]:
-            lineage.add(self.folder.inputs[number])
+        preset, digests = self.resolver.preset, dict[int, str]()
+        before = self.sequence.numbers[: self.sequence.numbers.index(missing[0])]
+        for number, lineage in self._lineages(before):
             digests[number] = lineage.digest()
         after = None if preset.settings.look_ahead else self.checkpoints.restore(self.resolver, digests)
         if after is None:
             return None, gathered_from(self.sequence, missing, preset, self.how), self._lineage()
-        before = [self.folder.inputs[number] for number in digests if number <= after]
+        *_, (_, lineage) = self._lineages([number for number in before if number <= after])
         given = [number for number in self.sequence.numbers if after < number <= missing[-1]]
-        return after, self.sequence.select(given[0], given[-1]), self._lineage(before)
+        return after, self.sequence.select(given[0], given[-1]), lineage
 
-    def _lineage(self, inputs: Iterable[str] = ()) -> Lineage:
-        """Return the lineage of results behind the frames of these ``inputs``."""
-        return lineage_of(self.resolver.preset, self.sequence, self.how, inputs)
+    def _lineages(self, numbers: Iterable[int]) -> Iterator[tuple[int, Lineage]]:
+        """Yield each of the first ``numbers`` of the sequence, and the lineage of results up to it."""
+        lineage = self._lineage()
+        for number in numbers:
+            lineage.add(self.folder.inputs[number], self.sequence.outline(number))
+            yield number, lineage
+
+    def _lineage(self) -> Lineage:
+        """Return a lineage without frames."""
+        return lineage_of(self.resolver.preset, self.sequence, self.how)
 
     @property
     def _splits(self) -> bool:

@@ -202,7 +202,7 @@ def test_where_history_may_be_wrong_it_is_tested() -> None:
         (None, True),
     ]:
         frame = make_frame(1, camera=make_camera(), effects=None if effects is None else frozenset(effects))
-        plan = plan_frame(load_preset(), frame, frame.camera)
+        plan = plan_frame(load_preset(), frame, make_camera((1.0, 0.0, 5.0)))
         assert (plan.choices.illumination is Illumination.TEST) == tested, effects
         assert (plan.choices.rectify, plan.settings.resampling_penalty) == (Rectify.NONE, 0.8), effects
 
@@ -213,7 +213,7 @@ def test_gathered_samples_past_thin_things_have_one_window(word: str) -> None:
     for effects, window in [({Effect.CAMERA, Effect.THIN}, False), ({Effect.CAMERA, Effect.ILLUMINATION}, True)]:
         frame = make_frame(1, camera=make_camera(), effects=None)
         known: dict[str, Any] = {word: frozenset(effects)}
-        plan = plan_frame(load_preset("gather-8"), replace(frame, **known), frame.camera)
+        plan = plan_frame(load_preset("gather-8"), replace(frame, **known), make_camera((1.0, 0.0, 5.0)))
         assert plan.choices.illumination is (Illumination.WINDOW if window else Illumination.STATIC), effects
 
 
@@ -239,7 +239,7 @@ def test_after_a_frame_without_the_test_no_change_is_read(own: bool) -> None:
     resolver, beside = Resolver(device=launcher), Resolver(strict=True, device="numpy")
     banded = BandedResolver(band_rows=7)
     for index in range(8):
-        frame = textured(index, 1.0, LIT if index in (2, 5, 6) else frozenset({Effect.CAMERA}))
+        frame = textured(index, 1.0, LIT if index in (2, 5, 6) else frozenset({Effect.DISOCCLUSION}))
         image = resolver.resolve(frame)
         if index in (2, 5):
             assert (changes_read(resolver) == 0.0).all()
@@ -251,7 +251,7 @@ def test_after_a_frame_without_the_test_no_change_is_read(own: bool) -> None:
 
 
 def test_a_resolver_that_was_put_back_knows_whether_counts_hold_changes(tmp_path: Path) -> None:
-    for effects in (LIT, frozenset({Effect.CAMERA})):
+    for effects in (LIT, frozenset({Effect.DISOCCLUSION})):
         resolver, other, checkpoints = Resolver(), Resolver(), Checkpoints(tmp_path, str(effects))
         for index in range(3):
             resolver.resolve(textured(index, 1.0, effects))

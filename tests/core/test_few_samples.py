@@ -23,7 +23,7 @@ from cltaa.reference.rectify import rectify
 from cltaa.reference.reprojection import Motion
 from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame
 
-CAMERA = frozenset({Effect.CAMERA, Effect.SKY})
+SOMETHING = frozenset({Effect.DISOCCLUSION, Effect.SKY})
 
 
 def few(history: str, **changes: object) -> Preset:
@@ -33,7 +33,7 @@ def few(history: str, **changes: object) -> Preset:
 
 def dotted(index: int, **changes: Any) -> Frame:
     """Black but for one white texel, sampled at the pixels' centres by a camera that stands."""
-    frame = make_frame(index, camera=make_camera(), effects=CAMERA, jitter_px=(0.0, 0.0))
+    frame = make_frame(index, camera=make_camera(), effects=SOMETHING, jitter_px=(0.0, 0.0))
     colour = np.zeros_like(frame.colour)
     colour[10, 12] = 1.0
     return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0), **changes)
@@ -76,9 +76,8 @@ def test_after_a_cut_a_frame_is_the_filter_alone(history: str) -> None:
 
 def test_a_pixel_that_comes_into_view_is_the_filter_alone() -> None:
     resolver = Resolver(few("accumulated", reject="depth"), "numpy")
-    disoccluding = CAMERA | {Effect.DISOCCLUSION}
-    resolver.resolve(dotted(0, effects=disoccluding))
-    nearer = dotted(1, effects=disoccluding)
+    resolver.resolve(dotted(0))
+    nearer = dotted(1)
     resolved = resolver.resolve(replace(nearer, depth=np.full_like(nearer.depth, 2.0)))
     side = np.exp(-resolver.preset.settings.filter_falloff)
     weights = np.array([side, 1, side]) / (1 + 2 * side)
@@ -87,7 +86,7 @@ def test_a_pixel_that_comes_into_view_is_the_filter_alone() -> None:
 
 def test_a_highlight_does_not_leak_through_the_filter() -> None:
     resolver = Resolver(few("accumulated", weighting="luminance"), "numpy")
-    frames = [dotted(index, effects=CAMERA | {Effect.HDR}) for index in range(3)]
+    frames = [dotted(index, effects=SOMETHING | {Effect.HDR}) for index in range(3)]
     for frame in frames:
         resolved = resolver.resolve(replace(frame, colour=frame.colour * np.float32(1e4)))
     # Without the two weights the filter alone would give the pixel beside 1e4 / 3 times 0.1.

@@ -26,7 +26,7 @@ def gathering(**changes: object) -> Preset:
 def ramp(index: int) -> Frame:
     """Red rises to the right and green downwards, sampled where the jitter says."""
     jitter = PLACES[index % len(PLACES)]
-    frame = make_frame(index, camera=make_camera(), effects=frozenset({Effect.CAMERA}), jitter_px=jitter)
+    frame = make_frame(index, camera=make_camera(), effects=frozenset({Effect.DISOCCLUSION}), jitter_px=jitter)
     y, x = np.mgrid[: frame.depth.shape[0], : frame.depth.shape[1]] / 16.0
     colour = np.stack([x + jitter[0] / 16, y + jitter[1] / 16, np.full_like(x, 0.5)], axis=-1).astype(np.float32)
     return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0))
@@ -48,7 +48,7 @@ def test_distant_samples_count_only_within_the_pixel() -> None:
         clip = near.view_to_clip.copy()
         clip[[0, 1], [0, 1]] *= 2.0**index
         camera = Camera(near.world_to_view, clip)
-        return make_frame(index, camera=camera, effects=frozenset({Effect.CAMERA}), jitter_px=(0.1, 0.1))
+        return make_frame(index, camera=camera, effects=frozenset({Effect.DISOCCLUSION}), jitter_px=(0.1, 0.1))
 
     # Sizes are odd. One frame at half the size, its samples moved by 0.2 pixels of now, shows a pixel of even column
     # and row (from the middle) 0.2 pixels from a sample, and one of odd ones 0.8 pixels from one.
@@ -67,7 +67,7 @@ def test_a_sample_beside_the_pixel_counts_by_how_near_it_lies() -> None:
     # A step of red half-way across the image, and a jitter of 0.4 pixels: of the column beside the step, whose own
     # sample lies to the right of its centre, the one to the left lies 0.6 pixels from it.
     def step(index: int) -> Frame:
-        frame = make_frame(index, camera=make_camera(), effects=frozenset({Effect.CAMERA}), jitter_px=(0.4, 0.0))
+        frame = make_frame(index, camera=make_camera(), effects=frozenset({Effect.DISOCCLUSION}), jitter_px=(0.4, 0.0))
         colour = np.zeros_like(frame.colour)
         colour[:, 10:] = 1.0
         return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0))
@@ -111,7 +111,7 @@ def test_weights_whose_squares_are_0_are_fitted_without_a_warning() -> None:
 
 def wire(index: int) -> Frame:
     """A white wire that every other frame's samples hit, before a black wall."""
-    frame = make_frame(index, camera=make_camera(), effects=frozenset({Effect.CAMERA, Effect.THIN}))
+    frame = make_frame(index, camera=make_camera(), effects=frozenset({Effect.DISOCCLUSION, Effect.THIN}))
     colour, depth = np.zeros_like(frame.colour), np.full_like(frame.depth, 5.0)
     if index % 2 == 0:
         colour[:, 10], depth[:, 10] = 1.0, 2.0

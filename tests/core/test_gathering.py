@@ -27,7 +27,7 @@ def gathering(**changes: object) -> Preset:
     return override(load_preset(), values)
 
 
-def still(index: int, effects: frozenset[Effect] | None = frozenset({Effect.CAMERA, Effect.SKY})) -> Frame:
+def still(index: int, effects: frozenset[Effect] | None = frozenset({Effect.DISOCCLUSION, Effect.SKY})) -> Frame:
     return make_frame(index, camera=make_camera(), effects=effects, jitter_px=(0.25 - 0.125 * (index % 4), 0.0))
 
 
@@ -92,7 +92,7 @@ def test_the_frame_ring_is_emptied_by(after: list[Frame]) -> None:
 def test_samples_are_gathered_where_something_changes() -> None:
     for effects, expected in [
         (None, (HistoryKind.FRAMES, Illumination.WINDOW)),
-        ({Effect.CAMERA}, (HistoryKind.FRAMES, Illumination.STATIC)),
+        ({Effect.DISOCCLUSION}, (HistoryKind.FRAMES, Illumination.STATIC)),
         ({Effect.MOTION, Effect.DISOCCLUSION}, (HistoryKind.FRAMES, Illumination.WINDOW)),
         ({Effect.REACTIVE}, (HistoryKind.FRAMES, Illumination.WINDOW)),
         (set(), (HistoryKind.ACCUMULATED, Illumination.STATIC)),
@@ -122,7 +122,7 @@ def test_a_thin_thing_that_speeds_up_leaves_no_trace() -> None:
 
 def test_frames_before_one_that_was_not_kept_are_not_gathered() -> None:
     """A shot in which nothing changes accumulates; when its light changes, no sample from before it is there."""
-    light, nothing = frozenset({Effect.CAMERA, Effect.ILLUMINATION}), frozenset[Effect]()
+    light, nothing = frozenset({Effect.ILLUMINATION}), frozenset[Effect]()
     camera = make_camera()
 
     def grey(index: int, level: float, effects: frozenset[Effect], *, cut: bool = False) -> Frame:

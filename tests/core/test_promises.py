@@ -84,7 +84,9 @@ def test_history_moves_by_whole_pixels_without_loss(name: str, effects: frozense
     np.testing.assert_array_equal(resolved[inside], frames[-1].colour[inside])
 
 
-@pytest.mark.parametrize(("effects", "samples"), [(None, 25), (frozenset(), 31), (frozenset({Effect.CAMERA}), 25)])
+@pytest.mark.parametrize(
+    ("effects", "samples"), [(None, 25), (frozenset(), 31), (frozenset({Effect.DISOCCLUSION}), 25)]
+)
 def test_the_default_counts_all_samples_only_where_nothing_is_declared_to_change(
     effects: frozenset[Effect] | None, samples: int
 ) -> None:

@@ -183,7 +183,7 @@ def planned(effects: frozenset[Effect] | None, *, moves: bool = False) -> Recurs
 
 def test_only_a_camera_that_stands_has_it() -> None:
     assert planned(None) is planned(OWN) is Recursion.STANDING
-    assert planned(None, moves=True) is planned(OWN | {Effect.CAMERA}) is Recursion.NONE
+    assert planned(None, moves=True) is planned(OWN | {Effect.CAMERA}, moves=True) is Recursion.NONE
     assert planned(frozenset({Effect.DISOCCLUSION})) is Recursion.NONE  # there is one window of all frames
 
 

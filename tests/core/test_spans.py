@@ -154,5 +154,5 @@ def test_windows_are_mixed_where_light_may_change(
     tier: str, effects: set[Effect] | None, expected: tuple[object, ...]
 ) -> None:
     frame = make_frame(1, camera=make_camera(), effects=None if effects is None else frozenset(effects))
-    choices = plan_frame(load_preset(tier), frame, frame.camera).choices
+    choices = plan_frame(load_preset(tier), frame, make_camera((1.0, 0.0, 5.0))).choices
     assert (choices.history, choices.illumination, choices.rectify) == expected

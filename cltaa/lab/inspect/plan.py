@@ -208,7 +208,8 @@ def _plans(
         frame = without_noise(frame) if denoised else frame
         if past is not None and not past.continues_in(frame, preset.choices):
             past = None
-        camera, before = None if past is None else past.camera, jitters.of(frame, goes_on=past is not None)
+        camera = None if past is None else past.camera
+        before = jitters.of(frame, camera)
         yield number, past is None, plan_frame(preset, frame, camera, every=effects == "all", jitters=before)
         past = Past.of(frame)
 
