@@ -43,7 +43,7 @@ from tests.sequence_factory import EVERY_CHANNEL, any_bits, bits, make_frame
 WIDTH, HEIGHT = 48, 40
 ROW, COLUMN = 20, 24
 BAD = [np.nan, -np.inf, 1e30]
-NO_LIGHT = frozenset({Effect.CAMERA, Effect.DISOCCLUSION, Effect.HDR})  # light that changes is not tested for
+NO_LIGHT = frozenset({Effect.DISOCCLUSION, Effect.HDR})  # light that changes is not tested for
 
 
 def moving(index: int, effects: frozenset[Effect] | None = None) -> Frame:

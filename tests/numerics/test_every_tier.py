@@ -73,8 +73,10 @@ def test_e1_equal_frames_give_equal_bits_in_every_tier(tier: str) -> None:
     for declared in DECLARED:
         image = (10.0 ** np.random.default_rng(72).uniform(-4, 4, (HEIGHT, WIDTH, 3))).astype(np.float32)
         resolver = Resolver(override(load_preset(tier), {"current_filter": "none", "disocclusion_blur": 0.0}), "numpy")
+        effects = DECLARED[declared]
+        standing = None if effects is None else effects - {Effect.CAMERA}
         for index in range(5):
-            resolved = resolver.resolve(still_frame(index, image, effects=DECLARED[declared]))
+            resolved = resolver.resolve(still_frame(index, image, effects=standing))
             assert np.array_equal(bits(resolved), bits(image)), declared
         check_plan(resolver, declared)
 
