@@ -23,7 +23,7 @@ from cltaa.core.build import (
     window_count,
     window_planes,
 )
-from cltaa.core.constants import CENTRED_WINDOWS
+from cltaa.core.constants import CENTRED_WINDOWS, HELD_SHARE
 from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.plan import Plan, reads_depth
 from cltaa.core.planes import BlockPool, Kind, Layout, around, as_floats, flat, places
@@ -279,6 +279,12 @@ class FrameRing:
     def count(self, frame: Frame) -> int:
         """Return how many frames of the ring ``frame`` gathers from."""
         return len(self._nearest(frame))
+
+    def holds_more(self, frame: Frame, held: int) -> bool:
+        """Return whether samples of the ring are better than the mean of ``held`` frames that the camera of ``frame``
+        saw: with frames ahead, which that lacks, until it holds HELD_SHARE as many, else until the ring is full."""
+        count = self.count(frame)
+        return held < HELD_SHARE * (1 + count) if self._ahead else count < self._count
 
     def static_frames(self, frame: Frame) -> int:
         """Return how many of the nearest frames in the ring were seen by the camera of ``frame``."""

@@ -10,7 +10,7 @@ import numpy as np
 from cltaa.core.backend import Launcher
 from cltaa.core.buffers import Buffers, FrameRing, LastRun
 from cltaa.core.build import Build, Record, edge_build, mix_build, settings_record, window_count, window_planes
-from cltaa.core.constants import BALANCED_DRIFT, HELD_SHARE
+from cltaa.core.constants import BALANCED_DRIFT
 from cltaa.core.plan import Plan
 from cltaa.frame import Frame
 
@@ -48,10 +48,10 @@ class Passes:
         return last
 
     def gather_or_resolve(self, frame: Frame, frame_ring: FrameRing, held: int) -> LastRun:
-        """Resolve a still scene from the accumulated history of ``held`` frames, and if ``frame_ring`` holds more, from
-        its samples."""
+        """Resolve a still scene from the accumulated history, ``held`` frames of which its camera saw, and if
+        ``frame_ring`` holds more, from its samples."""
         last = self.resolve()
-        if held < HELD_SHARE * (1 + frame_ring.count(frame)):
+        if frame_ring.holds_more(frame, held):
             last = self._gathering(frame, frame_ring)
             self.launcher.run("gather", *last)
         return last

@@ -96,8 +96,8 @@ def estimate(
     still = word == DECLARED and nothing_changes(declared)
     standing = word != DECLARED and all_static(declared)
     gathers = choices.history is HistoryKind.FRAMES
-    # Without frames ahead a ring never holds more than all frames so far. With them it does in the first frames.
-    recursive = free and standing and gathers and not settings.look_ahead
+    # In a shot that stands a ring holds no more than all frames so far, but with frames ahead. Early in a hold it may.
+    recursive = free and standing and gathers and not settings.look_ahead and word != KNOWN
     in_turn = free and standing and gathers and not recursive and choices.recursion is Recursion.STANDING
     if free and still:
         choices, settings = plain_mean(choices, settings)

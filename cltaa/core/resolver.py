@@ -551,7 +551,7 @@ class Resolver:
         else:
             self.last = passes.resolve()
             if self._frame_ring is not None and not self.look_ahead:
-                self._ring(previous, buffers.layout, build.steps).keep(frame, buffers, build.steps)
+                self._frame_ring.go_back(None)  # it lacks this frame, so none before may be gathered later
         passes.extend_edges()
         output: Buffer = self.last.arguments["output"]
         return output

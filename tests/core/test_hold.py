@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
-from cltaa.core.parameters import HistoryKind, Recursion
+from cltaa.core.parameters import HistoryKind, Illumination, Recursion
 from cltaa.core.plan import Plan, plan_frame
 from cltaa.core.presets import load_preset, override
 from cltaa.core.record import Past, frames_held
@@ -54,9 +55,18 @@ def planned(name: str, frame: Frame, previous: Camera | None) -> Plan:
 @pytest.mark.parametrize("effects", [FOUND, OWN, OWN | {Effect.ILLUMINATION}], ids=["nothing", "own", "light"])
 @pytest.mark.parametrize("name", ["default", "gather-8", "gather-8+8", "gather-48"])
 def test_the_plan_is_that_of_a_standing_camera(name: str, effects: frozenset[Effect]) -> None:
-    """What is declared of the whole shot promises nothing of its history, which a moving camera saw."""
+    """What is declared of the whole shot promises nothing of its history, which a moving camera saw. A ring without
+    frames ahead may hold more than that history, so it is kept beside it."""
     frame = seen(1, 0, effects)
     standing = planned(name, replace(frame, found=effects), frame.camera)
+    if standing.choices.history is HistoryKind.ACCUMULATED and name != "default":
+        choices = msgspec.structs.replace(
+            standing.choices,
+            history=HistoryKind.FRAMES,
+            recursion=Recursion.STANDING,
+            illumination=Illumination.STATIC,
+        )
+        standing = standing._replace(choices=choices)
     declared = replace(frame, found=None, effects=frame.found)
     for each in (frame, declared):
         plan = planned(name, each, frame.camera)
@@ -106,12 +116,21 @@ def test_the_ring_takes_its_frames_for_what_comes_after() -> None:
     for frame in frames[:-2]:
         resolver.resolve(frame)
     assert resolver.plan is not None
-    assert resolver.plan.choices.history is HistoryKind.ACCUMULATED
+    assert resolver.plan.choices.recursion is Recursion.STANDING
     for frame in frames[-5:-2]:
         beside.keep(frame)
     for frame in frames[-2:]:
         assert np.array_equal(bits(resolver.resolve(frame)), bits(beside.resolve(frame)))
-    assert resolver.plan.choices.history is HistoryKind.FRAMES
+    assert resolver.plan.choices.recursion is Recursion.NONE
+
+
+def test_a_ring_shows_its_samples_until_it_is_full() -> None:
+    resolver, shown = Resolver(load_preset("gather-8").replace(history_frames=3), "numpy"), []
+    for index in range(6):
+        resolver.resolve(replace(seen(index + 4, 0), cut=index == 0))
+        assert resolver.last is not None
+        shown.append("ring" in resolver.last.arguments)
+    assert shown == [True, True, True, False, False, False]
 
 
 def test_frames_of_the_history_count_from_where_it_began() -> None:
@@ -129,7 +148,7 @@ def test_frames_that_were_only_kept_begin_none() -> None:
     assert resolver.plan is not None
     assert (resolver.plan.choices.history, resolver.plan.choices.recursion) == (HistoryKind.FRAMES, Recursion.NONE)
     resolver.resolve(seen(5, 0))
-    assert resolver.plan.choices.history is HistoryKind.ACCUMULATED
+    assert resolver.plan.choices.recursion is Recursion.STANDING
 
 
 @pytest.mark.parametrize("effects", [FOUND, OWN], ids=["nothing", "own"])
