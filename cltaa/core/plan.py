@@ -117,7 +117,7 @@ def estimate(
     if choices.illumination is Illumination.STATIC and _illumination_may_change(declared) and free:
         settings = with_narrow_box(settings)
     if preset.choices.history is HistoryKind.FRAMES:
-        reasons.append(_gathered(choices, still=still, recursive=recursive, in_turn=in_turn))
+        reasons.append(_gathered(choices, word, still=still, recursive=recursive, in_turn=in_turn))
         choices, reason = _with_recursion(preset, choices, declared, word, followed=followed, in_turn=in_turn)
         reasons.append(reason)
         if not _illumination_may_change(declared):
@@ -264,7 +264,7 @@ def _with_recursion(
     if why := declined(preset, "recursion", Recursion.STANDING):
         return choices, Reason(RECURSION, False, why)
     if in_turn:
-        return choices, Reason(RECURSION, True, "found static: the result where it holds more frames than the ring")
+        return choices, Reason(RECURSION, True, f"{word} static: the result where it holds more frames than the ring")
     if choices.illumination is not Illumination.WINDOW:
         why = "one window of all frames" if choices.history is HistoryKind.FRAMES else "nothing is gathered"
     elif followed and declared is not None and Effect.CAMERA in declared:
@@ -284,10 +284,10 @@ def recursive_choices(choices: Choices) -> Choices | None:
     )
 
 
-def _gathered(choices: Choices, *, still: bool, recursive: bool, in_turn: bool) -> Reason:
+def _gathered(choices: Choices, word: str, *, still: bool, recursive: bool, in_turn: bool) -> Reason:
     """Return why samples are gathered, or not."""
     if in_turn:
-        return Reason(GATHERING, True, "found static: uses all samples where the ring has more than the history")
+        return Reason(GATHERING, True, f"{word} static: uses all samples where the ring has more than the history")
     if recursive:
         return Reason(GATHERING, False, "found static: a running mean holds as many samples as the ring or more")
     if still:
