@@ -113,15 +113,16 @@ def test_the_ring_takes_its_frames_for_what_comes_after() -> None:
     preset = load_preset("gather-8").replace(history_frames=3)
     frames = [seen(index, moved) for index, moved in enumerate(places(5, after=2))]
     resolver, beside = Resolver(preset, "numpy"), Resolver(preset, "numpy")
+    recursions = []
     for frame in frames[:-2]:
         resolver.resolve(frame)
-    assert resolver.plan is not None
-    assert resolver.plan.choices.recursion is Recursion.STANDING
+        assert resolver.plan is not None
+        recursions.append(resolver.plan.choices.recursion)
+    assert recursions == WALK * [Recursion.NONE] + 5 * [Recursion.STANDING]
     for frame in frames[-5:-2]:
         beside.keep(frame)
     for frame in frames[-2:]:
         assert np.array_equal(bits(resolver.resolve(frame)), bits(beside.resolve(frame)))
-    assert resolver.plan.choices.recursion is Recursion.NONE
 
 
 def test_a_ring_shows_its_samples_until_it_is_full() -> None:

@@ -41,7 +41,7 @@ def held(number: int, seed: int = 0) -> Frame:
     return make_frame(number, width=19, height=9, motion=True, camera=camera, jitter_px=jitter, seed=seed)
 
 
-@pytest.fixture(scope="module", params=EFFECTS.values(), ids=EFFECTS)
+@pytest.fixture(scope="module", params=list(EFFECTS.values()), ids=list(EFFECTS))
 def shot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("held")
     for number in range(FRAMES):
