@@ -134,6 +134,19 @@ class Buffers:
         }
         self._launcher.run("unpack", self._unpacking, self.layout, given)
 
+    def keep_own_motion(self, frame: Frame, previous: Past) -> None:
+        """Drop motion vectors of ``frame`` that its camera's motion since the ``previous`` frame explains."""
+        if "own motion" not in self._copies:
+            self._copies["own motion"] = self._planes(2)
+        own, record = self._copies["own motion"], {"frame": frame_record(frame, previous, self.layout)}
+        moved = not is_still(frame.camera, previous.camera)
+        build = replace(self._unpacking, steps=Steps(camera_motion=moved, orthographic=frame.camera.orthographic))
+        given = {"inverse_depth": self.inverse_depth, "motion": self.channels["motion"], "own": own, **record}
+        self._launcher.run("own_motion", build, self.layout, given)
+        edges = {"image": own, "floats": None, "planes": 2, "more": 0, **record}
+        self._launcher.run("extend_edges", edge_build(self._unpacking), self.layout, edges)
+        self.channels["motion"] = own
+
     def read(self, image: Buffer, out: Any, build: Build) -> None:
         """Copy the result into ``out`` [H, W, 3 or 4]; for an array of a device in the order of its queue."""
         direct = not isinstance(out, np.ndarray) or flat(out, dense=True) is not None
@@ -383,8 +396,9 @@ def _ring(launcher: Launcher, shape: tuple[int, int, int], frames: int) -> Buffe
 NOTHING = {"motion": np.nan, "alpha": 1.0, "reactive": 0.0}
 
 
-def upload(frame: Frame, buffers: Buffers, steps: Steps, preset: Preset) -> None:
-    """Upload what ``steps`` and ``preset`` read; channels that the frame lacks get the values of NOTHING.
+def upload(frame: Frame, buffers: Buffers, steps: Steps, preset: Preset, previous: Past | None) -> None:
+    """Upload what ``steps`` and ``preset`` read; channels that the frame lacks get the values of NOTHING. Where samples
+    are gathered, vectors that the camera's motion since the ``previous`` frame explains are dropped.
 
     The frame must not change until the device has copied it, or, where the device reads it in place, until the next
     upload.
@@ -399,6 +413,9 @@ def upload(frame: Frame, buffers: Buffers, steps: Steps, preset: Preset) -> None
             channel = np.broadcast_to(np.float32(NOTHING[name]), size)
         if wanted:
             buffers.bring(name, channel)
+    gathers = preset.choices.history is HistoryKind.FRAMES and not preset.published
+    if gathers and steps.own_motion and previous is not None and frame.has_camera and frame.has_depth:
+        buffers.keep_own_motion(frame, previous)
 
 
 def _depth_rule(camera: Camera, settings: Settings) -> tuple[Kind, float, float]:

@@ -17,6 +17,10 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "TINY": Constant(2.0**-100, "smaller magnitudes are stored as 0: well above the denormals, below any light"),
     "MOTION_LIMIT": Constant(2.0**20, "largest displacement in pixels; larger ones, and NaN, mean no history"),
     "LEAST_W": Constant(2.0**-6, "least previous w over current w: points nearer to the camera plane have no history"),
+    "CAMERA_TOLERANCE": Constant(
+        2.0**-11, "pixels by which a vector may differ from the camera's motion that it is: rounding of floats"
+    ),
+    "CAMERA_SHARE": Constant(2.0**-9, "the same as a share of the vector: twice what halves round by"),
     "SUBPIXEL_REACH": Constant(
         0.75, "pixels from the centre within which a missed sub-pixel feature is searched: measured"
     ),

@@ -83,12 +83,18 @@ FOUND, DECLARED, KNOWN = "found", "declared", "known"
 
 
 def estimate(
-    preset: Preset, settings: Settings, declared: frozenset[Effect] | None, word: str, *, followed: bool
+    preset: Preset,
+    settings: Settings,
+    declared: frozenset[Effect] | None,
+    word: str,
+    *,
+    camera: bool,
+    followed: bool,
 ) -> tuple[Choices, Settings, list[Reason]]:
     """Adapt the choices of ``preset`` and ``settings`` to the effects, with a reason for each decision.
 
     ``word`` says how the effects are known. Only declared effects are a promise, on which a plain mean may rest. With
-    ``followed``, a camera or vectors tell where surfaces were.
+    ``camera`` frames have one; with ``followed``, it or vectors tell where surfaces were.
     """
     choices, reasons = preset.choices, []
     # A published resolve omits nothing, whether the scene needs it or not.
@@ -118,7 +124,10 @@ def estimate(
         settings = with_narrow_box(settings)
     if preset.choices.history is HistoryKind.FRAMES:
         reasons.append(_gathered(choices, word, still=still, recursive=recursive, in_turn=in_turn))
-        choices, reason = _with_recursion(preset, choices, declared, word, followed=followed, in_turn=in_turn)
+        splits = camera or (followed and settings.look_ahead > 0)
+        choices, reason = _with_recursion(
+            preset, choices, declared, word, splits=splits, followed=followed, in_turn=in_turn
+        )
         reasons.append(reason)
         if not _illumination_may_change(declared):
             filtered = max(settings.filter_samples / FILTER_LESS, STATIC_FILTER_SAMPLES)
@@ -256,18 +265,29 @@ def _testing_illumination(
 
 
 def _with_recursion(
-    preset: Preset, choices: Choices, declared: frozenset[Effect] | None, word: str, *, followed: bool, in_turn: bool
+    preset: Preset,
+    choices: Choices,
+    declared: frozenset[Effect] | None,
+    word: str,
+    *,
+    splits: bool,
+    followed: bool,
+    in_turn: bool,
 ) -> tuple[Choices, Reason]:
     """Drop the recursive resolve beside the ring where a camera moves: no pixel is static, and each result then depends
-    on the frames in the ring alone, so that a shot can be split anywhere. Where no motion can be ``followed``, every
-    pixel is static, and only recursion shows what motion has refuted. It stays where both are taken ``in_turn``."""
+    on the frames in the ring alone, so that a shot ``splits`` anywhere.
+
+    Vectors alone lead back frame by frame with errors that add up, so recursion then shows more than a ring without
+    frames ahead. Where no motion can be ``followed``, every pixel is static, and only recursion shows what motion has
+    refuted. It stays where both are taken ``in_turn``.
+    """
     if why := declined(preset, "recursion", Recursion.STANDING):
         return choices, Reason(RECURSION, False, why)
     if in_turn:
         return choices, Reason(RECURSION, True, f"{word} static: the result where it holds more frames than the ring")
     if choices.illumination is not Illumination.WINDOW:
         why = "one window of all frames" if choices.history is HistoryKind.FRAMES else "nothing is gathered"
-    elif followed and declared is not None and Effect.CAMERA in declared:
+    elif splits and declared is not None and Effect.CAMERA in declared:
         why = f"effect camera is {word}"
     else:
         why = "static pixels have more samples than the ring holds" if followed else "no motion can be followed"
@@ -463,7 +483,9 @@ def from_ring_alone(preset: Preset, frame: Frame) -> bool:
     """True where results of ``preset`` for frames like ``frame``, which may be an outline, depend on the ring alone,
     but in a hold."""
     followed = frame.has_camera or frame.motion is not None
-    choices, *_ = estimate(preset, preset.settings, *_known(frame.effects, frame.found), followed=followed)
+    choices, *_ = estimate(
+        preset, preset.settings, *_known(frame.effects, frame.found), camera=frame.has_camera, followed=followed
+    )
     return choices.history is HistoryKind.FRAMES and choices.recursion is Recursion.NONE
 
 
@@ -487,7 +509,9 @@ def _planned(preset: Preset, facts: Facts, every: bool) -> Plan:
         # The blur is for pixels without history among others that have one.
         settings = msgspec.structs.replace(settings, disocclusion_blur=0.0)
     followed = facts.camera or facts.motion
-    choices, settings, estimated = estimate(preset, settings, declared, facts.word, followed=followed)
+    choices, settings, estimated = estimate(
+        preset, settings, declared, facts.word, camera=facts.camera, followed=followed
+    )
     if not facts.depth:  # all is as far as the sky, and there are no depth edges
         # BESIDE then reads motion beside the pixel itself instead of beside the nearest surface.
         dilation = choices.dilation if choices.dilation is Dilation.BESIDE else Dilation.NONE

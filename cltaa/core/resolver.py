@@ -239,7 +239,7 @@ class Resolver:
         previous, build = self._begin(frame)
         buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
         self._lends = True
-        upload(frame, buffers, build.steps, self.preset)
+        upload(frame, buffers, build.steps, self.preset, previous)
         into = self._place(frame, half, buffers) if out is None else into
         waits = not (on_device(into) and all(map(on_device, frame.arrays)))
         if waits:
@@ -383,7 +383,7 @@ class Resolver:
     def _copy_into_ring(self, frame: Frame, previous: Past | None, buffers: Buffers, steps: Steps) -> None:
         """Upload a frame and copy its channels into the ring, after ``previous``; waits until its arrays are free."""
         self._lends = True
-        upload(frame, buffers, steps, self.preset)
+        upload(frame, buffers, steps, self.preset, previous)
         self._ring(previous, buffers.layout, steps).keep(frame, buffers, steps)
         self.launcher.finish()
         buffers.let_go()

@@ -56,8 +56,9 @@ def device_bytes(width: int, height: int, held: DevicePlanes) -> int:
 
     Per texel and in floats: the frame holds 4 (R G B, inverse depth), and 2, 1 and 1 more for own motion, alpha and
     reactive; the recurrent state holds count and inverse depth; the result its count. With the illumination test each
-    count has a second plane. State and result hold 3 or, with alpha, 4 planes of ``storage``. A device with memory of
-    its own also holds the arrays from which the frame is unpacked and into which the result is packed.
+    count has a second plane, and beside a ring own motion has two more. State and result hold 3 or, with alpha, 4
+    planes of ``storage``. A device with memory of its own also holds the arrays from which the frame is unpacked and
+    into which the result is packed.
     """
     steps, whole = held.steps, Layout(width, height)
     band = Layout(width, held.band_rows) if held.band_rows else whole
@@ -67,7 +68,7 @@ def device_bytes(width: int, height: int, held: DevicePlanes) -> int:
     frame = REAL * (1 if in_place else 4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
     kept = held.history_frames + 1 + held.look_ahead if held.history_frames else 0
     ring = REAL * ring_planes(steps) * kept
-    ring += REAL * held.windows * window_planes(steps)
+    ring += REAL * (held.windows * window_planes(steps) + 2 * (kept > 0 and steps.own_motion))
     count = REAL * (1 + held.changes)
     # Arrays have no halo: those of the frame, and the result in its output type.
     arrays = frame + (HALF if held.half else REAL) * (3 + steps.alpha) if held.staged else 0

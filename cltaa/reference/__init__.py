@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from cltaa.reference import gather, gather_window, mix_windows, planes, resolve, stages
+from cltaa.reference import gather, gather_window, mix_windows, planes, reprojection, resolve, stages
 
 # Kernel name -> twin; called with (build, layout, **arguments by the kernel's own names).
 KERNELS: dict[str, Callable[..., Any]] = {
@@ -17,6 +17,7 @@ KERNELS: dict[str, Callable[..., Any]] = {
     "gather": gather.gather,
     "gather_windows": gather_window.gather_windows,
     "mix_windows": mix_windows.mix_windows,
+    "own_motion": reprojection.own_motion_kernel,
     "pack": planes.pack,
     "neighbourhood_statistics": stages.neighbourhood_statistics_kernel,
     "rectify_history": stages.rectify_history_kernel,

@@ -11,7 +11,7 @@ from cltaa.core.constants import value
 from cltaa.core.parameters import Dilation, OffScreen
 from cltaa.core.planes import Layout
 from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.real import Array, Mask, Run, number, outside_domain
+from cltaa.reference.real import Array, Mask, Run, greater, number, outside_domain, quiet
 
 
 class Motion(NamedTuple):
@@ -69,6 +69,30 @@ def surface_motion(s: Surface, run: Run) -> Motion:
         beyond = (x + s.x < 0.0) | (y + s.y < 0.0)
         m = m._replace(u=np.where(beyond, 0.0, m.u), v=np.where(beyond, 0.0, m.v))
     return m
+
+
+def is_camera_motion(u: Array, v: Array, inverse_depth: Array, by: tuple[Any, Any], run: Run) -> Mask:
+    """True where the vector (u, v) is the camera's motion of a point beside the sample, at the sample's depth."""
+    x, y = (np.full_like(inverse_depth, each) for each in by)
+    rest = (inverse_depth,) * 6
+    m = motion_from_depth(Surface(x, y, *rest), run.build, run.layout, run.frame)
+    off, length = greater(np.abs(u - m.u), np.abs(v - m.v)), greater(np.abs(u), np.abs(v))
+    allowed = number(value("CAMERA_TOLERANCE"), u) + number(value("CAMERA_SHARE"), u) * length
+    visible: Mask = m.visible
+    return visible & (off <= allowed)
+
+
+@quiet
+def own_motion_kernel(
+    build: Build, layout: Layout, *, inverse_depth: Array, motion: Array, own: Array, frame: Record
+) -> None:
+    """Twin of ``own_motion.cl``: keep in ``own`` the vectors that depth and camera do not explain."""
+    run, (u, v), depth = Run(build, layout, frame), layout.inside(motion), layout.inside(inverse_depth)[0]
+    depth = np.where(outside_domain(depth), frame["sky_inverse_depth"], depth)
+    centre = -frame["jitter_x"], -frame["jitter_y"]
+    camera = is_camera_motion(u, v, depth, (0.0, 0.0), run) | is_camera_motion(u, v, depth, centre, run)
+    dropped = camera & ~(outside_domain(u) | outside_domain(v))
+    layout.inside(own)[...] = np.where(dropped, np.float32(np.inf), np.stack([u, v]))
 
 
 def _to_edge(position: Array, by: Array, last: Any) -> Array:

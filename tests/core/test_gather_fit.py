@@ -84,9 +84,9 @@ def test_a_sample_beside_the_pixel_counts_by_how_near_it_lies() -> None:
 
 
 def approaching(index: int, z: float) -> Frame:
-    """A thing of one random colour a pixel that fills the image and comes closer without moving in it."""
+    """A thing of one random colour a pixel that fills the image and comes closer, hardly moving in it."""
     frame = make_frame(index, motion=True, camera=make_camera(), effects=frozenset({Effect.MOTION}))
-    depth, motion = np.full_like(frame.depth, z), np.zeros((*frame.depth.shape, 2), np.float32)
+    depth, motion = np.full_like(frame.depth, z), np.full((*frame.depth.shape, 2), 2.0**-7, np.float32)
     return replace(frame, depth=depth, motion=motion, jitter_px=(0.0, 0.0))
 
 

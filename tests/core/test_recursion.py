@@ -187,11 +187,22 @@ def test_only_a_camera_that_stands_has_it() -> None:
     assert planned(frozenset({Effect.DISOCCLUSION})) is Recursion.NONE  # there is one window of all frames
 
 
-def test_frames_in_which_no_motion_can_be_followed_have_it() -> None:
+@pytest.mark.parametrize("name", ["gather-8", "gather-8+8"])
+def test_frames_without_cameras_have_it_unless_vectors_lead_back_and_ahead(name: str) -> None:
     frame, own = colour_alone(1), drawn(1)
     followed = replace(frame, motion=own.motion), replace(frame, depth=own.depth, camera=own.camera)
-    of_each = [plan_frame(load_preset("gather-8"), each, None).choices.recursion for each in (frame, *followed)]
-    assert of_each == [Recursion.STANDING, Recursion.NONE, Recursion.NONE]
+    of_each = [plan_frame(load_preset(name), each, None).choices.recursion for each in (frame, *followed)]
+    by_vectors = Recursion.STANDING if name == "gather-8" else Recursion.NONE
+    assert of_each == [Recursion.STANDING, by_vectors, Recursion.NONE]
+
+
+def test_vectors_alone_gather_more_samples_than_the_ring_holds() -> None:
+    errors = []
+    for recursion in ("standing", "none"):
+        frames = (replace(colour_alone(index), motion=drawn(index).motion) for index in range(40))
+        *_, image = Resolver(preset_of("gather-8", recursion), "numpy").images(frames)
+        errors.append(error(image))
+    assert errors[0] < 0.5**0.5 * errors[1]  # at least twice the samples
 
 
 def test_frames_in_which_no_motion_can_be_followed_gather_more_samples_than_the_ring_holds() -> None:
@@ -220,9 +231,10 @@ def test_a_sequence_is_split_only_where_frames_are_of_the_ring_alone() -> None:
     assert from_ring_alone(preset_of("gather-8", "none"), replace(own, effects=OWN))
     assert from_ring_alone(load_preset("gather-48").replace(recursion="none"), own)
     assert not from_ring_alone(ring, colour_alone(0))
-    assert from_ring_alone(ring, replace(colour_alone(0), motion=own.motion))
+    assert not from_ring_alone(ring, replace(colour_alone(0), motion=own.motion))
+    assert from_ring_alone(load_preset("gather-8+8"), replace(colour_alone(0), motion=own.motion))
     unread = with_effects(replace(colour_alone(0), motion=own.motion), FOUND_IN_COLOUR)
-    assert not from_ring_alone(ring, unread)  # no vectors, since no motion is said to occur
+    assert not from_ring_alone(load_preset("gather-8+8"), unread)  # no vectors, since no motion is said to occur
     with pytest.raises(UsageError, match="resolves this frame from the result before it"):
         Resolver("gather-8", "numpy").keep(drawn(0))
 

@@ -170,9 +170,10 @@ def test_a_recurrent_history_is_resolved_in_one_part(
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("motion", [False, True])
-def test_frames_without_cameras_are_split_where_vectors_tell_their_motion(
-    motion: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_frames_without_cameras_are_split_where_vectors_lead_back_and_ahead(
+    motion: bool, preset: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "in").mkdir()
     rng = np.random.default_rng(5)
@@ -180,8 +181,8 @@ def test_frames_without_cameras_are_split_where_vectors_tell_their_motion(
         names = ("R", "G", "B", *(("backward.u", "backward.v") if motion else ()))
         write_image(tmp_path / f"in/f.{number}.exr", {name: rng.random((9, 19), np.float32) for name in names})
     for jobs in (1, 2):
-        cltaa.resolve(tmp_path / "in", tmp_path / str(jobs), PRESETS["behind"], "numpy", jobs=jobs, progress=True)
-    assert ("in one part" not in capsys.readouterr().err) == motion
+        cltaa.resolve(tmp_path / "in", tmp_path / str(jobs), PRESETS[preset], "numpy", jobs=jobs, progress=True)
+    assert ("in one part" not in capsys.readouterr().err) == (motion and preset == "ahead")
     assert contents(tmp_path / "2") == contents(tmp_path / "1")
 
 
