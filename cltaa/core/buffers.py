@@ -134,10 +134,12 @@ class Buffers:
         }
         self._launcher.run("unpack", self._unpacking, self.layout, given)
 
-    def keep_own_motion(self, frame: Frame, previous: Past) -> None:
+    def keep_own_motion(self, frame: Frame, previous: Past | None) -> None:
         """Drop motion vectors of ``frame`` that its camera's motion since the ``previous`` frame explains."""
-        if "own motion" not in self._copies:
+        if "own motion" not in self._copies:  # with the first frame, so that a lack of memory shows there
             self._copies["own motion"] = self._planes(2)
+        if previous is None:
+            return
         own, record = self._copies["own motion"], {"frame": frame_record(frame, previous, self.layout)}
         moved = not is_still(frame.camera, previous.camera)
         build = replace(self._unpacking, steps=Steps(camera_motion=moved, orthographic=frame.camera.orthographic))
@@ -414,7 +416,7 @@ def upload(frame: Frame, buffers: Buffers, steps: Steps, preset: Preset, previou
         if wanted:
             buffers.bring(name, channel)
     gathers = preset.choices.history is HistoryKind.FRAMES and not preset.published
-    if gathers and steps.own_motion and previous is not None and frame.has_camera and frame.has_depth:
+    if gathers and steps.own_motion and frame.has_camera and frame.has_depth:
         buffers.keep_own_motion(frame, previous)
 
 
