@@ -20,7 +20,7 @@ from cltaa.io.sequence import open_sequence
 from cltaa.pipeline.run import resolve_sequence
 from cltaa.process import Stop
 from tests.pipeline.test_changed_inputs import forget, name
-from tests.sequence_factory import digests, make_camera, make_frame
+from tests.sequence_factory import digests, make_camera, make_frame, write_frames
 
 FRAMES, MOVES = 16, (0, 1, 2, 3, 11, 12, 13)  # frames whose camera is not that of the frame before
 GATHER = load_preset("gather-8")
@@ -54,6 +54,15 @@ def test_any_number_of_jobs_writes_the_same_bytes(preset: cltaa.Preset, shot: Pa
     cltaa.resolve(shot, tmp_path / "1", preset, "numpy")
     for jobs in (2, 3, 5, FRAMES):
         cltaa.resolve(shot, tmp_path / str(jobs), preset, "numpy", jobs=jobs)
+        assert digests(tmp_path / str(jobs)) == digests(tmp_path / "1"), jobs
+
+
+@OVER
+def test_a_shot_may_begin_with_it(preset: cltaa.Preset, tmp_path: Path) -> None:
+    frames = [replace(held(number + 4), index=number, effects=EFFECTS["own"]) for number in range(12)]
+    write_frames(tmp_path / "in", frames)
+    for jobs in (1, 4, 12):
+        cltaa.resolve(tmp_path / "in", tmp_path / str(jobs), preset, "numpy", jobs=jobs)
         assert digests(tmp_path / str(jobs)) == digests(tmp_path / "1"), jobs
 
 
