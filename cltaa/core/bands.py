@@ -141,7 +141,7 @@ class BandedResolver(Resolver):
         waiting: deque[_Result] = deque()  # their rows of the frame are still input of the bands below
         for first in range(0, frame.height, self._rows):
             band = buffers.layout = Band.of(buffers.whole, first, self._rows)
-            upload(_rows(frame, band.taken), buffers, build.steps, self.preset, previous)
+            upload(_rows(frame, band.taken), buffers, build.steps, self.preset)
             self.launcher.finish()  # before the next upload overwrites its source
             while waiting and waiting[0].band.own.stop <= band.own.stop - PAD_Y:
                 whole.store(waiting.popleft())

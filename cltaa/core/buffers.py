@@ -398,7 +398,7 @@ def _ring(launcher: Launcher, shape: tuple[int, int, int], frames: int) -> Buffe
 NOTHING = {"motion": np.nan, "alpha": 1.0, "reactive": 0.0}
 
 
-def upload(frame: Frame, buffers: Buffers, steps: Steps, preset: Preset, previous: Past | None) -> None:
+def upload(frame: Frame, buffers: Buffers, steps: Steps, preset: Preset, previous: Past | None = None) -> None:
     """Upload what ``steps`` and ``preset`` read; channels that the frame lacks get the values of NOTHING. Where samples
     are gathered, vectors that the camera's motion since the ``previous`` frame explains are dropped.
 

@@ -16,13 +16,19 @@ def input_of(number: int, sha256: str, beside_sha256: str | None) -> str:
     return f"{number} {sha256} {beside_sha256}"
 
 
+def frames_behind(preset: Preset) -> int:
+    """Return how many frames before its own a result from the ring is made from: those of the ring, and the one before,
+    whose camera tells which motion vectors of the first are dropped."""
+    return preset.settings.history_frames + 1
+
+
 class Lineage:
     """The inputs of the frames so far that the last result is made from: those of the ring, in a hold all of the hold,
     and unless results depend on the ``ring`` alone all from the first on."""
 
     def __init__(self, preset: Preset, effects: Asked, *, ring: bool) -> None:
         self._preset, self._effects, self._ring = preset, effects, ring
-        self._past = deque[str](maxlen=1 + preset.settings.history_frames)
+        self._past = deque[str](maxlen=1 + frames_behind(preset))
         self._chain = ""  # of the results before, where the last one continues them
         self._camera: Camera | None = None
 

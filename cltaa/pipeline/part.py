@@ -20,7 +20,7 @@ from cltaa.io.sequence import FrameSequence
 from cltaa.io.streams import AHEAD, BEHIND, ReadAhead, Writer
 from cltaa.pipeline.checkpoint import Checkpoints
 from cltaa.pipeline.denoise import denoiser
-from cltaa.pipeline.lineage import Lineage
+from cltaa.pipeline.lineage import Lineage, frames_behind
 from cltaa.pipeline.output import Read, ResolvedFiles, reads
 from cltaa.process import Stop
 
@@ -61,7 +61,7 @@ def _begins(sequence: FrameSequence, wanted: int, preset: Preset, how: How) -> t
         if not is_hold(preset, frame, before.camera):
             break
         frame, begun = before, begun - 1
-    return max(0, begun - preset.settings.history_frames), begun
+    return max(0, begun - frames_behind(preset)), begun
 
 
 def lineage_of(preset: Preset, sequence: FrameSequence, how: How) -> Lineage:

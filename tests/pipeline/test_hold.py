@@ -19,6 +19,7 @@ from cltaa.io.manifest import Manifest
 from cltaa.io.sequence import open_sequence
 from cltaa.pipeline.run import resolve_sequence
 from cltaa.process import Stop
+from tests.core.test_own_motion import frames as frames_with_vectors
 from tests.pipeline.test_changed_inputs import forget, name
 from tests.sequence_factory import digests, make_camera, make_frame, write_frames
 
@@ -67,6 +68,16 @@ def test_a_shot_may_begin_with_it(preset: cltaa.Preset, tmp_path: Path) -> None:
 
 
 @OVER
+def test_vectors_of_every_surface_are_dropped_alike_in_every_part(preset: cltaa.Preset, tmp_path: Path) -> None:
+    """The camera of the frame before tells which: that of the first frame of a ring, too."""
+    known = frozenset({Effect.CAMERA, Effect.DISOCCLUSION, Effect.MOTION})
+    write_frames(tmp_path / "in", (replace(frame, effects=known) for frame in frames_with_vectors(known)))
+    for jobs in (1, 4, 12):
+        cltaa.resolve(tmp_path / "in", tmp_path / str(jobs), preset, "numpy", jobs=jobs)
+        assert digests(tmp_path / str(jobs)) == digests(tmp_path / "1"), jobs
+
+
+@OVER
 def test_one_frame_of_it_is_made_again_to_the_same_bytes(preset: cltaa.Preset, shot: Path, tmp_path: Path) -> None:
     cltaa.resolve(shot, tmp_path / "out", preset, "numpy")
     expected = digests(tmp_path / "out")
@@ -79,9 +90,9 @@ def test_one_frame_of_it_is_made_again_to_the_same_bytes(preset: cltaa.Preset, s
 @pytest.mark.parametrize(
     ("preset", "changed", "remade"),
     [
-        ("behind", 5, {*range(5, 11)}),  # the rings of 11 and 12 begin with 9
+        ("behind", 5, {*range(5, 11)}),  # what 11 and 12 are made from begins with 8
         ("behind", 2, {2, *range(3, 11)}),
-        ("behind", 9, {9, 10, 11}),
+        ("behind", 9, {9, 10, 11, 12}),
         ("behind", 11, {11, 12, 13, 14, 15}),
         ("ahead", 5, {*range(4, 11)}),
     ],

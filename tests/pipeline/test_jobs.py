@@ -157,7 +157,11 @@ def test_every_step_is_run_by_every_job(shot: Path, tmp_path: Path, monkeypatch:
     cltaa.resolve(shot, tmp_path / "out", RING_ALONE, "numpy", effects="all", jobs=3)
     assert [each.every for each in jobs] == [{True}] * 3
     assert [each.began for each in jobs] == [[0, 1, 2], [3, 4, 5, 6], [7, 8, 9, 10]]
-    assert [each.kept for each in jobs] == [[], [1, 2], [5, 6]]  # by the rings, and not resolved
+    assert [each.kept for each in jobs] == [
+        [],
+        [0, 1, 2],
+        [4, 5, 6],
+    ]  # by the rings and the one before, and not resolved
 
 
 @pytest.mark.parametrize("effects", [frozenset[str](), "all"], ids=["mean", "recursion"])
