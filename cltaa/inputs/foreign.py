@@ -243,8 +243,21 @@ class ForeignSequence(FrameSequence):
     def frame_and_file(self, number: int, kept: Collection[str] = ()) -> tuple[Frame, FrameFile]:
         """Read and convert one frame; also return the file of its colour, with its ``kept`` channels."""
         planes, there = self._planes(number, self._roles, kept)
-        profile, outline = self.intake.profile, self.outline(number)
-        colour = linear_colour(planes["colour"], profile.colour.encoding)
+        colour = linear_colour(planes["colour"], self.intake.profile.colour.encoding)
+        masks: dict[str, Any] = {"alpha": _only(planes.get("alpha")), "reactive": _only(planes.get("reactive"))}
+        outline = self.outline(number)
+        frame = replace(outline, colour=colour, **masks, **self._surfaces(outline, planes))
+        header = ImageHeader(self.layouts[number], self.intake.attributes[number])
+        return frame, FrameFile(header, there)
+
+    def surfaces(self, number: int) -> Frame:
+        """Read depth and motion of one frame, and leave the rest empty."""
+        outline = self.outline(number)
+        return replace(outline, **self._surfaces(outline, self._planes(number, ["depth", "motion"])[0]))
+
+    def _surfaces(self, outline: Frame, planes: Mapping[str, Image]) -> dict[str, Any]:
+        """Convert the depth and the motion among ``planes``."""
+        profile, number = self.intake.profile, outline.index
         depth: Any = None
         if "depth" in planes:
             depth = planar_depth(planes["depth"][..., 0], profile.depth, outline.camera, outline.jitter_px)
@@ -254,10 +267,7 @@ class ForeignSequence(FrameSequence):
         if motion is not None:
             now, before = outline.jitter_px, self._jitter(number - self.step, number)
             motion = motion_px(motion, profile.motion, now, before, self.layouts[number].display_size)
-        alpha, reactive = _only(planes.get("alpha")), _only(planes.get("reactive"))
-        frame = replace(outline, colour=colour, depth=depth, motion=motion, alpha=alpha, reactive=reactive)
-        header = ImageHeader(self.layouts[number], self.intake.attributes[number])
-        return frame, FrameFile(header, there)
+        return {"depth": depth, "motion": motion}
 
     def outline(self, number: int) -> Frame:
         """Return a frame from its header only; the channels that it has are present but empty."""

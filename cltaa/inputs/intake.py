@@ -441,11 +441,12 @@ def notes_of(intake: Intake, place: Selection) -> list[str]:
     """Return one line for each missing input: what the resolve does without it, and how to supply it."""
     notes = []
     if not intake.has_camera:
-        kept = (
-            "motion vectors alone tell what moves" if "motion" in intake.roles else "the camera is taken to stand still"
-        )
-        there = intake.attributes[min(intake.attributes)].keys()
         rule = intake.profile.camera
+        kept = "the camera is taken to stand still"
+        if "motion" in intake.roles:
+            fits = "depth" in intake.roles and rule.source != "none"
+            kept = "a resolve fits the camera to vectors and depth" if fits else "motion vectors alone tell what moves"
+        there = intake.attributes[min(intake.attributes)].keys()
         like = STANDARD_THERE if rule.source == "declared" and there >= STANDARD_NAMES else ""
         if len(lacking := [name for name in (rule.view, rule.projection) if name not in there]) == 1:
             (half,) = {rule.view, rule.projection} - {*lacking}

@@ -12,6 +12,7 @@ import msgspec
 
 from cltaa.errors import CltaaError, UsageError, check_flags, known, public
 from cltaa.frame import ASKED, Asked, Effect, format_effects, parse_effects
+from cltaa.inputs.fitted_camera import with_fitted_cameras
 from cltaa.inputs.found import find_effects, with_found
 from cltaa.io.exr_frame import MATRICES
 from cltaa.io.exr_read import read_any_header
@@ -116,6 +117,7 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
             step=self.step,
             effects=named,
         )
+        sequence = with_fitted_cameras(sequence, named)
         if looked_for(sequence, named):
             sequence = with_found(sequence, find_effects(sequence))
         if self.truth is not None:

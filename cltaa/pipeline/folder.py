@@ -20,12 +20,14 @@ from cltaa.core.debug import parse_views
 from cltaa.core.parameters import HistoryKind, Illumination, Rectify
 from cltaa.core.presets import Preset, Published, override
 from cltaa.core.resolver import Resolver
-from cltaa.errors import ResourceError, UsageError, check_flags, known, public
-from cltaa.frame import Asked, Effect, format_effects
+from cltaa.errors import DataError, ResourceError, UsageError, check_flags, known, public
+from cltaa.frame import Asked, Camera, Effect, format_effects
+from cltaa.inputs.fitted_camera import fit_cameras, lacks_camera, with_cameras
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.found import Evidence, Found, check_headers, find_effects, with_found
 from cltaa.inputs.open import ARGUMENTS, check_declared, looked_for, open_input
-from cltaa.io.atomic import check_ownable
+from cltaa.inputs.side_file import read_side_file, write_side_file
+from cltaa.io.atomic import check_ownable, owned
 from cltaa.io.content import memory_limit
 from cltaa.io.manifest import Manifest
 from cltaa.io.names import Named
@@ -264,14 +266,54 @@ def resolve_folder(
             )
         # Effects are not searched for when following, nor for a transcription, which is the same on every scene; else
         # last, after all other checks: it takes a while.
-        looks = arrivals is None and preset.published is Published.NO and looked_for(sequence, effects)
-        anew = options.get("restart", False)
+        adapts, anew = arrivals is None and preset.published is Published.NO, options.get("restart", False)
+        if adapts and lacks_camera(sequence, effects):
+            sequence = with_lasting_cameras(sequence, Path(output), anew=anew, progress=progress)
+        looks = adapts and looked_for(sequence, effects)
         sequence, found = with_known_effects(
             sequence, Path(output), looks=looks, anew=anew, progress=progress, denoised=denoised
         )
         if arrivals is not None:
             arrivals.found = sequence.found
         return resolve_sequence(sequence, output, resolver, found=found, **how)
+
+
+CAMERAS = "camera.json"
+
+
+def with_lasting_cameras(sequence: ForeignSequence, output: Path, *, anew: bool, progress: bool) -> FrameSequence:
+    """Return ``sequence`` with fitted cameras, for a resolve into ``output``; as it is where none fit.
+
+    A side file in ``output`` keeps them: a resumed run, which makes the same bits, takes those that it began with, or
+    none if it began without. Raises what reading and writing raise, and DataError where others do not fit any more.
+    """
+    file, begun = output / CAMERAS, not anew and bool(Manifest(output).entries)
+    if begun and not file.exists():
+        return sequence
+    saved = read_side_file(file) if begun else {}
+    known = {
+        number: Camera(side.world_to_view, side.view_to_clip)
+        for number, side in saved.items()
+        if side.world_to_view is not None and side.view_to_clip is not None
+    }
+    try:
+        with shown_progress("fitting the camera", shown=progress) as advance:
+            fitted = fit_cameras(sequence, known, advance)
+    except DataError as error:
+        if begun:
+            raise
+        fitted, line = None, f"vectors alone tell what moves: {error}"
+    if fitted is not None:
+        told = {
+            number: {"world_to_view": camera.world_to_view, "view_to_clip": camera.view_to_clip}
+            for number, camera in fitted.cameras.items()
+        }
+        with owned(output):
+            write_side_file(file, told, {})
+        sequence, line = with_cameras(sequence, fitted.cameras), fitted.line
+    if progress:
+        print(printable(line), file=sys.stderr)
+    return sequence
 
 
 def with_known_effects(

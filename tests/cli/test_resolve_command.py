@@ -228,14 +228,15 @@ def test_kernel_text_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["kernels", "--show", "nonsense"]) == 64
 
 
-def test_blender_frames_without_matrices_are_resolved_by_vectors(
+def test_blender_frames_to_which_no_camera_fits_are_resolved_by_vectors(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_blender(tmp_path / "in", [make_frame(index, motion=True, effects=None) for index in range(3)])
     assert main(["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy"]) == 0
     said = capsys.readouterr().err
     assert "profile blender: header attribute Software is Blender 5.0.1" in said
-    assert "no matrices: motion vectors alone" in said
+    assert "no matrices: a resolve fits the camera" in said
+    assert "vectors alone tell what moves: " in said
     assert len(open_images(tmp_path / "out")) == 3
 
 

@@ -54,11 +54,12 @@ def test_exposure_and_cuts_of_a_side_file_are_shown(tmp_path: Path) -> None:
 
 def test_the_plan_of_another_tools_files_is_that_of_their_resolve() -> None:
     arguments = ["inspect", str(BLENDER), "--plan", "--device", "numpy", "--json"]
-    done = CliRunner().invoke(root, arguments)
-    assert done.exit_code == 0, done.stderr
-    assert "no matrices" in done.stderr  # as a resolve says it
-    steps = {step["name"]: step["on"] for step in json.loads(done.stdout)["sections"][-1]["steps"]}
-    assert (steps["own motion"], steps["reprojection"], steps["alpha"]) == (True, False, True)
+    for options, fits in (([], True), (["--input", "camera.source=none"], False)):
+        done = CliRunner().invoke(root, [*arguments, *options])
+        assert done.exit_code == 0, done.stderr
+        assert "no matrices" in done.stderr  # as a resolve says it
+        steps = {step["name"]: step["on"] for step in json.loads(done.stdout)["sections"][-1]["steps"]}
+        assert (steps["own motion"], steps["reprojection"], steps["alpha"]) == (True, fits, True)
     # What --camera tells is part of the plan.
     done = CliRunner().invoke(root, [*arguments, "--camera", str(BLENDER / "camera.json")])
     assert "no matrices" not in done.stderr

@@ -22,6 +22,7 @@ from cltaa.core.record import Past
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError, check_flags, public
 from cltaa.frame import Asked
+from cltaa.inputs.fitted_camera import with_fitted_cameras
 from cltaa.inputs.found import Found, with_found
 from cltaa.inputs.open import check_declared, looked_for, open_input
 from cltaa.io.names import Named
@@ -109,6 +110,8 @@ def plan(
     preset = with_fireflies(preset, sequence, None)
     resolver = Resolver(preset, device, storage=storage, every_step=True)
     free = resolver.preset.published is Published.NO  # a transcription runs the same steps on every scene
+    if free:
+        sequence = with_fitted_cameras(sequence, effects)
     found = find_for(sequence, denoised=denoised) if free and looked_for(sequence, effects) else None
     sequence = with_found(sequence, found)
     program = program_bytes()  # measured before a kernel is built
