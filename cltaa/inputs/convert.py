@@ -84,15 +84,22 @@ def unit_px(units: Units, size: tuple[int, int]) -> tuple[float, float]:
     return {Units.PIXELS: (1.0, 1.0), Units.UV: (width, height), Units.NDC: (width / 2, -height / 2)}[units]
 
 
-def motion_px(stored: Image, rule: Motion, now: Offset, before: Offset, size: tuple[int, int]) -> Image:
+def motion_px(
+    stored: Image,
+    rule: Motion,
+    now: Offset,
+    before: Offset,
+    size: tuple[int, int],
+    undrawn: NDArray[np.bool_] | bool = False,
+) -> Image:
     """Convert motion [H, W, 2] to pixels, y down, to the previous frame, without the jitter of both frames.
 
-    NaN leaves the motion to depth and matrices. Width and height of the display, ``size``, scale vectors in UV or NDC.
+    NaN leaves the motion to depth and matrices, as do zeros where pixels [H, W] are ``undrawn``. Width and height of
+    the display, ``size``, scale vectors in UV or NDC.
     """
     unit = unit_px(rule.units, size)
     vectors = stored.astype(np.float64) - rule.offset
-    if rule.zero == "camera":
-        vectors[(vectors == 0.0).all(-1)] = np.nan
+    vectors[(vectors == 0.0).all(-1) & (undrawn if rule.zero == "still" else True)] = np.nan
     vectors = (vectors[..., ::-1] if rule.swap else vectors) * rule.scale * unit
     vectors = vectors - rule.jittered * np.subtract(now, before)
     return np.asarray(vectors, np.float32)

@@ -266,8 +266,19 @@ class ForeignSequence(FrameSequence):
         motion = planes.get("motion")
         if motion is not None:
             now, before = outline.jitter_px, self._jitter(number - self.step, number)
-            motion = motion_px(motion, profile.motion, now, before, self.layouts[number].display_size)
+            # Some renderers, such as Cycles, draw no vectors of the sky: zeros, though it moves with the camera.
+            undrawn = depth == np.inf if depth is not None and self._sky_moves(number) else False
+            motion = motion_px(motion, profile.motion, now, before, self.layouts[number].display_size, undrawn)
         return {"depth": depth, "motion": motion}
+
+    def _sky_moves(self, number: int) -> bool:
+        """Return True if the camera turns or zooms from the frame before to this one."""
+        declared = self.intake.declared
+        now, before = declared[number].camera, declared.get(number - self.step, declared[number]).camera
+        if now is None or before is None:
+            return False
+        same = np.array_equal(now.view_to_clip, before.view_to_clip)
+        return not (same and np.array_equal(now.world_to_view[:3, :3], before.world_to_view[:3, :3]))
 
     def outline(self, number: int) -> Frame:
         """Return a frame from its header only; the channels that it has are present but empty."""

@@ -142,6 +142,37 @@ def test_jitter_is_read_from_the_projection(
         np.testing.assert_array_equal(frame.camera.view_to_clip, plain.camera.view_to_clip)
 
 
+@pytest.mark.parametrize(
+    ("options", "turns", "of_sky", "of_surfaces"),
+    [
+        (("motion.zero=still",), True, True, False),
+        (("motion.zero=still",), False, False, False),  # the sky rests
+        (("motion.zero=camera",), True, True, True),
+        (("camera.source=none",), True, False, False),
+    ],
+)
+def test_a_vector_of_zero_leaves_the_sky_to_a_camera_that_turns(
+    options: tuple[str, ...], turns: bool, of_sky: bool, of_surfaces: bool, tmp_path: Path
+) -> None:
+    """Cycles draws no vectors of the sky."""
+    made = []
+    for frame in frames(3):
+        depth, motion = frame.depth.copy(), np.full((HEIGHT, WIDTH, 2), 0.25, np.float32)
+        depth[0, :4], depth[1, :4] = np.inf, 7.0
+        motion[:2, 1:3] = 0.0  # two of the sky, two of a surface
+        motion[0, 2, 1] = -1.0
+        view, angle = np.eye(4), frame.index / 100 if turns else 0.0
+        view[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        camera = replace(frame.camera, world_to_view=view @ frame.camera.world_to_view)
+        made.append(replace(frame, depth=depth, motion=motion, camera=camera))
+    write_own(tmp_path, made)
+    for frame in read(tmp_path, *options)[1:]:
+        assert frame.motion is not None
+        expected = np.zeros((HEIGHT, WIDTH), bool)
+        expected[0, 1], expected[1, 1:3] = of_sky, of_surfaces
+        np.testing.assert_array_equal(np.isnan(frame.motion).all(-1), expected)
+
+
 def test_an_invalid_projection_is_reported_with_its_own_frame(tmp_path: Path) -> None:
     made = frames()
     none = Camera(made[1].camera.world_to_view, np.zeros((4, 4)))
