@@ -15,11 +15,11 @@ from cltaa.inputs.convert import correct
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import open_intake
 from cltaa.inputs.profile import Jitter, Profile, differences, load_profile, option_text, toml_text
-from cltaa.inputs.side_file import read_side_file, write_side_file
+from cltaa.inputs.side_file import read_side_file
 from cltaa.io.atomic import atomic_path, check_creatable
 from cltaa.io.names import Named, selection_of
 from cltaa.io.numbered import FrameRange
-from cltaa.lab.check.measured_jitter import measured_jitter
+from cltaa.lab.check.measured_jitter import measured_jitter, write_jitter
 from cltaa.lab.check.report import FRAMES, Report, check_folder, profile_options
 from cltaa.printable import counted, json_of, printable, shell_word, shown
 
@@ -109,8 +109,7 @@ def _write_jitter(
     # Not ``open_input``, which asks cltaa's own files for the jitter that may be missing.
     intake = open_intake(place, profile=profile, frames=frames, **told)
     jitter = measured_jitter(ForeignSequence(place.folder, intake, sorted(intake.declared)))
-    beside = read_side_file(reading["side_file"]) if reading["side_file"] else {}
-    write_side_file(path, {number: {"jitter_px": offset} for number, offset in jitter.items()}, beside)
+    write_jitter(path, jitter, read_side_file(reading["side_file"]) if reading["side_file"] else {})
 
 
 def _with_leak(

@@ -11,16 +11,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from types import MappingProxyType
 from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.core.constants import value
+from cltaa.core.frame_checks import check_camera
 from cltaa.errors import DataError
 from cltaa.frame import NO_CAMERA, Asked, Camera, Effect, Frame, Matrix
 from cltaa.inputs.foreign import ForeignSequence
@@ -44,6 +43,8 @@ LEAST_FOLLOW = 0.25  # least share of the points that follow the camera
 STANDS = 0.5  # the camera stands if so many of these do not move
 ZOOMS = 1e-4  # least change of depth that neither turning nor travelling explains
 SURE = 4.0  # in standard errors
+COLLINEAR = 1e-9  # singular values below this share of the largest are 0, as on a wall, where 1/Z tells nothing new
+BITS = 32  # of the matrices: more differ with the number of threads, and a resumed run needs the same
 
 FIRST = Camera(NO_CAMERA.world_to_view, NO_CAMERA.view_to_clip)  # the camera of a shot's first frame: any will do
 UNMOVED = np.eye(4)[[0, 1, 3]]  # rows x, y, w of what maps (px, py, 1/Z, 1) to the frame before, [3, 4]
@@ -85,58 +86,95 @@ def lacks_camera(sequence: FrameSequence, effects: Asked) -> TypeGuard[ForeignSe
 
 
 class Fitted(NamedTuple):
-    """The camera of each frame, by number, and the share of the points that follow it, of frames that were fitted."""
+    """The camera of each frame, by number; the share of the points that follow it, of frames that it was fitted to; and
+    why none fits others, in which it is taken to stand."""
 
     cameras: dict[int, Camera]
     shares: dict[int, float]
+    faults: dict[int, DataError]
     seconds: float
 
     @property
     def line(self) -> str:
         """The outcome in one line."""
-        if not self.shares:
-            return "camera fitted to vectors and depth before"
+        told = f"{counted(len(self.cameras), 'frame')}, {self.seconds:.1f} s"
+        if self.faults:
+            number, fault = next(iter(self.faults.items()))
+            others = f" and {counted(len(self.faults) - 1, 'other frame')}" if len(self.faults) > 1 else ""
+            told += f"; not in frame {number}{others}: {fault.what}"
+        if not self.fits:
+            return f"no camera is fitted, vectors alone tell what moves ({told})"
         worst = min(self.shares, key=self.shares.__getitem__)
-        share = f"{self.shares[worst]:.0%} of the pixels follow it in frame {worst}, no fewer in others"
-        return (
-            f"camera fitted to vectors and depth: {share} ({counted(len(self.shares), 'frame')}, {self.seconds:.1f} s)"
-        )
+        share = f"{self.shares[worst]:.0%} of the surfaces follow it in frame {worst}, no less in others"
+        return f"camera fitted to vectors and depth: {share} ({told})"
+
+    @property
+    def fits(self) -> bool:
+        """Whether the camera is known in most frames."""
+        return len(self.shares) > len(self.faults)
 
 
-def fit_cameras(
-    sequence: ForeignSequence, known: Mapping[int, Camera] = MappingProxyType({}), advance: Advance | None = None
-) -> Fitted:
-    """Return the camera of each frame, true up to an affine change of the world; those ``known`` stay.
-
-    Raises what reading raises, and DataError if vectors and depth tell no camera.
-    """
-    started, shares = time.perf_counter(), dict[int, float]()
-    cameras = {number: known.get(number, FIRST) for number in sequence.numbers}
-    step = sequence.step
-    later = {n for n in cameras if n not in known and n - step in cameras and _continues(sequence, n)}
-    needed = sorted(later | {number - step for number in later})
-    last: Frame | None = None
-    with ReadAhead(partial(sequence.surfaces, number) for number in needed) as frames:
-        for frame in frames:
-            number, before = frame.index, frame.index - step
-            if number in later and last is not None:
-                change, shares[number] = fitted_change(frame, last)
-                view = cameras[before].world_to_view
-                if not np.array_equal(change, UNMOVED):
-                    lifted = np.insert(change, 2, np.eye(4)[2], 0)  # rows x, y, 1/Z, w, of homogeneous positions
-                    now, then = (_seen(sequence.layouts[each]) for each in (number, before))
-                    view = np.linalg.inv(now) @ np.linalg.inv(lifted) @ then @ view
-                cameras[number] = Camera(view, FIRST.view_to_clip)
-                if advance is not None:
-                    advance(len(shares), len(later))
+def fit_cameras(sequence: ForeignSequence, advance: Advance | None = None) -> Fitted:
+    """Return the camera of each frame, true up to an affine change of the world."""
+    started, shares, faults = time.perf_counter(), dict[int, float](), dict[int, DataError]()
+    cameras, step = dict.fromkeys(sequence.numbers, FIRST), sequence.step
+    later = [number for number in cameras if number - step in cameras and _continues(sequence, number)]
+    needed = sorted({*later, *(number - step for number in later)})
+    last: Frame | DataError = DataError("no frame")
+    with ReadAhead(partial(_surfaces, sequence, number) for number in needed) as frames:
+        for done, (number, frame) in enumerate(zip(needed, frames, strict=True), start=1):
+            before = number - step
+            if number in later:
+                cameras[number] = cameras[before]
+                try:
+                    change, share = fitted_change(_readable(frame), _readable(last))
+                    cameras[number] = _moved(
+                        cameras[before], change, sequence.layouts[before], sequence.layouts[number]
+                    )
+                    shares[number] = share
+                except DataError as error:
+                    faults[number] = error
+            if advance is not None:
+                advance(done, len(needed))
             last = frame
-    return Fitted(cameras, shares, time.perf_counter() - started)
+    return Fitted(cameras, shares, faults, time.perf_counter() - started)
+
+
+def _surfaces(sequence: ForeignSequence, number: int) -> Frame | DataError:
+    """Return depth and motion of a frame, or why they cannot be read, which the resolve will raise."""
+    try:
+        return sequence.surfaces(number)
+    except DataError as error:
+        return error
+
+
+def _readable(frame: Frame | DataError) -> Frame:
+    if isinstance(frame, DataError):
+        raise frame
+    return frame
 
 
 def _continues(sequence: ForeignSequence, number: int) -> bool:
     """Return True if a frame continues the shot of the one before, in the same size."""
     now, before = sequence.layouts[number], sequence.layouts[number - sequence.step]
     return now.size == before.size and not sequence.outline(number).cut
+
+
+def _moved(camera: Camera, change: Matrix, before: Layout, now: Layout) -> Camera:
+    """Return the camera after the ``change`` since ``camera``; raises DataError if no camera moves so."""
+    if np.array_equal(change, UNMOVED):
+        return camera
+    lifted = np.insert(change, 2, np.eye(4)[2], 0)  # rows x, y, 1/Z, w, of homogeneous positions
+    try:
+        view = np.linalg.inv(_seen(now)) @ np.linalg.inv(lifted) @ _seen(before) @ camera.world_to_view
+    except np.linalg.LinAlgError:
+        view = np.full((4, 4), np.nan)
+    moved = Camera(view, FIRST.view_to_clip)
+    try:
+        check_camera(moved)
+    except DataError:
+        raise DataError("no camera moves as vectors and depth say") from None
+    return moved
 
 
 def with_cameras(sequence: ForeignSequence, cameras: Mapping[int, Camera]) -> ForeignSequence:
@@ -151,8 +189,8 @@ def with_cameras(sequence: ForeignSequence, cameras: Mapping[int, Camera]) -> Fo
 def with_fitted_cameras(sequence: FrameSequence, effects: Asked) -> FrameSequence:
     """Return the same frames with fitted cameras if they lack some, or as they are where none fit."""
     if lacks_camera(sequence, effects):
-        with suppress(DataError):
-            return with_cameras(sequence, fit_cameras(sequence).cameras)
+        fitted = fit_cameras(sequence)
+        return with_cameras(sequence, fitted.cameras) if fitted.fits else sequence
     return sequence
 
 
@@ -169,8 +207,8 @@ def fitted_change(frame: Frame, before: Frame) -> tuple[Matrix, float]:
     """
     points = _points(frame)
     if points.x.size < LEAST_POINTS:
-        raise _unsure(frame, "too few pixels have both", LEAST_POINTS, points.x.size)
-    wide, deep = float(np.abs(points.x).max()), float(points.near.mean())
+        raise _unsure(frame, "too few pixels have depth and a vector", LEAST_POINTS, points.x.size)
+    wide, deep = max(float(np.abs(points.x).max()), 1.0), float(np.median(points.near))
     scaled = _Points(points.x / wide, points.y / wide, points.near / deep, points.u / wide, points.v / wide)
     allowed = (value("CAMERA_TOLERANCE") + value("CAMERA_SHARE") * points.length) / wide
     moved = _consensus(scaled, allowed)
@@ -181,8 +219,10 @@ def fitted_change(frame: Frame, before: Frame) -> tuple[Matrix, float]:
     if (points.those(follows).length <= value("CAMERA_TOLERANCE")).mean() >= STANDS:
         return UNMOVED, float((points.length <= value("CAMERA_TOLERANCE")).mean())
     change = (moved + UNMOVED) * np.array([[wide], [wide], [1.0]]) / np.array([wide, wide, deep, 1.0])
-    change /= np.cbrt(np.linalg.det(change[:, [0, 1, 3]]))
-    return change * _zoomed(change, points.those(follows), before), share
+    with np.errstate(all="ignore"):  # the caller refuses what no camera does
+        change /= np.cbrt(np.linalg.det(change[:, [0, 1, 3]]))
+    mantissa, exponent = np.frexp(change * _zoomed(change, points.those(follows), before))
+    return np.ldexp(np.round(mantissa * 2**BITS), exponent - BITS), share
 
 
 def _points(frame: Frame) -> _Points:
@@ -207,7 +247,7 @@ def _consensus(points: _Points, allowed: Vector) -> Matrix:
     best, share, tries = np.zeros((3, 4)), float((ranked.length <= within).mean()), 0
     while tries < MOST_TRIES and (1.0 - share**CHOSEN) ** tries > MISSED:
         ways, seen = _equations(ranked.those(random.integers(some.size, size=(TRIES, CHOSEN))))
-        tried = _rows((np.linalg.pinv(ways) @ seen[..., None])[..., 0])
+        tried = _rows((np.linalg.pinv(ways, rcond=COLLINEAR) @ seen[..., None])[..., 0])
         shares = (_errors(tried, ranked) <= within).mean(-1)
         if shares.max() > share:
             best, share = tried[int(np.argmax(shares))], float(shares.max())
@@ -218,7 +258,7 @@ def _consensus(points: _Points, allowed: Vector) -> Matrix:
         if follows.sum() < LEAST_POINTS:
             break
         ways, seen = _equations(points.those(follows))
-        fits.append(_rows(np.linalg.lstsq(ways, seen, rcond=None)[0]))
+        fits.append(_rows(np.linalg.lstsq(ways, seen, rcond=COLLINEAR)[0]))
     return max(reversed(fits), key=lambda each: int((_errors(each, points) <= allowed).sum()))
 
 
@@ -268,5 +308,4 @@ def _zoomed(change: Matrix, points: _Points, before: Frame) -> float:
 
 
 def _unsure(frame: Frame, why: str, expected: object, found: object) -> DataError:
-    what = f"no camera is fitted to vectors and depth: {why}"
-    return DataError(what, path=frame.path, frame=frame.index, expected=expected, found=found)
+    return DataError(why, path=frame.path, frame=frame.index, expected=expected, found=found)

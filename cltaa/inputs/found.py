@@ -471,7 +471,7 @@ class _Span:
         tiles = np.array(self._tiles)
         tiles = tiles[np.isfinite(tiles).any(1)]  # a frame may lack all its samples
         tells = np.isfinite(tiles).all(0)
-        if not _enough(tells):
+        if not len(tiles) or not _enough(tells):
             return None
         mean = tiles[:, tells].mean(0)
         return float((np.abs(tiles[:, tells] - mean).max(0) > FLASH * mean + FLASH_LEAST).mean())

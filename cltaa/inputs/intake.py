@@ -445,7 +445,7 @@ def notes_of(intake: Intake, place: Selection) -> list[str]:
         kept = "the camera is taken to stand still"
         if "motion" in intake.roles:
             fits = "depth" in intake.roles and rule.source != "none"
-            kept = "a resolve fits the camera to vectors and depth" if fits else "motion vectors alone tell what moves"
+            kept = "vectors and depth may tell the camera" if fits else "motion vectors alone tell what moves"
         there = intake.attributes[min(intake.attributes)].keys()
         like = STANDARD_THERE if rule.source == "declared" and there >= STANDARD_NAMES else ""
         if len(lacking := [name for name in (rule.view, rule.projection) if name not in there]) == 1:

@@ -18,7 +18,6 @@ import numpy as np
 from cltaa.core.frame_checks import EXPOSURE_STOPS
 from cltaa.errors import DataError, closest
 from cltaa.frame import Matrix
-from cltaa.io.atomic import atomic_path
 from cltaa.io.content import read_text
 from cltaa.printable import counted
 
@@ -58,19 +57,6 @@ def read_side_file(path: Path) -> dict[int, Side]:
         what, keys = "no frame has a camera, a jitter, an exposure or a cut", ", ".join(KEYS)
         raise DataError(what, path=path, expected=keys, found=", ".join([*unknown][:9]) or None)
     return found
-
-
-def write_side_file(path: Path, told: Mapping[int, Mapping[str, Any]], beside: Mapping[int, Side]) -> None:
-    """Write what is ``told`` of each frame as JSON, with the rest of what ``beside`` holds of the same frames.
-
-    Raises OutputError and StorageError.
-    """
-    frames: dict[int, dict[str, Any]] = {}
-    for number, values in told.items():
-        both = {**(beside[number]._asdict() if number in beside else {}), **values}
-        frames[number] = {key: np.asarray(value, float).tolist() for key, value in both.items() if value is not None}
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps({"frames": frames}, indent=1) + "\n", encoding="utf-8")
 
 
 def _json(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:

@@ -20,15 +20,15 @@ from cltaa.core.debug import parse_views
 from cltaa.core.parameters import HistoryKind, Illumination, Rectify
 from cltaa.core.presets import Preset, Published, override
 from cltaa.core.resolver import Resolver
-from cltaa.errors import DataError, ResourceError, UsageError, check_flags, known, public
-from cltaa.frame import Asked, Camera, Effect, format_effects
+from cltaa.errors import ResourceError, UsageError, check_flags, known, public
+from cltaa.frame import Asked, Effect, format_effects
 from cltaa.inputs.fitted_camera import fit_cameras, lacks_camera, with_cameras
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.found import Evidence, Found, check_headers, find_effects, with_found
 from cltaa.inputs.open import ARGUMENTS, check_declared, looked_for, open_input
-from cltaa.inputs.side_file import read_side_file, write_side_file
-from cltaa.io.atomic import check_ownable, owned
+from cltaa.io.atomic import check_ownable
 from cltaa.io.content import memory_limit
+from cltaa.io.exr_frame import MATRICES
 from cltaa.io.manifest import Manifest
 from cltaa.io.names import Named
 from cltaa.io.preset_file import read_preset
@@ -268,7 +268,7 @@ def resolve_folder(
         # last, after all other checks: it takes a while.
         adapts, anew = arrivals is None and preset.published is Published.NO, options.get("restart", False)
         if adapts and lacks_camera(sequence, effects):
-            sequence = with_lasting_cameras(sequence, Path(output), anew=anew, progress=progress)
+            sequence = with_known_camera(sequence, Path(output), anew=anew, progress=progress)
         looks = adapts and looked_for(sequence, effects)
         sequence, found = with_known_effects(
             sequence, Path(output), looks=looks, anew=anew, progress=progress, denoised=denoised
@@ -278,42 +278,24 @@ def resolve_folder(
         return resolve_sequence(sequence, output, resolver, found=found, **how)
 
 
-CAMERAS = "camera.json"
+def with_known_camera(sequence: ForeignSequence, output: Path, *, anew: bool, progress: bool) -> FrameSequence:
+    """Return ``sequence`` with a camera fitted to it, for a resolve into ``output``, if it fits most frames.
 
-
-def with_lasting_cameras(sequence: ForeignSequence, output: Path, *, anew: bool, progress: bool) -> FrameSequence:
-    """Return ``sequence`` with fitted cameras, for a resolve into ``output``; as it is where none fit.
-
-    A side file in ``output`` keeps them: a resumed run, which makes the same bits, takes those that it began with, or
-    none if it began without. Raises what reading and writing raise, and DataError where others do not fit any more.
+    A resumed run, which makes the same bits, has a camera if it began with one. Raises DataError for a damaged
+    manifest.
     """
-    file, begun = output / CAMERAS, not anew and bool(Manifest(output).entries)
-    if begun and not file.exists():
-        return sequence
-    saved = read_side_file(file) if begun else {}
-    known = {
-        number: Camera(side.world_to_view, side.view_to_clip)
-        for number, side in saved.items()
-        if side.world_to_view is not None and side.view_to_clip is not None
-    }
-    try:
-        with shown_progress("fitting the camera", shown=progress) as advance:
-            fitted = fit_cameras(sequence, known, advance)
-    except DataError as error:
-        if begun:
-            raise
-        fitted, line = None, f"vectors alone tell what moves: {error}"
-    if fitted is not None:
-        told = {
-            number: {"world_to_view": camera.world_to_view, "view_to_clip": camera.view_to_clip}
-            for number, camera in fitted.cameras.items()
-        }
-        with owned(output):
-            write_side_file(file, told, {})
-        sequence, line = with_cameras(sequence, fitted.cameras), fitted.line
+    begun = None if anew else Manifest(output)
+    begun_with = None
+    if begun is not None and begun.settings is not None and begun.entries:
+        begun_with = MATRICES.isdisjoint(begun.settings.get("undeclared", ()))
+        if not begun_with:
+            return sequence
+    check_ownable(output)  # before a user without access waits for an error
+    with shown_progress("fitting the camera", shown=progress) as advance:
+        fitted = fit_cameras(sequence, advance)
     if progress:
-        print(printable(line), file=sys.stderr)
-    return sequence
+        print(printable(fitted.line), file=sys.stderr)
+    return with_cameras(sequence, fitted.cameras) if fitted.fits or begun_with else sequence
 
 
 def with_known_effects(

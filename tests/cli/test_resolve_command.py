@@ -235,8 +235,8 @@ def test_blender_frames_to_which_no_camera_fits_are_resolved_by_vectors(
     assert main(["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy"]) == 0
     said = capsys.readouterr().err
     assert "profile blender: header attribute Software is Blender 5.0.1" in said
-    assert "no matrices: a resolve fits the camera" in said
-    assert "vectors alone tell what moves: " in said
+    assert "no matrices: vectors and depth may tell the camera" in said
+    assert "no camera is fitted, vectors alone tell what moves (3 frames, " in said
     assert len(open_images(tmp_path / "out")) == 3
 
 

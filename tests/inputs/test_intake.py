@@ -60,8 +60,7 @@ def test_without_matrices_and_jitter_it_says_so(tmp_path: Path) -> None:
     assert lines[0] == "profile blender: header attribute Software is Blender 5.0.1"
     assert "motion ViewLayer.Vector.X ViewLayer.Vector.Y" in lines[1]
     assert any(
-        line.startswith("no matrices: a resolve fits the camera to vectors and depth; give them with --camera")
-        for line in lines
+        line.startswith("no matrices: vectors and depth may tell the camera; give them with --camera") for line in lines
     )
     assert any(line.startswith("no jitter") for line in lines)
     frame = read(tmp_path)[1]

@@ -9,14 +9,18 @@ Without these, vectors lead from frame to frame, and what all share of a motion 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cltaa.errors import DataError
 from cltaa.frame import Frame
+from cltaa.inputs.side_file import Side
+from cltaa.io.atomic import atomic_path
 from cltaa.io.exr_frame import MATRICES
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.check.camera import AGREE
@@ -174,3 +178,17 @@ def _has_camera(sequence: FrameSequence) -> bool:
 def _unsure(sequence: FrameSequence, why: str, expected: str, found: str, cure: str) -> DataError:
     what = f"the jitter is not measured: {why}"
     return DataError(what, path=sequence.folder, expected=expected, found=found, cure=cure)
+
+
+def write_jitter(path: Path, jitter: dict[int, Vector], side: dict[int, Side]) -> None:
+    """Write ``jitter`` as a side file in JSON, with what else ``side`` gives for the same frames.
+
+    Raises OutputError and StorageError.
+    """
+    frames: dict[int, dict[str, Any]] = {}
+    for number, offset in jitter.items():
+        rest = side[number]._asdict() if number in side else {}
+        told = {**rest, "jitter_px": offset}
+        frames[number] = {key: np.asarray(value, float).tolist() for key, value in told.items() if value is not None}
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps({"frames": frames}, indent=1) + "\n", encoding="utf-8")
