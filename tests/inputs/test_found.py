@@ -114,6 +114,24 @@ def lost(rows: slice, columns: slice, *, scene: Change | None = None) -> Change:
     return change
 
 
+def a_reflection(frame: Frame, across: Array, index: int) -> Frame:
+    """Stripes that move over the wall by a pixel in three frames, and change the mean of no block."""
+    return lit(frame, 1 + 0.5 * np.sin(12.0 * across - 0.2 * index))
+
+
+def stars(frame: Frame, across: Array, index: int) -> Frame:
+    return replace(a_reflection(frame, across, index), depth=np.full_like(frame.depth, np.inf))
+
+
+def a_body(frame: Frame, _across: Array, index: int) -> Frame:
+    """It covers a tile, of another grey in the second span than in the first, since it moves."""
+    motion = np.full((HEIGHT, WIDTH, 2), np.nan, np.float32)
+    motion[:TILE, :TILE] = 0.5, 0.0
+    light = np.ones((HEIGHT, WIDTH))
+    light[:TILE, :TILE] = 1.6 if index >= SPAN else 0.6
+    return replace(lit(frame, light), motion=motion)
+
+
 def a_shadow_alone(frame: Frame, across: Array, index: int) -> Frame:
     """As for a composite: black, and transparent elsewhere."""
     alpha = np.where(across < -2.4 + 0.1 * index, 0.5, 0.0).astype(np.float32)
@@ -133,6 +151,10 @@ CASES: dict[str, tuple[Change | None, float, set[Effect]]] = {
     "a shadow": (a_shadow, 0.0, STANDING | {Effect.ILLUMINATION}),
     "a shadow, a camera that slides": (a_shadow, 0.03, STANDING | {Effect.ILLUMINATION, Effect.CAMERA}),
     "a shadow on a transparent ground": (a_shadow_alone, 0.0, STANDING | {Effect.ILLUMINATION, Effect.ALPHA}),
+    "a reflection": (a_reflection, 0.0, STANDING | {Effect.ILLUMINATION}),
+    "a reflection, a camera that slides": (a_reflection, 0.03, STANDING | {Effect.ILLUMINATION, Effect.CAMERA}),
+    "stars that move over the sky": (stars, 0.0, STANDING | {Effect.SKY, Effect.THIN}),
+    "a body that moves": (a_body, 0.0, STANDING | {Effect.MOTION}),
     "vectors that are zero": (moving(0.0), 0.0, STANDING),
     "vectors": (moving(1.0), 0.0, STANDING | {Effect.MOTION}),
     "vectors of the last frames": (moving(1.0, FRAMES - 3), 0.0, STANDING | {Effect.MOTION}),
