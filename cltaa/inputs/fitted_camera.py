@@ -22,6 +22,7 @@ from cltaa.core.constants import value
 from cltaa.core.frame_checks import check_camera
 from cltaa.errors import DataError
 from cltaa.frame import NO_CAMERA, Asked, Camera, Effect, Frame, Matrix
+from cltaa.inputs.bilinear import sample
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.io.exr_frame import MATRICES
 from cltaa.io.exr_layout import Layout, of_region
@@ -38,15 +39,17 @@ MOST_POINTS = 20_000  # points of a frame
 # than all will, hence LOOSE.
 TRIES, MOST_TRIES, CHOSEN, RANKED, MISSED = 256, 8192, 6, 512, 1e-3
 LOOSE = 16.0, 4.0, 1.0, 1.0  # times the error that a vector may have; then least squares over the points within it
-LEAST_POINTS = 60
+LEAST_POINTS = 60  # ten times as many as determine D
 LEAST_FOLLOW = 0.25  # least share of the points that follow the camera
 STANDS = 0.5  # the camera stands if so many of these do not move
-ZOOMS = 1e-4  # least change of depth that neither turning nor travelling explains
+ZOOMS = 1e-4  # least change of depth that neither turning nor travelling explains; under 1e-5 in nine captures of such
 SURE = 4.0  # in standard errors
 COLLINEAR = 1e-9  # singular values below this share of the largest are 0, as on a wall, where 1/Z tells nothing new
 BITS = 32  # of the matrices: more differ with the number of threads, and a resumed run needs the same
 
-FIRST = Camera(NO_CAMERA.world_to_view, NO_CAMERA.view_to_clip)  # the camera of a shot's first frame: any will do
+FIRST = Camera(
+    NO_CAMERA.world_to_view, NO_CAMERA.view_to_clip
+)  # of a shot's first frame: any but NO_CAMERA, which means none
 UNMOVED = np.eye(4)[[0, 1, 3]]  # rows x, y, w of what maps (px, py, 1/Z, 1) to the frame before, [3, 4]
 
 
@@ -118,8 +121,8 @@ def fit_cameras(sequence: ForeignSequence, advance: Advance | None = None) -> Fi
     """Return the camera of each frame, true up to an affine change of the world."""
     started, shares, faults = time.perf_counter(), dict[int, float](), dict[int, DataError]()
     cameras, step = dict.fromkeys(sequence.numbers, FIRST), sequence.step
-    later = [number for number in cameras if number - step in cameras and _continues(sequence, number)]
-    needed = sorted({*later, *(number - step for number in later)})
+    later = {number for number in cameras if number - step in cameras and _continues(sequence, number)}
+    needed = sorted(later | {number - step for number in later})
     last: Frame | DataError = DataError("no frame")
     with ReadAhead(partial(_surfaces, sequence, number) for number in needed) as frames:
         for done, (number, frame) in enumerate(zip(needed, frames, strict=True), start=1):
@@ -290,20 +293,15 @@ def _zoomed(change: Matrix, points: _Points, before: Frame) -> float:
     height, width = before.depth.shape
     column = points.x + points.u - (0.5 + before.jitter_px[0] - width / 2)
     row = points.y + points.v - (0.5 + before.jitter_px[1] - height / 2)
-    inside = (column >= 0) & (row >= 0) & (column < width - 1) & (row < height - 1)
-    points, column, row = points.those(inside), column[inside], row[inside]
-    left, top = column.astype(np.intp), row.astype(np.intp)
-    right, below = column - left, row - top
     with np.errstate(all="ignore"):
-        near = 1.0 / np.where(before.depth > 0, before.depth, np.nan)
-        upper = near[top, left] * (1 - right) + near[top, left + 1] * right
-        lower = near[top + 1, left] * (1 - right) + near[top + 1, left + 1] * right
-        apart = np.log(points.near / ((upper * (1 - below) + lower * below) * (points.place @ change[2])))
+        shown = sample(1.0 / np.where(before.depth > 0, before.depth, np.nan), column, row)
+        apart = np.log(points.near / (shown * (points.place @ change[2])))
     apart = apart[np.isfinite(apart)]
     if apart.size < LEAST_POINTS:
         return 1.0
     factor = float(np.median(apart))
-    error = 1.4826 * float(np.median(np.abs(apart - factor))) * 1.2533 / np.sqrt(apart.size)
+    spread = 1.4826 * float(np.median(np.abs(apart - factor)))  # the standard deviation, if they lie normally
+    error = 1.2533 * spread / np.sqrt(apart.size)  # of a median
     return float(np.exp(factor)) if abs(factor) > max(ZOOMS, SURE * error) else 1.0
 
 

@@ -320,13 +320,12 @@ class _Witness:
             return True, "no depth tells what a moving camera sees"
         if not self._shifted:
             return True, "too little is seen in two spans of frames, or nothing tells a camera"
-        share, older = max(self._shifted), max(self._older, default=0.0)
-        flashed = max(self._flashed, default=0.0)
-        if flashed > FLASHED_SHARE or not older > OLDER_SHARE:
-            share = max(share, flashed)
-            found = share > SHIFTED_SHARE or flashed > FLASHED_SHARE
-            return found, f"the light of {share:.1%} of the image changes from span to span"
-        return True, f"light moves over the surfaces of {older:.1%} of the image"
+        shares = self._shifted, self._flashed, self._older
+        shifted, flashed, older = (max(each, default=0.0) for each in shares)
+        if older > OLDER_SHARE:
+            return True, f"light moves over the surfaces of {older:.1%} of the image"
+        found = shifted > SHIFTED_SHARE or flashed > FLASHED_SHARE
+        return found, f"the light of {max(shifted, flashed):.1%} of the image changes from span to span"
 
     def noise(self) -> tuple[bool, str]:
         """Return whether the samples of one place vary more than texture explains, and why."""
@@ -461,9 +460,8 @@ class _Span:
         Only still pixels with depth count: the sky has no noise, and a moving texture would look like noise.
         """
         most = self._count.max(initial=0)
-        seen = (
-            (self._count >= most - 1) & self._near & (True if self.moving is None else ~self.moving)
-        )  # one may be missing
+        # One may be missing.
+        seen = (self._count >= most - 1) & self._near & (True if self.moving is None else ~self.moving)
         square = (*seen.shape[:2], BLOCK, BLOCK)
         count = np.maximum(self._count, 2)
         mean, seen = (self._total / count).reshape(square), seen.reshape(square)

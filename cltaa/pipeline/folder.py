@@ -285,17 +285,15 @@ def with_known_camera(sequence: ForeignSequence, output: Path, *, anew: bool, pr
     manifest.
     """
     begun = None if anew else Manifest(output)
-    begun_with = None
-    if begun is not None and begun.settings is not None and begun.entries:
-        begun_with = MATRICES.isdisjoint(begun.settings.get("undeclared", ()))
-        if not begun_with:
-            return sequence
+    settings = begun.settings if begun is not None and begun.entries else None
+    if settings is not None and not MATRICES.isdisjoint(settings.get("undeclared", ())):
+        return sequence
     check_ownable(output)  # before a user without access waits for an error
     with shown_progress("fitting the camera", shown=progress) as advance:
         fitted = fit_cameras(sequence, advance)
     if progress:
         print(printable(fitted.line), file=sys.stderr)
-    return with_cameras(sequence, fitted.cameras) if fitted.fits or begun_with else sequence
+    return with_cameras(sequence, fitted.cameras) if fitted.fits or settings is not None else sequence
 
 
 def with_known_effects(

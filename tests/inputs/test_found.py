@@ -339,8 +339,9 @@ def test_every_frame_tells_of_highlights_even_of_small_pictures(tmp_path: Path) 
     assert Effect.HDR in find_effects(drawn(tmp_path / "wall", late)).effects
 
 
-def test_a_fast_camera_that_sees_little_twice_tells_nothing_of_light(tmp_path: Path) -> None:
-    found = find_effects(drawn(tmp_path / "wall", pan=0.6))
+@pytest.mark.parametrize("pan", [0.6, 6.0])  # little is seen in both spans, and nothing
+def test_a_fast_camera_that_sees_little_twice_tells_nothing_of_light(tmp_path: Path, pan: float) -> None:
+    found = find_effects(drawn(tmp_path / "wall", pan=pan))
     assert Effect.ILLUMINATION in found.effects
     assert "too little is seen" in next(each.why for each in found.evidence if each.effect is Effect.ILLUMINATION)
 

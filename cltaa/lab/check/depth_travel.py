@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from cltaa.camera import displacement, is_still, reprojected
 from cltaa.frame import Frame
+from cltaa.inputs.bilinear import sample
 from cltaa.inputs.profile import Depth, DepthKind
 from cltaa.lab.check.depth import ALONG, AS_DECLARED, RECIPROCAL, REVERSED, inverse_as, other_readings
 from cltaa.lab.check.hypotheses import Finding, mistake, sureness
-from cltaa.lab.check.registration import BLOCK, COVERED, Shot, Vector, sample
+from cltaa.lab.check.registration import BLOCK, COVERED, Shot, Vector
 
 Pairs = Sequence[tuple[Frame, Frame]]
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from cltaa.errors import DataError
 from cltaa.frame import Frame
+from cltaa.inputs.bilinear import sample
 from cltaa.inputs.side_file import Side
 from cltaa.io.atomic import atomic_path
 from cltaa.io.exr_frame import MATRICES
@@ -27,7 +28,7 @@ from cltaa.lab.check.camera import AGREE
 from cltaa.lab.check.hypotheses import LEAST_SHIFT_PX, regress, to_and_fro
 from cltaa.lab.check.jitter import CENTRED_PX, LEAST_PAIRS, stays_in_pixel
 from cltaa.lab.check.motion import fills, follows, shared_offset
-from cltaa.lab.check.registration import Mask, Pair, Shot, Vector, measure_shifts, sample
+from cltaa.lab.check.registration import Mask, Pair, Shot, Vector, measure_shifts
 from cltaa.printable import counted
 from cltaa.progress import track
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cltaa.camera import displacement, is_still, reprojected, sky_inverse_depth
 from cltaa.frame import Camera, Frame, Image
+from cltaa.inputs.bilinear import sampled
 from cltaa.io.display import LUMA
 
 Vector = NDArray[np.float64]
@@ -66,27 +67,6 @@ def grid_points(height: int, width: int) -> Points:
     step = int(np.ceil(np.sqrt(max(1.0, height * width / MOST_POINTS))))
     y, x = np.mgrid[step // 2 : height : step, step // 2 : width : step]
     return x.ravel(), y.ravel()
-
-
-def sample(images: NDArray[np.float32], x: Vector, y: Vector) -> Vector:
-    """Sample ``images`` [..., H, W] bilinearly at positions [n] in texels (0: first texel's centre); NaN outside."""
-    values, inside = _sampled(images, x, y)
-    return np.where(inside, values, np.nan)
-
-
-def _sampled(images: NDArray[np.float32], x: Vector, y: Vector) -> tuple[Vector, Mask]:
-    """Return what ``sample`` returns, but any numbers outside, and the mask of the positions inside."""
-    height, width = images.shape[-2:]
-    inside = (x >= 0) & (y >= 0) & (x <= width - 1) & (y <= height - 1)  # false for NaN
-    x, y = np.where(inside, x, 0.0), np.where(inside, y, 0.0)
-    left, top = np.minimum(x.astype(np.int64), max(width - 2, 0)), np.minimum(y.astype(np.int64), max(height - 2, 0))
-    fx, fy = x - left, y - top
-    # Flat indices, computed once for all images and taps, because the check spends most of its time here.
-    flat, place = images.reshape(*images.shape[:-2], -1), top * width + left
-    right, down = int(width > 1), width * int(height > 1)
-    upper = flat.take(place, axis=-1) * (1 - fx) + flat.take(place + right, axis=-1) * fx
-    lower = flat.take(place + down, axis=-1) * (1 - fx) + flat.take(place + (down + right), axis=-1) * fx
-    return upper * (1 - fy) + lower * fy, inside
 
 
 ITERATIONS, LEAST_STEP_PX = 8, 4e-3
@@ -156,14 +136,14 @@ def residual_of(now: Vector, before: Picture, x: Vector, y: Vector, scale: float
 
 def differences(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> Vector:
     """Return min(|difference| / scale, 1) for each point; 1 for points outside the earlier picture."""
-    there, inside = _sampled(before[0], x, y)
+    there, inside = sampled(before[0], x, y)
     return np.where(inside, np.minimum(np.abs(now - there) / scale, 1.0), 1.0)
 
 
 def linearised(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> tuple[Vector, Vector, Vector, Mask]:
     """Return residuals, gradients [2, n] and robust weights (Geman-McClure) of the points inside the earlier picture,
     and their mask."""
-    there, inside = _sampled(before, x, y)
+    there, inside = sampled(before, x, y)
     left, *slopes = (values[inside] for values in (now - there[0], *there[1:]))
     slope = np.array(slopes)
     weight = 1.0 / (1.0 + (left / scale) ** 2) ** 2

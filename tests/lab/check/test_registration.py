@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cltaa.frame import Camera, Frame
+from cltaa.inputs.bilinear import sample
 from cltaa.lab.check.registration import (
     FARTHEST_PX,
     LEAST_POINTS,
@@ -20,7 +21,6 @@ from cltaa.lab.check.registration import (
     grid_points,
     register_signal,
     residual_of,
-    sample,
     squeezed_light,
     with_gradient,
 )
